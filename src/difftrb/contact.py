@@ -1,0 +1,264 @@
+"""One roller on one raceway: the half-space contact problem with a spall, solved by projected gradient.
+
+Minimise ½ f·W f + f·gap over cell forces f ≥ 0 with Σf = load. The approach δ is the multiplier of the load: the
+displaced gap W f + gap equals δ where cells are loaded and exceeds it elsewhere (Liu et al. 2018, eqs 1, 4).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from difftrb import gap as gaps
+from difftrb import halfspace, hertz, status
+from difftrb.geometry import LineContact, Real, Spall
+from difftrb.halfspace import Cells
+from difftrb.press import TOLERANCE, press
+
+@dataclasses.dataclass(frozen=True)
+class Resolution:
+    """How many cells: `columns` across the contact, `land` rows from a spall's end to the roller's end (or the end of
+    the loaded part), `spall` rows along half a spall."""
+
+    columns: int
+    land: int
+    spall: int
+
+
+# Relative accuracy of the approach, and the grid measured to meet it (experiments/accuracy_of_contact.py).
+RESOLUTIONS = {1e-2: Resolution(16, 12, 6), 1e-3: Resolution(32, 20, 8), 1e-4: Resolution(64, 64, 16)}
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=[
+        "approach", "force", "cells", "load", "offset", "gap", "contact_width", "loaded_fraction", "residual",
+        "iterations", "status_code",
+    ],
+    meta_fields=["accuracy"],
+)  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class ContactSolution:
+    """A solved contact.
+
+    Attributes:
+      approach: δ of the two bodies, contact alone [mm].
+      force: of every cell [N], shape (rows, columns); a mirrored cell counts both halves.
+      cells: the grid: `cells.x`, `cells.y` centres [mm].
+      load: [N]. offset: of the spall's centre [mm]. gap: initial gap [mm], shape of `force`.
+      contact_width: longest extent of the loaded cells in the rolling direction [mm].
+      loaded_fraction: share of the roller's length on which some cell is loaded [-].
+      residual: largest violation of the contact conditions, relative to the approach.
+      iterations: applications of the influence matrix.
+      status_code: see `difftrb.status`; `status` is its sentence.
+      accuracy: the relative accuracy of the approach that was asked for.
+    """
+
+    approach: jax.Array
+    force: jax.Array
+    cells: Cells
+    load: jax.Array
+    offset: jax.Array
+    gap: jax.Array
+    contact_width: jax.Array
+    loaded_fraction: jax.Array
+    residual: jax.Array
+    iterations: jax.Array
+    status_code: jax.Array
+    accuracy: float
+
+    @property
+    def pressure(self) -> jax.Array:
+        """Mean pressure of every cell [N/mm²], shape (rows, columns)."""
+        return self.force / self.cells.area[:, None]
+
+    @property
+    def peak_pressure(self) -> jax.Array:
+        """Largest cell pressure [N/mm²]. Singular at a spall's sharp edge: there it depends on the cell size."""
+        return jnp.max(self.pressure)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of cells."""
+        return self.force.shape[-1] * self.force.shape[-2]
+
+    @property
+    def converged(self) -> jax.Array:
+        """Whether the solve can be trusted."""
+        return self.status_code == status.CONVERGED
+
+    @property
+    def status(self) -> str:
+        """What happened, as a sentence. Outside jit only."""
+        return status.describe(self.status_code)
+
+    def check(self) -> ContactSolution:
+        """Itself; raises `SolveError` with the status's sentence if it did not converge. Outside jit only."""
+        status.check(self.status_code)
+        return self
+
+
+def solve_contact(
+    contact: LineContact,
+    load: Real,
+    spall: Spall | None = None,
+    offset: Real = 0.0,
+    accuracy: float = 1e-3,
+) -> ContactSolution:
+    """Press a roller on a raceway, with or without a spall between them.
+
+    Args:
+      contact: radius, length, modulus and crown, from `LineContact.of`.
+      load: normal load of the roller [N], > 0.
+      spall: None is a healthy raceway.
+      offset: of the spall's centre from the contact's, in the rolling direction [mm].
+      accuracy: relative accuracy of the approach, 1e-2…1e-4; a smaller number costs time.
+
+    A spall whose `axial_offset` is the plain number 0 is solved on half the roller. Differentiable by every number in
+    `contact`, `spall`, `load` and `offset`, forward and reverse; `jit` and `vmap` as you like (`lax.map` is faster for
+    batches on a CPU). Raises ValueError for an accuracy out of range, SolveError without float64; everything else ends
+    as a status in the result.
+    """
+    status.require_float64()
+    resolution = resolution_for(accuracy)
+    mirrored = spall is None or _is_plain_zero(spall.axial_offset)
+    return _solve(contact, jnp.asarray(load, float), spall, jnp.asarray(offset, float), resolution, mirrored, accuracy)
+
+
+def resolution_for(accuracy: float) -> Resolution:
+    """The cheapest grid measured to reach a relative `accuracy` of the approach."""
+    enough = [a for a in RESOLUTIONS if a <= accuracy * (1.0 + 1e-9)]
+    if not enough or not accuracy <= max(RESOLUTIONS):
+        raise ValueError(f"accuracy = {accuracy!r} is out of range: {min(RESOLUTIONS):g} … {max(RESOLUTIONS):g}")
+    return RESOLUTIONS[max(enough)]
+
+
+def _is_plain_zero(value: Any) -> bool:
+    return isinstance(value, int | float) and value == 0
+
+
+@partial(jax.jit, static_argnames=("resolution", "mirrored", "accuracy"))
+def _solve(
+    contact: LineContact,
+    load: jax.Array,
+    spall: Spall | None,
+    offset: jax.Array,
+    resolution: Resolution,
+    mirrored: bool,
+    accuracy: float,
+) -> ContactSolution:
+    cells, domain_status = fitted_cells(contact, load, spall, offset, resolution, mirrored)
+    gap = gaps.curvature(cells, contact.radius) + gaps.crown(cells, contact)
+    if spall is not None:
+        gap = gap + gaps.depression(cells, spall, offset)
+    level = jax.lax.stop_gradient(0.4 * jnp.max(gaps.curvature(cells, contact.radius)))
+    force, approach, residual, iterations = press(cells, contact.modulus, gap, load, level)
+    loaded = force > 0.0
+    code = status.worst(domain_status, _verdict(approach, residual), _border(cells, loaded, approach, contact))
+    columns = jnp.any(loaded, axis=0)
+    extent = jnp.max(jnp.where(columns, cells.x, -jnp.inf)) - jnp.min(jnp.where(columns, cells.x, jnp.inf))
+    width = extent + cells.pitch
+    fraction = jnp.sum(jnp.where(jnp.any(loaded, axis=1), cells.area, 0.0)) / (cells.pitch * contact.length)
+    return ContactSolution(
+        approach, force, cells, load, offset, gap, jax.lax.stop_gradient(width), jax.lax.stop_gradient(fraction),
+        residual, iterations.astype(int), code, accuracy,
+    )  # fmt: skip
+
+
+def _verdict(approach: jax.Array, residual: jax.Array) -> jax.Array:
+    converged = jnp.where(residual <= TOLERANCE, status.CONVERGED, status.NOT_CONVERGED)
+    return jnp.where(jnp.isfinite(approach) & (approach > -jnp.inf), converged, status.BAD_INPUT)
+
+
+def _border(cells: Cells, loaded: jax.Array, approach: jax.Array, contact: LineContact) -> jax.Array:
+    """Whether pressure is cut off by the domain's border: not by a roller's end, nor where the crown is too high."""
+    crown = gaps.crown_at(cells.lines, contact)
+    touched = jnp.any(loaded[:, 0] | loaded[:, -1]) | (jnp.any(loaded[-1]) & (crown[-1] < approach))
+    if not cells.mirrored:
+        touched = touched | (jnp.any(loaded[0]) & (crown[0] < approach))
+    return jnp.where(touched, status.TOUCHES_BORDER, status.CONVERGED)
+
+
+# ---------------------------------------------------------------------------------------------- the domain
+
+
+def fitted_cells(
+    contact: LineContact,
+    load: jax.Array,
+    spall: Spall | None,
+    offset: jax.Array,
+    resolution: Resolution,
+    mirrored: bool,
+) -> tuple[Cells, jax.Array]:
+    """Cells for one contact: they span where pressure can be, and have boundaries on the spall's edges."""
+    reach_x, reach_y = domain(contact, load, spall)
+    if spall is None:
+        pitch, x = halfspace.lattice(reach_x, resolution.columns, -jnp.inf, jnp.inf)
+        half = halfspace.graded(jnp.zeros(()), reach_y, resolution.land, at_start=False, at_end=True)
+        lines = half if mirrored else jnp.concatenate([-half[:0:-1], half])
+        return Cells(pitch, x, lines, mirrored), jnp.asarray(status.CONVERGED)
+
+    pitch, x = halfspace.lattice(
+        reach_x, resolution.columns, offset - 0.5 * spall.width, offset + 0.5 * spall.width
+    )
+    sliver = 1e-4 * reach_y  # no segment of the grid is thinner
+    high = jnp.clip(spall.axial_offset + 0.5 * spall.length, -reach_y + 2.0 * sliver, reach_y - sliver)
+    if mirrored:
+        edge = jnp.maximum(high, sliver)
+        land = halfspace.graded(edge, reach_y, resolution.land, at_start=True, at_end=True)
+        land = _beyond_edge(land)
+        hollow = halfspace.graded(jnp.zeros(()), land[0], resolution.spall, at_start=False, at_end=True)
+        lines = jnp.concatenate([hollow, land[1:]])
+    else:
+        low = jnp.clip(spall.axial_offset - 0.5 * spall.length, -reach_y + sliver, high - sliver)
+        upper = _beyond_edge(halfspace.graded(high, reach_y, resolution.land, at_start=True, at_end=True))
+        lower = -_beyond_edge(halfspace.graded(-low, reach_y, resolution.land, at_start=True, at_end=True))[::-1]
+        hollow = halfspace.graded(lower[-1], upper[0], 2 * resolution.spall, at_start=True, at_end=True)
+        lines = jnp.concatenate([lower, hollow[1:-1], upper])
+    unresolved = (spall.width < pitch * 0.999) & (jnp.abs(offset) < reach_x)
+    return Cells(pitch, x, lines, mirrored), jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED)
+
+
+def _beyond_edge(land: jax.Array) -> jax.Array:
+    """Land lines with the first one drawn into the spall, where the discrete edge acts as the true one."""
+    return land.at[0].add(-halfspace.EDGE_SHIFT * (land[1] - land[0]))
+
+
+def domain(contact: LineContact, load: jax.Array, spall: Spall | None) -> tuple[jax.Array, jax.Array]:
+    """Half extents of the solution domain in x and y [mm]: where the gap is less than an upper estimate of δ.
+
+    The estimate is a foundation of independent slices, each with the stiffness of a long line contact, of which the
+    spall carries nothing. Extents have no derivative: they choose cells, not physics.
+    """
+    contact, load, spall = jax.lax.stop_gradient((contact, load, spall))
+    modulus, length = contact.modulus, contact.length
+    half_width = hertz.line_half_width(load / length, contact.radius, modulus)
+    slice_stiffness = jnp.pi * modulus / (2.0 * jnp.log(2.0 * length / half_width) + 1.0)  # long cylinder
+    edge = 0.0 if spall is None else jnp.minimum(0.5 * spall.length, 0.499 * length)
+    if spall is not None:  # the longer land, should the spall lie off the middle
+        edge = jnp.maximum(edge - jnp.abs(spall.axial_offset), 0.0)
+    s = (jnp.arange(64) + 0.5) / 64.0
+    y = edge + (0.5 * length - edge) * s**3
+    weight = 2.0 * (0.5 * length - edge) * 3.0 * s**2 / 64.0
+    crown = gaps.crown_at(y, contact)
+
+    def newton(_: int, delta: jax.Array) -> jax.Array:
+        pressed = delta > crown
+        carried = jnp.sum(jnp.where(pressed, weight * (delta - crown), 0.0))
+        slope = jnp.sum(jnp.where(pressed, weight, 0.0))
+        return delta - (carried - load / slice_stiffness) / jnp.maximum(slope, weight[0])
+
+    start = load / slice_stiffness / jnp.sum(weight) + crown[-1]
+    delta = 1.15 * jax.lax.fori_loop(0, 30, newton, start)
+    scale = gaps.crown_scale(contact)
+    unloaded = jnp.where(scale > 0.0, jnp.exp(-delta / jnp.where(scale > 0.0, scale, 1.0)), 0.0)
+    reach_y = 0.5 * length * jnp.sqrt(1.0 - unloaded)
+    certain = jnp.sqrt(2.0 * contact.radius * delta)  # beyond it the gap exceeds the approach
+    slenderness = jnp.maximum(2.0 * jnp.log(4.0 * reach_y / certain) + 1.0, 3.0)
+    widest = 1.75 * jnp.sqrt(4.0 * contact.radius * delta / slenderness)  # slices, and a margin for edge peaks
+    return jnp.minimum(certain, widest), reach_y

@@ -1,0 +1,56 @@
+"""The gap between the undeformed surfaces, as terms that add; every term is the mean over the cells [mm]."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from difftrb.geometry import LineContact, Real, Spall
+from difftrb.halfspace import Cells
+
+
+def curvature(cells: Cells, radius: Real) -> jax.Array:
+    """x²/(2R), shape (1, columns)."""
+    return ((cells.x**2 + cells.pitch**2 / 12.0) / (2.0 * radius))[None, :]
+
+
+def crown(cells: Cells, contact: LineContact) -> jax.Array:
+    """Logarithmic crown of the roller, shape (rows, 1); integrable where it is infinite, at the roller's ends."""
+    t = jnp.clip(2.0 * cells.lines / contact.length, -1.0, 1.0)
+    mean = jnp.diff(_log_integral(t)) / jnp.diff(t)
+    return (crown_scale(contact) * mean)[:, None]
+
+
+def crown_scale(contact: LineContact) -> Real:
+    """Q_d/(πE'l) [mm], the length that multiplies the crown's logarithm."""
+    return contact.design_load / (jnp.pi * contact.modulus * contact.length)  # Liu et al. 2018, eq. (2)
+
+
+def crown_at(y: jax.Array, contact: LineContact) -> jax.Array:
+    """Logarithmic crown at positions `y` [mm] along the roller; infinite at the roller's ends unless straight."""
+    t = 2.0 * y / contact.length
+    inside = jnp.abs(t) < 1.0
+    inner = -crown_scale(contact) * jnp.log1p(-jnp.where(inside, t * t, 0.0))  # Liu et al. 2018, eq. (2)
+    return jnp.where(inside, inner, jnp.inf)
+
+
+def _log_integral(t: jax.Array) -> jax.Array:
+    """∫₀ᵗ ln(1/(1−s²)) ds."""
+    return _xlogx(1.0 - t) - _xlogx(1.0 + t) + 2.0 * t
+
+
+def _xlogx(v: jax.Array) -> jax.Array:
+    return v * jnp.log(jnp.where(v > 0.0, v, 1.0))
+
+
+def depression(cells: Cells, spall: Spall, offset: Real) -> jax.Array:
+    """Depth of the spall under the cells whose centre lies in it, shape (rows, columns).
+
+    `offset` is the distance of the spall's centre from the contact's in the rolling direction [mm]. Walls are
+    vertical and stay so: cells follow the edges, hence the mask is exact and has no derivative of its own.
+    """
+    across = jnp.abs(cells.x - offset) < 0.5 * spall.width
+    along = jnp.abs(cells.y - spall.axial_offset) < 0.5 * spall.length
+    if cells.mirrored:
+        along = jnp.abs(cells.y) < 0.5 * spall.length
+    return spall.depth * (along[:, None] & across[None, :])  # Liu et al. 2018, eq. (3)

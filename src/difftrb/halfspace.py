@@ -1,0 +1,163 @@
+"""The elastic half-space on rectangular cells: cells that follow the spall's edges, their influence, applying it.
+
+Cells form a tensor grid: equal pitch across the contact (x, rolling direction), graded lines along it (y, the
+roller). Forces live on cells, array shape (rows along y, cells along x). The displacement of a cell is its mean
+(Galerkin), so the influence matrix is symmetric; it depends on x by differences alone and is applied by FFT.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+
+# A sharp edge with a pressure that is singular there acts as if it stood this part of a cell inside the last loaded
+# cell (uniform Galerkin cells, half-plane problem); cells are therefore drawn that much beyond the true edge.
+EDGE_SHIFT = 0.11505
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["pitch", "x", "lines"], meta_fields=["mirrored"])
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """A tensor grid of pressure cells.
+
+    Attributes:
+      pitch: width of every cell in x [mm].
+      x: cell centres in x [mm], shape (columns,).
+      lines: cell boundaries in y [mm], shape (rows + 1,), increasing.
+      mirrored: the grid is the half y ≥ 0 of a contact symmetric about y = 0; a cell's force then counts both halves.
+    """
+
+    pitch: jax.Array
+    x: jax.Array
+    lines: jax.Array
+    mirrored: bool
+
+    @property
+    def y(self) -> jax.Array:
+        """Cell centres in y [mm], shape (rows,)."""
+        return 0.5 * (self.lines[1:] + self.lines[:-1])
+
+    @property
+    def area(self) -> jax.Array:
+        """Area of the cells of a row (of both mirror images) [mm²], shape (rows,)."""
+        return (2.0 if self.mirrored else 1.0) * self.pitch * jnp.diff(self.lines)
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["spectrum", "diagonal"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class Influence:
+    """Mean displacement of a cell by the force on another, ready to apply.
+
+    Attributes:
+      spectrum: Fourier coefficients in x for every pair of rows, shape (columns + 1, rows, rows).
+      diagonal: influence of a cell on itself, shape (rows, 1).
+    """
+
+    spectrum: jax.Array
+    diagonal: jax.Array
+
+
+def graded(start: jax.Array, end: jax.Array, count: int, at_start: bool, at_end: bool, even: float = 0.1) -> jax.Array:
+    """`count` + 1 lines from `start` to `end`, gathered like a cosine at the ends asked for.
+
+    `even` (0…1) is the share of even spacing mixed in; it bounds the ratio of largest to smallest cell.
+    """
+    s = jnp.linspace(0.0, 1.0, count + 1)
+    if at_start and at_end:
+        c = 0.5 * (1.0 - jnp.cos(jnp.pi * s))
+    elif at_end:
+        c = jnp.sin(0.5 * jnp.pi * s)
+    elif at_start:
+        c = 1.0 - jnp.cos(0.5 * jnp.pi * s)
+    else:
+        c = s
+    return start + (end - start) * (even * s + (1.0 - even) * c)
+
+
+def lattice(half_width: jax.Array, columns: int, left: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Pitch and cell centres in x, with a cell boundary on each spall edge inside ± `half_width`.
+
+    `left` and `right` are the spall's edges [mm]. The pitch divides the spall when both edges are inside; an edge that
+    is outside does not act on the lattice at all, so derivatives by it are exactly zero.
+    """
+    even_pitch = 2.0 * half_width / columns
+    left_in, right_in = jnp.abs(left) < half_width, jnp.abs(right) < half_width
+    both = left_in & right_in
+    width = jnp.where(both, right - left, 4.0 * half_width)
+    count = jnp.maximum(jnp.floor(jax.lax.stop_gradient(width) / even_pitch - 2.0 * EDGE_SHIFT), 1.0)
+    pitch = jnp.where(both, width / (count + 2.0 * EDGE_SHIFT), even_pitch)
+    line = jnp.where(left_in, left + EDGE_SHIFT * pitch, jnp.where(right_in, right - EDGE_SHIFT * pitch, -half_width))
+    first = jnp.round(jax.lax.stop_gradient((line + 0.5 * columns * pitch) / pitch))
+    return pitch, line + (jnp.arange(columns) - first + 0.5) * pitch
+
+
+@jax.custom_jvp
+def _primitive(x: jax.Array, y: jax.Array) -> jax.Array:
+    """Fourth antiderivative of 1/r, twice in x and twice in y (even in both)."""
+    x, y, _, a, b, r = _pieces(x, y)
+    return 0.5 * x * y * (x * a + y * b) - r**3 / 6.0  # Love 1929, integrated twice more
+
+
+@_primitive.defjvp
+def _(primals: tuple[jax.Array, jax.Array], tangents: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    x, y, sign, a, b, r = _pieces(*primals)
+    value = 0.5 * x * y * (x * a + y * b) - r**3 / 6.0
+    by_x = sign[0] * (x * y * a + 0.5 * y * y * b - 0.5 * x * r)
+    by_y = sign[1] * (x * y * b + 0.5 * x * x * a - 0.5 * y * r)
+    return value, by_x * tangents[0] + by_y * tangents[1]
+
+
+def _pieces(x: jax.Array, y: jax.Array):
+    sign = jnp.sign(x), jnp.sign(y)
+    x, y = jnp.abs(x), jnp.abs(y)
+    r = jnp.hypot(x, y)
+    # asinh(y/x) and asinh(x/y); each is multiplied by its own denominator, so 1 may stand in for a zero
+    a = jnp.log((y + r) / jnp.where(x > 0.0, x, 1.0) + jnp.where(r > 0.0, 0.0, 1.0))
+    b = jnp.log((x + r) / jnp.where(y > 0.0, y, 1.0) + jnp.where(r > 0.0, 0.0, 1.0))
+    return x, y, sign, a, b, r
+
+
+def influence(cells: Cells, modulus: jax.Array) -> Influence:
+    """Mean displacement [mm] of a cell by a unit force [N] spread evenly over another.
+
+    u = 1/(πE') ∬ p/r dA (Liu et al. 2018, eq. 1), averaged over the receiving cell: the half-space of Love 1929.
+    """
+    columns = cells.x.shape[0]
+    lags = cells.pitch * jnp.arange(-1, columns + 2)
+
+    def between(distance: jax.Array) -> jax.Array:
+        g = _primitive(lags[:, None, None], distance[None])
+        return g[2:] - 2.0 * g[1:-1] + g[:-2]
+
+    y, rows = cells.lines, cells.lines.shape[0]
+    upper = jnp.triu_indices(rows)
+    full = jnp.zeros((columns + 1, rows, rows))
+
+    def pairs(distance: jax.Array) -> jax.Array:  # the distance is symmetric up to sign, the primitive even
+        half = between(distance[upper][None])[:, 0]
+        filled = full.at[:, upper[0], upper[1]].set(half)
+        return filled.at[:, upper[1], upper[0]].set(half)
+
+    def over_cells(t: jax.Array) -> jax.Array:
+        return t[:, 1:, 1:] - t[:, :-1, 1:] - t[:, 1:, :-1] + t[:, :-1, :-1]
+
+    kernel = -over_cells(pairs(y[:, None] - y[None, :]))
+    if cells.mirrored:
+        kernel = kernel + over_cells(pairs(y[:, None] + y[None, :]))
+    side = cells.pitch * jnp.diff(y)
+    images = 2.0 if cells.mirrored else 1.0
+    kernel = kernel / (jnp.pi * modulus * images * side[:, None] * side[None, :])
+    circle = jnp.concatenate([kernel, kernel[-2:0:-1]])  # even extension: a symmetric circulant has a real spectrum
+    return Influence(jnp.fft.rfft(circle, axis=0).real, jnp.diagonal(kernel[0])[:, None])
+
+
+def displacement(matrix: Influence, force: jax.Array) -> jax.Array:
+    """Mean normal displacement of every cell [mm] by the cell forces [N]; both of shape (rows, columns)."""
+    columns = force.shape[1]
+    transformed = jnp.fft.rfft(force, 2 * columns, axis=1).T
+    parts = jnp.stack([transformed.real, transformed.imag], axis=-1)
+    product = jnp.matmul(matrix.spectrum, parts)
+    return jnp.fft.irfft((product[..., 0] + 1j * product[..., 1]).T, 2 * columns, axis=1)[:, :columns]

@@ -1,0 +1,95 @@
+"""Every derivative rule of the package, and nothing else.
+
+A solve is differentiated at its solution, not through its iterations: the conditions that hold there are linearised
+(implicit function theorem), in forward and, by transposition, in reverse mode.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # jaxopt announces at import that it is no longer developed
+    from jaxopt.implicit_diff import root_jvp
+
+Pytree = Any
+Pressed = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def root(residual: Callable, solver: Callable, parameters: Pytree) -> tuple[jax.Array, Pytree]:
+    """The vector x, shape (n,), with `residual(x, parameters)` = 0, and whatever else `solver` reports.
+
+    `solver(parameters)` returns (x, auxiliary); auxiliary outputs carry no derivative. The Jacobian must be
+    invertible at x; where it is not, derivatives are NaN and the solver's status has to say so.
+    """
+    return solver(parameters)
+
+
+@root.defjvp
+def _root_jvp(residual: Callable, solver: Callable, primals: tuple, tangents: tuple):
+    (parameters,), (change,) = primals, tangents
+    x, auxiliary = root(residual, solver, parameters)
+
+    def solve(linear: Callable, right: jax.Array) -> jax.Array:
+        jacobian = jax.jacfwd(linear)(jnp.zeros_like(right))
+        return jnp.linalg.solve(jacobian, right)
+
+    x_change = root_jvp(residual, x, (parameters,), (change,), solve=solve)
+    return (x, auxiliary), (x_change, jax.tree.map(_zero_tangent, auxiliary))
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
+def pressed(
+    apply: Callable[[Pytree, jax.Array], jax.Array],
+    solver: Callable[[jax.Array, Pytree, jax.Array, jax.Array], Pressed],
+    respond: Callable[[Pytree, jax.Array, jax.Array | None], tuple[jax.Array, jax.Array]],
+    guess: jax.Array,
+    operator: Pytree,
+    gap: jax.Array,
+    load: jax.Array,
+) -> Pressed:
+    """Forces f ≥ 0 with Σf = load and approach δ with W f + gap = δ wherever f > 0.
+
+    `apply(operator, f)` is W f, W symmetric. `solver(guess, operator, gap, load)` returns (f, δ, residual, iterations), the
+    last two without derivative. `respond(operator, loaded, right)` returns (w, μ) with W w = right + μ on the loaded
+    cells, w = 0 elsewhere and Σw = 0 if `right` is not None, else W w = μ and Σw = 1.
+
+    dδ/dθ needs one linear solve whatever the number of inputs: with v = ∂f/∂load and dr the change of W f + gap at
+    fixed f, dδ = v·dr + (∂δ/∂load) dload.
+    """
+    return solver(guess, operator, gap, load)
+
+
+@pressed.defjvp
+def _pressed_jvp(apply: Callable, solver: Callable, respond: Callable, primals: tuple, tangents: tuple):
+    guess, operator, gap, load = primals
+    _, operator_change, gap_change, load_change = tangents
+    force, approach, residual, iterations = pressed(apply, solver, respond, guess, operator, gap, load)
+    force = jax.lax.stop_gradient(force)
+    loaded = force > 0.0
+    per_load, compliance = respond(operator, loaded, None)
+    _, moved = jax.jvp(lambda op: apply(op, force), (operator,), (operator_change,))
+    moved = jnp.where(loaded, moved + gap_change, 0.0)
+    approach_change = jnp.vdot(per_load, moved) + compliance * load_change
+
+    def solve(_: Callable, right: jax.Array) -> jax.Array:
+        return respond(operator, loaded, right)[0]
+
+    # W w = μ − moved on Σw = 0; the operator below is W seen from that subspace, its own transpose
+    relaxed = jax.lax.custom_linear_solve(
+        lambda w: jnp.where(loaded, apply(operator, w), 0.0), -moved, solve, symmetric=True
+    )
+    force_change = relaxed + per_load * load_change
+    out = force, approach, residual, iterations
+    return out, (force_change, approach_change, jnp.zeros_like(residual), jnp.zeros_like(iterations))
+
+
+def _zero_tangent(leaf: jax.Array) -> Any:
+    return jnp.zeros(leaf.shape, jax.dtypes.float0) if not jnp.issubdtype(leaf.dtype, jnp.inexact) else jnp.zeros_like(leaf)

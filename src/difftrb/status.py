@@ -1,0 +1,51 @@
+"""What happened in a solve, as a number inside jit and as a sentence outside it."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+CONVERGED = 0
+NOT_CONVERGED = 1
+TOUCHES_BORDER = 2
+NO_EQUILIBRIUM = 3
+BAD_INPUT = 4
+UNRESOLVED = 5
+
+SENTENCES = {
+    CONVERGED: "converged",
+    NOT_CONVERGED: "the iteration limit was reached before the tolerance: ask for less accuracy or check the inputs",
+    TOUCHES_BORDER: "pressure touches the border of the solution domain, so the contact is cut off: report this case",
+    NO_EQUILIBRIUM: "no equilibrium: the axial load is too small to hold the radial load at this contact angle; "
+    "raise load.axial or lower load.radial",
+    BAD_INPUT: "an input is not a number, or is outside its range: check load, sizes and radii",
+    UNRESOLVED: "the spall is narrower than one cell of the grid: raise the accuracy (a smaller number) or widen the spall",
+}
+
+
+class SolveError(RuntimeError):
+    """A solve ended without a trustworthy answer; the message is the status's sentence."""
+
+
+def worst(*codes: jax.Array) -> jax.Array:
+    """The status that matters most of several: the largest code that is not `CONVERGED`."""
+    return jnp.max(jnp.stack([jnp.asarray(c) for c in codes]), axis=0)
+
+
+def describe(code: int | jax.Array) -> str:
+    """The sentence of one status code (of the worst one, if an array is given)."""
+    return SENTENCES[int(jnp.max(jnp.asarray(code)))]
+
+
+def check(code: int | jax.Array) -> None:
+    """Raise `SolveError` with the status's sentence unless everything converged. Outside jit only."""
+    if int(jnp.max(jnp.asarray(code))) != CONVERGED:
+        raise SolveError(describe(code))
+
+
+def require_float64() -> None:
+    """Raise unless JAX computes in float64: influence coefficients cancel to nothing in float32."""
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise SolveError(
+            "difftrb needs float64: call jax.config.update('jax_enable_x64', True) before the first computation"
+        )
