@@ -7,9 +7,7 @@ displaced gap W f + gap equals δ where cells are loaded and exceeds it elsewher
 from __future__ import annotations
 
 import dataclasses
-import math
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -119,15 +117,45 @@ def solve_contact(
       offset: of the spall's centre from the contact's, in the rolling direction [mm].
       accuracy: relative accuracy of the approach, 1e-2…1e-4; a smaller number costs time.
 
-    A spall whose `axial_offset` is the plain number 0 is solved on half the roller. Differentiable by every number in
+    A spall whose `axial_offset` is 0, and not being traced, is solved on half the roller. Differentiable by every number in
     `contact`, `spall`, `load` and `offset`, forward and reverse; `jit` and `vmap` as you like (`lax.map` is faster for
     batches on a CPU). Raises ValueError for an accuracy out of range, SolveError without float64; everything else ends
     as a status in the result.
     """
     status.require_float64()
     resolution = resolution_for(accuracy)
-    mirrored = spall is None or _is_plain_zero(spall.axial_offset)
+    mirrored = is_symmetric(spall)
     return _solve(contact, jnp.asarray(load, float), spall, jnp.asarray(offset, float), resolution, mirrored, accuracy)
+
+
+def approach_slopes(
+    contact: LineContact, load: Real, spall: Spall | None = None, offset: Real = 0.0, accuracy: float = 1e-3
+) -> dict[str, Real | None]:
+    """Derivatives of the approach [mm] by load [N], length, width, offset, radius [mm] and design_load [N].
+
+    All from one linear solve (reverse mode). None where there is no spall to change. Arguments as `solve_contact`.
+    """
+    symmetric = is_symmetric(spall)
+    resolution = resolution_for(accuracy)
+
+    @jax.jit
+    def slopes(contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array):
+        def approach(contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array) -> jax.Array:
+            return _solve(contact, load, spall, offset, resolution, symmetric, accuracy).approach
+
+        return jax.grad(approach, argnums=(0, 1, 2, 3))(contact, load, spall, offset)
+
+    status.require_float64()
+    by_contact, by_load, by_spall, by_offset = slopes(contact, jnp.asarray(load, float), spall, jnp.asarray(offset, float))
+    there = by_spall is not None
+    return {
+        "load": by_load,
+        "length": by_spall.length if there else None,
+        "width": by_spall.width if there else None,
+        "offset": by_offset if there else None,
+        "radius": by_contact.radius,
+        "design_load": by_contact.design_load,
+    }
 
 
 def resolution_for(accuracy: float) -> Resolution:
@@ -138,8 +166,12 @@ def resolution_for(accuracy: float) -> Resolution:
     return RESOLUTIONS[max(enough)]
 
 
-def _is_plain_zero(value: Any) -> bool:
-    return isinstance(value, int | float) and value == 0
+def is_symmetric(spall: Spall | None) -> bool:
+    """Whether the contact is known to be symmetric about the roller's middle: no spall, or `axial_offset` a plain 0."""
+    if spall is None:
+        return True
+    known = not isinstance(spall.axial_offset, jax.core.Tracer)
+    return known and float(spall.axial_offset) == 0.0
 
 
 @partial(jax.jit, static_argnames=("resolution", "mirrored", "accuracy"))

@@ -11,12 +11,13 @@ from typing import Annotated, Literal
 
 import jax
 import jax.numpy as jnp
-from annotated_types import Ge, Interval
+from annotated_types import Interval, Unit
 
 Raceway = Literal["outer", "inner"]
 Real = float | jax.Array
 
-_register = jax.tree_util.register_dataclass
+FILE_RULES = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
+"""How a dataclass is read from a file: unknown keys, numbers as text, NaN and infinity are refused."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,18 +43,20 @@ class TaperedBearing:
         Name `outer_raceway_radius(bearing)` (30.3 mm for 32008J) if the width was measured at the raceway's middle.
     """
 
-    roller_small_diameter: Annotated[float, Interval(gt=0.1, lt=500.0)]
-    roller_large_diameter: Annotated[float, Interval(gt=0.1, lt=500.0)]
-    roller_length: Annotated[float, Interval(gt=0.1, lt=1000.0)]
+    __pydantic_config__ = FILE_RULES
+
+    roller_small_diameter: Annotated[float, Interval(ge=0.1, le=500.0), Unit("mm")]
+    roller_large_diameter: Annotated[float, Interval(ge=0.1, le=500.0), Unit("mm")]
+    roller_length: Annotated[float, Interval(ge=0.1, le=1000.0), Unit("mm")]
     rollers: Annotated[int, Interval(ge=3, le=400)] = dataclasses.field(metadata={"static": True})
-    outer_angle: Annotated[float, Interval(gt=0.01, lt=1.5)]
-    inner_angle: Annotated[float, Interval(gt=0.0, lt=1.5)]
-    roller_angle: Annotated[float, Interval(gt=0.0, lt=0.5)]
-    flange_angle: Annotated[float, Interval(gt=1.0, lt=2.0)]
-    modulus: Annotated[float, Interval(gt=1e3, lt=1e6)] = 2.1e5
-    poisson: Annotated[float, Interval(ge=0.0, lt=0.5)] = 0.278
-    density: Annotated[float, Interval(gt=1e-7, lt=1e-4)] = 7.85e-6
-    arc_radius: Annotated[float, Interval(gt=0.1, lt=5000.0)] | None = None
+    outer_angle: Annotated[float, Interval(ge=0.01, le=1.5), Unit("rad")]
+    inner_angle: Annotated[float, Interval(ge=0.001, le=1.5), Unit("rad")]
+    roller_angle: Annotated[float, Interval(ge=0.001, le=0.5), Unit("rad")]
+    flange_angle: Annotated[float, Interval(ge=1.0, le=2.0), Unit("rad")]
+    modulus: Annotated[float, Interval(ge=1e3, le=1e6), Unit("N/mm²")] = 2.1e5
+    poisson: Annotated[float, Interval(ge=0.0, le=0.5)] = 0.278
+    density: Annotated[float, Interval(ge=1e-7, le=1e-4), Unit("kg/mm³")] = 7.85e-6
+    arc_radius: Annotated[float, Interval(ge=0.1, le=5000.0), Unit("mm")] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,19 +64,21 @@ class Spall:
     """A natural spall: a rectangular depression with vertical walls.
 
     Attributes:
-      length: along the roller [mm], 0…roller length.
-      width: along the rolling direction [mm], 0.001…1000.
-      depth: of the flat bottom below the raceway [mm], 0…10; a roller that reaches it is carried by it.
+      length: along the roller [mm], > 0, at most the roller's (from a file: at least 0.01).
+      width: along the rolling direction [mm], > 0 (from a file: 0.01…1000).
+      depth: of the flat bottom below the raceway [mm], > 0, up to 10; a roller that reaches it is carried by it.
       angle: of its centre from the load line [rad], −2π…2π.
       axial_offset: of its centre from the roller's middle, along the roller [mm], −1000…1000.
       surface: "outer" or "inner" raceway, or "roller".
     """
 
-    length: Annotated[float, Interval(gt=0.0, lt=1000.0)]
-    width: Annotated[float, Interval(ge=1e-3, lt=1000.0)]
-    depth: Annotated[float, Interval(gt=0.0, le=10.0)] = 0.2
-    angle: Annotated[float, Interval(ge=-6.2832, le=6.2832)] = 0.0
-    axial_offset: Annotated[float, Interval(gt=-1000.0, lt=1000.0)] = 0.0
+    __pydantic_config__ = FILE_RULES
+
+    length: Annotated[float, Interval(ge=0.01, le=1000.0), Unit("mm")]
+    width: Annotated[float, Interval(ge=0.01, le=1000.0), Unit("mm")]
+    depth: Annotated[float, Interval(ge=1e-6, le=10.0), Unit("mm")] = 0.2
+    angle: Annotated[float, Interval(ge=-6.2832, le=6.2832), Unit("rad")] = 0.0
+    axial_offset: Annotated[float, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
     surface: Literal["outer", "inner", "roller"] = dataclasses.field(default="outer", metadata={"static": True})
 
 
@@ -82,16 +87,16 @@ class LineContact:
     """One roller on one raceway: all that the half-space contact problem needs of the bearing.
 
     Attributes:
-      radius: equivalent radius in the rolling direction [mm].
-      length: effective roller length [mm].
-      modulus: contact modulus E' = E/(2(1−ν²)) for two equal materials [N/mm²].
-      design_load: Q_d of the logarithmic crown [N]; 0 is a straight roller.
+      radius: equivalent radius in the rolling direction [mm], > 0.
+      length: effective roller length [mm], > 0.
+      modulus: contact modulus E' = E/(2(1−ν²)) for two equal materials [N/mm²], > 0.
+      design_load: Q_d of the logarithmic crown [N], ≥ 0; 0 is a straight roller. Default 6500.
     """
 
-    radius: Annotated[float, Interval(gt=0.0)]
-    length: Annotated[float, Interval(gt=0.0)]
-    modulus: Annotated[float, Interval(gt=0.0)]
-    design_load: Annotated[float, Ge(0.0)] = 6500.0
+    radius: float
+    length: float
+    modulus: float
+    design_load: float = 6500.0
 
     @classmethod
     def of(cls, bearing: TaperedBearing, raceway: Raceway = "outer", design_load: Real = 6500.0) -> LineContact:
@@ -105,7 +110,7 @@ class LineContact:
 
 
 for _cls in (TaperedBearing, Spall, LineContact):
-    _register(_cls)
+    jax.tree_util.register_dataclass(_cls)
 
 
 def contact_modulus(modulus: Real, poisson: Real) -> Real:

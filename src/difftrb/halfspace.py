@@ -149,7 +149,7 @@ def influence(cells: Cells, modulus: jax.Array) -> Influence:
         kernel = kernel + over_cells(pairs(y[:, None] + y[None, :]))
     side = cells.pitch * jnp.diff(y)
     images = 2.0 if cells.mirrored else 1.0
-    kernel = kernel / (jnp.pi * modulus * images * side[:, None] * side[None, :])
+    kernel = kernel / (jnp.pi * modulus * images * side[:, None] * side[None, :])[None]
     circle = jnp.concatenate([kernel, kernel[-2:0:-1]])  # even extension: a symmetric circulant has a real spectrum
     return Influence(jnp.fft.rfft(circle, axis=0).real, jnp.diagonal(kernel[0])[:, None])
 

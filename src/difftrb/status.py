@@ -11,6 +11,7 @@ TOUCHES_BORDER = 2
 NO_EQUILIBRIUM = 3
 BAD_INPUT = 4
 UNRESOLVED = 5
+UNKNOWN_LENGTH = 6
 
 SENTENCES = {
     CONVERGED: "converged",
@@ -20,6 +21,7 @@ SENTENCES = {
     "raise load.axial or lower load.radial",
     BAD_INPUT: "an input is not a number, or is outside its range: check load, sizes and radii",
     UNRESOLVED: "the spall is narrower than one cell of the grid: raise the accuracy (a smaller number) or widen the spall",
+    UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
 }
 
 

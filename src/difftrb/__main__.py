@@ -1,0 +1,235 @@
+"""The command line: `difftrb run | contact | check | example`."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import json
+import os
+import platform
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+EXIT_OK, EXIT_NO_SOLUTION, EXIT_BAD_FILE = 0, 1, 2
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; the exit code: 0 all converged, 1 no solution, 2 a bad file or bad arguments."""
+    options = _parser().parse_args(arguments)
+    _set_up_jax(options.cache)
+    from difftrb import scenefile
+    from difftrb.status import SolveError
+
+    try:
+        return options.command(options)
+    except scenefile.NoEquilibriumError as error:
+        return _refuse(error, EXIT_NO_SOLUTION)
+    except SolveError as error:
+        return _refuse(error, EXIT_NO_SOLUTION)
+    except scenefile.SceneError as error:
+        return _refuse(error, EXIT_BAD_FILE)
+    except OSError as error:
+        return _refuse(f"{error.filename or 'output'}: {error.strerror or error}", EXIT_BAD_FILE)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="difftrb", description="Load distribution and stiffness of a spalled tapered roller bearing, with gradients."
+    )
+    parser.add_argument("--no-cache", dest="cache", action="store_false", help="do not keep compiled programs on disk")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, function: Callable[[Any], int], text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.set_defaults(command=function)
+        return sub
+
+    for name, function, text in (
+        ("run", _run, "Loads, stiffness, its loss by the spall and its gradients (no SCENE: 32008J, spall 4 × 7 mm)."),
+        ("contact", _contact, "One roller on its raceway: approach, pressure and derivatives (no SCENE: 32008J)."),
+    ):
+        sub = command(name, function, text)
+        sub.add_argument("scene", nargs="?", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
+        sub.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+        sub.add_argument("--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there")
+    sub = command("check", _check, "Check a scene file without computing anything.")
+    sub.add_argument("scene", metavar="SCENE")
+    sub = command("example", _example, "Print a packaged scene file; without a NAME, list them.")
+    sub.add_argument("name", nargs="?", metavar="NAME")
+    return parser
+
+
+def _set_up_jax(cache: bool) -> None:
+    # XLA reports its own tuning hints as missing processor features whenever it loads a kept program
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if cache:
+        jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+def cache_folder() -> Path:
+    """Where compiled programs are kept: the user's cache folder, apart for every kind of processor."""
+    import platformdirs
+
+    processor = platform.machine()
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        processor += next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    kind = hashlib.sha256(processor.encode()).hexdigest()[:12]
+    return Path(platformdirs.user_cache_dir("difftrb")) / kind
+
+
+def _refuse(reason: object, code: int) -> int:
+    print(f"difftrb: {reason}", file=sys.stderr)
+    return code
+
+
+def _read(options: Any) -> tuple[Any, str]:
+    from difftrb import scenefile
+
+    if options.scene is None:
+        name = "spall" if options.command is _run else "contact"
+        return scenefile.parse(scenefile.example(name), name), name
+    return scenefile.read(options.scene), options.scene
+
+
+def _run(options: Any) -> int:
+    import jax
+
+    from difftrb import report, scenefile
+    from difftrb.scene import assess, prepare
+
+    file, path = _read(options)
+    scenefile.check_ring(file, path)
+    started = time.perf_counter()
+    with _busy("fitting the roller law to contact solves"):
+        scene = jax.block_until_ready(prepare(file.scene()))
+    with _busy("solving the ring"):
+        result = jax.block_until_ready(assess(scene))
+    record = report.run_json(scene, result, time.perf_counter() - started)
+
+    def figures(folder: Path) -> None:
+        from difftrb import plot
+
+        plot.save(plot.load_distribution(result, scene), folder, "load_distribution")
+        plot.save(plot.stiffness_bars(result, scene), folder, "stiffness")
+        pressed = scenefile.contact_under_spall(file, result.spalled)
+        plot.save(plot.pressure_map(pressed), folder, "pressure")
+
+    return _deliver(options, record, lambda: report.run_text(scene, result), figures)
+
+
+def _contact(options: Any) -> int:
+    import jax
+
+    from difftrb import report
+    from difftrb.contact import approach_slopes
+
+    file, path = _read(options)
+    if len(file.spall) > 1:
+        from difftrb.scenefile import SceneError
+
+        raise SceneError(f"{path}: spall: {len(file.spall)} spalls; `difftrb contact` takes at most one")
+    started = time.perf_counter()
+    spall = file.spall[0] if file.spall else None
+    with _busy("solving the contact"):
+        solution = jax.block_until_ready(file.solve_contact())
+        table = file.contact
+        slopes = approach_slopes(file.line_contact(), table.load, spall, table.offset, table.accuracy)
+        slopes = jax.block_until_ready(slopes)
+    record = report.contact_json(solution, slopes, time.perf_counter() - started)
+
+    def figures(folder: Path) -> None:
+        from difftrb import plot
+
+        plot.save(plot.pressure_map(solution), folder, "pressure")
+
+    return _deliver(options, record, lambda: report.contact_text(solution, slopes), figures)
+
+
+def _check(options: Any) -> int:
+    from difftrb import scenefile
+
+    file = scenefile.read(options.scene)
+    scenefile.check_ring(file, options.scene)
+    spalls = f"{len(file.spall)} spall{'s' if len(file.spall) != 1 else ''}" if file.spall else "healthy"
+    print(f"{options.scene}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
+          f"axial {file.load.axial:g} N, law {file.contact.law}")  # fmt: skip
+    return EXIT_OK
+
+
+def _example(options: Any) -> int:
+    from difftrb import scenefile
+
+    if options.name is None:
+        for name in scenefile.example_names():
+            print(f"{name:16s} {scenefile.example(name).splitlines()[0].removeprefix('# ')}")
+    else:
+        print(scenefile.example(options.name), end="")
+    return EXIT_OK
+
+
+def _deliver(options: Any, record: dict[str, Any], text: Callable[[], Any], figures: Callable[[Path], None]) -> int:
+    """Print the result, write it where asked, and say by the exit code whether it can be trusted."""
+    if not record["converged"]:
+        if options.json:
+            print(json.dumps(record, indent=1))
+        return _refuse(record["status"], EXIT_NO_SOLUTION)
+    if options.out is not None:
+        with _busy("drawing"):
+            write_folder(options.out, lambda folder: _fill(folder, record, figures))
+    if options.json:
+        print(json.dumps(record, indent=1))
+    else:
+        from rich.console import Console
+
+        console = Console()
+        console.print(text())
+        if options.out is not None:
+            console.print(f"written to {options.out}: {', '.join(sorted(p.name for p in options.out.iterdir()))}")
+    return EXIT_OK
+
+
+def _fill(folder: Path, record: dict[str, Any], figures: Callable[[Path], None]) -> None:
+    figures(folder)
+    (folder / "result.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
+    """Let `fill` write files into a fresh folder beside `target`, then move them there one by one, each whole.
+
+    If anything fails, `target` keeps what it had; files of other names in it are left alone.
+    """
+    if target.exists() and not target.is_dir():
+        raise NotADirectoryError(20, "is not a directory", str(target))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".difftrb-") as scratch:
+        fill(Path(scratch))
+        target.mkdir(exist_ok=True)
+        for file in sorted(Path(scratch).iterdir()):
+            os.replace(file, target / file.name)
+
+
+@contextlib.contextmanager
+def _busy(what: str) -> Iterator[None]:
+    """A spinner on the terminal while something takes its time; nothing where no one looks."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(what):
+        yield
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,104 @@
+"""Figures. Every function draws on the Axes it is given (or makes one) and returns it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from difftrb.contact import ContactSolution
+from difftrb.scene import Assessment, Scene
+
+HEALTHY, SPALLED, ACCENT = "#4477AA", "#EE6677", "#BBBBBB"  # colour-blind safe (Tol, bright)
+
+
+def load_distribution(result: Assessment, scene: Scene, ax: Any = None) -> Any:
+    """Roller loads on a polar axis, healthy and spalled; the load line points down, as the load hangs."""
+    if ax is None:
+        _, ax = plt.subplots(figsize=(5.0, 5.4), subplot_kw={"projection": "polar"}, layout="constrained")
+    ax.set_theta_zero_location("S")
+    ax.set_theta_direction(1)
+    angles = np.asarray(result.healthy.angles)
+    closed = np.append(angles, angles[0] + 2.0 * np.pi)
+    curves = [(result.healthy, HEALTHY, "healthy", "o", "-")]
+    if scene.spalls:
+        curves.append((result.spalled, SPALLED, "with spall", "s", "--"))
+    for solution, colour, label, marker, style in curves:
+        loads = np.asarray(solution.loads) / 1e3
+        ax.plot(closed, np.append(loads, loads[0]), style, marker=marker, ms=4, lw=1.2, color=colour, label=label)
+    top = float(max(np.nanmax(np.asarray(s.loads)) for s, *_ in curves)) / 1e3
+    for i, spall in enumerate(scene.spalls):
+        from difftrb.geometry import arc_radius
+
+        half = 0.5 * float(spall.width) / float(arc_radius(scene.bearing))
+        label = "spall" if i == 0 else None
+        ax.bar(float(spall.angle), 1.15 * top, width=2.0 * half, color=ACCENT, alpha=0.5, zorder=0, label=label)
+    ax.set_ylim(0.0, 1.15 * top)
+    ax.set_rlabel_position(135)
+    ax.set_title(f"Roller load [kN], radial {scene.load.radial:g} N, axial {scene.load.axial:g} N", pad=14)
+    ax.legend(loc="lower left", bbox_to_anchor=(-0.12, -0.12), frameon=False)
+    return ax
+
+
+def pressure_map(solution: ContactSolution, ax: Axes | None = None) -> Axes:
+    """Contact pressure over the roller's length and the rolling direction, relative to the healthy-like median peak.
+
+    The colour scale ends at the 99.5th percentile of loaded cells, because cells at a sharp edge have no finite limit.
+    """
+    if ax is None:
+        _, ax = plt.subplots(figsize=(7.0, 3.2), layout="constrained")
+    cells = solution.cells
+    x_lines = np.append(np.asarray(cells.x) - 0.5 * float(cells.pitch), float(cells.x[-1]) + 0.5 * float(cells.pitch))
+    lines, pressure = np.asarray(cells.lines), np.asarray(solution.pressure)
+    if cells.mirrored:
+        lines = np.concatenate([-lines[:0:-1], lines])
+        pressure = np.concatenate([pressure[::-1], pressure])
+    loaded = pressure > 0.0
+    limit = float(np.percentile(pressure[loaded], 99.5)) if loaded.any() else 1.0
+    shown = np.ma.masked_where(~loaded, pressure)
+    mesh = ax.pcolormesh(lines, x_lines, shown.T, cmap="viridis", vmin=0.0, vmax=limit, shading="flat", rasterized=True)
+    figure = ax.figure
+    assert isinstance(figure, Figure)
+    figure.colorbar(mesh, ax=ax, label="pressure [MPa]", extend="max")
+    ax.set_xlabel("along the roller, y [mm]")
+    ax.set_ylabel("rolling direction, x [mm]")
+    ax.set_title(f"Contact pressure, roller load {float(solution.load):.0f} N, approach {1e3 * solution.approach:.3f} µm")
+    return ax
+
+
+def stiffness_bars(result: Assessment, scene: Scene, ax: Axes | None = None) -> Axes:
+    """Radial and axial stiffness, healthy and spalled, with the loss in percent."""
+    if ax is None:
+        _, ax = plt.subplots(figsize=(4.6, 3.6), layout="constrained")
+    place = np.arange(2)
+    for shift, solution, colour, label in (
+        (-0.2, result.healthy, HEALTHY, "healthy"),
+        (0.2, result.spalled, SPALLED, "with spall"),
+    ):
+        values = np.array([float(solution.radial_stiffness), float(solution.axial_stiffness)]) / 1e3
+        bars = ax.bar(place + shift, values, width=0.4, color=colour, label=label)
+        ax.bar_label(bars, fmt="%.4g", padding=2, fontsize=8)
+    top = ax.get_ylim()[1]
+    for x, loss in zip(place, np.asarray(result.loss), strict=True):
+        ax.text(x, 1.1 * top, f"loss {loss:.2f} %" if np.isfinite(loss) else "", ha="center", va="top")
+    ax.set_ylim(0.0, 1.12 * top)
+    ax.set_xticks(place, ["radial", "axial"])
+    ax.set_ylabel(f"{scene.definition} stiffness [kN/mm]")
+    ax.legend(frameon=False, loc="center left")
+    return ax
+
+
+def save(ax: Any, folder: Path, name: str) -> None:
+    """Write the figure of `ax` as PNG and SVG into `folder` and close it."""
+    figure = ax.figure
+    for kind in ("png", "svg"):
+        figure.savefig(folder / f"{name}.{kind}", dpi=160)
+    plt.close(figure)

@@ -1,0 +1,157 @@
+"""Results for people (text) and for machines (JSON)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from difftrb.contact import ContactSolution
+from difftrb.law import Law
+from difftrb.scene import Assessment, Scene
+
+BAR = 28
+CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
+
+
+def run_json(scene: Scene, result: Assessment, seconds: float) -> dict[str, Any]:
+    """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
+
+    `sensitivity` is by the first spall's size; None for a healthy scene.
+    """
+    spalled, sound = result.spalled, result.healthy
+    sizes = ("length", "width")
+    slopes = np.stack([result.by_length, result.by_width], axis=-1)  # (radial | axial, spall, length | width)
+
+    def slope(row: int) -> dict[str, Any]:
+        return {size: slopes[row, 0, i] if scene.spalls else None for i, size in enumerate(sizes)}
+
+    return plain({
+        "status": spalled.status,
+        "converged": bool(spalled.converged & sound.converged),
+        "angles": spalled.angles,
+        "loads": spalled.loads,
+        "displacement": dict(zip(("radial", "lateral", "axial"), spalled.displacement, strict=True)),
+        "stiffness": {
+            "definition": scene.definition,
+            "phase": scene.phase,
+            "radial": spalled.radial_stiffness,
+            "axial": spalled.axial_stiffness,
+            "matrix": spalled.stiffness,
+        },
+        "healthy": {"radial": sound.radial_stiffness, "axial": sound.axial_stiffness},
+        "loss": dict(zip(("radial", "axial"), result.loss, strict=True)),
+        "sensitivity": {"radial": slope(0), "axial": slope(1)},
+        "residual": spalled.residual,
+        "iterations": spalled.iterations,
+        "seconds": seconds,
+    })  # fmt: skip
+
+
+def contact_json(solution: ContactSolution, slopes: dict[str, Any], seconds: float) -> dict[str, Any]:
+    """A single contact's result; `slopes` are derivatives of the approach [mm per unit of the input]."""
+    return plain({
+        "status": solution.status,
+        "converged": bool(solution.converged),
+        "approach": solution.approach,
+        "peak_pressure": solution.peak_pressure,
+        "contact_width": solution.contact_width,
+        "loaded_fraction": solution.loaded_fraction,
+        "residual": solution.residual,
+        "iterations": solution.iterations,
+        "unknowns": solution.unknowns,
+        "sensitivity": slopes,
+        "accuracy": solution.accuracy,
+        "seconds": seconds,
+    })  # fmt: skip
+
+
+def plain(value: Any) -> Any:
+    """`value` with arrays as lists and NaN as None, ready for strict JSON."""
+    if isinstance(value, dict):
+        return {key: plain(entry) for key, entry in value.items()}
+    if isinstance(value, jax.Array | np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def run_text(scene: Scene, result: Assessment) -> RenderableType:
+    """The main job's result for people: stiffness and its losses, sensitivities, a bar of load for every roller."""
+    spalled = result.spalled
+    kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
+    stiffness = _table(f"Stiffness, {kind} [N/mm]")
+    columns = ["by length [/mm]", "by width [/mm]"] if scene.spalls else []
+    for heading in ("", "healthy", "spalled", "loss [%]", *columns):
+        stiffness.add_column(heading, justify="right" if heading else "left")
+    for row, name in enumerate(("radial", "axial")):
+        values = [getattr(s, f"{name}_stiffness") for s in (result.healthy, spalled)]
+        slopes = [f"{v[row, 0]:,.1f}" for v in (result.by_length, result.by_width)] if scene.spalls else []
+        stiffness.add_row(name, *(f"{v:,.0f}" for v in values), f"{result.loss[row]:.3f}", *slopes)
+
+    loads = _table("Load distribution")
+    for heading in ("roller", "angle [rad]", "load [N]", "against healthy"):
+        loads.add_column(heading, justify="right")
+    loads.add_column("", no_wrap=True)
+    top = float(jnp.max(spalled.loads))
+    for j, (angle, load, sound) in enumerate(zip(spalled.angles, spalled.loads, result.healthy.loads, strict=True)):
+        bar = "█" * round(BAR * float(load) / top) if top > 0.0 else ""
+        loads.add_row(str(j), f"{angle:.4f}", f"{load:.1f}", f"{load - sound:+.1f}", Text(bar, style="cyan"))
+
+    u = np.round(1e3 * np.asarray(spalled.displacement), 4) + 0.0  # no −0
+    lines = [
+        f"displacement: radial {u[0]:.3f} µm, lateral {u[1]:.3f} µm, axial {u[2]:.3f} µm",
+        law_text(spalled.law, spalled.loads),
+        f"{spalled.status}; unbalanced force {spalled.residual:.1e} of the load after {spalled.iterations} Newton steps",
+    ]
+    if scene.spalls:
+        lines.insert(2, "width: the window is hard, so stiffness changes with width only where a roller enters or leaves")
+    return Group(stiffness, loads, *(Text(line) for line in lines))
+
+
+def law_text(law: Law, loads: jax.Array) -> str:
+    """One sentence on the roller law: its range and error, and how many rollers are outside."""
+    text = f"law: {law.name}"
+    low, high = (float(v) for v in law.load_range)
+    if math.isfinite(high):
+        outside = int(jnp.sum((loads > 0.0) & ((loads < low) | (loads > high))))
+        text += f", fitted for {low:.0f} … {high:.0f} N ({outside} loaded rollers outside)"
+    error = float(law.error)
+    return text + (f", error of a load up to {100.0 * error:.1f} %" if math.isfinite(error) else ", error not known")
+
+
+def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> RenderableType:
+    """A single contact's result for people."""
+    table = _table("Contact")
+    table.show_header = False
+    table.add_row("load", f"{solution.load:,.1f} N")
+    table.add_row("approach", f"{1e3 * solution.approach:.4f} µm")
+    table.add_row("peak pressure", f"{solution.peak_pressure:,.0f} MPa (a cell's mean; singular at a sharp edge)")
+    table.add_row("contact width", f"{solution.contact_width:.4f} mm")
+    table.add_row("loaded length", f"{100.0 * solution.loaded_fraction:.1f} % of the roller")
+    units = {"load": "N"} | {name: "mm" for name in CONTACT_INPUTS[1:5]} | {"design_load": "N"}
+    derivatives = _table("Derivative of the approach")
+    derivatives.add_column("by")
+    derivatives.add_column("", justify="right")
+    for name, value in slopes.items():
+        derivatives.add_row(name, "–" if value is None else f"{1e3 * value:+.5g} µm/{units[name]}")
+    rows, columns = solution.force.shape
+    last = (
+        f"{solution.status}; {rows} × {columns} cells, contact conditions met to {solution.residual:.1e} of the "
+        f"approach after {solution.iterations} products; accuracy asked for {solution.accuracy:g}"
+    )
+    return Group(table, derivatives, Text(last))
+
+
+def _table(title: str) -> Table:
+    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)

@@ -1,0 +1,196 @@
+"""The ring on its rollers: equilibrium, load distribution and stiffness of the plain bearing.
+
+Three degrees of freedom of one ring against the other: radial (along the load line, angle 0), lateral (a quarter turn
+on) and axial (pressing the rings together). One contact per roller, the outer raceway's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import Annotated
+
+import jax
+import jax.numpy as jnp
+from annotated_types import Interval, Unit
+
+from difftrb import geometry, implicit, law, status
+from difftrb.geometry import FILE_RULES, Real, Spall, TaperedBearing
+from difftrb.law import Law
+
+ITERATIONS = 60
+TOLERANCE = 1e-12
+"""Largest unbalanced force, relative to the load, at which an equilibrium counts as found."""
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["radial", "axial"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class Load:
+    """The bearing's load.
+
+    Attributes:
+      radial: along the load line [N], 0…1e7.
+      axial: pressing the rings together [N], 0…1e7; needs to exceed about radial × tan(outer_angle).
+    """
+
+    __pydantic_config__ = FILE_RULES
+
+    radial: Annotated[float, Interval(ge=0.0, le=1e7), Unit("N")]
+    axial: Annotated[float, Interval(ge=0.0, le=1e7), Unit("N")]
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["displacement", "approach", "loads", "tangent", "residual", "iterations", "status_code"],
+    meta_fields=[],
+)
+@dataclasses.dataclass(frozen=True)
+class Equilibrium:
+    """A ring at rest.
+
+    Attributes:
+      displacement: radial, lateral, axial [mm], shape (3,).
+      approach: of every roller [mm], shape (rollers,), negative where it is clear of the raceway.
+      loads: of every roller [N], shape (rollers,).
+      tangent: dF/du [N/mm], shape (3, 3).
+      residual: largest unbalanced force relative to the load. iterations: Newton steps. status_code: `difftrb.status`.
+    """
+
+    displacement: jax.Array
+    approach: jax.Array
+    loads: jax.Array
+    tangent: jax.Array
+    residual: jax.Array
+    iterations: jax.Array
+    status_code: jax.Array
+
+
+def roller_angles(bearing: TaperedBearing, phase: Real) -> jax.Array:
+    """Angle of every roller from the load line [rad], shape (rollers,); roller 0 stands at `phase`."""
+    return phase + geometry.roller_pitch(bearing) * jnp.arange(bearing.rollers)
+
+
+def directions(bearing: TaperedBearing, angles: jax.Array) -> jax.Array:
+    """Unit normals of the rollers' contacts in (radial, lateral, axial), shape (rollers, 3)."""
+    cos, sin = jnp.cos(bearing.outer_angle), jnp.sin(bearing.outer_angle)
+    axial = jnp.broadcast_to(sin, angles.shape)
+    return jnp.stack([cos * jnp.cos(angles), cos * jnp.sin(angles), axial], axis=-1)  # Liu et al. 2018, eq. (5)
+
+
+def spall_lengths(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array) -> jax.Array:
+    """Length of the spall under every roller [mm], shape (rollers,), 0 if there is none.
+
+    A hard window: a roller is over a spall while its angle is within half the spall's width of the spall's middle, so
+    nothing here changes with width but the number of rollers inside. Of several, the longest counts.
+    """
+    felt = jnp.zeros_like(angles)
+    for spall in spalls:
+        away = jnp.abs(jnp.mod(angles - spall.angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi)
+        half = 0.5 * spall.width / geometry.arc_radius(bearing)
+        felt = jnp.where(away < half, jnp.maximum(felt, spall.length), felt)  # Liu et al. 2018, eq. (7)
+    return felt
+
+
+def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real) -> jax.Array:
+    """The axial load [N] that must be exceeded for an equilibrium under `radial` [N].
+
+    Rollers push only: the load must lie inside the cone spanned by their normals, that is, the point
+    radial·tanα/axial on the load line inside the polygon of the rollers' angles.
+    """
+    edges = roller_angles(bearing, phase) + 0.5 * geometry.roller_pitch(bearing)
+    reach = jnp.max(jnp.cos(edges)) / jnp.cos(0.5 * geometry.roller_pitch(bearing))
+    return radial * jnp.tan(bearing.outer_angle) * reach
+
+
+def largest_load(bearing: TaperedBearing, load: Load) -> Real:
+    """A first estimate of the most loaded roller's load [N]."""
+    half_zone = 4.08 * load.radial / (bearing.rollers * jnp.cos(bearing.outer_angle))  # NSK E728g, line contact
+    shared = load.axial / (bearing.rollers * jnp.sin(bearing.outer_angle))
+    return jnp.maximum(half_zone, shared)
+
+
+def equilibrium(
+    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], roller_law: Law, phase: Real
+) -> Equilibrium:
+    """The ring's rest position under `load`, its roller loads and tangent stiffness.
+
+    `phase` is the angle of roller 0 from the load line [rad]. Differentiable by everything, forward and reverse, at
+    the solution. Where there is no equilibrium the numbers are NaN and the status says so.
+    """
+    angles = roller_angles(bearing, phase)
+    normals = directions(bearing, angles)
+    lengths = spall_lengths(bearing, spalls, angles)
+    valid = (load.radial >= 0.0) & (load.axial > 0.0) & jnp.isfinite(load.radial + load.axial)
+    held = load.axial > needed_axial(bearing, load.radial, phase) * (1.0 + 1e-6)
+    force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
+    safe = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
+
+    known = jnp.asarray(roller_law.longest) >= jnp.max(lengths)
+    u, residual, iterations = _rest(normals, lengths, roller_law, safe)
+    approach = _dot(normals, u)
+    loads = law.load(roller_law, approach, lengths)
+    slopes = law.stiffness(roller_law, approach, lengths)
+    tangent = _dot(normals.T * slopes[None, :], normals)
+
+    converged = (residual <= TOLERANCE) & jnp.all(jnp.isfinite(u))
+    code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
+    code = jnp.where(known, code, status.UNKNOWN_LENGTH)
+    code = jnp.where(held, code, status.NO_EQUILIBRIUM)
+    code = jnp.where(valid | ~held, code, status.BAD_INPUT)
+    code = status.worst(code, jnp.asarray(roller_law.status_code).astype(int))
+    usable = valid & held & known
+
+    def only_if_usable(value: jax.Array) -> jax.Array:
+        return jnp.where(usable, value, jnp.nan)
+
+    u, approach, loads, tangent, residual = map(only_if_usable, (u, approach, loads, tangent, residual))
+    return Equilibrium(u, approach, loads, tangent, residual, iterations, code)
+
+
+def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
+    return jnp.matmul(a, b, precision=jax.lax.Precision.HIGHEST)
+
+
+def _rest(
+    normals: jax.Array, lengths: jax.Array, roller_law: Law, force: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Displacement at rest [mm], residual and iterations."""
+    parameters = (normals, lengths, roller_law, force)
+    u, (residual, iterations) = implicit.root(_unbalanced, _newton, parameters)
+    return u, residual, iterations
+
+
+def _unbalanced(u: jax.Array, parameters: tuple[jax.Array, jax.Array, Law, jax.Array]) -> jax.Array:
+    """Force left over at displacement u, relative to the load, shape (3,)."""
+    normals, lengths, roller_law, force = parameters
+    loads = law.load(roller_law, _dot(normals, u), lengths)
+    return (_dot(normals.T, loads) - force) / jnp.linalg.norm(jax.lax.stop_gradient(force))  # Liu et al. 2018, eq. (5)
+
+
+def _newton(parameters: tuple[jax.Array, jax.Array, Law, jax.Array]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    """Newton's method; a step that does not reduce the unbalanced force is retaken shorter (Levenberg)."""
+    normals, lengths, roller_law, force = parameters
+
+    def system(u: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return _unbalanced(u, parameters), jax.jacfwd(_unbalanced)(u, parameters)
+
+    def step(state):
+        u, r, J, damping, k = state
+        trial = u - jnp.linalg.solve(J + damping * jnp.trace(J) * jnp.eye(3), r)
+        r_new, J_new = system(trial)
+        better = jnp.linalg.norm(r_new) < jnp.linalg.norm(r)
+        relaxed, stiffened = jnp.where(damping > 1e-9, 0.1 * damping, 0.0), jnp.maximum(10.0 * damping, 1e-4)
+        u, r, J = (jnp.where(better, new, old) for new, old in ((trial, u), (r_new, r), (J_new, J)))
+        return u, r, J, jnp.where(better, relaxed, stiffened), k + 1
+
+    def unfinished(state):
+        _, r, _, damping, k = state
+        return (jnp.max(jnp.abs(r)) > 0.01 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
+
+    # start with all rollers equally loaded, pressed as far as the mean load and the largest radial share ask
+    stiffness, exponent = roller_law.coefficients(jnp.zeros(()))
+    axial = normals[0, 2]
+    share = jnp.linalg.norm(force) / (lengths.shape[0] * axial)
+    start = jnp.zeros(3).at[2].set((share / stiffness) ** (1.0 / exponent) / axial)
+    u, r, _, _, k = jax.lax.while_loop(unfinished, step, (start, *system(start), jnp.zeros(()), jnp.asarray(0)))
+    return u, (jnp.max(jnp.abs(r)), k)

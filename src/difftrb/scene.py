@@ -1,0 +1,226 @@
+"""Scene: what is simulated and nothing more; and what comes out of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import Annotated, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from annotated_types import Interval, Unit
+
+from difftrb import law as laws
+from difftrb import ring, status
+from difftrb.geometry import LineContact, Spall, TaperedBearing
+from difftrb.law import Law
+from difftrb.ring import Load
+
+Definition = Literal["tangent", "secant"]
+DesignLoad = Annotated[float, Interval(ge=0.0, le=1e7), Unit("N")]
+Accuracy = Annotated[float, Interval(ge=1e-4, le=1e-2)]
+Phase = Annotated[float, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["name"])
+@dataclasses.dataclass(frozen=True)
+class LawName:
+    """A law that is not prepared yet: `solve` builds it from the scene."""
+
+    name: str
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["bearing", "load", "spalls", "law", "design_load", "phase"],
+    meta_fields=["accuracy", "definition"],
+)
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """A bearing, its load and its spalls, and how to compute with them. A pytree: every number is a leaf.
+
+    Attributes:
+      bearing: from `difftrb.bearing("32008J")` or your own `TaperedBearing`.
+      load: radial and axial [N].
+      spalls: on the outer raceway; empty is healthy.
+      law: "power" (default), "liu2018", "palmgren", or a law prepared with `power_law` (then nothing is fitted here).
+      design_load: Q_d of the rollers' crown [N], 0…1e7. Default 6500, with which Liu et al. 2018, Table 2 comes out.
+      accuracy: relative accuracy of the contact solves behind the law, 1e-2…1e-4. Default 1e-3: a power law is not
+        worth more.
+      definition: of stiffness, "tangent" (dF/du, default) or "secant" (F/u, as in Liu et al. 2018, Fig. 17).
+      phase: angle of roller 0 from the load line [rad], −2π…2π.
+    """
+
+    bearing: TaperedBearing
+    load: Load
+    spalls: tuple[Spall, ...] = ()
+    law: Law | LawName | str = "power"
+    design_load: DesignLoad = 6500.0
+    accuracy: Accuracy = 1e-3
+    definition: Definition = "tangent"
+    phase: Phase = 0.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.law, str):
+            object.__setattr__(self, "law", LawName(self.law))
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["angles", "displacement", "approach", "loads", "stiffness", "law", "residual", "iterations",
+                 "status_code"],
+    meta_fields=["definition"],
+)  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """A solved scene.
+
+    Attributes:
+      angles: of the rollers from the load line [rad], shape (rollers,).
+      displacement: radial, lateral, axial [mm], shape (3,).
+      approach: of every roller [mm], shape (rollers,). loads: of every roller [N], shape (rollers,).
+      stiffness: [N/mm], shape (3, 3) over radial, lateral, axial: dF/du if `definition` is "tangent"; the diagonal of
+        F/u if "secant" (0 for the lateral direction, which has no load; NaN for a direction with neither load nor
+        displacement).
+      law: the roller law that was used, with its range and error.
+      residual: largest unbalanced force relative to the load. iterations: Newton steps.
+      status_code: see `difftrb.status`; `status` is its sentence.
+      definition: "tangent" or "secant".
+    """
+
+    angles: jax.Array
+    displacement: jax.Array
+    approach: jax.Array
+    loads: jax.Array
+    stiffness: jax.Array
+    law: Law
+    residual: jax.Array
+    iterations: jax.Array
+    status_code: jax.Array
+    definition: Definition
+
+    @property
+    def radial_stiffness(self) -> jax.Array:
+        """Radial force per radial displacement [N/mm]."""
+        return self.stiffness[0, 0]
+
+    @property
+    def axial_stiffness(self) -> jax.Array:
+        """Axial force per axial displacement [N/mm]."""
+        return self.stiffness[2, 2]
+
+    @property
+    def converged(self) -> jax.Array:
+        """Whether the solve can be trusted."""
+        return self.status_code == status.CONVERGED
+
+    @property
+    def status(self) -> str:
+        """What happened, as a sentence. Outside jit only."""
+        return status.describe(self.status_code)
+
+    def check(self) -> Solution:
+        """Itself; raises `SolveError` with the status's sentence if it did not converge. Outside jit only."""
+        status.check(self.status_code)
+        return self
+
+
+def prepared_law(scene: Scene) -> Law:
+    """The scene's roller law, built from contact solves if it is only named.
+
+    The power law is fitted from a sixth of the largest roller load that the scene lets expect to 1.2 times it, with
+    the first spall's width, depth and axial offset.
+    """
+    if not isinstance(scene.law, LawName):
+        return scene.law  # type: ignore[return-value]
+    largest = ring.largest_load(scene.bearing, scene.load)
+    contact = LineContact.of(scene.bearing, "outer", scene.design_load)
+    spall = scene.spalls[0] if scene.spalls else None
+    return laws.named(scene.law.name, contact, (largest / 6.0, 1.2 * largest), spall, scene.accuracy)
+
+
+def prepare(scene: Scene) -> Scene:
+    """The scene with its law built, so that solving it again costs microseconds. Errors as in `solve`."""
+    status.require_float64()
+    for spall in scene.spalls:
+        if spall.surface != "outer":
+            raise ValueError(f"spall.surface = {spall.surface!r}: the plain ring knows spalls on the outer raceway only")
+    return dataclasses.replace(scene, law=prepared_law(scene))
+
+
+def healthy(scene: Scene) -> Scene:
+    """The same scene without spalls. Prepare first, so that both share one law."""
+    return dataclasses.replace(scene, spalls=())
+
+
+def solve(scene: Scene) -> Solution:
+    """Load distribution and stiffness of a scene.
+
+    Differentiable by every leaf of the scene: `jax.grad(lambda s: solve(s).stiffness[0, 0])(scene)` is a scene of
+    gradients. `jit` and `vmap` as you like. Raises SolveError without float64 and ValueError for a spall that is not
+    on the outer raceway or an unknown law; everything else ends as a status in the result.
+    """
+    return _solve(prepare(scene))
+
+
+@jax.jit
+def _solve(scene: Scene) -> Solution:
+    rest = ring.equilibrium(scene.bearing, scene.load, scene.spalls, scene.law, scene.phase)  # type: ignore[arg-type]
+    stiffness = rest.tangent if scene.definition == "tangent" else _secant(scene.load, rest.displacement)
+    return Solution(
+        ring.roller_angles(scene.bearing, scene.phase), rest.displacement, rest.approach, rest.loads, stiffness,
+        scene.law, rest.residual, rest.iterations, rest.status_code, scene.definition,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def _secant(load: Load, displacement: jax.Array) -> jax.Array:
+    force = jnp.stack([jnp.asarray(load.radial, float), jnp.asarray(load.axial, float)])
+    moved = jnp.stack([displacement[0], displacement[2]])
+    defined = (force > 0.0) & (moved != 0.0)
+    radial, axial = jnp.where(defined, force / jnp.where(defined, moved, 1.0), jnp.nan)
+    return jnp.diag(jnp.stack([radial, jnp.zeros(()), axial]))
+
+
+class Assessment(NamedTuple):
+    """A spalled bearing beside its healthy self.
+
+    Attributes:
+      spalled, healthy: the two solutions.
+      loss: of radial and axial stiffness by the spalls [%], shape (2,).
+      by_length, by_width: derivatives of radial and axial stiffness by every spall's length and width
+        [N/mm per mm], shape (2, number of spalls).
+    """
+
+    spalled: Solution
+    healthy: Solution
+    loss: jax.Array
+    by_length: jax.Array
+    by_width: jax.Array
+
+
+def assess(scene: Scene) -> Assessment:
+    """Solve a scene with and without its spalls, and how stiffness changes with their sizes.
+
+    As differentiable as `solve`, and the same errors.
+    """
+    return _assess(prepare(scene))
+
+
+@jax.jit
+def _assess(scene: Scene) -> Assessment:
+    sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
+
+    def sized(sizes: jax.Array) -> Scene:
+        spalls = (dataclasses.replace(s, length=v[0], width=v[1]) for s, v in zip(scene.spalls, sizes, strict=True))
+        return dataclasses.replace(scene, spalls=tuple(spalls))
+
+    def both(sizes: jax.Array) -> tuple[jax.Array, Solution]:
+        solution = _solve(sized(sizes))
+        return jnp.stack([solution.radial_stiffness, solution.axial_stiffness]), solution
+
+    slopes, spalled = jax.jacfwd(both, has_aux=True)(sizes)
+    sound = _solve(healthy(scene))
+    loss = 1.0 - jnp.stack([
+        spalled.radial_stiffness / sound.radial_stiffness, spalled.axial_stiffness / sound.axial_stiffness
+    ])  # fmt: skip
+    return Assessment(spalled, sound, 100.0 * loss, slopes[..., 0], slopes[..., 1])

@@ -1,0 +1,283 @@
+"""Scene files: TOML in, a `Scene` out; what is wrong with a file is one sentence with file, key, value and range."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import json
+import tomllib
+import types
+from collections.abc import Iterable
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import jax.numpy as jnp
+from annotated_types import Interval, Unit
+from pydantic import TypeAdapter, ValidationError
+
+from difftrb import geometry
+from difftrb import law as laws
+from difftrb.contact import ContactSolution, solve_contact
+from difftrb.geometry import FILE_RULES, LineContact, Spall, TaperedBearing
+from difftrb.ring import Load, needed_axial
+from difftrb.scene import Accuracy, Definition, DesignLoad, Phase, Scene, Solution
+
+
+UNKNOWN_KEY = ("unexpected_keyword_argument", "extra_forbidden")  # pydantic's names
+
+
+class SceneError(ValueError):
+    """A scene file that cannot be used; the message is one sentence."""
+
+
+class NoEquilibriumError(SceneError):
+    """A scene that is well formed but has no solution."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactTable:
+    """`[contact]`: the roller law and the single contact of `difftrb contact`."""
+
+    __pydantic_config__ = FILE_RULES
+
+    law: Literal["power", "liu2018", "palmgren"] = "power"
+    design_load: DesignLoad = 6500.0
+    accuracy: Accuracy = 1e-3
+    load: Annotated[float, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
+    offset: Annotated[float, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class StiffnessTable:
+    """`[stiffness]`: which stiffness, and where the rollers stand."""
+
+    __pydantic_config__ = FILE_RULES
+
+    definition: Definition = "tangent"
+    phase: Phase = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneFile:
+    """A whole scene file, table by table."""
+
+    __pydantic_config__ = FILE_RULES
+
+    bearing: TaperedBearing
+    load: Load
+    spall: tuple[Spall, ...] = ()
+    contact: ContactTable = ContactTable()
+    stiffness: StiffnessTable = StiffnessTable()
+
+    def scene(self) -> Scene:
+        """The scene this file describes."""
+        return Scene(
+            bearing=self.bearing,
+            load=self.load,
+            spalls=self.spall,
+            law=self.contact.law,
+            design_load=self.contact.design_load,
+            accuracy=self.contact.accuracy,
+            definition=self.stiffness.definition,
+            phase=self.stiffness.phase,
+        )
+
+    def line_contact(self) -> LineContact:
+        """The contact of one roller: with the inner raceway if the first spall lies there, else with the outer."""
+        inner = bool(self.spall) and self.spall[0].surface == "inner"
+        return LineContact.of(self.bearing, "inner" if inner else "outer", self.contact.design_load)
+
+    def solve_contact(self) -> ContactSolution:
+        """The single contact of `difftrb contact`: the first spall under a roller with `contact.load`."""
+        spall = self.spall[0] if self.spall else None
+        return solve_contact(self.line_contact(), self.contact.load, spall, self.contact.offset, self.contact.accuracy)
+
+
+def contact_under_spall(file: SceneFile, solution: Solution) -> ContactSolution:
+    """The contact of the roller nearest to the first spall (of the most loaded roller if there is none, or it is clear
+    of the raceway), with the load and the offset it has in `solution`."""
+    spall = file.spall[0] if file.spall else None
+    nearest = int(jnp.argmax(solution.loads))
+    offset = 0.0
+    if spall is not None:
+        away = jnp.mod(spall.angle - solution.angles + jnp.pi, 2.0 * jnp.pi) - jnp.pi
+        candidate = int(jnp.argmin(jnp.abs(away)))
+        if float(solution.loads[candidate]) > 0.0:
+            nearest = candidate
+        offset = float(away[nearest] * geometry.arc_radius(file.bearing))
+    contact = LineContact.of(file.bearing, "outer", file.contact.design_load)
+    return solve_contact(contact, solution.loads[nearest], spall, offset, file.contact.accuracy)
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read a scene file; `SceneError` (a ValueError) says in one sentence what is wrong with it."""
+    file = read(path)
+    check_ring(file, path)
+    return file.scene()
+
+
+def example(name: str = "spall") -> str:
+    """The text of a packaged scene; `SceneError` lists the names there are."""
+    if name not in example_names():
+        raise SceneError(f"no example named {name!r}; there are {', '.join(example_names())}")
+    return (resources.files("difftrb") / "scenes" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def example_names() -> list[str]:
+    """Names of the packaged scenes."""
+    folder = resources.files("difftrb") / "scenes"
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def read(path: str | Path) -> SceneFile:
+    """Read and check a scene file, table by table and across tables; raises `SceneError`."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise SceneError(f"{path}: there is no such file") from None
+    except IsADirectoryError:
+        raise SceneError(f"{path}: is a directory, not a scene file") from None
+    except UnicodeDecodeError:
+        raise SceneError(f"{path}: is not a text file in UTF-8") from None
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read ({error.strerror})") from None
+    return parse(text, path)
+
+
+def parse(text: str, path: str | Path = "scene") -> SceneFile:
+    """Check the text of a scene file; `path` names it in errors. Raises `SceneError`."""
+    try:
+        content: dict[str, Any] = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{path}: is not TOML: {error}") from None
+    _not_yet(content, path)
+    if isinstance(content.get("bearing"), str):
+        name = content["bearing"]
+        if name not in geometry.NAMED_BEARINGS:
+            known = ", ".join(geometry.NAMED_BEARINGS)
+            raise SceneError(f"{path}: bearing = {name!r} is unknown; use {known} or a [bearing] table")
+        content["bearing"] = dataclasses.asdict(geometry.bearing(name))
+    if isinstance(content.get("spall"), dict):
+        raise SceneError(f"{path}: [spall] is a list of tables; write [[spall]]")
+    try:  # as JSON, where strictness still lets a table become a dataclass and a list a tuple
+        file = TypeAdapter(SceneFile).validate_json(json.dumps(content, default=str))
+    except ValidationError as error:
+        worst = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY)  # a misspelt key explains a missing one
+        raise SceneError(f"{path}: {_sentence(worst)}") from None
+    _across(file, path)
+    return file
+
+
+def _not_yet(content: dict[str, Any], path: str | Path) -> None:
+    """Refuse, by name, what this version does not have."""
+    contact, stiffness = content.get("contact"), content.get("stiffness")
+    law = contact.get("law") if isinstance(contact, dict) else None
+    if isinstance(law, str) and law not in laws.NAMES:
+        raise SceneError(f"{path}: contact.{laws.unknown(law)}")
+    if isinstance(stiffness, dict) and stiffness.get("phase") == "mean":
+        raise SceneError(f"{path}: stiffness.phase = 'mean' is not available in this version; give an angle [rad]")
+    effects = content.pop("effects", {})
+    if effects:
+        keys = ", ".join(f"effects.{key}" for key in effects) if isinstance(effects, dict) else "effects"
+        raise SceneError(f"{path}: {keys}: this version has no effects beyond the plain ring; leave [effects] out")
+
+
+def _across(file: SceneFile, path: str | Path) -> None:
+    """What one key alone cannot tell."""
+    bearing = file.bearing
+    if bearing.roller_large_diameter <= bearing.roller_small_diameter:
+        raise SceneError(
+            f"{path}: bearing.roller_large_diameter = {bearing.roller_large_diameter:g} must be larger than "
+            f"bearing.roller_small_diameter = {bearing.roller_small_diameter:g} mm"
+        )
+    apex = bearing.inner_angle + 2.0 * bearing.roller_angle
+    if abs(apex - bearing.outer_angle) > 0.02 * bearing.outer_angle:
+        raise SceneError(
+            f"{path}: bearing.outer_angle = {bearing.outer_angle:g} must be inner_angle + 2 roller_angle = {apex:g} rad "
+            "within 2 %, so that all cones share one apex"
+        )
+    taper = (bearing.roller_large_diameter - bearing.roller_small_diameter) / (2.0 * bearing.roller_length)
+    if abs(taper - bearing.roller_angle) > 0.05 * bearing.roller_angle:
+        raise SceneError(
+            f"{path}: bearing.roller_angle = {bearing.roller_angle:g} does not fit the roller's diameters and length, "
+            f"which give {taper:.4g} rad; they must agree within 5 %"
+        )
+    for i, spall in enumerate(file.spall):
+        if spall.length > bearing.roller_length:
+            raise SceneError(
+                f"{path}: spall.{i}.length = {spall.length:g}: must be at most the roller's length, "
+                f"{bearing.roller_length:g} mm"
+            )
+
+
+def check_ring(file: SceneFile, path: str | Path) -> None:
+    """Refuse what the contact alone could do but the ring cannot; raises `SceneError`."""
+    if file.contact.law == "liu2018" and file.bearing != geometry.bearing("32008J"):
+        raise SceneError(f"{path}: contact.law = 'liu2018' holds for the bearing 32008J only; use 'power'")
+    longest = {"power": laws.LENGTH_SHARE * file.bearing.roller_length, "liu2018": laws.TABLE_2[-1, 0],
+               "palmgren": 0.99 * file.bearing.roller_length}[file.contact.law]  # fmt: skip
+    for i, spall in enumerate(file.spall):
+        if spall.surface != "outer":
+            raise SceneError(
+                f"{path}: spall.{i}.surface = {spall.surface!r}: the ring of this version takes spalls on the 'outer' "
+                "raceway; `difftrb contact` takes all"
+            )
+        if spall.length > longest * (1.0 + 1e-12):
+            raise SceneError(
+                f"{path}: spall.{i}.length = {spall.length:g}: contact.law = {file.contact.law!r} knows 0 … {longest:g} mm; "
+                "shorten the spall or choose another law"
+            )
+    needed = float(needed_axial(file.bearing, file.load.radial, file.stiffness.phase))
+    if file.load.axial <= needed * (1.0 + 1e-6) or file.load.axial == 0.0:
+        raise NoEquilibriumError(
+            f"{path}: load.axial = {file.load.axial:g} N is too small for an equilibrium: with load.radial = "
+            f"{file.load.radial:g} N it must exceed {needed:.6g} N (about radial × tan(outer_angle))"
+        )
+
+
+# ------------------------------------------------------------------------------------------------ sentences
+
+
+def _sentence(error: Any) -> str:
+    """One pydantic error as a sentence: key, value, allowed range, what to do."""
+    where = [part for part in error["loc"] if isinstance(part, int) or not part[:1].isupper()]
+    key = ".".join(str(part) for part in where)
+    if error["type"] in UNKNOWN_KEY:
+        known = [f.name for f in dataclasses.fields(_owner(where[:-1]))]
+        close = difflib.get_close_matches(str(where[-1]), known, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
+        return f"{key} is not a known key; {hint}"
+    allowed = _allowed(where)
+    if key == "bearing":
+        allowed = f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a [bearing] table"
+    if error["type"] == "missing":
+        return f"{key} is missing: give {allowed}"
+    return f"{key} = {error['input']!r}: must be {allowed}"
+
+
+def _owner(where: Iterable[str | int]) -> type:
+    """The dataclass in which the key at `where` lives."""
+    owner: Any = SceneFile
+    for part in where:
+        if isinstance(part, int):
+            owner = get_args(owner)[0]
+        else:
+            owner = get_type_hints(owner)[part]
+    return owner
+
+
+def _allowed(where: list[str | int]) -> str:
+    """What a key takes, in words, from its annotation."""
+    hint = get_type_hints(_owner(where[:-1]), include_extras=True)[str(where[-1])] if isinstance(where[-1], str) else None
+    if get_origin(hint) in (Union, types.UnionType):
+        hint = next(h for h in get_args(hint) if h is not type(None))
+    if get_origin(hint) is Literal:
+        return "one of " + ", ".join(repr(v) for v in get_args(hint))
+    if get_origin(hint) is not Annotated:
+        return "a table"
+    kind, *metadata = get_args(hint)
+    unit = next((f" {m.unit}" for m in metadata if isinstance(m, Unit)), "")
+    limits = next(m for m in metadata if isinstance(m, Interval))
+    word = "a whole number" if kind is int else "a number"
+    return f"{word} in {limits.ge:g} … {limits.le:g}{unit}"
