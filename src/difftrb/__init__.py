@@ -1,18 +1,43 @@
 """difftrb: a differentiable model of a tapered roller bearing with natural spalls.
 
 N, mm, MPa and rad throughout. Float64 is needed: `jax.config.update("jax_enable_x64", True)`.
+
+Names are imported when first used, so that the command line can set up JAX before anything loads it.
 """
 
-from difftrb.contact import ContactSolution, approach_slopes, solve_contact
-from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
-from difftrb.law import PowerLaw, liu2018, power_law
-from difftrb.ring import Load
-from difftrb.scene import Assessment, Scene, Solution, assess, healthy, prepare, solve
-from difftrb.scenefile import SceneError, load_scene
-from difftrb.status import SolveError
+from __future__ import annotations
 
-__all__ = [
-    "Assessment", "ContactSolution", "LineContact", "Load", "PowerLaw", "Scene", "SceneError", "Solution", "SolveError",
-    "Spall", "TaperedBearing", "approach_slopes", "assess", "bearing", "healthy", "liu2018", "load_scene", "power_law",
-    "prepare", "solve", "solve_contact",
-]  # fmt: skip
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from difftrb.contact import ContactSolution, approach_slopes, solve_contact
+    from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
+    from difftrb.law import PowerLaw, liu2018, power_law
+    from difftrb.ring import Load
+    from difftrb.scene import Assessment, Scene, Solution, assess, healthy, prepare, solve
+    from difftrb.scenefile import SceneError, load_scene
+    from difftrb.status import SolveError
+
+_HOMES = {
+    "contact": ("ContactSolution", "approach_slopes", "solve_contact"),
+    "geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
+    "law": ("PowerLaw", "liu2018", "power_law"),
+    "ring": ("Load",),
+    "scene": ("Assessment", "Scene", "Solution", "assess", "healthy", "prepare", "solve"),
+    "scenefile": ("SceneError", "load_scene"),
+    "status": ("SolveError",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = sorted(_HOME_OF)  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'difftrb' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"difftrb.{_HOME_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -121,7 +121,7 @@ def _run(options: Any) -> int:
         from difftrb import plot
 
         plot.save(plot.load_distribution(result, scene), folder, "load_distribution")
-        plot.save(plot.stiffness_bars(result, scene), folder, "stiffness")
+        plot.save(plot.stiffness_bars(result, scene)[0], folder, "stiffness")
         pressed = scenefile.contact_under_spall(file, result.spalled)
         plot.save(plot.pressure_map(pressed), folder, "pressure")
 
@@ -192,7 +192,7 @@ def _deliver(options: Any, record: dict[str, Any], text: Callable[[], Any], figu
     else:
         from rich.console import Console
 
-        console = Console()
+        console = Console(markup=False, highlight=False)
         console.print(text())
         if options.out is not None:
             console.print(f"written to {options.out}: {', '.join(sorted(p.name for p in options.out.iterdir()))}")

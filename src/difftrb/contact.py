@@ -35,7 +35,7 @@ RESOLUTIONS = {1e-2: Resolution(16, 12, 6), 1e-3: Resolution(32, 20, 8), 1e-4: R
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=[
-        "approach", "force", "cells", "load", "offset", "gap", "contact_width", "loaded_fraction", "residual",
+        "approach", "force", "cells", "load", "spall", "offset", "gap", "contact_width", "loaded_fraction", "residual",
         "iterations", "status_code",
     ],
     meta_fields=["accuracy"],
@@ -48,7 +48,7 @@ class ContactSolution:
       approach: δ of the two bodies, contact alone [mm].
       force: of every cell [N], shape (rows, columns); a mirrored cell counts both halves.
       cells: the grid: `cells.x`, `cells.y` centres [mm].
-      load: [N]. offset: of the spall's centre [mm]. gap: initial gap [mm], shape of `force`.
+      load: [N]. spall, offset: what was given. gap: initial gap [mm], shape of `force`.
       contact_width: longest extent of the loaded cells in the rolling direction [mm].
       loaded_fraction: share of the roller's length on which some cell is loaded [-].
       residual: largest violation of the contact conditions, relative to the approach.
@@ -61,6 +61,7 @@ class ContactSolution:
     force: jax.Array
     cells: Cells
     load: jax.Array
+    spall: Spall | None
     offset: jax.Array
     gap: jax.Array
     contact_width: jax.Array
@@ -197,7 +198,7 @@ def _solve(
     width = extent + cells.pitch
     fraction = jnp.sum(jnp.where(jnp.any(loaded, axis=1), cells.area, 0.0)) / (cells.pitch * contact.length)
     return ContactSolution(
-        approach, force, cells, load, offset, gap, jax.lax.stop_gradient(width), jax.lax.stop_gradient(fraction),
+        approach, force, cells, load, spall, offset, gap, jax.lax.stop_gradient(width), jax.lax.stop_gradient(fraction),
         residual, iterations.astype(int), code, accuracy,
     )  # fmt: skip
 
@@ -238,27 +239,29 @@ def fitted_cells(
     pitch, x = halfspace.lattice(
         reach_x, resolution.columns, offset - 0.5 * spall.width, offset + 0.5 * spall.width
     )
-    sliver = 1e-4 * reach_y  # no segment of the grid is thinner
+    sliver = 2e-3 * reach_y  # no segment of the grid is thinner
     high = jnp.clip(spall.axial_offset + 0.5 * spall.length, -reach_y + 2.0 * sliver, reach_y - sliver)
     if mirrored:
         edge = jnp.maximum(high, sliver)
-        land = halfspace.graded(edge, reach_y, resolution.land, at_start=True, at_end=True)
-        land = _beyond_edge(land)
+        land = _beyond_edge(halfspace.graded(edge, reach_y, resolution.land, at_start=True, at_end=True), edge)
         hollow = halfspace.graded(jnp.zeros(()), land[0], resolution.spall, at_start=False, at_end=True)
         lines = jnp.concatenate([hollow, land[1:]])
     else:
         low = jnp.clip(spall.axial_offset - 0.5 * spall.length, -reach_y + sliver, high - sliver)
-        upper = _beyond_edge(halfspace.graded(high, reach_y, resolution.land, at_start=True, at_end=True))
-        lower = -_beyond_edge(halfspace.graded(-low, reach_y, resolution.land, at_start=True, at_end=True))[::-1]
+        upper = halfspace.graded(high, reach_y, resolution.land, at_start=True, at_end=True)
+        lower = halfspace.graded(-low, reach_y, resolution.land, at_start=True, at_end=True)
+        upper, lower = _beyond_edge(upper, 0.5 * (high - low)), -_beyond_edge(lower, 0.5 * (high - low))[::-1]
         hollow = halfspace.graded(lower[-1], upper[0], 2 * resolution.spall, at_start=True, at_end=True)
         lines = jnp.concatenate([lower, hollow[1:-1], upper])
-    unresolved = (spall.width < pitch * 0.999) & (jnp.abs(offset) < reach_x)
+    inside = jnp.abs(offset) + 0.5 * spall.width < reach_x
+    unresolved = inside & (spall.width < 2.0 * reach_x / resolution.columns)
     return Cells(pitch, x, lines, mirrored), jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED)
 
 
-def _beyond_edge(land: jax.Array) -> jax.Array:
-    """Land lines with the first one drawn into the spall, where the discrete edge acts as the true one."""
-    return land.at[0].add(-halfspace.EDGE_SHIFT * (land[1] - land[0]))
+def _beyond_edge(land: jax.Array, room: jax.Array) -> jax.Array:
+    """Land lines with the first one drawn into the spall, where the discrete edge acts as the true one; by at most
+    half the `room` [mm] that there is."""
+    return land.at[0].add(-jnp.minimum(halfspace.EDGE_SHIFT * (land[1] - land[0]), 0.5 * room))
 
 
 def domain(contact: LineContact, load: jax.Array, spall: Spall | None) -> tuple[jax.Array, jax.Array]:
@@ -271,26 +274,30 @@ def domain(contact: LineContact, load: jax.Array, spall: Spall | None) -> tuple[
     modulus, length = contact.modulus, contact.length
     half_width = hertz.line_half_width(load / length, contact.radius, modulus)
     slice_stiffness = jnp.pi * modulus / (2.0 * jnp.log(2.0 * length / half_width) + 1.0)  # long cylinder
-    edge = 0.0 if spall is None else jnp.minimum(0.5 * spall.length, 0.499 * length)
-    if spall is not None:  # the longer land, should the spall lie off the middle
-        edge = jnp.maximum(edge - jnp.abs(spall.axial_offset), 0.0)
+    half = 0.5 * length
+    low = high = jnp.zeros(())
+    if spall is not None:
+        low, high = (jnp.clip(spall.axial_offset + side * 0.5 * spall.length, -half, half) for side in (-1.0, 1.0))
     s = (jnp.arange(64) + 0.5) / 64.0
-    y = edge + (0.5 * length - edge) * s**3
-    weight = 2.0 * (0.5 * length - edge) * 3.0 * s**2 / 64.0
-    crown = gaps.crown_at(y, contact)
+    land = jnp.maximum(jnp.stack([half - high, low + half]), 1e-3 * half)  # beyond the spall, on either side
+    y = jnp.stack([high, -low])[:, None] + land[:, None] * (s**3)[None, :]
+    weight = land[:, None] * (3.0 * s**2 / 64.0)[None, :]
+    crown = gaps.crown_at(jnp.minimum(jnp.abs(y), half * (1.0 - 1e-9)), contact)
 
     def newton(_: int, delta: jax.Array) -> jax.Array:
         pressed = delta > crown
         carried = jnp.sum(jnp.where(pressed, weight * (delta - crown), 0.0))
         slope = jnp.sum(jnp.where(pressed, weight, 0.0))
-        return delta - (carried - load / slice_stiffness) / jnp.maximum(slope, weight[0])
+        return delta - (carried - load / slice_stiffness) / jnp.maximum(slope, jnp.min(weight))
 
-    start = load / slice_stiffness / jnp.sum(weight) + crown[-1]
+    start = load / slice_stiffness / jnp.sum(weight) + jnp.max(crown)
     delta = 1.15 * jax.lax.fori_loop(0, 30, newton, start)
     scale = gaps.crown_scale(contact)
     unloaded = jnp.where(scale > 0.0, jnp.exp(-delta / jnp.where(scale > 0.0, scale, 1.0)), 0.0)
-    reach_y = 0.5 * length * jnp.sqrt(1.0 - unloaded)
+    reach_y = half * jnp.sqrt(1.0 - unloaded)
     certain = jnp.sqrt(2.0 * contact.radius * delta)  # beyond it the gap exceeds the approach
     slenderness = jnp.maximum(2.0 * jnp.log(4.0 * reach_y / certain) + 1.0, 3.0)
-    widest = 1.75 * jnp.sqrt(4.0 * contact.radius * delta / slenderness)  # slices, and a margin for edge peaks
+    # slices, and a margin for the peaks at spall edges and, where the crown no longer relieves them, at roller ends
+    margin = 1.75 + 2.0 * jnp.clip((delta / 100.0 - scale) / (scale + 1e-12 * delta), 0.0, 1.0)
+    widest = margin * jnp.sqrt(4.0 * contact.radius * delta / slenderness)
     return jnp.minimum(certain, widest), reach_y

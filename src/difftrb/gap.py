@@ -29,7 +29,7 @@ def crown_scale(contact: LineContact) -> Real:
 def crown_at(y: jax.Array, contact: LineContact) -> jax.Array:
     """Logarithmic crown at positions `y` [mm] along the roller; infinite at the roller's ends unless straight."""
     t = 2.0 * y / contact.length
-    inside = jnp.abs(t) < 1.0
+    inside = jnp.abs(t) < 1.0 - 1e-12
     inner = -crown_scale(contact) * jnp.log1p(-jnp.where(inside, t * t, 0.0))  # Liu et al. 2018, eq. (2)
     return jnp.where(inside, inner, jnp.inf)
 

@@ -13,8 +13,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from difftrb.contact import ContactSolution
+from difftrb.geometry import arc_radius
 from difftrb.scene import Assessment, Scene
 
 HEALTHY, SPALLED, ACCENT = "#4477AA", "#EE6677", "#BBBBBB"  # colour-blind safe (Tol, bright)
@@ -36,20 +38,18 @@ def load_distribution(result: Assessment, scene: Scene, ax: Any = None) -> Any:
         ax.plot(closed, np.append(loads, loads[0]), style, marker=marker, ms=4, lw=1.2, color=colour, label=label)
     top = float(max(np.nanmax(np.asarray(s.loads)) for s, *_ in curves)) / 1e3
     for i, spall in enumerate(scene.spalls):
-        from difftrb.geometry import arc_radius
-
         half = 0.5 * float(spall.width) / float(arc_radius(scene.bearing))
         label = "spall" if i == 0 else None
         ax.bar(float(spall.angle), 1.15 * top, width=2.0 * half, color=ACCENT, alpha=0.5, zorder=0, label=label)
     ax.set_ylim(0.0, 1.15 * top)
-    ax.set_rlabel_position(135)
+    ax.set_rlabel_position(112.5)
     ax.set_title(f"Roller load [kN], radial {scene.load.radial:g} N, axial {scene.load.axial:g} N", pad=14)
     ax.legend(loc="lower left", bbox_to_anchor=(-0.12, -0.12), frameon=False)
     return ax
 
 
 def pressure_map(solution: ContactSolution, ax: Axes | None = None) -> Axes:
-    """Contact pressure over the roller's length and the rolling direction, relative to the healthy-like median peak.
+    """Contact pressure over the roller's length and the rolling direction.
 
     The colour scale ends at the 99.5th percentile of loaded cells, because cells at a sharp edge have no finite limit.
     """
@@ -68,32 +68,33 @@ def pressure_map(solution: ContactSolution, ax: Axes | None = None) -> Axes:
     figure = ax.figure
     assert isinstance(figure, Figure)
     figure.colorbar(mesh, ax=ax, label="pressure [MPa]", extend="max")
+    spall = solution.spall
+    if spall is not None:
+        corner = (float(spall.axial_offset - 0.5 * spall.length), float(solution.offset - 0.5 * spall.width))
+        outline = {"facecolor": ACCENT, "alpha": 0.35, "edgecolor": "black", "linestyle": "--", "label": "spall"}
+        ax.add_patch(Rectangle(corner, float(spall.length), float(spall.width), zorder=0, **outline))
+        ax.legend(loc="upper right", frameon=False)
+    rows, columns = loaded.any(axis=1), loaded.any(axis=0)
+    reach = 1.3 * np.max(np.abs(np.asarray(cells.x)[columns])) if columns.any() else float(x_lines[-1])
+    ax.set_xlim(lines[:-1][rows].min() - 0.3, lines[1:][rows].max() + 0.3)
+    ax.set_ylim(-reach, reach)
     ax.set_xlabel("along the roller, y [mm]")
     ax.set_ylabel("rolling direction, x [mm]")
     ax.set_title(f"Contact pressure, roller load {float(solution.load):.0f} N, approach {1e3 * solution.approach:.3f} µm")
     return ax
 
 
-def stiffness_bars(result: Assessment, scene: Scene, ax: Axes | None = None) -> Axes:
-    """Radial and axial stiffness, healthy and spalled, with the loss in percent."""
-    if ax is None:
-        _, ax = plt.subplots(figsize=(4.6, 3.6), layout="constrained")
-    place = np.arange(2)
-    for shift, solution, colour, label in (
-        (-0.2, result.healthy, HEALTHY, "healthy"),
-        (0.2, result.spalled, SPALLED, "with spall"),
-    ):
-        values = np.array([float(solution.radial_stiffness), float(solution.axial_stiffness)]) / 1e3
-        bars = ax.bar(place + shift, values, width=0.4, color=colour, label=label)
-        ax.bar_label(bars, fmt="%.4g", padding=2, fontsize=8)
-    top = ax.get_ylim()[1]
-    for x, loss in zip(place, np.asarray(result.loss), strict=True):
-        ax.text(x, 1.1 * top, f"loss {loss:.2f} %" if np.isfinite(loss) else "", ha="center", va="top")
-    ax.set_ylim(0.0, 1.12 * top)
-    ax.set_xticks(place, ["radial", "axial"])
-    ax.set_ylabel(f"{scene.definition} stiffness [kN/mm]")
-    ax.legend(frameon=False, loc="center left")
-    return ax
+def stiffness_bars(result: Assessment, scene: Scene) -> tuple[Any, Any]:
+    """Radial and axial stiffness, healthy and spalled, with the loss in percent; two Axes side by side."""
+    _, axes = plt.subplots(1, 2, figsize=(6.0, 3.6), layout="constrained")
+    for ax, name, loss in zip(axes, ("radial", "axial"), np.asarray(result.loss), strict=True):
+        values = [float(getattr(s, f"{name}_stiffness")) / 1e3 for s in (result.healthy, result.spalled)]
+        bars = ax.bar(["healthy", "with spall"], values, width=0.6, color=[HEALTHY, SPALLED])
+        ax.bar_label(bars, fmt="%.4g", padding=2)
+        ax.set_title(f"{name}: loss {loss:.2f} %")
+        ax.margins(y=0.12)
+    axes[0].set_ylabel(f"{scene.definition} stiffness [kN/mm]")
+    return axes[0], axes[1]
 
 
 def save(ax: Any, folder: Path, name: str) -> None:
