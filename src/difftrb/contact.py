@@ -268,9 +268,9 @@ def domain(contact: LineContact, load: jax.Array, spall: Spall | None) -> tuple[
     """Half extents of the solution domain in x and y [mm]: where the gap is less than an upper estimate of δ.
 
     The estimate is a foundation of independent slices, each with the stiffness of a long line contact, of which the
-    spall carries nothing. Extents have no derivative: they choose cells, not physics.
+    spall carries nothing. Extents are differentiated like everything else: the grid breathes with the contact, so the
+    free boundary keeps its place among the cells and derivatives by load and radius do not ripple.
     """
-    contact, load, spall = jax.lax.stop_gradient((contact, load, spall))
     modulus, length = contact.modulus, contact.length
     half_width = hertz.line_half_width(load / length, contact.radius, modulus)
     slice_stiffness = jnp.pi * modulus / (2.0 * jnp.log(2.0 * length / half_width) + 1.0)  # long cylinder
@@ -291,7 +291,8 @@ def domain(contact: LineContact, load: jax.Array, spall: Spall | None) -> tuple[
         return delta - (carried - load / slice_stiffness) / jnp.maximum(slope, jnp.min(weight))
 
     start = load / slice_stiffness / jnp.sum(weight) + jnp.max(crown)
-    delta = 1.15 * jax.lax.fori_loop(0, 30, newton, start)
+    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, 30, newton, start))
+    delta = 1.15 * newton(0, found)  # one step from the solution carries its derivatives
     scale = gaps.crown_scale(contact)
     unloaded = jnp.where(scale > 0.0, jnp.exp(-delta / jnp.where(scale > 0.0, scale, 1.0)), 0.0)
     reach_y = half * jnp.sqrt(1.0 - unloaded)

@@ -110,11 +110,17 @@ def largest_load(bearing: TaperedBearing, load: Load) -> Real:
 
 
 def equilibrium(
-    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], roller_law: Law, phase: Real
+    bearing: TaperedBearing,
+    load: Load,
+    spalls: tuple[Spall, ...],
+    roller_law: Law,
+    phase: Real,
+    interference: Real = 0.0,
 ) -> Equilibrium:
     """The ring's rest position under `load`, its roller loads and tangent stiffness.
 
-    `phase` is the angle of roller 0 from the load line [rad]. Differentiable by everything, forward and reverse, at
+    `phase` is the angle of roller 0 from the load line [rad]; `interference` what every roller is too thick, added to
+    its approach [mm], one number or shape (rollers,). Differentiable by everything, forward and reverse, at
     the solution. Where there is no equilibrium the numbers are NaN and the status says so.
     """
     angles = roller_angles(bearing, phase)
@@ -126,8 +132,10 @@ def equilibrium(
     safe = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
 
     known = jnp.asarray(roller_law.longest) >= jnp.max(lengths)
-    u, residual, iterations = _rest(normals, lengths, roller_law, safe)
-    approach = _dot(normals, u)
+    extra = jnp.broadcast_to(interference, angles.shape)
+    parameters = (normals, lengths, extra, roller_law, safe)
+    u, (residual, iterations) = implicit.root(_unbalanced, _newton, parameters)
+    approach = _dot(normals, u) + extra
     loads = law.load(roller_law, approach, lengths)
     slopes = law.stiffness(roller_law, approach, lengths)
     tangent = _dot(normals.T * slopes[None, :], normals)
@@ -151,34 +159,33 @@ def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
     return jnp.matmul(a, b, precision=jax.lax.Precision.HIGHEST)
 
 
-def _rest(
-    normals: jax.Array, lengths: jax.Array, roller_law: Law, force: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Displacement at rest [mm], residual and iterations."""
-    parameters = (normals, lengths, roller_law, force)
-    u, (residual, iterations) = implicit.root(_unbalanced, _newton, parameters)
-    return u, residual, iterations
+Parameters = tuple[jax.Array, jax.Array, jax.Array, Law, jax.Array]
+"""Normals, spall lengths, interferences, law and force."""
 
 
-def _unbalanced(u: jax.Array, parameters: tuple[jax.Array, jax.Array, Law, jax.Array]) -> jax.Array:
+def _unbalanced(u: jax.Array, parameters: Parameters) -> jax.Array:
     """Force left over at displacement u, relative to the load, shape (3,)."""
-    normals, lengths, roller_law, force = parameters
-    loads = law.load(roller_law, _dot(normals, u), lengths)
+    normals, lengths, extra, roller_law, force = parameters
+    loads = law.load(roller_law, _dot(normals, u) + extra, lengths)
     return (_dot(normals.T, loads) - force) / jnp.linalg.norm(jax.lax.stop_gradient(force))  # Liu et al. 2018, eq. (5)
 
 
-def _newton(parameters: tuple[jax.Array, jax.Array, Law, jax.Array]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-    """Newton's method; a step that does not reduce the unbalanced force is retaken shorter (Levenberg)."""
-    normals, lengths, roller_law, force = parameters
+def _newton(parameters: Parameters) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    """Newton's method on a convex energy, of which the unbalanced force is the gradient.
+
+    A step p is taken unless it climbs again steeply at its end (force·p), else retaken shorter, by damping.
+    """
+    normals, lengths, _, roller_law, force = parameters
 
     def system(u: jax.Array) -> tuple[jax.Array, jax.Array]:
         return _unbalanced(u, parameters), jax.jacfwd(_unbalanced)(u, parameters)
 
     def step(state):
         u, r, J, damping, k = state
-        trial = u - jnp.linalg.solve(J + damping * jnp.trace(J) * jnp.eye(3), r)
+        p = -jnp.linalg.solve(J + damping * jnp.trace(J) * jnp.eye(3), r)
+        trial = u + p
         r_new, J_new = system(trial)
-        better = jnp.linalg.norm(r_new) < jnp.linalg.norm(r)
+        better = jnp.vdot(r_new, p) <= 0.5 * jnp.abs(jnp.vdot(r, p))
         relaxed, stiffened = jnp.where(damping > 1e-9, 0.1 * damping, 0.0), jnp.maximum(10.0 * damping, 1e-4)
         u, r, J = (jnp.where(better, new, old) for new, old in ((trial, u), (r_new, r), (J_new, J)))
         return u, r, J, jnp.where(better, relaxed, stiffened), k + 1
@@ -187,7 +194,7 @@ def _newton(parameters: tuple[jax.Array, jax.Array, Law, jax.Array]) -> tuple[ja
         _, r, _, damping, k = state
         return (jnp.max(jnp.abs(r)) > 0.01 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
 
-    # start with all rollers equally loaded, pressed as far as the mean load and the largest radial share ask
+    # start with all rollers equally loaded
     stiffness, exponent = roller_law.coefficients(jnp.zeros(()))
     axial = normals[0, 2]
     share = jnp.linalg.norm(force) / (lengths.shape[0] * axial)
