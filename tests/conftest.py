@@ -6,7 +6,7 @@ import pytest
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-import difftrb as trb
+import difftrb as trb  # noqa: E402
 
 
 @pytest.fixture(scope="session")

@@ -39,7 +39,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="difftrb", description="Load distribution and stiffness of a spalled tapered roller bearing, with gradients."
+        prog="difftrb",
+        description="Load distribution and stiffness of a spalled tapered roller bearing, with gradients.",
     )
     parser.add_argument("--no-cache", dest="cache", action="store_false", help="do not keep compiled programs on disk")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -56,7 +57,9 @@ def _parser() -> argparse.ArgumentParser:
         sub = command(name, function, text)
         sub.add_argument("scene", nargs="?", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
         sub.add_argument("--json", action="store_true", help="print one JSON object instead of text")
-        sub.add_argument("--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there")
+        sub.add_argument(
+            "--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there"
+        )
     sub = command("check", _check, "Check a scene file without computing anything.")
     sub.add_argument("scene", metavar="SCENE")
     sub = command("example", _example, "Print a packaged scene file; without a NAME, list them.")

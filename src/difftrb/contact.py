@@ -10,6 +10,7 @@ import dataclasses
 from functools import partial
 
 import jax
+import jax.core
 import jax.numpy as jnp
 
 from difftrb import gap as gaps
@@ -17,6 +18,7 @@ from difftrb import halfspace, hertz, status
 from difftrb.geometry import LineContact, Real, Spall
 from difftrb.halfspace import Cells
 from difftrb.press import TOLERANCE, press
+
 
 @dataclasses.dataclass(frozen=True)
 class Resolution:
@@ -118,10 +120,10 @@ def solve_contact(
       offset: of the spall's centre from the contact's, in the rolling direction [mm].
       accuracy: relative accuracy of the approach, 1e-2…1e-4; a smaller number costs time.
 
-    A spall whose `axial_offset` is 0, and not being traced, is solved on half the roller. Differentiable by every number in
-    `contact`, `spall`, `load` and `offset`, forward and reverse; `jit` and `vmap` as you like (`lax.map` is faster for
-    batches on a CPU). Raises ValueError for an accuracy out of range, SolveError without float64; everything else ends
-    as a status in the result.
+    A spall whose `axial_offset` is 0, and not being traced, is solved on half the roller. Differentiable by every
+    number in `contact`, `spall`, `load` and `offset`, forward and reverse; `jit` and `vmap` as you like (`lax.map` is
+    faster for batches on a CPU). Raises ValueError for an accuracy out of range, SolveError without float64;
+    everything else ends as a status in the result.
     """
     status.require_float64()
     resolution = resolution_for(accuracy)
@@ -147,7 +149,9 @@ def approach_slopes(
         return jax.grad(approach, argnums=(0, 1, 2, 3))(contact, load, spall, offset)
 
     status.require_float64()
-    by_contact, by_load, by_spall, by_offset = slopes(contact, jnp.asarray(load, float), spall, jnp.asarray(offset, float))
+    by_contact, by_load, by_spall, by_offset = slopes(
+        contact, jnp.asarray(load, float), spall, jnp.asarray(offset, float)
+    )
     there = by_spall is not None
     return {
         "load": by_load,
@@ -231,14 +235,13 @@ def fitted_cells(
     """Cells for one contact: they span where pressure can be, and have boundaries on the spall's edges."""
     reach_x, reach_y = domain(contact, load, spall)
     if spall is None:
-        pitch, x = halfspace.lattice(reach_x, resolution.columns, -jnp.inf, jnp.inf)
+        nowhere = jnp.asarray(jnp.inf)
+        pitch, x = halfspace.lattice(reach_x, resolution.columns, -nowhere, nowhere)
         half = halfspace.graded(jnp.zeros(()), reach_y, resolution.land, at_start=False, at_end=True)
         lines = half if mirrored else jnp.concatenate([-half[:0:-1], half])
         return Cells(pitch, x, lines, mirrored), jnp.asarray(status.CONVERGED)
 
-    pitch, x = halfspace.lattice(
-        reach_x, resolution.columns, offset - 0.5 * spall.width, offset + 0.5 * spall.width
-    )
+    pitch, x = halfspace.lattice(reach_x, resolution.columns, offset - 0.5 * spall.width, offset + 0.5 * spall.width)
     sliver = 2e-3 * reach_y  # no segment of the grid is thinner
     high = jnp.clip(spall.axial_offset + 0.5 * spall.length, -reach_y + 2.0 * sliver, reach_y - sliver)
     if mirrored:
@@ -271,28 +274,15 @@ def domain(contact: LineContact, load: jax.Array, spall: Spall | None) -> tuple[
     spall carries nothing. Extents are differentiated like everything else: the grid breathes with the contact, so the
     free boundary keeps its place among the cells and derivatives by load and radius do not ripple.
     """
-    modulus, length = contact.modulus, contact.length
-    half_width = hertz.line_half_width(load / length, contact.radius, modulus)
-    slice_stiffness = jnp.pi * modulus / (2.0 * jnp.log(2.0 * length / half_width) + 1.0)  # long cylinder
-    half = 0.5 * length
-    low = high = jnp.zeros(())
+    half = 0.5 * contact.length
+    half_width = hertz.line_half_width(load / contact.length, contact.radius, contact.modulus)
+    slice_stiffness = jnp.pi * contact.modulus / (2.0 * jnp.log(4.0 * half / half_width) + 1.0)  # long cylinder
+    needed = load / slice_stiffness
+    delta = _sunk(contact, needed, jnp.zeros(()), jnp.zeros(()))
     if spall is not None:
         low, high = (jnp.clip(spall.axial_offset + side * 0.5 * spall.length, -half, half) for side in (-1.0, 1.0))
-    s = (jnp.arange(64) + 0.5) / 64.0
-    land = jnp.maximum(jnp.stack([half - high, low + half]), 1e-3 * half)  # beyond the spall, on either side
-    y = jnp.stack([high, -low])[:, None] + land[:, None] * (s**3)[None, :]
-    weight = land[:, None] * (3.0 * s**2 / 64.0)[None, :]
-    crown = gaps.crown_at(jnp.minimum(jnp.abs(y), half * (1.0 - 1e-9)), contact)
-
-    def newton(_: int, delta: jax.Array) -> jax.Array:
-        pressed = delta > crown
-        carried = jnp.sum(jnp.where(pressed, weight * (delta - crown), 0.0))
-        slope = jnp.sum(jnp.where(pressed, weight, 0.0))
-        return delta - (carried - load / slice_stiffness) / jnp.maximum(slope, jnp.min(weight))
-
-    start = load / slice_stiffness / jnp.sum(weight) + jnp.max(crown)
-    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, 30, newton, start))
-    delta = 1.15 * newton(0, found)  # one step from the solution carries its derivatives
+        delta = jnp.minimum(_sunk(contact, needed, low, high), delta + spall.depth)  # at most down to its bottom
+    delta = 1.15 * delta
     scale = gaps.crown_scale(contact)
     unloaded = jnp.where(scale > 0.0, jnp.exp(-delta / jnp.where(scale > 0.0, scale, 1.0)), 0.0)
     reach_y = half * jnp.sqrt(1.0 - unloaded)
@@ -302,3 +292,23 @@ def domain(contact: LineContact, load: jax.Array, spall: Spall | None) -> tuple[
     margin = 1.75 + 2.0 * jnp.clip((delta / 100.0 - scale) / (scale + 1e-12 * delta), 0.0, 1.0)
     widest = margin * jnp.sqrt(4.0 * contact.radius * delta / slenderness)
     return jnp.minimum(certain, widest), reach_y
+
+
+def _sunk(contact: LineContact, needed: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
+    """The approach at which slices with unit stiffness, all but those between `low` and `high`, carry `needed`."""
+    half = 0.5 * contact.length
+    s = (jnp.arange(64) + 0.5) / 64.0
+    land = jnp.maximum(jnp.stack([half - high, low + half]), 1e-3 * half)
+    y = jnp.stack([high, -low])[:, None] + land[:, None] * (s**3)[None, :]
+    weight = land[:, None] * (3.0 * s**2 / 64.0)[None, :]
+    crown = gaps.crown_at(jnp.minimum(jnp.abs(y), half * (1.0 - 1e-9)), contact)
+
+    def newton(_: int, delta: jax.Array) -> jax.Array:
+        pressed = delta > crown
+        carried = jnp.sum(jnp.where(pressed, weight * (delta - crown), 0.0))
+        slope = jnp.sum(jnp.where(pressed, weight, 0.0))
+        return delta - (carried - needed) / jnp.maximum(slope, jnp.min(weight))
+
+    start = needed / jnp.sum(weight) + jnp.max(crown)
+    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, 30, newton, start))
+    return newton(0, found)  # one step from the solution carries its derivatives

@@ -7,14 +7,18 @@ tapered roller roll without slip. Lengths in mm, angles in rad, modulus in MPa, 
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 Raceway = Literal["outer", "inner"]
-Real = float | jax.Array
+if TYPE_CHECKING:
+    Real = float | jax.Array
+    """A number: a float when it comes from a file, an array or a tracer when computed with."""
+else:
+    Real = float  # what a file may hold
 
 FILE_RULES = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
 """How a dataclass is read from a file: unknown keys, numbers as text, NaN and infinity are refused."""
@@ -45,18 +49,18 @@ class TaperedBearing:
 
     __pydantic_config__ = FILE_RULES
 
-    roller_small_diameter: Annotated[float, Interval(ge=0.1, le=500.0), Unit("mm")]
-    roller_large_diameter: Annotated[float, Interval(ge=0.1, le=500.0), Unit("mm")]
-    roller_length: Annotated[float, Interval(ge=0.1, le=1000.0), Unit("mm")]
+    roller_small_diameter: Annotated[Real, Interval(ge=0.1, le=500.0), Unit("mm")]
+    roller_large_diameter: Annotated[Real, Interval(ge=0.1, le=500.0), Unit("mm")]
+    roller_length: Annotated[Real, Interval(ge=0.1, le=1000.0), Unit("mm")]
     rollers: Annotated[int, Interval(ge=3, le=400)] = dataclasses.field(metadata={"static": True})
-    outer_angle: Annotated[float, Interval(ge=0.01, le=1.5), Unit("rad")]
-    inner_angle: Annotated[float, Interval(ge=0.001, le=1.5), Unit("rad")]
-    roller_angle: Annotated[float, Interval(ge=0.001, le=0.5), Unit("rad")]
-    flange_angle: Annotated[float, Interval(ge=1.0, le=2.0), Unit("rad")]
-    modulus: Annotated[float, Interval(ge=1e3, le=1e6), Unit("N/mm²")] = 2.1e5
-    poisson: Annotated[float, Interval(ge=0.0, le=0.5)] = 0.278
-    density: Annotated[float, Interval(ge=1e-7, le=1e-4), Unit("kg/mm³")] = 7.85e-6
-    arc_radius: Annotated[float, Interval(ge=0.1, le=5000.0), Unit("mm")] | None = None
+    outer_angle: Annotated[Real, Interval(ge=0.01, le=1.5), Unit("rad")]
+    inner_angle: Annotated[Real, Interval(ge=0.001, le=1.5), Unit("rad")]
+    roller_angle: Annotated[Real, Interval(ge=0.001, le=0.5), Unit("rad")]
+    flange_angle: Annotated[Real, Interval(ge=1.0, le=2.0), Unit("rad")]
+    modulus: Annotated[Real, Interval(ge=1e3, le=1e6), Unit("N/mm²")] = 2.1e5
+    poisson: Annotated[Real, Interval(ge=0.0, le=0.5)] = 0.278
+    density: Annotated[Real, Interval(ge=1e-7, le=1e-4), Unit("kg/mm³")] = 7.85e-6
+    arc_radius: Annotated[Real, Interval(ge=0.1, le=5000.0), Unit("mm")] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,11 +78,11 @@ class Spall:
 
     __pydantic_config__ = FILE_RULES
 
-    length: Annotated[float, Interval(ge=0.01, le=1000.0), Unit("mm")]
-    width: Annotated[float, Interval(ge=0.01, le=1000.0), Unit("mm")]
-    depth: Annotated[float, Interval(ge=1e-6, le=10.0), Unit("mm")] = 0.2
-    angle: Annotated[float, Interval(ge=-6.2832, le=6.2832), Unit("rad")] = 0.0
-    axial_offset: Annotated[float, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
+    length: Annotated[Real, Interval(ge=0.01, le=1000.0), Unit("mm")]
+    width: Annotated[Real, Interval(ge=0.01, le=1000.0), Unit("mm")]
+    depth: Annotated[Real, Interval(ge=1e-6, le=10.0), Unit("mm")] = 0.2
+    angle: Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")] = 0.0
+    axial_offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
     surface: Literal["outer", "inner", "roller"] = dataclasses.field(default="outer", metadata={"static": True})
 
 
@@ -93,19 +97,19 @@ class LineContact:
       design_load: Q_d of the logarithmic crown [N], ≥ 0; 0 is a straight roller. Default 6500.
     """
 
-    radius: float
-    length: float
-    modulus: float
-    design_load: float = 6500.0
+    radius: Real
+    length: Real
+    modulus: Real
+    design_load: Real = 6500.0
 
     @classmethod
     def of(cls, bearing: TaperedBearing, raceway: Raceway = "outer", design_load: Real = 6500.0) -> LineContact:
         """The contact of `bearing`'s rollers with one raceway; `design_load` Q_d of the crown [N]."""
         return cls(
-            radius=equivalent_radius(bearing, raceway),  # type: ignore[arg-type]
+            radius=equivalent_radius(bearing, raceway),
             length=bearing.roller_length,
-            modulus=contact_modulus(bearing.modulus, bearing.poisson),  # type: ignore[arg-type]
-            design_load=design_load,  # type: ignore[arg-type]
+            modulus=contact_modulus(bearing.modulus, bearing.poisson),
+            design_load=design_load,
         )
 
 
@@ -181,7 +185,7 @@ def roller_mass(bearing: TaperedBearing) -> Real:
     return bearing.density * volume
 
 
-def roller_pitch(bearing: TaperedBearing) -> float:
+def roller_pitch(bearing: TaperedBearing) -> Real:
     """Angle between neighbouring rollers [rad]."""
     return 2.0 * jnp.pi / bearing.rollers
 

@@ -57,9 +57,9 @@ def pressed(
 ) -> Pressed:
     """Forces f ≥ 0 with Σf = load and approach δ with W f + gap = δ wherever f > 0.
 
-    `apply(operator, f)` is W f, W symmetric. `solver(guess, operator, gap, load)` returns (f, δ, residual, iterations), the
-    last two without derivative. `respond(operator, loaded, right)` returns (w, μ) with W w = right + μ on the loaded
-    cells, w = 0 elsewhere and Σw = 0 if `right` is not None, else W w = μ and Σw = 1.
+    `apply(operator, f)` is W f, W symmetric. `solver(guess, operator, gap, load)` returns (f, δ, residual, iterations),
+    the last two without derivative. `respond(operator, loaded, right)` returns (w, μ) with W w = right + μ on the
+    loaded cells, w = 0 elsewhere and Σw = 0 if `right` is not None, else W w = μ and Σw = 1.
 
     dδ/dθ needs one linear solve whatever the number of inputs: with v = ∂f/∂load and dr the change of W f + gap at
     fixed f, dδ = v·dr + (∂δ/∂load) dload.
@@ -92,4 +92,8 @@ def _pressed_jvp(apply: Callable, solver: Callable, respond: Callable, primals: 
 
 
 def _zero_tangent(leaf: jax.Array) -> Any:
-    return jnp.zeros(leaf.shape, jax.dtypes.float0) if not jnp.issubdtype(leaf.dtype, jnp.inexact) else jnp.zeros_like(leaf)
+    return (
+        jnp.zeros(leaf.shape, jax.dtypes.float0)
+        if not jnp.issubdtype(leaf.dtype, jnp.inexact)
+        else jnp.zeros_like(leaf)
+    )

@@ -131,9 +131,7 @@ def stiffness(law: Law, approach: jax.Array, spall_length: jax.Array) -> jax.Arr
     return jax.jvp(lambda d: load(law, d, spall_length), (approach,), (jnp.ones_like(approach),))[1]
 
 
-def named(
-    name: str, contact: LineContact, load_range: tuple[Real, Real], spall: Spall | None, accuracy: float
-) -> Law:
+def named(name: str, contact: LineContact, load_range: tuple[Real, Real], spall: Spall | None, accuracy: float) -> Law:
     """The law called `name`: "power" (fitted now: see `power_law`), "liu2018" or "palmgren"."""
     if name == "power":
         return power_law(contact, load_range, spall, accuracy)

@@ -80,7 +80,9 @@ def pressure_map(solution: ContactSolution, ax: Axes | None = None) -> Axes:
     ax.set_ylim(-reach, reach)
     ax.set_xlabel("along the roller, y [mm]")
     ax.set_ylabel("rolling direction, x [mm]")
-    ax.set_title(f"Contact pressure, roller load {float(solution.load):.0f} N, approach {1e3 * solution.approach:.3f} µm")
+    ax.set_title(
+        f"Contact pressure, roller load {float(solution.load):.0f} N, approach {1e3 * solution.approach:.3f} µm"
+    )
     return ax
 
 

@@ -152,9 +152,7 @@ def _exact(W: Influence, gap: jax.Array, force: jax.Array) -> tuple[jax.Array, j
     return new / jnp.sum(new), used + 1
 
 
-def _conjugate_gradient(
-    W: Influence, loaded: jax.Array, right: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _conjugate_gradient(W: Influence, loaded: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """(w, μ, iterations) with W w = right + μ on the loaded cells and Σw = 0: projected preconditioned CG."""
     inverse = jnp.where(loaded, 1.0 / W.diagonal, 0.0)
 

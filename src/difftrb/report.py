@@ -112,10 +112,12 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
     lines = [
         f"displacement: radial {u[0]:.3f} µm, lateral {u[1]:.3f} µm, axial {u[2]:.3f} µm",
         law_text(spalled.law, spalled.loads),
-        f"{spalled.status}; unbalanced force {spalled.residual:.1e} of the load after {spalled.iterations} Newton steps",
+        f"{spalled.status}; unbalanced force {spalled.residual:.1e} of the load after {spalled.iterations} steps",
     ]
     if scene.spalls:
-        lines.insert(2, "width: the window is hard, so stiffness changes with width only where a roller enters or leaves")
+        lines.insert(
+            2, "width: the window is hard, so stiffness changes with width only where a roller enters or leaves"
+        )
     return Group(stiffness, loads, *(Text(line) for line in lines))
 
 
@@ -139,7 +141,7 @@ def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> Renderabl
     table.add_row("peak pressure", f"{solution.peak_pressure:,.0f} MPa (a cell's mean; singular at a sharp edge)")
     table.add_row("contact width", f"{solution.contact_width:.4f} mm")
     table.add_row("loaded length", f"{100.0 * solution.loaded_fraction:.1f} % of the roller")
-    units = {"load": "N"} | {name: "mm" for name in CONTACT_INPUTS[1:5]} | {"design_load": "N"}
+    units = {"load": "N"} | dict.fromkeys(CONTACT_INPUTS[1:5], "mm") | {"design_load": "N"}
     derivatives = _table("Derivative of the approach")
     derivatives.add_column("by")
     derivatives.add_column("", justify="right")

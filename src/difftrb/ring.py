@@ -35,8 +35,8 @@ class Load:
 
     __pydantic_config__ = FILE_RULES
 
-    radial: Annotated[float, Interval(ge=0.0, le=1e7), Unit("N")]
-    axial: Annotated[float, Interval(ge=0.0, le=1e7), Unit("N")]
+    radial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
+    axial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
 
 
 @partial(

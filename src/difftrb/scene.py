@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -12,14 +12,14 @@ from annotated_types import Interval, Unit
 
 from difftrb import law as laws
 from difftrb import ring, status
-from difftrb.geometry import LineContact, Spall, TaperedBearing
+from difftrb.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.law import Law
 from difftrb.ring import Load
 
 Definition = Literal["tangent", "secant"]
-DesignLoad = Annotated[float, Interval(ge=0.0, le=1e7), Unit("N")]
+DesignLoad = Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
 Accuracy = Annotated[float, Interval(ge=1e-4, le=1e-2)]
-Phase = Annotated[float, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
+Phase = Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["name"])
@@ -132,7 +132,7 @@ def prepared_law(scene: Scene) -> Law:
     the first spall's width, depth and axial offset.
     """
     if not isinstance(scene.law, LawName):
-        return scene.law  # type: ignore[return-value]
+        return cast(Law, scene.law)
     largest = ring.largest_load(scene.bearing, scene.load)
     contact = LineContact.of(scene.bearing, "outer", scene.design_load)
     spall = scene.spalls[0] if scene.spalls else None
@@ -144,7 +144,9 @@ def prepare(scene: Scene) -> Scene:
     status.require_float64()
     for spall in scene.spalls:
         if spall.surface != "outer":
-            raise ValueError(f"spall.surface = {spall.surface!r}: the plain ring knows spalls on the outer raceway only")
+            raise ValueError(
+                f"spall.surface = {spall.surface!r}: the plain ring knows spalls on the outer raceway only"
+            )
     return dataclasses.replace(scene, law=prepared_law(scene))
 
 
@@ -165,11 +167,12 @@ def solve(scene: Scene) -> Solution:
 
 @jax.jit
 def _solve(scene: Scene) -> Solution:
-    rest = ring.equilibrium(scene.bearing, scene.load, scene.spalls, scene.law, scene.phase)  # type: ignore[arg-type]
+    roller_law = prepared_law(scene)
+    rest = ring.equilibrium(scene.bearing, scene.load, scene.spalls, roller_law, scene.phase)
     stiffness = rest.tangent if scene.definition == "tangent" else _secant(scene.load, rest.displacement)
     return Solution(
         ring.roller_angles(scene.bearing, scene.phase), rest.displacement, rest.approach, rest.loads, stiffness,
-        scene.law, rest.residual, rest.iterations, rest.status_code, scene.definition,  # type: ignore[arg-type]
+        roller_law, rest.residual, rest.iterations, rest.status_code, scene.definition,
     )  # fmt: skip
 
 

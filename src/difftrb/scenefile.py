@@ -19,10 +19,9 @@ from pydantic import TypeAdapter, ValidationError
 from difftrb import geometry
 from difftrb import law as laws
 from difftrb.contact import ContactSolution, solve_contact
-from difftrb.geometry import FILE_RULES, LineContact, Spall, TaperedBearing
+from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.ring import Load, needed_axial
 from difftrb.scene import Accuracy, Definition, DesignLoad, Phase, Scene, Solution
-
 
 UNKNOWN_KEY = ("unexpected_keyword_argument", "extra_forbidden")  # pydantic's names
 
@@ -44,8 +43,8 @@ class ContactTable:
     law: Literal["power", "liu2018", "palmgren"] = "power"
     design_load: DesignLoad = 6500.0
     accuracy: Accuracy = 1e-3
-    load: Annotated[float, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
-    offset: Annotated[float, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
+    load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
+    offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,8 +193,8 @@ def _across(file: SceneFile, path: str | Path) -> None:
     apex = bearing.inner_angle + 2.0 * bearing.roller_angle
     if abs(apex - bearing.outer_angle) > 0.02 * bearing.outer_angle:
         raise SceneError(
-            f"{path}: bearing.outer_angle = {bearing.outer_angle:g} must be inner_angle + 2 roller_angle = {apex:g} rad "
-            "within 2 %, so that all cones share one apex"
+            f"{path}: bearing.outer_angle = {bearing.outer_angle:g} must be inner_angle + 2 roller_angle = {apex:g} "
+            "rad within 2 %, so that all cones share one apex"
         )
     taper = (bearing.roller_large_diameter - bearing.roller_small_diameter) / (2.0 * bearing.roller_length)
     if abs(taper - bearing.roller_angle) > 0.05 * bearing.roller_angle:
@@ -215,8 +214,9 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
     """Refuse what the contact alone could do but the ring cannot; raises `SceneError`."""
     if file.contact.law == "liu2018" and file.bearing != geometry.bearing("32008J"):
         raise SceneError(f"{path}: contact.law = 'liu2018' holds for the bearing 32008J only; use 'power'")
+    law = file.contact.law
     longest = {"power": laws.LENGTH_SHARE * file.bearing.roller_length, "liu2018": laws.TABLE_2[-1, 0],
-               "palmgren": 0.99 * file.bearing.roller_length}[file.contact.law]  # fmt: skip
+               "palmgren": 0.99 * file.bearing.roller_length}[law]  # fmt: skip
     for i, spall in enumerate(file.spall):
         if spall.surface != "outer":
             raise SceneError(
@@ -225,8 +225,8 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
             )
         if spall.length > longest * (1.0 + 1e-12):
             raise SceneError(
-                f"{path}: spall.{i}.length = {spall.length:g}: contact.law = {file.contact.law!r} knows 0 … {longest:g} mm; "
-                "shorten the spall or choose another law"
+                f"{path}: spall.{i}.length = {spall.length:g}: contact.law = {law!r} knows 0 … {longest:g} "
+                "mm; shorten the spall or choose another law"
             )
     needed = float(needed_axial(file.bearing, file.load.radial, file.stiffness.phase))
     if file.load.axial <= needed * (1.0 + 1e-6) or file.load.axial == 0.0:
@@ -260,16 +260,15 @@ def _owner(where: Iterable[str | int]) -> type:
     """The dataclass in which the key at `where` lives."""
     owner: Any = SceneFile
     for part in where:
-        if isinstance(part, int):
-            owner = get_args(owner)[0]
-        else:
-            owner = get_type_hints(owner)[part]
+        owner = get_args(owner)[0] if isinstance(part, int) else get_type_hints(owner)[part]
     return owner
 
 
 def _allowed(where: list[str | int]) -> str:
     """What a key takes, in words, from its annotation."""
-    hint = get_type_hints(_owner(where[:-1]), include_extras=True)[str(where[-1])] if isinstance(where[-1], str) else None
+    hint = (
+        get_type_hints(_owner(where[:-1]), include_extras=True)[str(where[-1])] if isinstance(where[-1], str) else None
+    )
     if get_origin(hint) in (Union, types.UnionType):
         hint = next(h for h in get_args(hint) if h is not type(None))
     if get_origin(hint) is Literal:

@@ -20,7 +20,8 @@ SENTENCES = {
     NO_EQUILIBRIUM: "no equilibrium: the axial load is too small to hold the radial load at this contact angle; "
     "raise load.axial or lower load.radial",
     BAD_INPUT: "an input is not a number, or is outside its range: check load, sizes and radii",
-    UNRESOLVED: "the spall is narrower than one cell of the grid: raise the accuracy (a smaller number) or widen the spall",
+    UNRESOLVED: "the spall is narrower than one cell of the grid: ask for more accuracy (a smaller number) or a wider "
+    "spall",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
 }
 

@@ -84,7 +84,9 @@ def test_approach_grows_with_load_length_and_depth(contact: trb.LineContact) -> 
 
 def test_a_very_shallow_spall_is_no_spall(contact: trb.LineContact) -> None:
     healthy = float(trb.solve_contact(contact, 2000.0).approach)
-    assert float(trb.solve_contact(contact, 2000.0, trb.Spall(3.0, 7.0, 1e-6)).approach) == pytest.approx(healthy, rel=5e-4)
+    assert float(trb.solve_contact(contact, 2000.0, trb.Spall(3.0, 7.0, 1e-6)).approach) == pytest.approx(
+        healthy, rel=5e-4
+    )
 
 
 def test_pressure_is_zero_over_a_deep_spall(contact: trb.LineContact) -> None:

@@ -49,7 +49,9 @@ def mean_influence(cells: Cells, receiver: tuple[int, int], source: tuple[int, i
     return float(W @ np.array(values) @ W) / 4.0 / (np.pi * MODULUS * pitch * depth)
 
 
-@pytest.mark.parametrize(("receiver", "source"), [((0, 0), (3, 4)), ((2, 1), (0, 3)), ((3, 4), (1, 0)), ((0, 2), (2, 0))])
+@pytest.mark.parametrize(
+    ("receiver", "source"), [((0, 0), (3, 4)), ((2, 1), (0, 3)), ((3, 4), (1, 0)), ((0, 2), (2, 0))]
+)
 def test_separate_cells_match_quadrature_of_love(receiver: tuple[int, int], source: tuple[int, int]) -> None:
     cells = grid()
     assert dense(cells)[(*receiver, *source)] == pytest.approx(mean_influence(cells, receiver, source), rel=1e-9)

@@ -29,7 +29,9 @@ def central(function, at: np.ndarray, relative: float = 1e-6) -> np.ndarray:
     for i in range(at.size):
         step = np.zeros_like(at)
         step[i] = relative * abs(at[i])
-        slopes.append((float(function(jnp.asarray(at + step))) - float(function(jnp.asarray(at - step)))) / (2 * step[i]))
+        slopes.append(
+            (float(function(jnp.asarray(at + step))) - float(function(jnp.asarray(at - step)))) / (2 * step[i])
+        )
     return np.array(slopes)
 
 

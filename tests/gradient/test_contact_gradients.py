@@ -12,7 +12,18 @@ from difftrb import contact as contacts
 from difftrb import halfspace
 from difftrb.geometry import LineContact, Spall
 
-NAMES = ("load", "length", "width", "offset", "axial_offset", "depth", "radius", "design_load", "modulus", "roller_length")
+NAMES = (
+    "load",
+    "length",
+    "width",
+    "offset",
+    "axial_offset",
+    "depth",
+    "radius",
+    "design_load",
+    "modulus",
+    "roller_length",
+)
 # edges in the contact; wide and centred; off the middle of the roller; shallow: the roller touches the bottom
 POINTS = {
     "edge": (2900.0, 2.1, 1.0, 0.47, 0.3, 0.2),
@@ -85,7 +96,9 @@ def test_second_derivation_dense_linear_algebra(contact: LineContact) -> None:
 
         W = halfspace.influence(cells, jnp.asarray(contact.modulus))
         g = gap.curvature(cells, contact.radius) + gap.crown(cells, contact)
-        columns = [np.asarray(halfspace.displacement(W, e.reshape(s.force.shape))).ravel() for e in np.eye(s.force.size)]
+        columns = [
+            np.asarray(halfspace.displacement(W, e.reshape(s.force.shape))).ravel() for e in np.eye(s.force.size)
+        ]
         return np.stack(columns, axis=1), np.asarray(jnp.broadcast_to(g, s.force.shape)).ravel()
 
     def solve(length: float) -> float:

@@ -66,11 +66,15 @@ def test_every_leaf_of_a_scene_has_its_gradient(scene: trb.Scene) -> None:
             def moved(step: float, i=i, leaf=leaf, index=index) -> float:
                 changed = leaf.copy()
                 changed[index] += step
-                return float(stiffness(jax.tree.unflatten(structure, [*leaves[:i], jnp.asarray(changed), *leaves[i + 1 :]])))
+                return float(
+                    stiffness(jax.tree.unflatten(structure, [*leaves[:i], jnp.asarray(changed), *leaves[i + 1 :]]))
+                )
 
             difference = (moved(h) - moved(-h)) / (2 * h)
             got = float(np.asarray(slopes[i])[index])
-            assert got == pytest.approx(difference, rel=2e-5, abs=1e-6 * float(stiffness(scene)) / max(abs(leaf[index]), 1))
+            assert got == pytest.approx(
+                difference, rel=2e-5, abs=1e-6 * float(stiffness(scene)) / max(abs(leaf[index]), 1)
+            )
             checked += 1
     assert checked > 30
 

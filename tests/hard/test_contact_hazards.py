@@ -1,0 +1,118 @@
+"""Contacts where geometry degenerates, and where a grid could cut something off."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb import contact as contacts
+from difftrb import press, status
+
+LENGTH = 13.66
+
+
+@pytest.fixture(scope="module")
+def random_cases() -> dict[str, np.ndarray]:
+    """Loads over six decades; spalls of any size, depth and place, over the roller's end too; crowns from none up."""
+    rng = np.random.default_rng(1)
+    n = 200
+    width = 10 ** rng.uniform(-1.5, 1.0, n)
+    return {
+        "load": 10 ** rng.uniform(-1, 5, n),
+        "length": rng.uniform(0.05, LENGTH, n),
+        "width": width,
+        "depth": 10 ** rng.uniform(-4, 0, n),
+        "offset": rng.uniform(-1, 1, n) * (width / 2 + 0.2),
+        "axial_offset": np.where(rng.random(n) < 0.5, 0.0, rng.uniform(-8, 8, n)),
+        "design_load": np.where(rng.random(n) < 0.2, 0.0, 10 ** rng.uniform(1, 5, n)),
+        "radius": rng.choice([3.6235, 2.867], n),
+    }
+
+
+def test_random_contacts_converge_with_finite_gradients(random_cases: dict[str, np.ndarray]) -> None:
+    names = list(random_cases)
+
+    def solved(v: jax.Array):
+        a = dict(zip(names, v, strict=True))
+        c = trb.LineContact(a["radius"], LENGTH, 113794.0, a["design_load"])
+        spall = trb.Spall(a["length"], a["width"], a["depth"], 0.0, a["axial_offset"])
+        s = trb.solve_contact(c, a["load"], spall, a["offset"], 1e-2)
+        return s.approach, (s.status_code, s.residual, jnp.min(s.force), jnp.sum(s.force) / a["load"])
+
+    cases = jnp.stack([jnp.asarray(random_cases[name]) for name in names], axis=1)
+    (approach, (codes, residual, least, total)), slopes = jax.jit(
+        lambda c: jax.lax.map(jax.value_and_grad(solved, has_aux=True), c)
+    )(cases)
+    codes = np.asarray(codes)
+    good = codes == status.CONVERGED
+    assert set(codes[~good]) <= {status.UNRESOLVED}, [status.SENTENCES[c] for c in set(codes[~good])]
+    assert good.mean() > 0.93  # the rest are spalls narrower than a cell, and say so
+    assert float(residual.max()) <= press.TOLERANCE
+    assert float(least.min()) >= 0.0
+    np.testing.assert_allclose(total, 1.0, rtol=1e-12)
+    assert (np.asarray(approach)[good] > 0.0).all()
+    assert np.isfinite(np.asarray(slopes)).all()
+    assert (np.asarray(slopes)[good, names.index("load")] > 0.0).all()
+
+
+def test_vanishing_spalls_join_the_healthy_contact(contact: trb.LineContact) -> None:
+    healthy = float(trb.solve_contact(contact, 2000.0, accuracy=1e-2).approach)
+    for length in (0.0, 1e-6, 1e-3, 1e-2):
+        s = trb.solve_contact(contact, 2000.0, trb.Spall(length, 7.0), accuracy=1e-2).check()
+        assert float(s.approach) == pytest.approx(healthy, rel=2e-3)
+
+
+def test_a_spall_as_long_as_the_roller_lets_it_down_to_the_bottom(contact: trb.LineContact) -> None:
+    s = trb.solve_contact(contact, 2000.0, trb.Spall(LENGTH, 7.0, 0.05), accuracy=1e-2).check()
+    healthy = trb.solve_contact(contact, 2000.0, accuracy=1e-2)
+    assert float(s.approach) == pytest.approx(0.05 + float(healthy.approach), rel=2e-2)
+
+
+@pytest.mark.parametrize("offset", [0.5, 0.5 - 1e-12, 0.5 + 1e-12, 0.4056, 0.5944, 3.0, 0.0])
+def test_edges_anywhere_in_the_contact(contact: trb.LineContact, offset: float) -> None:
+    s = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 1.0), offset, 1e-2).check()
+    for value in trb.approach_slopes(contact, 3000.0, trb.Spall(2.0, 1.0), offset, 1e-2).values():
+        assert np.isfinite(float(value))  # type: ignore[arg-type]
+    assert 8.0e-3 < float(s.approach) < 8.8e-3
+
+
+def test_spall_over_the_rollers_end(contact: trb.LineContact) -> None:
+    inside, over, beyond = (
+        float(trb.solve_contact(contact, 2000.0, trb.Spall(3.0, 7.0, axial_offset=a), accuracy=1e-2).check().approach)
+        for a in (4.0, 6.0, 9.0)
+    )
+    healthy = float(trb.solve_contact(contact, 2000.0, accuracy=1e-2).approach)
+    assert inside > over > beyond
+    assert beyond == pytest.approx(healthy, rel=2e-3)
+
+
+@pytest.mark.parametrize("load", [float("nan"), -5.0, 0.0])
+def test_loads_that_are_no_loads_are_flagged(contact: trb.LineContact, load: float) -> None:
+    s = trb.solve_contact(contact, load, accuracy=1e-2)
+    assert not bool(s.converged)
+    with pytest.raises(trb.SolveError):
+        s.check()
+
+
+def test_a_domain_that_cuts_the_contact_is_noticed(contact: trb.LineContact, monkeypatch) -> None:
+    """Forced to half its size, as in the source paper, the domain is reported, not believed."""
+    whole = contacts.domain
+    monkeypatch.setattr(contacts, "domain", lambda *a: (0.4 * whole(*a)[0], whole(*a)[1]))
+    contacts._solve.clear_cache()
+    try:
+        s = trb.solve_contact(contact, 3000.0, accuracy=1e-2)
+        assert "border" in s.status
+    finally:
+        contacts._solve.clear_cache()
+
+
+def test_a_spall_narrower_than_a_cell_is_said(contact: trb.LineContact) -> None:
+    s = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 0.01), accuracy=1e-2)
+    assert "narrower than one cell" in s.status
+
+
+@pytest.mark.parametrize("accuracy", [0.0, 1e-6, 0.5, float("nan")])
+def test_accuracy_out_of_range_is_refused(contact: trb.LineContact, accuracy: float) -> None:
+    with pytest.raises(ValueError, match="out of range"):
+        trb.solve_contact(contact, 1000.0, accuracy=accuracy)

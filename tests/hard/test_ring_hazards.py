@@ -1,0 +1,126 @@
+"""Rings at and beyond the edge of equilibrium, and at kinks."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb import geometry, ring, status
+
+
+def test_random_rings_all_come_to_rest(bearing) -> None:
+    """Radial loads over seven decades, axial loads from 1e-5 above the least possible, any spall anywhere."""
+    rng = np.random.default_rng(0)
+    count = 2000
+    radial = 10 ** rng.uniform(-1, 6, count)
+    above = 1.0 + 10 ** rng.uniform(-5, 3, count)
+    phase, angle = rng.uniform(0, 0.2732, count), rng.uniform(-3, 3, count)
+    length, width = rng.uniform(0, 8, count), rng.uniform(1, 100, count)
+
+    def rest(radial, above, phase, length, width, angle):
+        load = trb.Load(radial, above * ring.needed_axial(bearing, radial, phase))
+        e = ring.equilibrium(bearing, load, (trb.Spall(length, width, angle=angle),), trb.liu2018(), phase)
+        return e.status_code, e.residual, jnp.linalg.eigvalsh(e.tangent)[0], jnp.min(e.loads)
+
+    arguments = (jnp.asarray(a) for a in (radial, above, phase, length, width, angle))
+    codes, residuals, least, loads = jax.jit(jax.vmap(rest))(*arguments)
+    assert (np.asarray(codes) == status.CONVERGED).all()
+    assert float(residuals.max()) <= ring.TOLERANCE
+    assert (np.asarray(least) > 0.0).all()
+    assert (np.asarray(loads) >= 0.0).all()
+
+
+@pytest.mark.parametrize("axial", [0.0, 100.0, 2272.0])
+def test_no_equilibrium_is_said_and_spoils_nothing(bearing, axial: float) -> None:
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), law="liu2018")
+    bad = trb.solve(dataclasses.replace(scene, load=trb.Load(9000.0, axial)))
+    assert not bool(bad.converged)
+    assert "axial load is too small" in bad.status
+    assert jnp.isnan(bad.loads).all()
+    with pytest.raises(trb.SolveError, match=r"raise load\.axial"):
+        bad.check()
+    batch = jax.vmap(lambda a: trb.solve(dataclasses.replace(scene, load=trb.Load(9000.0, a))))(
+        jnp.array([axial, 4500.0])
+    )
+    assert np.isfinite(np.asarray(batch.loads[1])).all()
+    assert list(np.asarray(batch.converged)) == [False, True]
+
+
+def test_gradient_of_a_good_member_survives_a_bad_neighbour(bearing) -> None:
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law="liu2018")
+
+    def stiffness(axial: jax.Array) -> jax.Array:
+        return trb.solve(dataclasses.replace(scene, load=trb.Load(9000.0, axial))).stiffness[0, 0]
+
+    slopes = jax.vmap(jax.grad(stiffness))(jnp.array([100.0, 4500.0]))
+    assert np.isfinite(float(slopes[1]))
+    assert float(slopes[1]) == pytest.approx(float(jax.grad(stiffness)(4500.0)), rel=1e-12)
+
+
+def test_rollers_clear_of_the_raceway_leave_no_nan(bearing) -> None:
+    scene = trb.Scene(bearing, trb.Load(9000.0, 2500.0), (trb.Spall(4.0, 7.0),), law="liu2018")
+    r = trb.solve(scene).check()
+    assert int(jnp.sum(r.loads == 0.0)) > 10
+    for leaf in jax.tree.leaves(jax.grad(lambda s: trb.solve(s).stiffness[0, 0])(scene)):
+        assert np.isfinite(np.asarray(leaf)).all()
+
+
+def test_a_roller_exactly_at_zero_approach_has_finite_derivatives() -> None:
+    from difftrb import law
+
+    for function in (law.load, law.stiffness):
+        slope = jax.grad(lambda d, f=function: f(trb.liu2018(), d, jnp.asarray(2.0)))(0.0)
+        assert np.isfinite(float(slope))
+
+
+def test_no_load_at_all_is_no_equilibrium(bearing) -> None:
+    r = trb.solve(trb.Scene(bearing, trb.Load(0.0, 0.0), law="liu2018"))
+    assert not bool(r.converged)
+    assert jnp.isnan(r.loads).all()
+
+
+def test_numbers_that_are_not_numbers_are_flagged(bearing) -> None:
+    for load in (trb.Load(float("nan"), 4500.0), trb.Load(9000.0, float("nan")), trb.Load(-1.0, 4500.0)):
+        assert not bool(trb.solve(trb.Scene(bearing, load, law="liu2018")).converged)
+
+
+def test_a_spall_longer_than_the_law_knows_is_refused_by_status(bearing) -> None:
+    r = trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(9.0, 7.0),), law="liu2018"))
+    assert "longer than the roller law knows" in r.status
+    assert jnp.isnan(r.loads).all()
+
+
+@pytest.mark.parametrize("rollers", [3, 4, 60, 200])
+def test_few_and_many_rollers(bearing, rollers: int) -> None:
+    few = dataclasses.replace(bearing, rollers=rollers)
+    r = trb.solve(trb.Scene(few, trb.Load(1000.0, 4500.0), law="liu2018"))
+    assert bool(r.converged), r.status
+
+
+def test_phase_on_a_window_edge(bearing) -> None:
+    """Just inside and just outside differ by one roller; the edge itself is finite and one of the two."""
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law="liu2018")
+    edge = 3.5 / float(geometry.arc_radius(bearing))
+    inside, at, outside = (
+        float(trb.solve(dataclasses.replace(scene, phase=p)).stiffness[0, 0]) for p in (edge - 1e-9, edge, edge + 1e-9)
+    )
+    assert inside < outside
+    assert at in (pytest.approx(inside, rel=1e-6), pytest.approx(outside, rel=1e-6))
+
+
+def test_spalls_on_other_surfaces_are_refused(bearing) -> None:
+    with pytest.raises(ValueError, match="outer raceway only"):
+        trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0, surface="inner"),)))
+
+
+def test_without_float64_everything_refuses(bearing, contact) -> None:
+    with jax.enable_x64(False):
+        with pytest.raises(trb.SolveError, match="jax_enable_x64"):
+            trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), law="liu2018"))
+        with pytest.raises(trb.SolveError, match="jax_enable_x64"):
+            trb.solve_contact(contact, 1000.0)
+        with pytest.raises(trb.SolveError, match="jax_enable_x64"):
+            trb.power_law(contact)

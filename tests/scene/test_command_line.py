@@ -1,0 +1,198 @@
+"""The command line, in process: output, exit codes, and what is (not) written."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import difftrb as trb
+from difftrb import __main__ as cli
+from difftrb import scenefile
+
+PAPER = scenefile.example("paper")
+
+
+def call(capsys, *arguments: str) -> tuple[int, str, str]:
+    code = cli.main(["--no-cache", *arguments])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.fixture
+def paper(tmp_path: Path) -> Path:
+    path = tmp_path / "paper.toml"
+    path.write_text(PAPER, encoding="utf-8")
+    return path
+
+
+RUN_KEYS = {
+    "status", "converged", "angles", "loads", "displacement", "stiffness", "healthy", "loss", "sensitivity", "residual",
+    "iterations", "seconds",
+}  # fmt: skip
+CONTACT_KEYS = {
+    "status", "converged", "approach", "peak_pressure", "contact_width", "loaded_fraction", "residual", "iterations",
+    "unknowns", "sensitivity", "accuracy", "seconds",
+}  # fmt: skip
+
+
+def test_run_prints_json(capsys, paper: Path) -> None:
+    code, out, err = call(capsys, "run", str(paper), "--json")
+    record = json.loads(out)
+    assert (code, err) == (0, "")
+    assert set(record) == RUN_KEYS
+    assert record["converged"] is True
+    assert len(record["loads"]) == len(record["angles"]) == 23
+    assert set(record["displacement"]) == {"radial", "lateral", "axial"}
+    assert set(record["stiffness"]) == {"definition", "phase", "radial", "axial", "matrix"}
+    assert record["stiffness"]["definition"] == "secant"
+    assert record["loss"]["radial"] == pytest.approx(8.78, abs=0.005)
+    assert record["loss"]["axial"] == pytest.approx(3.42, abs=0.005)
+    assert record["loads"][0] == pytest.approx(846.0, rel=1e-3)
+    assert record["sensitivity"]["radial"]["length"] < 0.0
+    assert record["sensitivity"]["axial"]["width"] == 0.0
+
+
+def test_run_prints_text_for_people(capsys, paper: Path) -> None:
+    code, out, _ = call(capsys, "run", str(paper))
+    assert code == 0
+    for words in (
+        "Stiffness, secant F/u [N/mm]",
+        "loss [%]",
+        "8.783",
+        "Load distribution",
+        "█",
+        "µm",
+        "liu2018",
+        "converged",
+    ):
+        assert words in out
+    assert max(len(line) for line in out.splitlines()) <= 80
+
+
+def test_run_of_a_healthy_bearing(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "healthy.toml"
+    path.write_text(scenefile.example("healthy") + '[contact]\nlaw = "liu2018"\n', encoding="utf-8")
+    code, out, _ = call(capsys, "run", str(path), "--json")
+    record = json.loads(out)
+    assert code == 0
+    assert record["loss"] == {"radial": 0.0, "axial": 0.0}
+    assert record["sensitivity"]["radial"] == {"length": None, "width": None}
+    assert call(capsys, "run", str(path))[0] == 0
+
+
+def test_run_writes_figures_and_the_record(capsys, paper: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "out"
+    code, printed, _ = call(capsys, "run", str(paper), "--json", "--out", str(out))
+    assert code == 0
+    names = {f"{stem}.{kind}" for stem in ("load_distribution", "pressure", "stiffness") for kind in ("png", "svg")}
+    assert {p.name for p in out.iterdir()} == names | {"result.json"}
+    assert json.loads((out / "result.json").read_text()) == json.loads(printed)
+    assert (out / "pressure.png").read_bytes().startswith(b"\x89PNG")
+    assert "<svg" in (out / "pressure.svg").read_text()
+    assert [p.name for p in out.parent.iterdir()] == ["out"]  # nothing of the scratch folder is left
+
+
+def test_contact_prints_json(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "contact.toml"
+    path.write_text(scenefile.example("contact").replace("accuracy = 1e-3", "accuracy = 1e-2"), encoding="utf-8")
+    code, out, err = call(capsys, "contact", str(path), "--json")
+    record = json.loads(out)
+    assert (code, err) == (0, "")
+    assert set(record) == CONTACT_KEYS
+    assert set(record["sensitivity"]) == {"load", "length", "width", "offset", "radius", "design_load"}
+    contact = trb.LineContact.of(trb.bearing("32008J"))
+    direct = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 1.0), 0.5, 1e-2)
+    assert record["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
+    assert record["unknowns"] == direct.force.size
+    code, out, _ = call(capsys, "contact", str(path), "--out", str(tmp_path / "out"))
+    assert code == 0
+    assert "approach" in out
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"pressure.png", "pressure.svg", "result.json"}
+
+
+def test_contact_with_the_inner_raceway(capsys, tmp_path: Path) -> None:
+    text = scenefile.example("contact").replace("accuracy = 1e-3", "accuracy = 1e-2")
+    path = tmp_path / "inner.toml"
+    path.write_text(text.replace("length = 2.0", 'surface = "inner"\nlength = 2.0'), encoding="utf-8")
+    code, out, _ = call(capsys, "contact", str(path), "--json")
+    contact = trb.LineContact.of(trb.bearing("32008J"), "inner")
+    direct = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 1.0), 0.5, 1e-2)
+    assert code == 0
+    assert json.loads(out)["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "words"),
+    [
+        ("length = 8.0", "lenght = 8.0", 2, "did you mean length"),
+        ("length = 8.0", "length = 8.1", 2, "knows 0 … 8 mm"),
+        ("axial = 4500.0", "axial = 2200.0", 1, "too small for an equilibrium"),
+    ],
+)
+def test_refusals(capsys, tmp_path: Path, old: str, new: str, code: int, words: str) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(PAPER.replace(old, new), encoding="utf-8")
+    out = tmp_path / "out"
+    for arguments in (["run", str(path), "--out", str(out)], ["check", str(path)], ["run", str(path), "--json"]):
+        got, printed, err = call(capsys, *arguments)
+        assert (got, printed) == (code, "")
+        assert err.startswith(f"difftrb: {path}: ")
+        assert words in err
+        assert err.count("\n") == 1
+        assert not out.exists()
+
+
+def test_missing_file(capsys, tmp_path: Path) -> None:
+    code, _, err = call(capsys, "run", str(tmp_path / "none.toml"))
+    assert (code, err) == (2, f"difftrb: {tmp_path / 'none.toml'}: there is no such file\n")
+
+
+def test_contact_that_cannot_be_resolved_is_no_solution(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "narrow.toml"
+    text = (
+        scenefile.example("contact")
+        .replace("accuracy = 1e-3", "accuracy = 1e-2")
+        .replace("width = 1.0", "width = 0.01")
+    )
+    path.write_text(text.replace("offset = 0.5", "offset = 0.0"), encoding="utf-8")
+    code, _, err = call(capsys, "contact", str(path), "--out", str(tmp_path / "out"))
+    assert code == 1
+    assert "narrower than one cell" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_out_that_is_a_file_is_refused_and_kept(capsys, paper: Path, tmp_path: Path) -> None:
+    target = tmp_path / "result"
+    target.write_text("mine", encoding="utf-8")
+    code, _, err = call(capsys, "run", str(paper), "--out", str(target))
+    assert code == 2
+    assert "is not a directory" in err
+    assert target.read_text() == "mine"
+
+
+def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    target.mkdir()
+    (target / "result.json").write_text("old", encoding="utf-8")
+
+    def fill(folder: Path) -> None:
+        (folder / "result.json").write_text("half", encoding="utf-8")
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        cli.write_folder(target, fill)
+    assert (target / "result.json").read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_check_and_example(capsys, paper: Path) -> None:
+    code, out, _ = call(capsys, "check", str(paper))
+    assert code == 0
+    assert "in order: 23 rollers, 1 spall, radial 9000 N" in out
+    code, out, _ = call(capsys, "example")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()] == scenefile.example_names()
+    assert call(capsys, "example", "paper")[1] == PAPER
+    code, _, err = call(capsys, "example", "none")
+    assert code == 2
+    assert "there are contact, healthy" in err

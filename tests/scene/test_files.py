@@ -1,0 +1,123 @@
+"""Scene files: what is right is read, what is wrong gets one sentence."""
+
+from pathlib import Path
+
+import pytest
+
+import difftrb as trb
+from difftrb import scenefile
+
+GOOD = scenefile.example("spall")
+
+# what is changed in a good file, and what the sentence has to name
+BAD = {
+    "unknown key": ("length = 4.0", "lenght = 4.0", ["spall.0.lenght", "did you mean length"]),
+    "unknown table": ("[load]", "[loads]", ["loads", "did you mean load"]),
+    "negative size": ("length = 4.0", "length = -4.0", ["spall.0.length = -4.0", "0.01 … 1000 mm"]),
+    "zero size": ("width = 7.0", "width = 0.0", ["spall.0.width = 0.0", "0.01 … 1000 mm"]),
+    "metres": ("length = 4.0", "length = 0.004", ["spall.0.length = 0.004", "mm"]),
+    "micrometres": ("length = 4.0", "length = 4000.0", ["spall.0.length = 4000.0", "mm"]),
+    "degrees": ("angle = 0.0", "angle = 90.0", ["spall.0.angle = 90.0", "rad"]),
+    "longer than the roller": ("length = 4.0", "length = 14.0", ["spall.0.length = 14", "13.66 mm"]),
+    "longer than the law knows": ("length = 4.0", "length = 12.0", ["spall.0.length = 12", "11.611 mm"]),
+    "not a number": ("length = 4.0", "length = nan", ["spall.0.length = nan", "0.01 … 1000 mm"]),
+    "infinite": ("radial = 9000.0", "radial = inf", ["load.radial = inf", "0 … 1e+07 N"]),
+    "text": ("length = 4.0", 'length = "4"', ["spall.0.length = '4'", "a number"]),
+    "truth": ("radial = 9000.0", "radial = true", ["load.radial = True", "a number"]),
+    "missing key": ("width = 7.0", "", ["spall.0.width is missing", "mm"]),
+    "missing table": (
+        "[load]\nradial = 9000.0               # N, along the load line\naxial = 4500.0 ",
+        "",
+        ["load is missing"],
+    ),
+    "negative load": ("radial = 9000.0", "radial = -1.0", ["load.radial = -1.0", "0 … 1e+07 N"]),
+    "unknown bearing": ('"32008J"', '"6205"', ["bearing = '6205'", "32008J"]),
+    "bearing of a wrong kind": ('"32008J"', "32008", ["bearing = 32008", "32008J"]),
+    "unknown surface": ('"outer"', '"top"', ["spall.0.surface = 'top'", "'outer', 'inner', 'roller'"]),
+    "one spall as a table": ("[[spall]]", "[spall]", ["[[spall]]"]),
+    "law of a later version": ("[load]", '[contact]\nlaw = "table"\n[load]', ["contact.law = 'table'", "power"]),
+    "unknown law": ("[load]", '[contact]\nlaw = "hooke"\n[load]', ["contact.law = 'hooke'", "power"]),
+    "accuracy": ("[load]", "[contact]\naccuracy = 1e-9\n[load]", ["contact.accuracy = 1e-09", "0.0001 … 0.01"]),
+    "effects": ("[load]", "[effects]\ncentrifugal = { speed_rpm = 3000.0 }\n[load]", ["effects.centrifugal"]),
+    "mean phase": ("[load]", '[stiffness]\nphase = "mean"\n[load]', ["stiffness.phase = 'mean'"]),
+    "too little axial load": ("axial = 4500.0", "axial = 2000.0", ["load.axial = 2000 N", "2272"]),
+    "no axial load": ("axial = 4500.0", "axial = 0.0", ["load.axial = 0 N", "2272"]),
+    "inner spall in the ring": ('"outer"', '"inner"', ["spall.0.surface = 'inner'", "'outer'"]),
+    "not TOML": ("[load]", "[load", ["is not TOML"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files_get_one_sentence(name: str, tmp_path: Path) -> None:
+    old, new, words = BAD[name]
+    assert old in GOOD
+    path = tmp_path / "scene.toml"
+    body = GOOD.split("\n", 1)[1]  # without the comment, which names the bearing too
+    path.write_text(body.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(scenefile.SceneError) as caught:
+        trb.load_scene(path)
+    sentence = str(caught.value)
+    assert sentence.startswith(str(path))
+    assert "\n" not in sentence.removeprefix(str(path))
+    for word in words:
+        assert word in sentence, sentence
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(scenefile.SceneError, match="no such file"):
+        trb.load_scene(tmp_path / "none.toml")
+    with pytest.raises(scenefile.SceneError, match="is a directory"):
+        trb.load_scene(tmp_path)
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(scenefile.SceneError, match="UTF-8"):
+        trb.load_scene(tmp_path / "binary.toml")
+
+
+OWN = scenefile.example("other_bearing")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("modulus = 2.08e5", "modulus = 208.0", "bearing.modulus = 208.0: must be a number in 1000 … 1e+06 N/mm²"),
+        (
+            "outer_angle = 0.2793",
+            "outer_angle = 16.0",
+            "bearing.outer_angle = 16.0: must be a number in 0.01 … 1.5 rad",
+        ),
+        ("outer_angle = 0.2793", "outer_angle = 0.35", "must be inner_angle + 2 roller_angle"),
+        ("roller_large_diameter = 10.3", "roller_large_diameter = 9.0", "must be larger than"),
+        ("roller_large_diameter = 10.3", "roller_large_diameter = 11.3", "does not fit the roller's diameters"),
+        ("rollers = 19", "rollers = 19.5", "bearing.rollers = 19.5: must be a whole number in 3 … 400"),
+        ("rollers = 19", "rollers = 2", "bearing.rollers = 2: must be a whole number in 3 … 400"),
+        ("rollers = 19", "balls = 19", "bearing.balls is not a known key"),
+        ("[load]", '[contact]\nlaw = "liu2018"\n[load]', "holds for the bearing 32008J only"),
+    ],
+)
+def test_bearings_of_ones_own_are_checked(old: str, new: str, words: str, tmp_path: Path) -> None:
+    assert old in OWN
+    path = tmp_path / "scene.toml"
+    path.write_text(OWN.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(scenefile.SceneError) as caught:
+        trb.load_scene(path)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("name", scenefile.example_names())
+def test_examples_are_in_order(name: str) -> None:
+    file = scenefile.parse(scenefile.example(name), name)
+    scenefile.check_ring(file, name)
+    assert scenefile.example(name).startswith("# ")
+
+
+def test_a_file_becomes_the_scene_it_describes(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        'bearing = "32008J"\n[load]\nradial = 9000\naxial = 4500.0\n[[spall]]\nlength = 4\nwidth = 7.0\n'
+        '[contact]\nlaw = "liu2018"\n[stiffness]\ndefinition = "secant"\nphase = 0.1\n',
+        encoding="utf-8",
+    )
+    scene = trb.load_scene(path)
+    expected = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law="liu2018",
+                         definition="secant", phase=0.1)  # fmt: skip
+    assert scene == expected
