@@ -234,6 +234,7 @@ def fitted_cells(
 ) -> tuple[Cells, jax.Array]:
     """Cells for one contact: they span where pressure can be, and have boundaries on the spall's edges."""
     reach_x, reach_y = domain(contact, load, spall)
+    reach_x = reach_x * (1.0 + 2.0 / resolution.columns)  # the lattice may slide by half a cell, borders stay unloaded
     if spall is None:
         nowhere = jnp.asarray(jnp.inf)
         pitch, x = halfspace.lattice(reach_x, resolution.columns, -nowhere, nowhere)

@@ -12,8 +12,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from difftrb.contact import ContactSolution
 from difftrb.geometry import arc_radius
@@ -42,9 +42,10 @@ def load_distribution(result: Assessment, scene: Scene, ax: Any = None) -> Any:
         label = "spall" if i == 0 else None
         ax.bar(float(spall.angle), 1.15 * top, width=2.0 * half, color=ACCENT, alpha=0.5, zorder=0, label=label)
     ax.set_ylim(0.0, 1.15 * top)
-    ax.set_rlabel_position(112.5)
+    ax.set_rlabel_position(150)
+    ax.yaxis.set_major_locator(MaxNLocator(3))
     ax.set_title(f"Roller load [kN], radial {scene.load.radial:g} N, axial {scene.load.axial:g} N", pad=14)
-    ax.legend(loc="lower left", bbox_to_anchor=(-0.12, -0.12), frameon=False)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3, frameon=False)
     return ax
 
 
@@ -65,9 +66,7 @@ def pressure_map(solution: ContactSolution, ax: Axes | None = None) -> Axes:
     limit = float(np.percentile(pressure[loaded], 99.5)) if loaded.any() else 1.0
     shown = np.ma.masked_where(~loaded, pressure)
     mesh = ax.pcolormesh(lines, x_lines, shown.T, cmap="viridis", vmin=0.0, vmax=limit, shading="flat", rasterized=True)
-    figure = ax.figure
-    assert isinstance(figure, Figure)
-    figure.colorbar(mesh, ax=ax, label="pressure [MPa]", extend="max")
+    ax.figure.colorbar(mesh, ax=ax, label="pressure [MPa]", extend="max")
     spall = solution.spall
     if spall is not None:
         corner = (float(spall.axial_offset - 0.5 * spall.length), float(solution.offset - 0.5 * spall.width))

@@ -61,7 +61,8 @@ def test_long_cylinder_has_hertz_line_pressure_in_its_middle() -> None:
     assert residual < press.TOLERANCE
     assert 0.9 * line_load < q < line_load
     expected = np.asarray(hertz.line_pressure(cells.x, q, radius, MODULUS))
-    np.testing.assert_allclose(middle, expected, atol=0.02 * expected.max())
+    inside = np.abs(np.asarray(cells.x)) < 0.85 * b  # the cell at the free boundary is loaded in part
+    np.testing.assert_allclose(middle[inside], expected[inside], rtol=5e-3)
     assert middle.max() == pytest.approx(float(hertz.line_peak_pressure(q, radius, MODULUS)), rel=2e-3)
 
 
