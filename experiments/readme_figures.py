@@ -59,7 +59,7 @@ def overview(folder: Path) -> None:
     result = trb.assess(scene)
     pressed = trb.solve_contact(contact, result.spalled.loads[0], scene.spalls[0], 0.0, 1e-3).check()
     figure = plt.figure(figsize=(14.0, 4.6), layout="constrained")
-    left, middle, right = figure.subfigures(1, 3, width_ratios=(1.0, 1.35, 1.15))
+    left, middle, right = np.ravel(np.asarray(figure.subfigures(1, 3, width_ratios=(1.0, 1.35, 1.15))))
     plot.load_distribution(result, scene, left.add_subplot(projection="polar"))
     plot.pressure_map(pressed, middle.add_subplot())
     loss_over_length(scene, right.add_subplot())

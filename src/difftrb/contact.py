@@ -138,20 +138,9 @@ def approach_slopes(
 
     All from one linear solve (reverse mode). None where there is no spall to change. Arguments as `solve_contact`.
     """
-    symmetric = is_symmetric(spall)
-    resolution = resolution_for(accuracy)
-
-    @jax.jit
-    def slopes(contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array):
-        def approach(contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array) -> jax.Array:
-            return _solve(contact, load, spall, offset, resolution, symmetric, accuracy).approach
-
-        return jax.grad(approach, argnums=(0, 1, 2, 3))(contact, load, spall, offset)
-
     status.require_float64()
-    by_contact, by_load, by_spall, by_offset = slopes(
-        contact, jnp.asarray(load, float), spall, jnp.asarray(offset, float)
-    )
+    inputs = contact, jnp.asarray(load, float), spall, jnp.asarray(offset, float)
+    by_contact, by_load, by_spall, by_offset = _slopes(*inputs, resolution_for(accuracy), is_symmetric(spall), accuracy)
     there = by_spall is not None
     return {
         "load": by_load,
@@ -207,9 +196,15 @@ def _solve(
     )  # fmt: skip
 
 
+@partial(jax.jit, static_argnums=(4, 5, 6))
+def _slopes(*arguments):
+    """Derivatives of the approach by the first four arguments of `_solve`."""
+    return jax.grad(lambda *a: _solve(*a).approach, argnums=(0, 1, 2, 3))(*arguments)
+
+
 def _verdict(approach: jax.Array, residual: jax.Array) -> jax.Array:
     converged = jnp.where(residual <= TOLERANCE, status.CONVERGED, status.NOT_CONVERGED)
-    return jnp.where(jnp.isfinite(approach) & (approach > -jnp.inf), converged, status.BAD_INPUT)
+    return jnp.where(jnp.isfinite(approach), converged, status.BAD_INPUT)
 
 
 def _border(cells: Cells, loaded: jax.Array, approach: jax.Array, contact: LineContact) -> jax.Array:
