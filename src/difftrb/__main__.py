@@ -126,9 +126,12 @@ def _run(options: Any) -> int:
         plot.save(plot.load_distribution(result, scene), folder, "load_distribution")
         plot.save(plot.stiffness_bars(result, scene)[0], folder, "stiffness")
         pressed = scenefile.contact_under_spall(file, result.spalled)
-        plot.save(plot.pressure_map(pressed), folder, "pressure")
+        if bool(pressed.converged):
+            plot.save(plot.pressure_map(pressed), folder, "pressure")
+        else:
+            print(f"difftrb: {path}: no pressure map: {pressed.status}", file=sys.stderr)
 
-    return _deliver(options, record, lambda: report.run_text(scene, result), figures)
+    return _deliver(options, path, record, lambda: report.run_text(scene, result), figures)
 
 
 def _contact(options: Any) -> int:
@@ -156,7 +159,7 @@ def _contact(options: Any) -> int:
 
         plot.save(plot.pressure_map(solution), folder, "pressure")
 
-    return _deliver(options, record, lambda: report.contact_text(solution, slopes), figures)
+    return _deliver(options, path, record, lambda: report.contact_text(solution, slopes), figures)
 
 
 def _check(options: Any) -> int:
@@ -181,12 +184,14 @@ def _example(options: Any) -> int:
     return EXIT_OK
 
 
-def _deliver(options: Any, record: dict[str, Any], text: Callable[[], Any], figures: Callable[[Path], None]) -> int:
+def _deliver(
+    options: Any, path: str, record: dict[str, Any], text: Callable[[], Any], figures: Callable[[Path], None]
+) -> int:
     """Print the result, write it where asked, and say by the exit code whether it can be trusted."""
     if not record["converged"]:
         if options.json:
             print(json.dumps(record, indent=1))
-        return _refuse(record["status"], EXIT_NO_SOLUTION)
+        return _refuse(f"{path}: {record['status']}", EXIT_NO_SOLUTION)
     if options.out is not None:
         with _busy("drawing"):
             write_folder(options.out, lambda folder: _fill(folder, record, figures))
@@ -208,18 +213,27 @@ def _fill(folder: Path, record: dict[str, Any], figures: Callable[[Path], None])
 
 
 def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
-    """Let `fill` write files into a fresh folder beside `target`, then move them there one by one, each whole.
+    """Let `fill` write files into a scratch folder inside `target`, then move them out one by one, each whole.
 
-    If anything fails, `target` keeps what it had; files of other names in it are left alone.
+    If anything fails, `target` keeps what it had, or is not made at all; files of other names in it are left alone.
+    OSErrors name `target`.
     """
-    if target.exists() and not target.is_dir():
-        raise NotADirectoryError(20, "is not a directory", str(target))
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".difftrb-") as scratch:
-        fill(Path(scratch))
-        target.mkdir(exist_ok=True)
-        for file in sorted(Path(scratch).iterdir()):
-            os.replace(file, target / file.name)
+    made = [folder for folder in (target, *target.parents) if not folder.exists()]
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=target, prefix=".difftrb-") as scratch:
+            fill(Path(scratch))
+            files = sorted(Path(scratch).iterdir())
+            for file in files:
+                if (target / file.name).is_dir():
+                    raise IsADirectoryError(21, f"a folder named {file.name} is in the way")
+            for file in files:
+                os.replace(file, target / file.name)
+    except OSError as error:
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        raise OSError(error.errno, error.strerror, str(target)) from None
 
 
 @contextlib.contextmanager

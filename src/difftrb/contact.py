@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from difftrb import gap as gaps
 from difftrb import halfspace, hertz, status
-from difftrb.geometry import LineContact, Real, Spall
+from difftrb.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
 from difftrb.halfspace import Cells
 from difftrb.press import TOLERANCE, press
 
@@ -128,6 +128,7 @@ def solve_contact(
     status.require_float64()
     resolution = resolution_for(accuracy)
     mirrored = is_symmetric(spall)
+    contact, spall = as_floats((contact, spall))
     return _solve(contact, jnp.asarray(load, float), spall, jnp.asarray(offset, float), resolution, mirrored, accuracy)
 
 
@@ -139,7 +140,7 @@ def approach_slopes(
     All from one linear solve (reverse mode). None where there is no spall to change. Arguments as `solve_contact`.
     """
     status.require_float64()
-    inputs = contact, jnp.asarray(load, float), spall, jnp.asarray(offset, float)
+    inputs = as_floats(contact), jnp.asarray(load, float), as_floats(spall), jnp.asarray(offset, float)
     by_contact, by_load, by_spall, by_offset = _slopes(*inputs, resolution_for(accuracy), is_symmetric(spall), accuracy)
     there = by_spall is not None
     return {
@@ -186,6 +187,10 @@ def _solve(
     force, approach, residual, iterations = press(cells, contact.modulus, gap, load, level)
     loaded = force > 0.0
     code = status.worst(domain_status, _verdict(approach, residual), _border(cells, loaded, approach, contact))
+    sound = contact_is_sound(contact) & (load > 0.0) & jnp.isfinite(offset)
+    if spall is not None:
+        sound = sound & spall_is_sound(spall)
+    code = jnp.where(sound, code, status.BAD_INPUT)
     columns = jnp.any(loaded, axis=0)
     extent = jnp.max(jnp.where(columns, cells.x, -jnp.inf)) - jnp.min(jnp.where(columns, cells.x, jnp.inf))
     width = extent + cells.pitch

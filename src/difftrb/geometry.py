@@ -7,12 +7,13 @@ tapered roller roll without slip. Lengths in mm, angles in rad, modulus in MPa, 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
+Tree = TypeVar("Tree")
 Raceway = Literal["outer", "inner"]
 if TYPE_CHECKING:
     Real = float | jax.Array
@@ -115,6 +116,24 @@ class LineContact:
 
 for _cls in (TaperedBearing, Spall, LineContact):
     jax.tree_util.register_dataclass(_cls)
+
+
+def as_floats(tree: Tree) -> Tree:
+    """The same pytree with whole Python numbers turned into floats, so that `Spall(4, 7)` can be differentiated."""
+    return jax.tree.map(lambda leaf: float(leaf) if isinstance(leaf, int) else leaf, tree)
+
+
+def spall_is_sound(spall: Spall) -> jax.Array:
+    """Whether all numbers of a spall are finite, and its sizes not negative."""
+    sizes = jnp.stack([jnp.asarray(v, float) for v in (spall.length, spall.width, spall.depth)])
+    return jnp.all(sizes >= 0.0) & jnp.isfinite(jnp.sum(sizes) + spall.angle + spall.axial_offset)
+
+
+def contact_is_sound(contact: LineContact) -> jax.Array:
+    """Whether all numbers of a contact are finite and positive, its design load at least zero."""
+    sizes = jnp.stack([jnp.asarray(v, float) for v in (contact.radius, contact.length, contact.modulus)])
+    crown = jnp.asarray(contact.design_load, float)
+    return jnp.all(sizes > 0.0) & (crown >= 0.0) & jnp.isfinite(jnp.sum(sizes) + crown)
 
 
 def contact_modulus(modulus: Real, poisson: Real) -> Real:

@@ -67,7 +67,8 @@ class PowerLaw:
       lengths: spall lengths of the nodes [mm], shape (m,), the first is 0 (healthy).
       log_stiffness: log of K [N/mmⁿ], shape (m,). exponent: n, shape (m,).
       load_range: smallest and largest load that were fitted [N].
-      error: largest relative error of Q on checks that the fit did not see (for Table 2: the paper's own figure).
+      error: largest relative error of Q over all solves, fitted ones and others half-way between them in load and
+        length (for Table 2: the paper's own figure).
       status_code: worst status of the contact solves behind the law (a float, so that a law can be differentiated).
       name: "power" or "liu2018".
     """
@@ -199,7 +200,7 @@ def _fit(
     angle = np.pi * (np.arange(LENGTH_NODES) / (LENGTH_NODES - 1))
     lengths = 0.5 * LENGTH_SHARE * contact.length * (1.0 - np.cos(angle))  # Chebyshev–Lobatto nodes
     between = 0.5 * (lengths[1:] + lengths[:-1])
-    low, high = jax.lax.stop_gradient(load_range)  # they choose where to fit
+    low, high = load_range
     loads = jnp.exp(jnp.linspace(jnp.log(low), jnp.log(high), LOAD_NODES))
     loads_between = jnp.sqrt(loads[1:] * loads[:-1])
 

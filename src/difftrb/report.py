@@ -13,6 +13,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from difftrb import status
 from difftrb.contact import ContactSolution
 from difftrb.law import Law
 from difftrb.scene import Assessment, Scene
@@ -27,6 +28,7 @@ def run_json(scene: Scene, result: Assessment, seconds: float) -> dict[str, Any]
     `sensitivity` is by the first spall's size; None for a healthy scene.
     """
     spalled, sound = result.spalled, result.healthy
+    verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
     sizes = ("length", "width")
     slopes = np.stack([result.by_length, result.by_width], axis=-1)  # (radial | axial, spall, length | width)
 
@@ -34,7 +36,7 @@ def run_json(scene: Scene, result: Assessment, seconds: float) -> dict[str, Any]
         return {size: slopes[row, 0, i] if scene.spalls else None for i, size in enumerate(sizes)}
 
     return plain({
-        "status": spalled.status,
+        "status": verdict,
         "converged": bool(spalled.converged & sound.converged),
         "angles": spalled.angles,
         "loads": spalled.loads,
@@ -96,8 +98,8 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
         stiffness.add_column(heading, justify="right" if heading else "left")
     for row, name in enumerate(("radial", "axial")):
         values = [getattr(s, f"{name}_stiffness") for s in (result.healthy, spalled)]
-        slopes = [f"{v[row, 0]:,.1f}" for v in (result.by_length, result.by_width)] if scene.spalls else []
-        stiffness.add_row(name, *(f"{v:,.0f}" for v in values), f"{result.loss[row]:.3f}", *slopes)
+        slopes = [_number(v[row, 0], ",.1f") for v in (result.by_length, result.by_width)] if scene.spalls else []
+        stiffness.add_row(name, *(_number(v, ",.0f") for v in values), _number(result.loss[row], ".3f"), *slopes)
 
     loads = _table("Load distribution")
     for heading in ("roller", "angle [rad]", "load [N]", "against healthy"):
@@ -119,6 +121,10 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
             2, "width: the window is hard, so stiffness changes with width only where a roller enters or leaves"
         )
     return Group(stiffness, loads, *(Text(line) for line in lines))
+
+
+def _number(value: Any, style: str) -> str:
+    return format(float(value), style) if math.isfinite(value) else "–"
 
 
 def law_text(law: Law, loads: jax.Array) -> str:

@@ -106,7 +106,8 @@ def largest_load(bearing: TaperedBearing, load: Load) -> Real:
     """A first estimate of the most loaded roller's load [N]."""
     half_zone = 4.08 * load.radial / (bearing.rollers * jnp.cos(bearing.outer_angle))  # NSK E728g, line contact
     shared = load.axial / (bearing.rollers * jnp.sin(bearing.outer_angle))
-    return jnp.maximum(half_zone, shared)
+    all_loaded = shared + 2.0 * load.radial / (bearing.rollers * jnp.cos(bearing.outer_angle))  # a cosine on a mean
+    return jnp.maximum(half_zone, all_loaded)
 
 
 def equilibrium(
@@ -126,7 +127,9 @@ def equilibrium(
     angles = roller_angles(bearing, phase)
     normals = directions(bearing, angles)
     lengths = spall_lengths(bearing, spalls, angles)
-    valid = (load.radial >= 0.0) & (load.axial > 0.0) & jnp.isfinite(load.radial + load.axial)
+    valid = (load.radial >= 0.0) & (load.axial >= 0.0) & jnp.isfinite(load.radial + load.axial + phase)
+    for spall in spalls:
+        valid = valid & geometry.spall_is_sound(spall)
     held = load.axial > needed_axial(bearing, load.radial, phase) * (1.0 + 1e-6)
     force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
     safe = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
@@ -144,7 +147,7 @@ def equilibrium(
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
     code = jnp.where(known, code, status.UNKNOWN_LENGTH)
     code = jnp.where(held, code, status.NO_EQUILIBRIUM)
-    code = jnp.where(valid | ~held, code, status.BAD_INPUT)
+    code = jnp.where(valid, code, status.BAD_INPUT)
     code = status.worst(code, jnp.asarray(roller_law.status_code).astype(int))
     usable = valid & held & known
 

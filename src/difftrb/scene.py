@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Annotated, Literal, NamedTuple, cast
+from typing import Annotated, Literal, NamedTuple, cast, get_args
 
 import jax
+import jax.core
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 from difftrb import law as laws
 from difftrb import ring, status
-from difftrb.geometry import LineContact, Real, Spall, TaperedBearing
+from difftrb.geometry import LineContact, Real, Spall, TaperedBearing, as_floats
 from difftrb.law import Law
 from difftrb.ring import Load
 
@@ -20,6 +21,12 @@ Definition = Literal["tangent", "secant"]
 DesignLoad = Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
 Accuracy = Annotated[float, Interval(ge=1e-4, le=1e-2)]
 Phase = Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
+
+
+SEVERAL_SHAPES = (
+    "law = 'power' is fitted for spalls of one width, depth and axial offset; make them equal, use another law, "
+    "or give the scene a law prepared with power_law"
+)
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["name"])
@@ -80,8 +87,7 @@ class Solution:
       displacement: radial, lateral, axial [mm], shape (3,).
       approach: of every roller [mm], shape (rollers,). loads: of every roller [N], shape (rollers,).
       stiffness: [N/mm], shape (3, 3) over radial, lateral, axial: dF/du if `definition` is "tangent"; the diagonal of
-        F/u if "secant" (0 for the lateral direction, which has no load; NaN for a direction with neither load nor
-        displacement).
+        F/u if "secant" (0 for the lateral direction, which has no load; NaN for a direction without load).
       law: the roller law that was used, with its range and error.
       residual: largest unbalanced force relative to the load. iterations: Newton steps.
       status_code: see `difftrb.status`; `status` is its sentence.
@@ -129,19 +135,36 @@ def prepared_law(scene: Scene) -> Law:
     """The scene's roller law, built from contact solves if it is only named.
 
     The power law is fitted from a sixth of the largest roller load that the scene lets expect to 1.2 times it, with
-    the first spall's width, depth and axial offset.
+    the spalls' width, depth and axial offset, which must be one for all (else ValueError).
     """
     if not isinstance(scene.law, LawName):
         return cast(Law, scene.law)
+    if scene.law.name == "power" and not _of_one_shape(scene.spalls):
+        raise ValueError(SEVERAL_SHAPES)
     largest = ring.largest_load(scene.bearing, scene.load)
     contact = LineContact.of(scene.bearing, "outer", scene.design_load)
     spall = scene.spalls[0] if scene.spalls else None
     return laws.named(scene.law.name, contact, (largest / 6.0, 1.2 * largest), spall, scene.accuracy)
 
 
+def _of_one_shape(spalls: tuple[Spall, ...]) -> bool:
+    """Whether all spalls are known to have one width, depth and axial offset; traced numbers are not known."""
+    shapes = [(spall.width, spall.depth, spall.axial_offset) for spall in spalls]
+    if len(shapes) < 2 or any(isinstance(value, jax.core.Tracer) for shape in shapes for value in shape):
+        return len(shapes) < 2
+    return len({tuple(float(value) for value in shape) for shape in shapes}) == 1
+
+
 def prepare(scene: Scene) -> Scene:
-    """The scene with its law built, so that solving it again costs microseconds. Errors as in `solve`."""
+    """The scene with its law built, so that solving it again costs microseconds. Errors as in `solve`.
+
+    A prepared law is frozen: bearing, crown, and a spall's width, depth and axial offset no longer act through it.
+    For complete derivatives by those, differentiate the scene with its law by name.
+    """
     status.require_float64()
+    scene = as_floats(scene)
+    if scene.definition not in get_args(Definition):
+        raise ValueError(f"definition = {scene.definition!r} is unknown; use one of {', '.join(get_args(Definition))}")
     for spall in scene.spalls:
         if spall.surface != "outer":
             raise ValueError(
@@ -190,8 +213,8 @@ class Assessment(NamedTuple):
     Attributes:
       spalled, healthy: the two solutions.
       loss: of radial and axial stiffness by the spalls [%], shape (2,).
-      by_length, by_width: derivatives of radial and axial stiffness by every spall's length and width
-        [N/mm per mm], shape (2, number of spalls).
+      by_length, by_width: derivatives of radial and axial stiffness by every spall's length and width, the roller law
+        held as prepared [N/mm per mm], shape (2, number of spalls); NaN where the stiffness is.
     """
 
     spalled: Solution
@@ -219,11 +242,14 @@ def _assess(scene: Scene) -> Assessment:
 
     def both(sizes: jax.Array) -> tuple[jax.Array, Solution]:
         solution = _solve(sized(sizes))
-        return jnp.stack([solution.radial_stiffness, solution.axial_stiffness]), solution
+        return _stiffness(solution), solution
 
     slopes, spalled = jax.jacfwd(both, has_aux=True)(sizes)
+    slopes = jnp.where(jnp.isnan(_stiffness(spalled))[:, None, None], jnp.nan, slopes)
     sound = _solve(healthy(scene))
-    loss = 1.0 - jnp.stack([
-        spalled.radial_stiffness / sound.radial_stiffness, spalled.axial_stiffness / sound.axial_stiffness
-    ])  # fmt: skip
+    loss = 1.0 - _stiffness(spalled) / _stiffness(sound)
     return Assessment(spalled, sound, 100.0 * loss, slopes[..., 0], slopes[..., 1])
+
+
+def _stiffness(solution: Solution) -> jax.Array:
+    return jnp.stack([solution.radial_stiffness, solution.axial_stiffness])

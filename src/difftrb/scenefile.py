@@ -21,7 +21,7 @@ from difftrb import law as laws
 from difftrb.contact import ContactSolution, solve_contact
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.ring import Load, needed_axial
-from difftrb.scene import Accuracy, Definition, DesignLoad, Phase, Scene, Solution
+from difftrb.scene import SEVERAL_SHAPES, Accuracy, Definition, DesignLoad, Phase, Scene, Solution
 
 UNKNOWN_KEY = ("unexpected_keyword_argument", "extra_forbidden")  # pydantic's names
 
@@ -148,8 +148,9 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
     """Check the text of a scene file; `path` names it in errors. Raises `SceneError`."""
     try:
         content: dict[str, Any] = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{path}: is not TOML: {error}") from None
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so are numbers without end
+        reason = str(error).splitlines()[0][:200]
+        raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
     _not_yet(content, path)
     if isinstance(content.get("bearing"), str):
         name = content["bearing"]
@@ -164,6 +165,8 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
     except ValidationError as error:
         worst = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY)  # a misspelt key explains a missing one
         raise SceneError(f"{path}: {_sentence(worst)}") from None
+    except RecursionError:
+        raise SceneError(f"{path}: is nested too deeply for a scene") from None
     _across(file, path)
     return file
 
@@ -177,7 +180,7 @@ def _not_yet(content: dict[str, Any], path: str | Path) -> None:
     if isinstance(stiffness, dict) and stiffness.get("phase") == "mean":
         raise SceneError(f"{path}: stiffness.phase = 'mean' is not available in this version; give an angle [rad]")
     effects = content.pop("effects", {})
-    if effects:
+    if effects != {}:
         keys = ", ".join(f"effects.{key}" for key in effects) if isinstance(effects, dict) else "effects"
         raise SceneError(f"{path}: {keys}: this version has no effects beyond the plain ring; leave [effects] out")
 
@@ -212,7 +215,9 @@ def _across(file: SceneFile, path: str | Path) -> None:
 
 def check_ring(file: SceneFile, path: str | Path) -> None:
     """Refuse what the contact alone could do but the ring cannot; raises `SceneError`."""
-    if file.contact.law == "liu2018" and file.bearing != geometry.bearing("32008J"):
+    theirs = geometry.bearing("32008J")
+    unconcerned = {name: getattr(theirs, name) for name in ("arc_radius", "density", "flange_angle")}
+    if file.contact.law == "liu2018" and dataclasses.replace(file.bearing, **unconcerned) != theirs:
         raise SceneError(f"{path}: contact.law = 'liu2018' holds for the bearing 32008J only; use 'power'")
     law = file.contact.law
     longest = {"power": laws.LENGTH_SHARE * file.bearing.roller_length, "liu2018": laws.TABLE_2[-1, 0],
@@ -228,6 +233,12 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
                 f"{path}: spall.{i}.length = {spall.length:g}: contact.law = {law!r} knows 0 … {longest:g} "
                 "mm; shorten the spall or choose another law"
             )
+    if law == "power" and len({(s.width, s.depth, s.axial_offset) for s in file.spall}) > 1:
+        raise SceneError(f"{path}: spall: contact.{SEVERAL_SHAPES}")
+    if file.load.axial == file.load.radial == 0.0:
+        raise NoEquilibriumError(
+            f"{path}: load.axial = 0 N and load.radial = 0 N: there is nothing to hold; give a load"
+        )
     needed = float(needed_axial(file.bearing, file.load.radial, file.stiffness.phase))
     if file.load.axial <= needed * (1.0 + 1e-6) or file.load.axial == 0.0:
         raise NoEquilibriumError(
@@ -241,8 +252,11 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
 
 def _sentence(error: Any) -> str:
     """One pydantic error as a sentence: key, value, allowed range, what to do."""
-    where = [part for part in error["loc"] if isinstance(part, int) or not part[:1].isupper()]
+    where = list(error["loc"])
     key = ".".join(str(part) for part in where)
+    key = key if key.isprintable() else repr(key)
+    value = repr(error["input"])
+    value = value if len(value) <= 60 else f"{value[:57]}..."
     if error["type"] in UNKNOWN_KEY:
         known = [f.name for f in dataclasses.fields(_owner(where[:-1]))]
         close = difflib.get_close_matches(str(where[-1]), known, n=1)
@@ -253,7 +267,9 @@ def _sentence(error: Any) -> str:
         allowed = f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a [bearing] table"
     if error["type"] == "missing":
         return f"{key} is missing: give {allowed}"
-    return f"{key} = {error['input']!r}: must be {allowed}"
+    if where[0] == "spall" and len(where) < 3:
+        return f"{key} = {value}: spalls are tables, each under a heading [[spall]]"
+    return f"{key} = {value}: must be {allowed}"
 
 
 def _owner(where: Iterable[str | int]) -> type:

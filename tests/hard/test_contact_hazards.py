@@ -95,6 +95,14 @@ def test_loads_that_are_no_loads_are_flagged(contact: trb.LineContact, load: flo
         s.check()
 
 
+def test_sizes_that_are_no_sizes_are_flagged(contact: trb.LineContact) -> None:
+    nan = float("nan")
+    for spall, offset in [(trb.Spall(-2.0, 1.0), 0.0), (trb.Spall(2.0, 1.0, -0.002), 0.0), (trb.Spall(2.0, 1.0), nan)]:
+        assert "not a number" in trb.solve_contact(contact, 1000.0, spall, offset, 1e-2).status
+    crown = trb.LineContact(contact.radius, contact.length, contact.modulus, -1.0)
+    assert "not a number" in trb.solve_contact(crown, 1000.0, accuracy=1e-2).status
+
+
 def test_a_domain_that_cuts_the_contact_is_noticed(contact: trb.LineContact, monkeypatch) -> None:
     """Forced to half its size, as in the source paper, the domain is reported, not believed."""
     whole = contacts.domain

@@ -84,7 +84,29 @@ def test_no_load_at_all_is_no_equilibrium(bearing) -> None:
 
 def test_numbers_that_are_not_numbers_are_flagged(bearing) -> None:
     for load in (trb.Load(float("nan"), 4500.0), trb.Load(9000.0, float("nan")), trb.Load(-1.0, 4500.0)):
-        assert not bool(trb.solve(trb.Scene(bearing, load, law="liu2018")).converged)
+        assert "not a number" in trb.solve(trb.Scene(bearing, load, law="liu2018")).status
+    nan = float("nan")
+    for spall in (trb.Spall(4.0, 7.0, angle=nan), trb.Spall(4.0, nan), trb.Spall(-4.0, 7.0)):
+        r = trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (spall,), law="liu2018"))
+        assert "not a number" in r.status
+        assert jnp.isnan(r.loads).all()
+
+
+def test_whole_numbers_are_numbers(bearing) -> None:
+    whole = trb.assess(trb.Scene(bearing, trb.Load(9000, 4500), (trb.Spall(4, 7),), law="liu2018"))
+    real = trb.assess(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law="liu2018"))
+    assert float(whole.by_length[0, 0]) == float(real.by_length[0, 0])
+
+
+def test_unknown_definitions_are_refused(bearing) -> None:
+    with pytest.raises(ValueError, match="definition = 'Secant' is unknown"):
+        trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), law="liu2018", definition="Secant"))  # type: ignore[arg-type]
+
+
+def test_one_fitted_law_cannot_serve_spalls_of_two_shapes(bearing) -> None:
+    spalls = trb.Spall(4.0, 7.0), trb.Spall(4.0, 7.0, depth=0.002, angle=1.0)
+    with pytest.raises(ValueError, match="one width, depth and axial offset"):
+        trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), spalls))
 
 
 def test_a_spall_longer_than_the_law_knows_is_refused_by_status(bearing) -> None:

@@ -166,23 +166,58 @@ def test_an_out_that_is_a_file_is_refused_and_kept(capsys, paper: Path, tmp_path
     target.write_text("mine", encoding="utf-8")
     code, _, err = call(capsys, "run", str(paper), "--out", str(target))
     assert code == 2
-    assert "is not a directory" in err
+    assert err == f"difftrb: {target}: File exists\n"
     assert target.read_text() == "mine"
 
 
-def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path) -> None:
-    target = tmp_path / "out"
-    target.mkdir()
-    (target / "result.json").write_text("old", encoding="utf-8")
+@pytest.mark.parametrize("there", [True, False])
+def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path, there: bool) -> None:
+    target = tmp_path / "a" / "out"
+    if there:
+        target.mkdir(parents=True)
+        (target / "result.json").write_text("old", encoding="utf-8")
 
     def fill(folder: Path) -> None:
         (folder / "result.json").write_text("half", encoding="utf-8")
-        raise OSError(28, "No space left on device")
+        raise OSError(28, "No space left on device", str(folder))
 
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(OSError, match="No space left") as caught:
         cli.write_folder(target, fill)
-    assert (target / "result.json").read_text() == "old"
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    assert caught.value.filename == str(target)
+    if there:
+        assert (target / "result.json").read_text() == "old"
+        assert [p.name for p in target.iterdir()] == ["result.json"]
+    else:
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_in_the_way_stops_everything(capsys, paper: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (out / "stiffness.png").mkdir(parents=True)
+    code, _, err = call(capsys, "run", str(paper), "--out", str(out))
+    assert (code, err) == (2, f"difftrb: {out}: a folder named stiffness.png is in the way\n")
+    assert [p.name for p in out.iterdir()] == ["stiffness.png"]
+
+
+def test_a_pressure_map_that_cannot_be_resolved_is_left_out(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "narrow.toml"
+    path.write_text(PAPER.replace("width = 7.0", "width = 0.01"), encoding="utf-8")
+    code, _, err = call(capsys, "run", str(path), "--out", str(tmp_path / "out"))
+    assert code == 0
+    assert "no pressure map: the spall is narrower than one cell" in err
+    assert not (tmp_path / "out" / "pressure.png").exists()
+    assert (tmp_path / "out" / "stiffness.png").exists()
+
+
+def test_secant_without_radial_load(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "axial.toml"
+    path.write_text(PAPER.replace("radial = 9000.0", "radial = 0.0"), encoding="utf-8")
+    record = json.loads(call(capsys, "run", str(path), "--json")[1])
+    assert (
+        record["stiffness"]["radial"] is record["loss"]["radial"] is record["sensitivity"]["radial"]["length"] is None
+    )
+    assert record["loss"]["axial"] > 0.0
+    assert "–" in call(capsys, "run", str(path))[1]
 
 
 def test_check_and_example(capsys, paper: Path) -> None:

@@ -43,6 +43,23 @@ BAD = {
     "too little axial load": ("axial = 4500.0", "axial = 2000.0", ["load.axial = 2000 N", "2272"]),
     "no axial load": ("axial = 4500.0", "axial = 0.0", ["load.axial = 0 N", "2272"]),
     "inner spall in the ring": ('"outer"', '"inner"', ["spall.0.surface = 'inner'", "'outer'"]),
+    "no load at all": (
+        "radial = 9000.0               # N, along the load line\naxial = 4500.0",
+        "radial = 0\naxial = 0",
+        ["load.axial = 0 N and load.radial = 0 N"],
+    ),
+    "capital letter": ("radial = 9000.0", "Radial = 9000.0", ["load.Radial is not a known key", "did you mean radial"]),
+    "capital table": ("[load]", "[Load]", ["Load is not a known key", "did you mean load"]),
+    "capital in a spall": ("width = 7.0", "Width = 7.0", ["spall.0.Width is not a known key", "did you mean width"]),
+    "spall that is a number": ("[[spall]]", "spall = 3\n[contact]", ["is not a known key"]),
+    "two shapes": (
+        "[[spall]]",
+        "[[spall]]\nlength = 2.0\nwidth = 3.0\n[[spall]]",
+        ["one width, depth and axial offset"],
+    ),
+    "a number without end": ("9000.0", "1" + "0" * 5000, ["is not TOML that can be read"]),
+    "nested without end": ("[load]", "x = " + "[" * 3000 + "]" * 3000 + "\n[load]", ["read"]),
+    "effects that are no table": ('bearing = "32008J"', 'bearing = "32008J"\neffects = 0', ["effects"]),
     "not TOML": ("[load]", "[load", ["is not TOML"]),
 }
 
@@ -92,6 +109,7 @@ OWN = scenefile.example("other_bearing")
         ("rollers = 19", "rollers = 2", "bearing.rollers = 2: must be a whole number in 3 … 400"),
         ("rollers = 19", "balls = 19", "bearing.balls is not a known key"),
         ("[load]", '[contact]\nlaw = "liu2018"\n[load]', "holds for the bearing 32008J only"),
+        ("modulus = 2.08e5", "Modulus = 2.08e5", "bearing.Modulus is not a known key; did you mean modulus?"),
     ],
 )
 def test_bearings_of_ones_own_are_checked(old: str, new: str, words: str, tmp_path: Path) -> None:
