@@ -118,7 +118,8 @@ def solve_contact(
       load: normal load of the roller [N], > 0.
       spall: None is a healthy raceway.
       offset: of the spall's centre from the contact's, in the rolling direction [mm].
-      accuracy: relative accuracy of the approach, 1e-2…1e-4; a smaller number costs time.
+      accuracy: relative accuracy of the approach, 1e-2…1e-4; a smaller number costs time. Where a heavily loaded
+        contact laps over a rolling edge by a few cells only, up to 4 times worse was seen.
 
     A spall whose `axial_offset` is 0, and not being traced, is solved on half the roller. Differentiable by every
     number in `contact`, `spall`, `load` and `offset`, forward and reverse; `jit` and `vmap` as you like (`lax.map` is
