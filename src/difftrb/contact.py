@@ -43,7 +43,7 @@ RESOLUTIONS = {1e-2: Resolution(16, 12, 6), 1e-3: Resolution(32, 20, 8), 1e-4: R
     meta_fields=["accuracy"],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
-class ContactSolution:
+class ContactSolution(status.Judged):
     """A solved contact.
 
     Attributes:
@@ -87,21 +87,6 @@ class ContactSolution:
     def unknowns(self) -> int:
         """Number of cells."""
         return self.force.shape[-1] * self.force.shape[-2]
-
-    @property
-    def converged(self) -> jax.Array:
-        """Whether the solve can be trusted."""
-        return self.status_code == status.CONVERGED
-
-    @property
-    def status(self) -> str:
-        """What happened, as a sentence. Outside jit only."""
-        return status.describe(self.status_code)
-
-    def check(self) -> ContactSolution:
-        """Itself; raises `SolveError` with the status's sentence if it did not converge. Outside jit only."""
-        status.check(self.status_code)
-        return self
 
 
 def solve_contact(

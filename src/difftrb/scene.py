@@ -79,7 +79,7 @@ class Scene:
     meta_fields=["definition"],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
-class Solution:
+class Solution(status.Judged):
     """A solved scene.
 
     Attributes:
@@ -114,21 +114,6 @@ class Solution:
     def axial_stiffness(self) -> jax.Array:
         """Axial force per axial displacement [N/mm]."""
         return self.stiffness[2, 2]
-
-    @property
-    def converged(self) -> jax.Array:
-        """Whether the solve can be trusted."""
-        return self.status_code == status.CONVERGED
-
-    @property
-    def status(self) -> str:
-        """What happened, as a sentence. Outside jit only."""
-        return status.describe(self.status_code)
-
-    def check(self) -> Solution:
-        """Itself; raises `SolveError` with the status's sentence if it did not converge. Outside jit only."""
-        status.check(self.status_code)
-        return self
 
 
 def prepared_law(scene: Scene) -> Law:

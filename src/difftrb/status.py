@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 import jax
 import jax.numpy as jnp
 
@@ -30,6 +32,28 @@ class SolveError(RuntimeError):
     """A solve ended without a trustworthy answer; the message is the status's sentence."""
 
 
+class Judged:
+    """A result that knows from its `status_code` how far to trust it."""
+
+    status_code: jax.Array
+
+    @property
+    def converged(self) -> jax.Array:
+        """Whether the solve can be trusted."""
+        return self.status_code == CONVERGED
+
+    @property
+    def status(self) -> str:
+        """What happened, as a sentence. Outside jit only."""
+        return describe(self.status_code)
+
+    def check(self) -> Self:
+        """Itself; raises `SolveError` with the status's sentence unless everything converged. Outside jit only."""
+        if int(jnp.max(self.status_code)) != CONVERGED:
+            raise SolveError(self.status)
+        return self
+
+
 def worst(*codes: jax.Array) -> jax.Array:
     """The status that matters most of several: the largest code that is not `CONVERGED`."""
     return jnp.max(jnp.stack([jnp.asarray(c) for c in codes]), axis=0)
@@ -38,12 +62,6 @@ def worst(*codes: jax.Array) -> jax.Array:
 def describe(code: int | jax.Array) -> str:
     """The sentence of one status code (of the worst one, if an array is given)."""
     return SENTENCES[int(jnp.max(jnp.asarray(code)))]
-
-
-def check(code: int | jax.Array) -> None:
-    """Raise `SolveError` with the status's sentence unless everything converged. Outside jit only."""
-    if int(jnp.max(jnp.asarray(code))) != CONVERGED:
-        raise SolveError(describe(code))
 
 
 def require_float64() -> None:
