@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-EXIT_OK, EXIT_NO_SOLUTION, EXIT_BAD_FILE = 0, 1, 2
+EXIT_OK, EXIT_NO_SOLUTION, EXIT_BAD_FILE, EXIT_INTERRUPTED = 0, 1, 2, 130
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -33,6 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(error, EXIT_NO_SOLUTION)
     except scenefile.SceneError as error:
         return _refuse(error, EXIT_BAD_FILE)
+    except KeyboardInterrupt:
+        return _refuse("interrupted", EXIT_INTERRUPTED)
     except OSError as error:
         return _refuse(f"{error.filename or 'output'}: {error.strerror or error}", EXIT_BAD_FILE)
 

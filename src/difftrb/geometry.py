@@ -197,6 +197,15 @@ def arc_radius(bearing: TaperedBearing) -> Real:
     return outer_raceway_radius(bearing, -bearing.roller_length / 2.0)
 
 
+def flange_force_angle(bearing: TaperedBearing) -> Real:
+    """Angle between the flange's force on a roller and the bearing's axis [rad].
+
+    Assumes that `flange_angle`, which Liu et al. 2018 print without a drawing, is the angle between the flange's face
+    and the inner raceway's generator.
+    """
+    return bearing.inner_angle + 0.5 * jnp.pi - bearing.flange_angle  # normal to the flange's face
+
+
 def roller_mass(bearing: TaperedBearing) -> Real:
     """Mass of one roller, a frustum of a cone without recesses [kg]."""
     d, D = bearing.roller_small_diameter, bearing.roller_large_diameter

@@ -60,7 +60,7 @@ class Influence:
     diagonal: jax.Array
 
 
-def graded(start: jax.Array, end: jax.Array, count: int, at_start: bool, at_end: bool, even: float = 0.1) -> jax.Array:
+def graded(start: jax.Array, end: jax.Array, count: int, at_start: bool, at_end: bool, even: float = 0.05) -> jax.Array:
     """`count` + 1 lines from `start` to `end`, gathered like a cosine at the ends asked for.
 
     `even` (0…1) is the share of even spacing mixed in; it bounds the ratio of largest to smallest cell.

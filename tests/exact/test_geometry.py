@@ -19,6 +19,7 @@ def test_derived_numbers_of_32008j(bearing: trb.TaperedBearing) -> None:
     assert geometry.raceway_normal_radius(bearing, "inner") == pytest.approx(24.47, abs=0.01)
     assert geometry.equivalent_radius(bearing, "outer") == pytest.approx(3.623, abs=0.001)
     assert geometry.equivalent_radius(bearing, "inner") == pytest.approx(2.867, abs=0.0005)
+    assert geometry.flange_force_angle(bearing) == pytest.approx(0.2036, abs=5e-5)
     assert geometry.roller_mass(bearing) == pytest.approx(3.55e-3, rel=1e-3)
     assert geometry.roller_pitch(bearing) == pytest.approx(0.2732, abs=5e-5)
 
@@ -34,6 +35,12 @@ def test_default_arc_radius_is_the_papers_choice(bearing: trb.TaperedBearing) ->
     assert 49.0 / geometry.arc_radius(bearing) == pytest.approx(1.71, abs=0.005)
     assert 7.0 / geometry.arc_radius(bearing) == pytest.approx(0.24, abs=0.005)
     assert geometry.outer_raceway_radius(bearing) == pytest.approx(30.3, abs=0.05)
+
+
+def test_rollers_of_32008j_leave_a_7_mm_spall_at_times(bearing: trb.TaperedBearing) -> None:
+    """No roller is in it at 10.6 % of cage phases."""
+    covered = 7.0 / geometry.arc_radius(bearing)
+    assert 1.0 - covered / geometry.roller_pitch(bearing) == pytest.approx(0.106, abs=5e-4)
 
 
 def test_contact_of_a_bearing(bearing: trb.TaperedBearing) -> None:

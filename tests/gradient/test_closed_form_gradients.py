@@ -59,9 +59,14 @@ def test_geometry_by_every_entry(bearing: trb.TaperedBearing) -> None:
         return jax.tree.unflatten(structure, list(v))
 
     for function in (
-        lambda b: geometry.equivalent_radius(b, "outer"), lambda b: geometry.equivalent_radius(b, "inner"),
-        geometry.pitch_radius, geometry.arc_radius, geometry.roller_mass, geometry.apex_distance,
-    ):  # fmt: skip
+        lambda b: geometry.equivalent_radius(b, "outer"),
+        lambda b: geometry.equivalent_radius(b, "inner"),
+        geometry.pitch_radius,
+        geometry.arc_radius,
+        geometry.roller_mass,
+        geometry.apex_distance,
+        geometry.flange_force_angle,
+    ):
         slopes = np.asarray(jax.grad(lambda v, f=function: f(rebuilt(v)))(jnp.asarray(at)))
         expected = central(lambda v, f=function: f(rebuilt(v)), at)
         np.testing.assert_allclose(slopes, expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
