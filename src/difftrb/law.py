@@ -122,14 +122,20 @@ class Palmgren:
 
 def load(law: Law, approach: jax.Array, spall_length: jax.Array) -> jax.Array:
     """Load Q = K δⁿ of rollers [N] at `approach` δ [mm] over spalls of `spall_length` [mm]; 0 where δ ≤ 0."""
-    K, n = law.coefficients(spall_length)
-    touching = approach > 0.0
-    return jnp.where(touching, K * jnp.where(touching, approach, 1.0) ** n, 0.0)  # Liu et al. 2018, eq. (6)
+    return power(approach, *law.coefficients(spall_length))[0]
 
 
 def stiffness(law: Law, approach: jax.Array, spall_length: jax.Array) -> jax.Array:
     """dQ/dδ of rollers [N/mm]; 0 where δ ≤ 0."""
-    return jax.jvp(lambda d: load(law, d, spall_length), (approach,), (jnp.ones_like(approach),))[1]
+    return power(approach, *law.coefficients(spall_length))[1]
+
+
+def power(approach: jax.Array, K: jax.Array, n: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Q = K δⁿ [N] and dQ/dδ [N/mm]; both 0 where δ ≤ 0."""
+    touching = approach > 0.0
+    depth = jnp.where(touching, approach, 1.0)
+    slope = jnp.where(touching, n * K * depth ** (n - 1.0), 0.0)  # Liu et al. 2018, eq. (6)
+    return slope * depth / n, slope
 
 
 def named(name: str, contact: LineContact, load_range: tuple[Real, Real], spall: Spall | None, accuracy: float) -> Law:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -77,18 +77,20 @@ def directions(bearing: TaperedBearing, angles: jax.Array) -> jax.Array:
     return jnp.stack([cos * jnp.cos(angles), cos * jnp.sin(angles), axial], axis=-1)  # Liu et al. 2018, eq. (5)
 
 
-def spall_lengths(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array) -> jax.Array:
-    """Length of the spall under every roller [mm], shape (rollers,), 0 if there is none.
+def spalls_under(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array) -> jax.Array:
+    """Which spall every roller is over, counted from 1; 0 is none; shape (rollers,).
 
     A hard window: a roller is over a spall while its angle is within half the spall's width of the spall's middle, so
     nothing here changes with width but the number of rollers inside. Of several, the longest counts.
     """
-    felt = jnp.zeros_like(angles)
-    for spall in spalls:
+    over = jnp.zeros(angles.shape, int)
+    longest = jnp.zeros(angles.shape)
+    for i, spall in enumerate(spalls, start=1):
         away = jnp.abs(jnp.mod(angles - spall.angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi)
         half = 0.5 * spall.width / geometry.arc_radius(bearing)
-        felt = jnp.where(away < half, jnp.maximum(felt, spall.length), felt)  # Liu et al. 2018, eq. (7)
-    return felt
+        inside = (away < half) & (spall.length > longest)  # Liu et al. 2018, eq. (7)
+        over, longest = jnp.where(inside, i, over), jnp.where(inside, spall.length, longest)
+    return over
 
 
 def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real) -> jax.Array:
@@ -126,7 +128,8 @@ def equilibrium(
     """
     angles = roller_angles(bearing, phase)
     normals = directions(bearing, angles)
-    lengths = spall_lengths(bearing, spalls, angles)
+    lengths = jnp.stack([jnp.zeros(()), *(jnp.asarray(spall.length, float) for spall in spalls)])
+    over = spalls_under(bearing, spalls, angles)
     valid = (load.radial >= 0.0) & (load.axial >= 0.0) & jnp.isfinite(load.radial + load.axial + phase)
     for spall in spalls:
         valid = valid & geometry.spall_is_sound(spall)
@@ -136,12 +139,12 @@ def equilibrium(
 
     known = jnp.asarray(roller_law.longest) >= jnp.max(lengths)
     extra = jnp.broadcast_to(interference, angles.shape)
-    parameters = (normals, lengths, extra, roller_law, safe)
-    u, (residual, iterations) = implicit.root(_unbalanced, _newton, parameters)
-    approach = _dot(normals, u) + extra
-    loads = law.load(roller_law, approach, lengths)
-    slopes = law.stiffness(roller_law, approach, lengths)
-    tangent = _dot(normals.T * slopes[None, :], normals)
+    K, n = roller_law.coefficients(lengths)  # once for healthy rollers, once for each spall
+    rollers = Rollers(normals, extra, K[over], n[over])
+    u, (residual, iterations) = implicit.root(_unbalanced, _newton, solve_3x3, (rollers, safe))
+    approach = rollers.approach(u)
+    loads, slopes = law.power(approach, rollers.stiffness, rollers.exponent)
+    tangent = _tangent(normals, slopes)
 
     converged = (residual <= TOLERANCE) & jnp.all(jnp.isfinite(u))
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
@@ -162,45 +165,73 @@ def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
     return jnp.matmul(a, b, precision=jax.lax.Precision.HIGHEST)
 
 
-Parameters = tuple[jax.Array, jax.Array, jax.Array, Law, jax.Array]
-"""Normals, spall lengths, interferences, law and force."""
+class Rollers(NamedTuple):
+    """What equilibrium needs of the rollers: unit normals, shape (rollers, 3), interference [mm] and the power law's
+    K [N/mmⁿ] and n, each of shape (rollers,)."""
+
+    normals: jax.Array
+    interference: jax.Array
+    stiffness: jax.Array
+    exponent: jax.Array
+
+    def approach(self, u: jax.Array) -> jax.Array:
+        """Approach of every roller at displacement u [mm], shape (rollers,)."""
+        return _dot(self.normals, u) + self.interference
 
 
-def _unbalanced(u: jax.Array, parameters: Parameters) -> jax.Array:
+def _tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:
+    """Σ dQ/dδ n nᵀ [N/mm], shape (3, 3)."""
+    return _dot(normals.T * slopes[None, :], normals)
+
+
+def _unbalanced(u: jax.Array, parameters: tuple[Rollers, jax.Array]) -> jax.Array:
     """Force left over at displacement u, relative to the load, shape (3,)."""
-    normals, lengths, extra, roller_law, force = parameters
-    loads = law.load(roller_law, _dot(normals, u) + extra, lengths)
-    return (_dot(normals.T, loads) - force) / jnp.linalg.norm(jax.lax.stop_gradient(force))  # Liu et al. 2018, eq. (5)
+    return _system(u, parameters)[0]
 
 
-def _newton(parameters: Parameters) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+def _system(u: jax.Array, parameters: tuple[Rollers, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    """The unbalanced force and its derivative by u, relative to the load."""
+    rollers, force = parameters
+    loads, slopes = law.power(rollers.approach(u), rollers.stiffness, rollers.exponent)
+    unbalanced = _dot(rollers.normals.T, loads) - force  # Liu et al. 2018, eq. (5)
+    return unbalanced / _size(force), _tangent(rollers.normals, slopes) / _size(force)
+
+
+def _size(force: jax.Array) -> jax.Array:
+    return jnp.linalg.norm(jax.lax.stop_gradient(force))
+
+
+def _newton(parameters: tuple[Rollers, jax.Array]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
     """Newton's method on a convex energy, of which the unbalanced force is the gradient.
 
     A step p is taken unless it climbs again steeply at its end (force·p), else retaken shorter, by damping.
     """
-    normals, lengths, _, roller_law, force = parameters
-
-    def system(u: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return _unbalanced(u, parameters), jax.jacfwd(_unbalanced)(u, parameters)
+    rollers, force = parameters
 
     def step(state):
         u, r, J, damping, k = state
-        p = -jnp.linalg.solve(J + damping * jnp.trace(J) * jnp.eye(3), r)
-        trial = u + p
-        r_new, J_new = system(trial)
+        p = -solve_3x3(J + damping * jnp.trace(J) * jnp.eye(3), r)
+        r_new, J_new = _system(u + p, parameters)
         better = jnp.vdot(r_new, p) <= 0.5 * jnp.abs(jnp.vdot(r, p))
         relaxed, stiffened = jnp.where(damping > 1e-9, 0.1 * damping, 0.0), jnp.maximum(10.0 * damping, 1e-4)
-        u, r, J = (jnp.where(better, new, old) for new, old in ((trial, u), (r_new, r), (J_new, J)))
+        u, r, J = (jnp.where(better, new, old) for new, old in ((u + p, u), (r_new, r), (J_new, J)))
         return u, r, J, jnp.where(better, relaxed, stiffened), k + 1
 
     def unfinished(state):
         _, r, _, damping, k = state
         return (jnp.max(jnp.abs(r)) > 0.01 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
 
-    # start with all rollers equally loaded
-    stiffness, exponent = roller_law.coefficients(jnp.zeros(()))
-    axial = normals[0, 2]
-    share = jnp.linalg.norm(force) / (lengths.shape[0] * axial)
-    start = jnp.zeros(3).at[2].set((share / stiffness) ** (1.0 / exponent) / axial)
-    u, r, _, _, k = jax.lax.while_loop(unfinished, step, (start, *system(start), jnp.zeros(()), jnp.asarray(0)))
+    # start with all rollers as loaded as the first one would be, were the load shared equally
+    axial = rollers.normals[0, 2]
+    share = _size(force) / (rollers.exponent.shape[0] * axial)
+    start = jnp.zeros(3).at[2].set((share / rollers.stiffness[0]) ** (1.0 / rollers.exponent[0]) / axial)
+    state = start, *_system(start, parameters), jnp.zeros(()), jnp.asarray(0)
+    u, r, _, _, k = jax.lax.while_loop(unfinished, step, state)
     return u, (jnp.max(jnp.abs(r)), k)
+
+
+def solve_3x3(matrix: jax.Array, right: jax.Array) -> jax.Array:
+    """x with matrix · x = right, by cofactors: in a batch many times faster than a factorisation."""
+    a, b, c = matrix
+    bc, ca, ab = jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)
+    return (right[0] * bc + right[1] * ca + right[2] * ab) / jnp.vdot(a, bc)

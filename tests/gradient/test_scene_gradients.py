@@ -82,7 +82,7 @@ def test_every_leaf_of_a_scene_has_its_gradient(scene: trb.Scene) -> None:
 def test_second_derivation_of_the_load_gradient(scene: trb.Scene) -> None:
     """du/dl = −K⁻¹ ΣdQ/dl n, dQ_j/dl = ∂Q/∂l + Q' n·du/dl, assembled in numpy."""
     s = trb.solve(scene)
-    lengths = np.asarray(ring.spall_lengths(scene.bearing, scene.spalls, s.angles))
+    lengths = 4.0 * np.asarray(ring.spalls_under(scene.bearing, scene.spalls, s.angles))
     normals = np.asarray(ring.directions(scene.bearing, s.angles))
     h = 1e-5
 

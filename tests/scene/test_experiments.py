@@ -32,6 +32,12 @@ def test_accuracy_of_contact(contact: trb.LineContact) -> None:
     assert seconds > 0.0
 
 
+def test_speed_of_ring(power: trb.PowerLaw) -> None:
+    for first, each in script("speed_of_ring").measure(power, 4).values():
+        assert first > 0.0
+        assert each > 0.0
+
+
 def test_drawing_of_axes(tmp_path: Path) -> None:
     script("readme_figures").drawing(tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {"axes.png", "axes.svg"}

@@ -1,0 +1,65 @@
+"""What a ring costs once its law is prepared: one scene of a jitted batch, value and gradient.
+
+taskset -c 0 python experiments/speed_of_ring.py [SCENES]   (default 10000; pin one core to compare)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from collections.abc import Callable
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+
+import difftrb as trb  # noqa: E402
+
+
+def seconds(function: Callable, *arguments: jax.Array) -> tuple[float, float]:
+    """Seconds of the first call (tracing, compiling, running) and the median of seven more."""
+    times = []
+    for _ in range(8):
+        started = time.perf_counter()
+        jax.block_until_ready(function(*arguments))
+        times.append(time.perf_counter() - started)
+    return times[0], float(np.median(times[1:]))
+
+
+def measure(law: trb.PowerLaw, count: int) -> dict[str, tuple[float, float]]:
+    """First call [s] and time per scene [µs] for loads, and for stiffness with its length derivative."""
+    scene = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law=law)
+
+    def at(length: jax.Array, axial: jax.Array) -> trb.Solution:
+        spalls = (dataclasses.replace(scene.spalls[0], length=length),)
+        return trb.solve(dataclasses.replace(scene, load=trb.Load(9000.0, axial), spalls=spalls))
+
+    def loads(length: jax.Array, axial: jax.Array) -> jax.Array:
+        return at(length, axial).loads
+
+    def sensitive(length: jax.Array, axial: jax.Array) -> tuple[jax.Array, jax.Array]:
+        slope = jax.grad(lambda v: at(v, axial).stiffness[0, 0])(length)
+        return at(length, axial).stiffness, slope
+
+    batch = jnp.linspace(0.5, 8.0, count), jnp.linspace(4000.0, 6000.0, count)
+    results = {}
+    for name, function in (("loads", loads), ("stiffness matrix and d(radial)/d(length)", sensitive)):
+        first, again = seconds(jax.jit(jax.vmap(function)), *batch)
+        results[name] = first, 1e6 * again / count
+    return results
+
+
+def main() -> None:
+    """Measure with the default scene's law and print."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 10000
+    law = trb.power_law(trb.LineContact.of(trb.bearing("32008J")), (270.0, 1970.0))
+    for name, (first, each) in measure(law, count).items():
+        print(f"{name:42s} first call {first:.2f} s, then {each:.2f} µs per scene in a batch of {count}")
+
+
+if __name__ == "__main__":
+    main()
