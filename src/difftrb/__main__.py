@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import hashlib
+import io
 import json
 import os
 import platform
@@ -15,12 +16,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-EXIT_OK, EXIT_NO_SOLUTION, EXIT_BAD_FILE, EXIT_INTERRUPTED = 0, 1, 2, 130
+EXIT_OK, EXIT_NO_SOLUTION, EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_PIPE = 0, 1, 2, 130, 141
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; the exit code: 0 all converged, 1 no solution, 2 a bad file or bad arguments."""
     options = _parser().parse_args(arguments)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal without µ and █ gets question marks, not a traceback
     _set_up_jax(options.cache)
     from difftrb import scenefile
     from difftrb.status import SolveError
@@ -35,6 +38,9 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(error, EXIT_BAD_FILE)
     except KeyboardInterrupt:
         return _refuse("interrupted", EXIT_INTERRUPTED)
+    except BrokenPipeError:  # the reader, say `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_PIPE
     except OSError as error:
         return _refuse(f"{error.filename or 'output'}: {error.strerror or error}", EXIT_BAD_FILE)
 
@@ -75,14 +81,17 @@ def _set_up_jax(cache: bool) -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    if cache:
-        jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
+    if cache and (folder := cache_folder()) is not None:
+        jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
-def cache_folder() -> Path:
-    """Where compiled programs are kept: the user's cache folder, apart for every kind of processor."""
+def cache_folder() -> Path | None:
+    """Where compiled programs are kept: the user's cache folder, apart for every kind of processor.
+
+    The folder is made; None where it cannot be.
+    """
     import platformdirs
 
     processor = platform.machine()
@@ -90,7 +99,12 @@ def cache_folder() -> Path:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         processor += next((line for line in lines if line.startswith(("flags", "Features"))), "")
     kind = hashlib.sha256(processor.encode()).hexdigest()[:12]
-    return Path(platformdirs.user_cache_dir("difftrb")) / kind
+    folder = Path(platformdirs.user_cache_dir("difftrb")) / kind
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
 
 
 def _refuse(reason: object, code: int) -> int:

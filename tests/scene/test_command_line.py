@@ -220,6 +220,16 @@ def test_secant_without_radial_load(capsys, tmp_path: Path) -> None:
     assert "–" in call(capsys, "run", str(path))[1]
 
 
+def test_programs_are_kept_only_where_one_may_write(monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = cli.cache_folder()
+    assert folder is not None
+    assert folder.is_dir()
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert cli.cache_folder() is None
+
+
 def test_check_and_example(capsys, paper: Path) -> None:
     code, out, _ = call(capsys, "check", str(paper))
     assert code == 0
