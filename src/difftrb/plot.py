@@ -102,5 +102,5 @@ def save(ax: Any, folder: Path, name: str) -> None:
     """Write the figure of `ax` as PNG and SVG into `folder` and close it."""
     figure = ax.figure
     for kind in ("png", "svg"):
-        figure.savefig(folder / f"{name}.{kind}", dpi=160)
+        figure.savefig(folder / f"{name}.{kind}", dpi=160, bbox_inches="tight")
     plt.close(figure)
