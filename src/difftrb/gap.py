@@ -36,10 +36,11 @@ def crown_at(y: jax.Array, contact: LineContact) -> jax.Array:
 
 def _log_integral(t: jax.Array) -> jax.Array:
     """∫₀ᵗ ln(1/(1−s²)) ds."""
-    return _xlogx(1.0 - t) - _xlogx(1.0 + t) + 2.0 * t
+    return xlogx(1.0 - t) - xlogx(1.0 + t) + 2.0 * t
 
 
-def _xlogx(v: jax.Array) -> jax.Array:
+def xlogx(v: jax.Array) -> jax.Array:
+    """v ln v, 0 at 0."""
     return v * jnp.log(jnp.where(v > 0.0, v, 1.0))
 
 

@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 import jax
+import jax.flatten_util
 import jax.numpy as jnp
 
 with warnings.catch_warnings():
@@ -90,6 +91,29 @@ def _pressed_jvp(apply: Callable, solver: Callable, respond: Callable, primals: 
     force_change = relaxed + per_load * load_change
     out = force, approach, residual, iterations
     return out, (force_change, approach_change, jnp.zeros_like(residual), jnp.zeros_like(iterations))
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def factored_root(residual: Callable, solver: Callable, parameters: Pytree, start: jax.Array) -> tuple[Pytree, Pytree]:
+    """x with `residual(x, choice, parameters)` = 0, by a solver that factors the Jacobian itself.
+
+    `solver(parameters, start)` returns x (a pytree), choice (which of the alternatives hold at x), the LU factors of
+    the Jacobian by the raveled x, and a report. Returns x and (choice, *report), which carry no derivative.
+    """
+    x, choice, _, report = solver(parameters, start)
+    return x, (choice, *report)
+
+
+@factored_root.defjvp
+def _factored_root_jvp(residual: Callable, solver: Callable, primals: tuple, tangents: tuple):
+    parameters, start = primals
+    x, choice, factors, report = solver(parameters, start)
+    x, choice, factors = jax.lax.stop_gradient((x, choice, factors))
+    _, change = jax.jvp(lambda p: residual(x, choice, p), (parameters,), (tangents[0],))
+    _, unravel = jax.flatten_util.ravel_pytree(x)
+    x_change = unravel(-jax.scipy.linalg.lu_solve(factors, change))
+    auxiliary = (choice, *report)
+    return (x, auxiliary), (x_change, jax.tree.map(_zero_tangent, auxiliary))
 
 
 def _zero_tangent(leaf: jax.Array) -> Any:

@@ -14,6 +14,7 @@ NO_EQUILIBRIUM = 3
 BAD_INPUT = 4
 UNRESOLVED = 5
 UNKNOWN_LENGTH = 6
+UNSUITED = 7
 
 SENTENCES = {
     CONVERGED: "converged",
@@ -24,6 +25,8 @@ SENTENCES = {
     BAD_INPUT: "an input is not a number, or is outside its range: check load, sizes and radii",
     UNRESOLVED: "the spall is narrower than one cell of the grid: ask for more accuracy (a smaller number) or a wider "
     "spall",
+    UNSUITED: "strips cannot describe this contact (a roller without crown, or one that may reach the spall's bottom): "
+    "use method 'cells'",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
 }
 

@@ -1,0 +1,189 @@
+"""Rows along the roller: a piecewise linear line load, and the integrals of K₀(κ|y−y'|) over pairs of its hats."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb import special
+
+# Below this κ [1/half-width] the kernel's integrals start at zero, above at infinity: either way small hats far apart
+# are not lost in rounding.
+LOW = 0.05
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["lines"], meta_fields=["middle", "edge"])
+@dataclasses.dataclass(frozen=True)
+class Rows:
+    """Hats that peak on `lines`, shape (panels + 1,), increasing.
+
+    On the border beside a spall's `edge` ("low", "high", "both" or "none") line load may jump: half a hat peaks there.
+    On other borders it is zero: no hat. With `middle` the first line is the roller's middle and has a hat that goes on
+    into its mirror image.
+    """
+
+    lines: jax.Array
+    middle: bool
+    edge: Literal["low", "high", "both", "none"]
+
+    @property
+    def borders(self) -> tuple[bool, bool]:
+        """Whether there is half a hat on the first and on the last line."""
+        return self.edge in ("low", "both"), self.edge in ("high", "both")
+
+    @property
+    def count(self) -> int:
+        """Number of hats."""
+        return self.lines.shape[0] - 2 + self.middle + sum(self.borders)
+
+    @property
+    def peaks(self) -> jax.Array:
+        """Where the hats peak, shape (hats,)."""
+        return self.hats(self.lines[1:-1], self.lines[0], self.lines[-1])
+
+    def hats(self, inner: jax.Array, first: jax.Array, last: jax.Array) -> jax.Array:
+        """One value for every hat, of those given for inner lines and for the border lines, where they have one."""
+        low, high = self.borders
+        return jnp.concatenate([first[None]] * (low or self.middle) + [inner] + [last[None]] * high)
+
+
+def graded(start: jax.Array, end: jax.Array, count: int, at_start: float, at_end: float) -> jax.Array:
+    """`count` + 1 lines from `start` to `end`; their distance from either grows there like the given power."""
+    u = np.linspace(0.0, 1.0, count + 1)
+    share = u**at_start / (u**at_start + (1.0 - u) ** at_end) if at_start > 1.0 else 1.0 - (1.0 - u) ** at_end
+    return start + (end - start) * jnp.asarray(share)
+
+
+def integrals(rows: Rows, function: Callable[[jax.Array], jax.Array]) -> jax.Array:
+    """∫ hat f dy of every hat, shape (hats,), by six Gauss points on each panel."""
+    x, w = np.polynomial.legendre.leggauss(6)
+    x, w = 0.5 * (x + 1.0), 0.5 * w
+    steps = jnp.diff(rows.lines)
+    values = function(rows.lines[:-1, None] + steps[:, None] * x[None, :]) * steps[:, None]
+    falling, rising = values @ (w * (1.0 - x)), values @ (w * x)
+    return rows.hats(rising[:-1] + falling[1:], falling[0], rising[-1])
+
+
+def shares(rows: Rows, borders: jax.Array) -> jax.Array:
+    """∫ hat dy between neighbouring `borders`, shape (hats, len(borders) - 1)."""
+    u = jnp.clip((borders - rows.lines[:-1, None]) / jnp.diff(rows.lines)[:, None], 0.0, 1.0)
+    rising, falling = 0.5 * u * u, u - 0.5 * u * u
+    parts = [jnp.diff(f * jnp.diff(rows.lines)[:, None], axis=-1) for f in (rising, falling)]
+    return rows.hats(parts[0][:-1] + parts[1][1:], parts[1][0], parts[0][-1])
+
+
+def mass(groups: tuple[Rows, ...]) -> jax.Array:
+    """∫ hat hat dy, shape (hats, hats); groups do not overlap."""
+    blocks = []
+    for rows in groups:
+        steps = jnp.diff(rows.lines)
+        own = rows.hats((steps[:-1] + steps[1:]) / 3.0, steps[0] / 3.0, steps[-1] / 3.0)
+        low, high = rows.borders
+        beside = steps[0 if low or rows.middle else 1 : len(steps) if high else len(steps) - 1] / 6.0
+        blocks.append(jnp.diag(own) + jnp.diag(beside, 1) + jnp.diag(beside, -1))
+    return jax.scipy.linalg.block_diag(*blocks)
+
+
+def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax.Array:
+    """∬ hat(y) hat(y') K₀(κ|y−y'|) dy dy', shape (hats, hats, κ); with y' also mirrored about 0 if asked.
+
+    A hat is a second difference: the integral is two of them of K₀'s fourth antiderivative at the lines; half a hat
+    takes its slope at the border too.
+    """
+    stencil, at_borders = (
+        jax.scipy.linalg.block_diag(*part) for part in zip(*[_stencil(rows) for rows in groups], strict=True)
+    )
+    points = jnp.concatenate([_points(rows) for rows in groups])
+    borders = jnp.concatenate([rows.lines[np.flatnonzero(rows.borders) * -1] for rows in groups])
+    k, from_zero = jnp.asarray(kappa)[:, None], kappa[:, None] < LOW
+    overlap = _overlaps(groups, mirrored)
+
+    def differences(order: int, left: jax.Array, right: jax.Array, at: jax.Array, by: jax.Array) -> jax.Array:
+        pairs, back = _pairs(at.shape[0], by.shape[0], mirrored, at is by)
+        d = jnp.concatenate([at, by]) @ pairs
+        sign = jnp.sign(d) if order == 3 else np.sign(pairs[at.shape[0] :].sum(0)) if order == 2 else 1.0
+        d = jnp.abs(d)
+
+        def over_hats(f: jax.Array) -> jax.Array:
+            return jnp.einsum("ia,...ab,jb->...ij", left, (sign * f)[..., back], right)
+
+        kernel = jnp.sum(over_hats(special.integral_k0(order, k * d, from_zero) / k**order), axis=1)
+        # integrals from infinity leave out ¼πz + ¹⁄₁₂πz³, which hats can tell from a smooth function if they overlap
+        stiff = {4: np.pi / 4.0 * d, 3: np.pi / 4.0 * jnp.ones_like(d), 2: jnp.zeros_like(d)}[order]
+        heavy = {4: np.pi / 12.0 * d**3, 3: np.pi / 4.0 * d**2, 2: np.pi / 2.0 * d}[order]
+        stiff, heavy = (jnp.sum(jnp.where(overlap, over_hats(p), 0.0), axis=0) for p in (stiff, heavy))
+        local = stiff / k[..., None] ** 3 + heavy / k[..., None]
+        return kernel + jnp.where(from_zero[..., None], 0.0, local)
+
+    result = differences(4, stencil, stencil, points, points)
+    if borders.size:
+        slope = differences(3, at_borders, stencil, borders, points)
+        result += slope + slope.swapaxes(1, 2) + differences(2, at_borders, at_borders, borders, borders)
+    return result.transpose(1, 2, 0)
+
+
+def _pairs(count: int, others: int, mirrored: bool, same: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The matrix from points to their distances, each once, and where to find that of every pair.
+
+    Shapes (count + others, distances) and (images, count, others).
+    """
+    columns, back, found = [], np.zeros((1 + mirrored, count, others), int), {}
+    for image, a, b in np.ndindex(back.shape):
+        key = (image, *sorted((a, b))) if same else (image, a, b)
+        if key not in found:
+            found[key] = len(columns)
+            column = np.zeros(count + others)
+            column[a] += 1.0
+            column[count + b] += 1.0 if image else -1.0
+            columns.append(column)
+        back[image, a, b] = found[key]
+    return np.stack(columns, axis=1), back
+
+
+def _points(rows: Rows) -> jax.Array:
+    return jnp.concatenate([-rows.lines[1:2], rows.lines]) if rows.middle else rows.lines
+
+
+def _stencil(rows: Rows) -> tuple[jax.Array, jax.Array]:
+    """The matrices that take f at the points, and f' at borders with half a hat, to ∫ hat f'' dy."""
+    steps = jnp.diff(_points(rows))
+    here = np.arange(steps.shape[0])
+    slopes = jnp.zeros((len(here), len(here) + 1)).at[here, here].set(-1.0 / steps).at[here, here + 1].set(1.0 / steps)
+    none = jnp.zeros((1, len(here) + 1))
+    low, high = rows.borders
+    stencil = jnp.diff(jnp.concatenate([none] * low + [slopes] + [none] * high), axis=0)
+    at_borders = np.zeros((rows.count, low + high))
+    if low:
+        at_borders[0, 0] = -1.0
+    if high:
+        at_borders[-1, -1] = 1.0
+    return (stencil.at[0].multiply(0.5) if rows.middle else stencil), jnp.asarray(at_borders)
+
+
+def _overlaps(groups: tuple[Rows, ...], mirrored: bool) -> np.ndarray:
+    """Which pairs of hats overlap or meet at an edge, and which a hat and the mirror image of another.
+
+    Shape (images, hats, hats).
+    """
+    total = sum(rows.count for rows in groups)
+    overlap = np.zeros((1 + mirrored, total, total), bool)
+    first, lows, highs = 0, [], []
+    for rows in groups:
+        i = np.arange(rows.count)
+        block = slice(first, first + rows.count)
+        overlap[0, block, block] = np.abs(i[:, None] - i) <= 1
+        if mirrored and rows.middle:
+            overlap[1, block, block] = i[:, None] + i <= 1
+        low, high = rows.borders
+        lows += [first, first + 1] * low
+        first += rows.count
+        highs += [first - 2, first - 1] * high
+    for a, b in ((lows, highs), (highs, lows)):
+        overlap[0, np.asarray(a, int)[:, None], np.asarray(b, int)] = True
+    return overlap

@@ -1,0 +1,378 @@
+"""The contact as strips across it, each with its own free boundaries: spectral in x, piecewise linear in y.
+
+Pressure is Σ hatᵢ(y) Σₘ aᵢₘ Tₘ(t)/(π b √(1−t²)), t = (x−c)/b: row i carries line load along the roller, its strip
+reaches from l to r across it. Where a strip ends freely its pressure must fall to zero there, which fixes l and r;
+at a spall's rolling edge it stays singular. No cell boundary is crossed when an edge moves, so nothing ripples.
+
+1/r = (2/π) ∫ K₀(κ|y|) cos κx dκ makes the influence separable: Bessel functions of κb for every strip, and one
+matrix of the rows for every κ that knows nothing of the strips (`rows.products`). All lengths are in units of a Hertz half-width,
+line loads in units of their mean, so that radius and modulus drop out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import lru_cache, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb import implicit
+from difftrb.rows import Rows, products
+
+Ends = tuple[str, str]
+LAND, RIGHT, LEFT = 0, 1, -1
+TOLERANCE = 1e-7
+LARGEST = 3.0  # farthest end of a strip
+LEAST = 1e-3  # smallest width of one
+PASSES = 40
+
+
+@dataclasses.dataclass(frozen=True)
+class Frequencies:
+    """Quadrature of ∫ dκ from 0 to `highest`: K₀ is logarithmic near 0, smooth in ln κ, then Bessel functions oscillate.
+
+    Attributes: how many nodes lie near 0 (`low`), up to κ = 1.5 (`smooth`), and up to `highest` (`waves`).
+    """
+
+    low: int
+    smooth: int
+    waves: int
+    highest: float
+
+    def rule(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes and weights."""
+
+        def gauss(a: float, b: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+            x, w = np.polynomial.legendre.leggauss(count)
+            return 0.5 * (b - a) * x + 0.5 * (b + a), 0.5 * (b - a) * w
+
+        root, root_weight = gauss(0.0, 0.1, self.low)
+        log, log_weight = gauss(np.log(1e-3), np.log(1.5), self.smooth)
+        wave, wave_weight = gauss(1.5, self.highest, self.waves)
+        return (
+            np.concatenate([root**3, np.exp(log), wave]),
+            np.concatenate([3.0 * root**2 * root_weight, np.exp(log) * log_weight, wave_weight]),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """What is static of a strip model: which sides of a spall carry strips, modes, frequencies.
+
+    Attributes:
+      sides: for every strip LAND, RIGHT or LEFT (of the spall). rows: for every strip its row.
+      modes: Chebyshev modes of a strip. even: strips are symmetric about x = 0 (only even modes, c = 0).
+      frequencies: the quadrature in κ.
+    """
+
+    sides: tuple[int, ...]
+    rows: tuple[int, ...]
+    modes: int
+    even: bool
+    frequencies: Frequencies
+
+    @property
+    def orders(self) -> np.ndarray:
+        return np.arange(self.modes) * (2 if self.even else 1)
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["products", "mass", "weight", "place", "gap", "left", "right", "load"],
+    meta_fields=[],
+)
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """The contact without units: x in b₀, y in b₀, line load in q₀, displacement in q₀/(πE').
+
+    Attributes:
+      products: of the rows at every frequency times its weight, shape (rows, rows, frequencies).
+      mass: ∫ hat hat dy, shape (rows, rows). weight: ∫ hat dy, shape (rows,).
+      place: where the hats peak, shape (rows,). gap: mean initial gap of the rows
+        beside curvature (crown, tilt), shape (rows,). left, right: the spall's rolling edges. load: Σ weight q.
+    """
+
+    products: jax.Array
+    mass: jax.Array
+    weight: jax.Array
+    place: jax.Array
+    gap: jax.Array
+    left: jax.Array
+    right: jax.Array
+    load: jax.Array
+
+
+@lru_cache
+def _tables(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    """Chebyshev coefficients by which matrix products give Jₘ(κb), and cos κc and sin κc, for |b|, |c| ≤ LARGEST.
+
+    Shapes (terms, modes, κ) and (terms, 2, κ).
+    """
+    kappa = layout.frequencies.rule()[0]
+    terms = int(LARGEST * layout.frequencies.highest) + 26
+    angles = np.pi * (np.arange(terms) + 0.5) / terms
+    x = LARGEST * np.cos(angles)[:, None] * kappa
+    turn = 2.0 * np.pi * (np.arange(4 * terms) + 0.5) / (4 * terms)
+    wave = [np.mean(np.cos(m * turn - x[..., None] * np.sin(turn)), axis=-1) for m in layout.orders]  # Bessel's integral
+    to_terms = 2.0 / terms * np.cos(np.outer(np.arange(terms), angles))
+    to_terms[0] *= 0.5
+    return (
+        np.einsum("tj,mjk->tmk", to_terms, np.stack(wave)),
+        np.einsum("tj,mjk->tmk", to_terms, np.stack([np.cos(x), np.sin(x)])),
+    )
+
+
+def _chebyshev(terms: int, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """T₀ … of x/LARGEST and their derivatives by x, shape (strips, terms); x is kept a little inside ± LARGEST."""
+    angle = jnp.arccos(jnp.clip(x / LARGEST, -0.999, 0.999))[:, None] 
+    k = jnp.arange(terms)
+    return jnp.cos(k * angle), k * jnp.sin(k * angle) / (LARGEST * jnp.sin(angle))
+
+
+def _waves(layout: Layout, ends: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Fourier transforms of a strip's modes and their derivatives by its ends.
+
+    Shapes (strips, modes, z) and (strips, ends, modes, z): z runs over the real parts at all frequencies, then (if not
+    even) the imaginary ones, then the tails beyond the last frequency.
+    """
+    kappa = layout.frequencies.rule()[0]
+    n, orders = layout.modes, layout.orders
+    bessel, circle = _tables(layout)
+    terms = bessel.shape[0]
+    low, high = (-ends[:, 0], ends[:, 0]) if layout.even else (ends[:, 0], ends[:, 1])
+    b, c = 0.5 * (high - low), 0.5 * (high + low)
+    value, slope = _chebyshev(terms, b)
+    j, j_by_b = (jnp.tensordot(basis, bessel, 1) for basis in (value, slope))  # (strips, modes, κ)
+    tails, tails_by_b = _tails(layout, b)
+    if layout.even:
+        sign = (-1.0) ** (orders // 2)[:, None]
+        by_b = jnp.concatenate([sign * j_by_b, tails_by_b], axis=-1)
+        return jnp.concatenate([sign * j, tails], axis=-1), by_b[:, None]
+    turned = jnp.tensordot(_chebyshev(terms, c)[0], circle, 1)
+    cosine, sine = turned[:, None, 0], turned[:, None, 1]
+    # (−i)ᵐ exp(−iκc): real and imaginary part
+    power = np.array([1.0, -1j, -1.0, 1j])[orders % 4][:, None]
+    real, imag = power.real * cosine + power.imag * sine, power.imag * cosine - power.real * sine
+    wave = jnp.concatenate([j * real, j * imag, tails], axis=-1)
+    by_b = jnp.concatenate([j_by_b * real, j_by_b * imag, tails_by_b], axis=-1)
+    by_c = jnp.concatenate([j * imag * kappa, -j * real * kappa, jnp.zeros_like(tails)], axis=-1)
+    return wave, jnp.stack([0.5 * (by_c - by_b), 0.5 * (by_c + by_b)], axis=1)
+
+
+def _tails(layout: Layout, b: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """What strips add beyond the last frequency, where K₀ acts as a line and J as a wave from either end: (κb)^−1/2 from
+    an end with singular pressure, if strips share it, and (κb)^−3/2 from all ends. And its derivative by b."""
+    sides, orders, highest = np.asarray(layout.sides), layout.orders, layout.frequencies.highest
+    turns, squares, every = (-1.0) ** orders, orders.astype(float) ** 2, np.ones(len(sides))
+    x = highest * b[:, None, None]
+    blunt = 1.0 / jnp.sqrt(12.0 * np.pi * (x**3 + 1.0))
+    blunt_by_b = -1.5 * blunt * x**3 / (x**3 + 1.0)
+    if layout.even:
+        both = np.sqrt(2.0) * squares[None, :, None] * every[:, None, None]
+        return both * blunt, both * blunt_by_b / b[:, None, None]
+    bend = 1.0 + 1.53 / (1.0 + 2.0 * x)
+    inner = 1.0 + 2.0 / np.pi * bend / x
+    sharp = jnp.sqrt(0.5 * jnp.log(inner))
+    inner_slope = -2.0 / np.pi * (bend / x + 3.06 / (1.0 + 2.0 * x) ** 2)  # times x: by ln x
+    sharp_by_b = 0.25 / sharp * inner_slope / inner
+    right, left = (np.where(sides == side, 1.0, 0.0) for side in (RIGHT, LEFT))
+    at_edge = np.stack([np.outer(right, turns), np.outer(left, np.ones_like(turns))], axis=-1)
+    at_all = np.stack([np.outer(every, turns * squares), np.outer(every, squares)], axis=-1)
+    tails = jnp.concatenate([at_edge * sharp, at_all * blunt], axis=-1)
+    return tails, jnp.concatenate([at_edge * sharp_by_b, at_all * blunt_by_b], axis=-1) / b[:, None, None]
+
+
+def _coupling(layout: Layout, problem: Problem) -> jax.Array:
+    """The rows' products for all pairs of strips and all z, shape (strips, strips, z)."""
+    rows = np.asarray(layout.rows)
+    tails, images = (1, 1) if layout.even else (4, 2)
+    full = jnp.concatenate([problem.products] * images + [problem.mass[..., None]] * tails, axis=-1)
+    if np.array_equal(rows, np.arange(full.shape[0])):
+        return full
+    return full[rows][:, rows]
+
+
+Unknowns = tuple[jax.Array, jax.Array, jax.Array]
+"""Mode loads (strips, modes), ends (strips, 2; half widths (strips, 1) if even), approach."""
+
+
+def _contact(layout: Layout, x: Unknowns, problem: Problem, coupling: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """How far each mode is from lying on the other body, shape (strips, modes), and its derivative by loads and ends."""
+    loads, ends, approach = x
+    strips, n = loads.shape
+    k = ends.shape[1]
+    weight = problem.weight[np.asarray(layout.rows)]
+    wave, by_ends = _waves(layout, ends)
+    moved = jnp.einsum("jm,jemz->jez", loads, by_ends)
+    pulled = jnp.concatenate([wave, moved], axis=1)  # (strips, modes + ends, z)
+    pushed = (coupling[:, :, None, :] * pulled[None]).reshape(strips, strips * (n + k), -1)
+    matrix = jax.lax.dot_general(wave, pushed, (((2,), (2,)), ((0,), (0,)))) / weight[:, None, None]
+    matrix = matrix.reshape(strips, n, strips, n + k)
+    by_load, by_end = matrix[..., :n], matrix[..., n:]
+    field = jnp.einsum("ijz,jz->iz", coupling, jnp.einsum("jm,jmz->jz", loads, wave)) / weight[:, None]
+    gap, gap_by_ends = _gaps(layout, ends, problem.gap[np.asarray(layout.rows)])
+    level = np.eye(1, n)
+    residual = jnp.einsum("iz,imz->im", field, wave) + gap - approach * level
+    own = jnp.einsum("iz,iemz->ime", field, by_ends) + gap_by_ends
+    here = np.arange(strips)
+    return residual, by_load, by_end.at[here, :, here].add(own)
+
+
+def _system(
+    layout: Layout, x: Unknowns, choice: tuple[jax.Array, jax.Array], problem: Problem, parts: tuple
+) -> tuple[jax.Array, jax.Array]:
+    """All equations, and their Jacobian: contact of loaded strips, no load on others, pressure zero at free ends (those
+    that are not held), the sum of loads."""
+    loads, ends, approach = x
+    active, held = choice
+    residual, by_load, by_end = parts
+    (strips, n), k = loads.shape, ends.shape[1]
+    a, e = strips * n, strips * k
+    on, signs = active[:, None], _signs(layout)
+    fixed = held | ~on
+    total = (problem.weight[np.asarray(layout.rows)][:, None] * np.eye(1, n)).reshape(1, a)
+    equations = jnp.concatenate([
+        jnp.where(on, residual, loads).ravel(),
+        jnp.where(fixed, 0.0, loads @ signs.T).ravel(),
+        total @ loads.ravel() - problem.load,
+    ])  # fmt: skip
+    same = np.eye(strips)[:, None, :, None]
+    modes, sides = np.eye(n)[None, :, None, :], np.eye(k)[None, :, None, :]
+    on4, fixed4 = on[..., None, None], fixed[..., None, None]
+    jacobian = jnp.block([
+        [jnp.where(on4, by_load, same * modes).reshape(a, a), jnp.where(on4, by_end, 0.0).reshape(a, e),
+         jnp.where(on, -np.eye(1, n), 0.0).reshape(a, 1)],
+        [jnp.where(fixed4, 0.0, same * signs[None, :, None, :]).reshape(e, a),
+         jnp.where(fixed4, same * sides, 0.0).reshape(e, e), jnp.zeros((e, 1))],
+        [total, jnp.zeros((1, e + 1))],
+    ])  # fmt: skip
+    return equations, jacobian
+
+
+def _signs(layout: Layout) -> np.ndarray:
+    """Tₘ at the ends: (ends, modes)."""
+    ones = np.ones(layout.modes)
+    return ones[None] if layout.even else np.stack([(-1.0) ** layout.orders, ones])
+
+
+def _gaps(layout: Layout, ends: jax.Array, rest: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Mean gap under each mode and its derivative by the ends: 2x² in these units, and the rows' own."""
+    n = layout.modes
+    if layout.even:
+        b = ends[:, 0]
+        zero = jnp.zeros_like(b)
+        gap = [b * b + rest, 0.5 * b * b] + [zero] * (n - 2)
+        slope = [2.0 * b, b] + [zero] * (n - 2)
+        return jnp.stack(gap[:n], axis=1), jnp.stack(slope[:n], axis=1)[:, :, None]
+    b, c = 0.5 * (ends[:, 1] - ends[:, 0]), 0.5 * (ends[:, 1] + ends[:, 0])
+    zero = jnp.zeros_like(b)
+    gap = [2.0 * c * c + b * b + rest, 2.0 * c * b, 0.5 * b * b] + [zero] * (n - 3)
+    by_b = jnp.stack([2.0 * b, 2.0 * c, b] + [zero] * (n - 3), axis=1)
+    by_c = jnp.stack([4.0 * c, 2.0 * b, zero] + [zero] * (n - 3), axis=1)
+    return jnp.stack(gap, axis=1), jnp.stack([0.5 * (by_c - by_b), 0.5 * (by_c + by_b)], axis=-1)
+
+
+def solve(layout: Layout, problem: Problem, start: jax.Array) -> tuple[Unknowns, jax.Array, jax.Array, jax.Array]:
+    """Unknowns, which strips are loaded, last change of the ends and number of passes.
+
+    `start`: ends of the strips to begin with, (strips, 2). Differentiable by `problem`.
+    """
+    x, (choice, change, count) = implicit.factored_root(
+        partial(_residual, layout), partial(_search, layout), problem, start
+    )
+    return x, choice[0], change, count
+
+
+def _residual(layout: Layout, x: Unknowns, choice: tuple[jax.Array, jax.Array], problem: Problem) -> jax.Array:
+    """The equations as functions of the problem, with held ends on the spall's edges."""
+    parts = _contact(layout, x, problem, _coupling(layout, problem))
+    equations, _ = _system(layout, x, choice, problem, parts)
+    if layout.even:
+        return equations
+    bound = _bounds(layout, problem)
+    on_edge = choice[1] & choice[0][:, None] & jnp.isfinite(bound)
+    off = jnp.where(on_edge, x[1] - jnp.where(on_edge, bound, 0.0), 0.0)
+    first = x[0].size
+    return equations.at[first : first + x[1].size].add(off.ravel())
+
+
+def _bounds(layout: Layout, problem: Problem) -> jax.Array:
+    """How far the ends may go: (strips, ends)."""
+    sides = np.asarray(layout.sides)
+    high = jnp.where(sides == LEFT, problem.left, LARGEST)
+    low = jnp.where(sides == RIGHT, problem.right, -LARGEST)
+    return high[:, None] if layout.even else jnp.stack([low, high], axis=1)
+
+
+def _neighbourhood(layout: Layout, problem: Problem) -> jax.Array:
+    """Averages over strips of a side within about half a half-width: rows thinner than that only move together."""
+    rows, sides = np.asarray(layout.rows), np.asarray(layout.sides)
+    y, weight = problem.place[rows], problem.weight[rows]
+    share = jnp.where(sides[:, None] == sides, weight * jnp.exp(-2.0 * jnp.abs(y[:, None] - y)), 0.0)
+    return share / jnp.sum(share, axis=1, keepdims=True)
+
+
+def _search(layout: Layout, problem: Problem, start: jax.Array):
+    """Find loads, ends and which strips are loaded.
+
+    With the ends held, all else is linear; P = Σ aₘTₘ then tells at each free end how far it is off: it moves to where P
+    would vanish. Close to the solution Newton's method on everything takes over.
+    """
+    coupling = _coupling(layout, problem)
+    strips, n = len(layout.sides), layout.modes
+    k = 1 if layout.even else 2
+    bound, signs, squares = _bounds(layout, problem), _signs(layout), layout.orders.astype(float) ** 2
+    outward = np.array([1.0] if layout.even else [-1.0, 1.0])
+    sides = np.asarray(layout.sides)
+    together = _neighbourhood(layout, problem)
+
+    def step(carry):
+        (loads, ends, approach), active, held, rest, change, count, *_ = carry
+        x = loads, ends, approach
+        newton = change < 0.1
+        parts = _contact(layout, x, problem, coupling)
+        called = ~active & (rest <= 0) & (parts[0][:, 0] < 0.0)  # they overlap without load
+        active_now = active | called
+        equations, jacobian = _system(layout, x, (active_now, held | ~newton), problem, parts)
+        lu, pivots, _ = jax.lax.linalg.lu(jacobian)
+        found = -jax.scipy.linalg.lu_solve((lu, pivots), equations)
+        loads = loads + found[: strips * n].reshape(strips, n)
+        b = ends if layout.even else 0.5 * (ends[:, 1:] - ends[:, :1])
+        tip, slope = loads @ signs.T, (loads * squares) @ signs.T
+        guess = jnp.where(slope < 0.0, -2.0 * tip / jnp.where(slope < 0.0, slope, -1.0), 0.3 * jnp.sign(tip))
+        guess = together @ (outward * b * jnp.clip(guess, -0.4, 0.5))
+        by_newton = jnp.clip(found[strips * n : -1].reshape(strips, k), -0.4 * b, 0.4 * b)
+        move = jnp.where(newton & ~held, by_newton, guess)
+        tension = active_now & (loads[:, 0] <= 0.0)
+        move = jnp.where(tension[:, None], -0.3 * outward * b, move)
+        new = jnp.where(active_now[:, None], ends + move, ends)
+        held_new = outward * (bound - new) <= 0.0
+        new = jnp.where(held_new, bound, new)
+        if not layout.even:  # no strip vanishes
+            short = new[:, 1] - new[:, 0] < LEAST
+            low = jnp.where(short & (sides == LEFT), new[:, 1] - LEAST, new[:, 0])
+            new = jnp.stack([low, jnp.where(short & (sides != LEFT), new[:, 0] + LEAST, new[:, 1])], axis=1)
+        next_active = active_now & ~tension
+        settled = jnp.all(next_active == active) & jnp.all((held_new == held) | ~next_active[:, None])
+        moved = jnp.max(jnp.where(next_active[:, None], jnp.abs(new - ends), 0.0))
+        moved = jnp.where(settled, moved, 0.5)
+        moved = jnp.where(newton, moved, jnp.maximum(moved, 2.0 * TOLERANCE))
+        rest = jnp.where(tension, 2, rest - 1)
+        loads = jnp.where(next_active[:, None], loads, 0.0)
+        return (loads, new, approach + found[-1]), next_active, held_new, rest, moved, count + 1, lu, pivots
+
+    def unfinished(carry):
+        change, count = carry[4:6]
+        return (change > TOLERANCE) & (count < PASSES)
+
+    ends = start[:, 1:] if layout.even else start
+    size = strips * (n + k) + 1
+    first = (
+        (jnp.zeros((strips, n)).at[:, 0].set(1.0), ends, jnp.asarray(1.0)), jnp.ones(strips, bool),
+        outward * (bound - ends) <= 0.0, jnp.zeros(strips, int), jnp.asarray(0.5), jnp.asarray(0),
+        jnp.zeros((size, size)), jnp.zeros(size, jnp.int32),
+    )  # fmt: skip
+    x, active, held, _, change, count, lu, pivots = jax.lax.while_loop(unfinished, step, first)
+    return x, (active, held), (lu, pivots), (change, count)
