@@ -13,9 +13,10 @@ import numpy as np
 
 from difftrb import special
 
-# Below this κ [1/half-width] the kernel's integrals start at zero, above at infinity: either way small hats far apart
-# are not lost in rounding.
-LOW = 0.05
+# Hats that overlap take the kernel's integrals from zero; others do below this κ [1/half-width], above they take them
+# from infinity, which for them is the same. Small hats would else be lost in rounding.
+LOW = 0.02
+THIN = 3  # so many hats at either end of a group are thin beside their distance from the other end and the middle
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["lines"], meta_fields=["middle", "edge"])
@@ -113,19 +114,41 @@ def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax
         def over_hats(f: jax.Array) -> jax.Array:
             return jnp.einsum("ia,...ab,jb->...ij", left, (sign * f)[..., back], right)
 
-        kernel = jnp.sum(over_hats(special.integral_k0(order, k * d, from_zero) / k**order), axis=1)
-        # integrals from infinity leave out ¼πz + ¹⁄₁₂πz³, which hats can tell from a smooth function if they overlap
-        stiff = {4: np.pi / 4.0 * d, 3: np.pi / 4.0 * jnp.ones_like(d), 2: jnp.zeros_like(d)}[order]
-        heavy = {4: np.pi / 12.0 * d**3, 3: np.pi / 4.0 * d**2, 2: np.pi / 2.0 * d}[order]
-        stiff, heavy = (jnp.sum(jnp.where(overlap, over_hats(p), 0.0), axis=0) for p in (stiff, heavy))
-        local = stiff / k[..., None] ** 3 + heavy / k[..., None]
-        return kernel + jnp.where(from_zero[..., None], 0.0, local)
+        whole, far = (over_hats(special.integral_k0(order, k * d, zero) / k**order) for zero in (np.True_, from_zero))
+        return jnp.where(overlap, whole, far)
 
     result = differences(4, stencil, stencil, points, points)
     if borders.size:
         slope = differences(3, at_borders, stencil, borders, points)
-        result += slope + slope.swapaxes(1, 2) + differences(2, at_borders, at_borders, borders, borders)
-    return result.transpose(1, 2, 0)
+        result += slope + slope.swapaxes(-1, -2) + differences(2, at_borders, at_borders, borders, borders)
+    # thin hats far from each other would be lost in rounding: there they are points
+    weight, moment = (jnp.concatenate([integrals(rows, f) for rows in groups]) for f in (jnp.ones_like, lambda y: y))
+    image = np.array([1.0, -1.0] if mirrored else [1.0])[:, None, None]
+    apart = jnp.abs((moment / weight)[:, None] - image * (moment / weight))
+    thin = _far_and_thin(groups, mirrored)
+    at = np.nonzero(thin)
+    points = special.integral_k0(0, k * apart[at], np.True_) * (weight[at[1]] * weight[at[2]])
+    return jnp.sum(result.at[:, *at].set(points), axis=1).transpose(1, 2, 0)
+
+
+def _far_and_thin(groups: tuple[Rows, ...], mirrored: bool) -> np.ndarray:
+    """Pairs of the thinnest hats at different ends of one group, or one and another's mirror image.
+
+    Shape (images, hats, hats).
+    """
+    total = sum(rows.count for rows in groups)
+    far, first = np.zeros((1 + mirrored, total, total), bool), 0
+    thin = np.zeros(total, bool)
+    for rows in groups:
+        low, high = np.zeros(total, bool), np.zeros(total, bool)
+        low[first : first + THIN] = not rows.middle
+        high[first + rows.count - THIN : first + rows.count] = True
+        far[0] |= np.outer(low, high) | np.outer(high, low)
+        thin |= low | high
+        first += rows.count
+    if mirrored:
+        far[1] = np.outer(thin, thin)
+    return far
 
 
 def _pairs(count: int, others: int, mirrored: bool, same: bool) -> tuple[np.ndarray, np.ndarray]:

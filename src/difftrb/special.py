@@ -39,8 +39,8 @@ def _scaled_fit(n: int) -> np.ndarray:
     return np.polynomial.chebyshev.cheb2poly(np.polynomial.chebyshev.chebfit(nodes, values, _DEGREE))
 
 
-_ORDERS = range(5)
-_SERIES = [_series(n) for n in _ORDERS]
+_ORDERS = [0, 1, 2, 3, 4, -1]  # so that order −1 is also the last of each list
+_SERIES = [_series(n) for n in _ORDERS[:-1]]
 _SCALED = [_scaled_fit(n) for n in _ORDERS]
 # ∫…∫ K₀ from 0 = (−1)ⁿ Kiₙ(z) + polynomial, coefficients of z⁰, z¹, …; Kiₙ(0) = ½ √π Γ(n/2)/Γ((n+1)/2)
 _AT_ZERO = [math.inf, math.pi / 2.0, 1.0, math.pi / 4.0, 2.0 / 3.0]
@@ -56,15 +56,20 @@ def _horner(coefficients: np.ndarray | list[float], x: jax.Array) -> jax.Array:
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 2))
 def integral_k0(n: int, z: jax.Array, from_zero: np.ndarray) -> jax.Array:
-    """K₀ integrated n = 0…4 times, from 0 to z ≥ 0 or, where not `from_zero`, from infinity: (−1)ⁿ Kiₙ(z).
+    """K₀ integrated n = 0…4 times (differentiated: n = −1), from 0 to z ≥ 0 or, where not `from_zero`, from infinity: (−1)ⁿ Kiₙ(z).
 
     Kiₙ is Bickley's function; the two differ by a polynomial, `between`. Relative error below 1e-10.
     """
     near = z < SPLIT
     small = jnp.where(near & (z > 0.0), z, 1.0)
-    a, b = _SERIES[n]
+    a, b = _SERIES[max(n, 0)]
     quarter = 0.25 * small * small
-    below = small**n * (_horner(a, quarter) - jnp.log(0.5 * small) * _horner(b, quarter))
+    if n >= 0:
+        below = small**n * (_horner(a, quarter) - jnp.log(0.5 * small) * _horner(b, quarter))
+    else:
+        by_a, by_b = (np.arange(1, _TERMS) * series[1:] for series in (a, b))
+        below = 0.5 * small * (_horner(by_a, quarter) - jnp.log(0.5 * small) * _horner(by_b, quarter))
+        below = below - _horner(b, quarter) / small
     large = jnp.where(near, SPLIT, z)
     u = SPLIT / large
     above = (-1) ** n * jnp.exp(-large) * jnp.sqrt(u / SPLIT) * _horner(_SCALED[n], 2.0 * u - 1.0)

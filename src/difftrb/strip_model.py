@@ -157,12 +157,12 @@ def _start(layout: Layout, problem: Problem, approach: jax.Array) -> jax.Array:
     sides = np.asarray(layout.sides)
     low, high = -half, half
     if not layout.even:
-        low = jnp.where(sides == RIGHT, jnp.maximum(problem.right, -1.1), low)
+        lowest, highest = strips.bounds(layout, problem).T
+        low = jnp.where(sides == RIGHT, jnp.maximum(lowest, -1.1), low)
         high = jnp.where(sides == RIGHT, jnp.maximum(1.1, low + 0.2), high)
-        high = jnp.where(sides == LEFT, jnp.minimum(problem.left, 1.1), high)
+        high = jnp.where(sides == LEFT, jnp.minimum(highest, 1.1), high)
         low = jnp.where(sides == LEFT, jnp.minimum(-1.1, high - 0.2), low)
-    limit = strips.LARGEST
-    return jax.lax.stop_gradient(jnp.stack([jnp.clip(low, -limit, limit), jnp.clip(high, -limit, limit)], axis=1))
+    return jax.lax.stop_gradient(jnp.stack([low, high], axis=1))
 
 
 def _on_cells(

@@ -24,7 +24,7 @@ from difftrb.rows import Rows, products
 Ends = tuple[str, str]
 LAND, RIGHT, LEFT = 0, 1, -1
 TOLERANCE = 1e-7
-LARGEST = 3.0  # farthest end of a strip
+LARGEST = 3.2  # farthest end of a strip; the gap there is larger than any approach
 LEAST = 1e-3  # smallest width of one
 PASSES = 40
 
@@ -291,18 +291,18 @@ def _residual(layout: Layout, x: Unknowns, choice: tuple[jax.Array, jax.Array], 
     equations, _ = _system(layout, x, choice, problem, parts)
     if layout.even:
         return equations
-    bound = _bounds(layout, problem)
-    on_edge = choice[1] & choice[0][:, None] & jnp.isfinite(bound)
-    off = jnp.where(on_edge, x[1] - jnp.where(on_edge, bound, 0.0), 0.0)
+    bound = bounds(layout, problem)
+    off = jnp.where(choice[1] & choice[0][:, None], x[1] - bound, 0.0)
     first = x[0].size
     return equations.at[first : first + x[1].size].add(off.ravel())
 
 
-def _bounds(layout: Layout, problem: Problem) -> jax.Array:
+def bounds(layout: Layout, problem: Problem) -> jax.Array:
     """How far the ends may go: (strips, ends)."""
     sides = np.asarray(layout.sides)
-    high = jnp.where(sides == LEFT, problem.left, LARGEST)
-    low = jnp.where(sides == RIGHT, problem.right, -LARGEST)
+    room = LARGEST - 0.3  # a strip at an edge farther out stays there, without load
+    high = jnp.where(sides == LEFT, jnp.clip(problem.left, -room, room), LARGEST)
+    low = jnp.where(sides == RIGHT, jnp.clip(problem.right, -room, room), -LARGEST)
     return high[:, None] if layout.even else jnp.stack([low, high], axis=1)
 
 
@@ -323,7 +323,7 @@ def _search(layout: Layout, problem: Problem, start: jax.Array):
     coupling = _coupling(layout, problem)
     strips, n = len(layout.sides), layout.modes
     k = 1 if layout.even else 2
-    bound, signs, squares = _bounds(layout, problem), _signs(layout), layout.orders.astype(float) ** 2
+    bound, signs, squares = bounds(layout, problem), _signs(layout), layout.orders.astype(float) ** 2
     outward = np.array([1.0] if layout.even else [-1.0, 1.0])
     sides = np.asarray(layout.sides)
     together = _neighbourhood(layout, problem)
