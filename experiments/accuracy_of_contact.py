@@ -26,7 +26,7 @@ from difftrb import contact as contacts  # noqa: E402
 from difftrb.contact import Resolution  # noqa: E402
 
 FINEST = Resolution(96, 96, 24)
-GRIDS = [*contacts.RESOLUTIONS.values(), Resolution(24, 20, 8), Resolution(48, 48, 12)]
+GRIDS = [*(g.cells for g in contacts.GRIDS.values()), Resolution(24, 20, 8), Resolution(48, 48, 12)]
 
 
 def random_cases(count: int, contact: trb.LineContact) -> jax.Array:
@@ -45,7 +45,7 @@ def approaches(grid: Resolution, contact: trb.LineContact, cases: jax.Array) -> 
 
     def one(case: jax.Array) -> jax.Array:
         spall = trb.Spall(case[1], case[2])
-        return contacts._solve(contact, case[0], spall, case[3], grid, True, 1e-3).approach
+        return contacts._by_cells(contact, case[0], spall, case[3], grid, True, 1e-3).approach
 
     batch = jax.jit(lambda c: jax.lax.map(one, c))
     started = time.perf_counter()

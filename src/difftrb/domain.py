@@ -128,6 +128,9 @@ def reach_of_strips(
     half = 0.5 * contact.length
     scale = jnp.maximum(gaps.crown_scale(contact), 1e-12 * half)
 
+    nearest = jnp.minimum(jnp.abs(high), jnp.abs(low))
+    lowest = gaps.crown_at(jnp.minimum(nearest, half * (1.0 - 1e-9)), contact)
+
     def lands(tip: jax.Array) -> jax.Array:
         return jnp.maximum(jnp.stack([tip - high, low + tip]), 1e-3 * half)
 
@@ -139,7 +142,8 @@ def reach_of_strips(
         shape = 2.0 * jnp.log(4.0 * length / half_width) - 1.0 + (whole + both - first - second) / length
         needed = load / (jnp.pi * contact.modulus)
         delta = _sunk(contact, needed, low, high, 1.0 / jnp.maximum(shape, 1.0))
-        tip = half * jnp.sqrt(-jnp.expm1(-jnp.maximum(1.0 - 1.5 / jnp.max(shape), 0.2) * delta / scale))
+        share = jnp.maximum(1.0 - 1.5 / jnp.max(shape), 0.2)  # neighbours lift the surface beyond the tip, too
+        tip = half * jnp.sqrt(-jnp.expm1(-(lowest + share * jnp.maximum(delta - lowest, 0.0)) / scale))
         return tip, delta
 
     tip, delta = jax.lax.fori_loop(0, 3, refine, (jnp.asarray(half), jnp.asarray(0.0)))

@@ -73,7 +73,7 @@ def integrals(rows: Rows, function: Callable[[jax.Array], jax.Array]) -> jax.Arr
 
 def shares(rows: Rows, borders: jax.Array) -> jax.Array:
     """∫ hat dy between neighbouring `borders`, shape (hats, len(borders) - 1)."""
-    u = jnp.clip((borders - rows.lines[:-1, None]) / jnp.diff(rows.lines)[:, None], 0.0, 1.0)
+    u = jnp.clip((borders[None] - rows.lines[:-1, None]) / jnp.diff(rows.lines)[:, None], 0.0, 1.0)
     rising, falling = 0.5 * u * u, u - 0.5 * u * u
     parts = [jnp.diff(f * jnp.diff(rows.lines)[:, None], axis=-1) for f in (rising, falling)]
     return rows.hats(parts[0][:-1] + parts[1][1:], parts[1][0], parts[0][-1])
@@ -103,32 +103,35 @@ def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax
     points = jnp.concatenate([_points(rows) for rows in groups])
     borders = jnp.concatenate([rows.lines[np.flatnonzero(rows.borders) * -1] for rows in groups])
     k, from_zero = jnp.asarray(kappa)[:, None], kappa[:, None] < LOW
-    overlap = _overlaps(groups, mirrored)
+    overlap, thin = _overlaps(groups, mirrored), _far_and_thin(groups, mirrored)
 
     def differences(order: int, left: jax.Array, right: jax.Array, at: jax.Array, by: jax.Array) -> jax.Array:
         pairs, back = _pairs(at.shape[0], by.shape[0], mirrored, at is by)
-        d = jnp.concatenate([at, by]) @ pairs
-        sign = jnp.sign(d) if order == 3 else np.sign(pairs[at.shape[0] :].sum(0)) if order == 2 else 1.0
+        d = (jnp.concatenate([at, by]) @ pairs)[None]
+        sign = jnp.sign(d) if order == 3 else np.sign(pairs[at.shape[0] :].sum(0))[None] if order == 2 else 1.0
         d = jnp.abs(d)
 
         def over_hats(f: jax.Array) -> jax.Array:
             return jnp.einsum("ia,...ab,jb->...ij", left, (sign * f)[..., back], right)
 
         whole, far = (over_hats(special.integral_k0(order, k * d, zero) / k**order) for zero in (np.True_, from_zero))
-        return jnp.where(overlap, whole, far)
+        return jnp.where((overlap | thin)[None], whole, far)
 
     result = differences(4, stencil, stencil, points, points)
     if borders.size:
         slope = differences(3, at_borders, stencil, borders, points)
         result += slope + slope.swapaxes(-1, -2) + differences(2, at_borders, at_borders, borders, borders)
-    # thin hats far from each other would be lost in rounding: there they are points
+    # thin hats far from each other would be lost in rounding: then they are points
     weight, moment = (jnp.concatenate([integrals(rows, f) for rows in groups]) for f in (jnp.ones_like, lambda y: y))
     image = np.array([1.0, -1.0] if mirrored else [1.0])[:, None, None]
-    apart = jnp.abs((moment / weight)[:, None] - image * (moment / weight))
-    thin = _far_and_thin(groups, mirrored)
+    place = moment / weight
+    apart = jnp.abs(place[None, :, None] - image * place[None, None])
     at = np.nonzero(thin)
-    points = special.integral_k0(0, k * apart[at], np.True_) * (weight[at[1]] * weight[at[2]])
-    return jnp.sum(result.at[:, *at].set(points), axis=1).transpose(1, 2, 0)
+    distance, first, second = apart[at], weight[at[1]], weight[at[2]]
+    far = distance > 16.0 * jnp.maximum(first, second)
+    points = special.integral_k0(0, k * jnp.where(far, distance, 1.0)[None], np.True_) * (first * second)[None]
+    result = result.at[:, *at].set(jnp.where(far[None], points, result[:, *at]))
+    return jnp.sum(result, axis=1).transpose(1, 2, 0)
 
 
 def _far_and_thin(groups: tuple[Rows, ...], mirrored: bool) -> np.ndarray:

@@ -32,6 +32,7 @@ class Fineness:
 
 GATHERED = 3.0  # power with which rows grow from an edge and from the contact's end
 SETTLED = 1e-6  # last change of a free boundary, in Hertz half-widths, at which strips count as converged
+LEAST_LAND = 20.0  # loaded length in Hertz half-widths: below, it is no line contact, and rows are no longer than wide
 LEAST_CROWN = 1e-3  # crown's scale by approach: below, a roller's end acts as an edge, which the strips do not have
 
 
@@ -53,13 +54,19 @@ def outlook(
     contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Whether a rolling edge of the spall may touch the contact, and whether strips can be expected to describe it."""
-    *_, approach = reach_of_strips(contact, load, *_spall_edges(contact, spall))
-    approach = jax.lax.stop_gradient(approach)
-    suited = gaps.crown_scale(contact) > LEAST_CROWN * approach
+    low, high = _spall_edges(contact, spall)
+    tip, _, unit, approach = jax.lax.stop_gradient(reach_of_strips(contact, load, low, high))
+    suited = _suited(contact, spall, (2.0 * tip - (high - low)) / unit, approach)
     if spall is None:
         return jnp.asarray(False), suited
     certain = jnp.sqrt(2.0 * contact.radius * 1.1 * approach)  # beyond it the gap exceeds the approach
-    return jnp.abs(offset) + certain > 0.5 * spall.width, suited & (spall.depth > approach)
+    return jnp.abs(offset) + certain > 0.5 * spall.width, suited
+
+
+def _suited(contact: LineContact, spall: Spall | None, land: jax.Array, approach: jax.Array) -> jax.Array:
+    """Whether strips can describe a contact with so much loaded land, in half-widths, and so large an approach [mm]."""
+    suited = (gaps.crown_scale(contact) > LEAST_CROWN * approach) & (land > LEAST_LAND)
+    return suited if spall is None else suited & (spall.depth > approach)
 
 
 def solve(
@@ -86,7 +93,7 @@ def solve(
     half_width = 0.5 * spall.width if spall is not None else jnp.asarray(jnp.inf)
     images = 2.0 if mirrored else 1.0
     problem = Problem(
-        products=rows.products(groups, nodes, mirrored) * (2.0 / np.pi * weights),
+        products=rows.products(groups, nodes, mirrored) * (2.0 / np.pi * weights)[None, None],
         mass=rows.mass(groups),
         weight=weight,
         place=jnp.concatenate([group.peaks for group in groups]),
@@ -98,9 +105,7 @@ def solve(
     start = _start(layout, problem, push * estimate)
     (loads, ends, approach), active, change, passes = strips.solve(layout, problem, start)
     approach = approach / push
-    suited = gaps.crown_scale(contact) > LEAST_CROWN * approach
-    if spall is not None:
-        suited = suited & (spall.depth > approach)
+    suited = _suited(contact, spall, (2.0 * tip - (high - low)) / unit, approach)
     loads = jnp.where(active[:, None], loads, 0.0)
     force = images * line_load * unit * _on_cells(layout, groups, loads, ends, cells, unit)
     span = ends[:, 0] * 2.0 if layout.even else ends[:, 1] - ends[:, 0]
@@ -172,7 +177,8 @@ def _on_cells(
     low, high = (-ends[:, 0], ends[:, 0]) if layout.even else (ends[:, 0], ends[:, 1])
     borders = jnp.concatenate([cells.x - 0.5 * cells.pitch, cells.x[-1:] + 0.5 * cells.pitch]) / unit
     t = (2.0 * borders[None, :] - (low + high)[:, None]) / (high - low)[:, None]
-    angle = jnp.arccos(jnp.clip(t, -1.0, 1.0))
+    inside = jnp.abs(t) < 1.0
+    angle = jnp.where(inside, jnp.arccos(jnp.where(inside, t, 0.0)), jnp.where(t < 0.0, np.pi, 0.0))
     orders = layout.orders
     # ∫ Tₘ/(π√(1−t²)) dt from −1
     below = [1.0 - angle / np.pi if m == 0 else -jnp.sin(m * angle) / (m * np.pi) for m in orders]

@@ -126,8 +126,8 @@ def _tables(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
 
 def _chebyshev(terms: int, x: jax.Array) -> tuple[jax.Array, jax.Array]:
     """T₀ … of x/LARGEST and their derivatives by x, shape (strips, terms); x is kept a little inside ± LARGEST."""
-    angle = jnp.arccos(jnp.clip(x / LARGEST, -0.999, 0.999))[:, None] 
-    k = jnp.arange(terms)
+    angle = jnp.arccos(jnp.clip(x / LARGEST, -0.999, 0.999))[:, None]
+    k = jnp.arange(terms)[None]
     return jnp.cos(k * angle), k * jnp.sin(k * angle) / (LARGEST * jnp.sin(angle))
 
 
@@ -137,7 +137,7 @@ def _waves(layout: Layout, ends: jax.Array) -> tuple[jax.Array, jax.Array]:
     Shapes (strips, modes, z) and (strips, ends, modes, z): z runs over the real parts at all frequencies, then (if not
     even) the imaginary ones, then the tails beyond the last frequency.
     """
-    kappa = layout.frequencies.rule()[0]
+    kappa = layout.frequencies.rule()[0][None, None]
     n, orders = layout.modes, layout.orders
     bessel, circle = _tables(layout)
     terms = bessel.shape[0]
@@ -147,13 +147,13 @@ def _waves(layout: Layout, ends: jax.Array) -> tuple[jax.Array, jax.Array]:
     j, j_by_b = (jnp.tensordot(basis, bessel, 1) for basis in (value, slope))  # (strips, modes, κ)
     tails, tails_by_b = _tails(layout, b)
     if layout.even:
-        sign = (-1.0) ** (orders // 2)[:, None]
+        sign = (-1.0) ** (orders // 2)[None, :, None]
         by_b = jnp.concatenate([sign * j_by_b, tails_by_b], axis=-1)
         return jnp.concatenate([sign * j, tails], axis=-1), by_b[:, None]
     turned = jnp.tensordot(_chebyshev(terms, c)[0], circle, 1)
     cosine, sine = turned[:, None, 0], turned[:, None, 1]
     # (−i)ᵐ exp(−iκc): real and imaginary part
-    power = np.array([1.0, -1j, -1.0, 1j])[orders % 4][:, None]
+    power = np.array([1.0, -1j, -1.0, 1j])[orders % 4][None, :, None]
     real, imag = power.real * cosine + power.imag * sine, power.imag * cosine - power.real * sine
     wave = jnp.concatenate([j * real, j * imag, tails], axis=-1)
     by_b = jnp.concatenate([j_by_b * real, j_by_b * imag, tails_by_b], axis=-1)
@@ -310,7 +310,7 @@ def _neighbourhood(layout: Layout, problem: Problem) -> jax.Array:
     """Averages over strips of a side within about half a half-width: rows thinner than that only move together."""
     rows, sides = np.asarray(layout.rows), np.asarray(layout.sides)
     y, weight = problem.place[rows], problem.weight[rows]
-    share = jnp.where(sides[:, None] == sides, weight * jnp.exp(-2.0 * jnp.abs(y[:, None] - y)), 0.0)
+    share = jnp.where(sides[:, None] == sides, weight[None] * jnp.exp(-2.0 * jnp.abs(y[:, None] - y[None])), 0.0)
     return share / jnp.sum(share, axis=1, keepdims=True)
 
 
@@ -323,8 +323,8 @@ def _search(layout: Layout, problem: Problem, start: jax.Array):
     coupling = _coupling(layout, problem)
     strips, n = len(layout.sides), layout.modes
     k = 1 if layout.even else 2
-    bound, signs, squares = bounds(layout, problem), _signs(layout), layout.orders.astype(float) ** 2
-    outward = np.array([1.0] if layout.even else [-1.0, 1.0])
+    bound, signs, squares = bounds(layout, problem), _signs(layout), layout.orders.astype(float)[None] ** 2
+    outward = np.array([[1.0]] if layout.even else [[-1.0, 1.0]])
     sides = np.asarray(layout.sides)
     together = _neighbourhood(layout, problem)
 

@@ -15,7 +15,7 @@ jaxopt = pytest.importorskip("jaxopt")
 @pytest.mark.parametrize(("spall", "offset"), [(None, 0.0), (trb.Spall(3.0, 1.0), 0.46)])
 def test_jaxopt_finds_the_same_approach_and_forces(contact: trb.LineContact, spall, offset: float) -> None:
     load = 2000.0
-    s = contacts._solve(
+    s = contacts._by_cells(
         contact, jnp.asarray(load), spall, jnp.asarray(offset), contacts.Resolution(12, 8, 4), True, 1e-2
     )  # fmt: skip
     W = halfspace.influence(s.cells, jnp.asarray(contact.modulus))

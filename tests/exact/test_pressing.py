@@ -69,7 +69,7 @@ def test_long_cylinder_has_hertz_line_pressure_in_its_middle() -> None:
 def test_contact_conditions_hold_everywhere(contact) -> None:
     import difftrb as trb
 
-    s = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 1.0), 0.45).check()
+    s = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 1.0), 0.45, method="cells").check()
     matrix = halfspace.influence(s.cells, jnp.asarray(contact.modulus))
     clearance = np.asarray(halfspace.displacement(matrix, s.force) + s.gap - s.approach)
     force = np.asarray(s.force)

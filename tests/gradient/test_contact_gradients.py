@@ -36,7 +36,7 @@ POINTS = {
 def approach(inputs: jax.Array) -> jax.Array:
     load, length, width, offset, axial_offset, depth, radius, design_load, modulus, roller_length = inputs
     contact = LineContact(radius, roller_length, modulus, design_load)
-    return trb.solve_contact(contact, load, Spall(length, width, depth, 0.0, axial_offset), offset, 1e-2).approach
+    return trb.solve_contact(contact, load, Spall(length, width, depth, 0.0, axial_offset), offset, 1e-2, "cells").approach
 
 
 def inputs_at(point: str, contact: LineContact) -> jax.Array:
@@ -74,23 +74,23 @@ def test_forward_and_reverse_agree(contact: LineContact) -> None:
 def test_approach_slopes_are_the_gradient(contact: LineContact) -> None:
     at = inputs_at("edge", contact)
     load, length, width, offset, axial_offset, depth = (float(v) for v in at[:6])
-    slopes = trb.approach_slopes(contact, load, Spall(length, width, depth, 0.0, axial_offset), offset, 1e-2)
+    slopes = trb.approach_slopes(contact, load, Spall(length, width, depth, 0.0, axial_offset), offset, 1e-2, "cells")
     expected = dict(zip(NAMES, gradient(at), strict=True))
     for name, value in slopes.items():
         assert float(value) == pytest.approx(float(expected[name]), rel=1e-9), name
-    healthy = trb.approach_slopes(contact, load, None, 0.0, 1e-2)
+    healthy = trb.approach_slopes(contact, load, None, 0.0, 1e-2, "cells")
     assert healthy["length"] is healthy["width"] is healthy["offset"] is None
 
 
 def test_second_derivation_dense_linear_algebra(contact: LineContact) -> None:
     """The same derivative from the dense contact equations of the loaded cells, differentiated by hand in numpy."""
     spall, load, offset = Spall(2.1, 1.0), 2900.0, 0.47
-    s = trb.solve_contact(contact, load, spall, offset, 1e-2)
+    s = trb.solve_contact(contact, load, spall, offset, 1e-2, "cells")
 
     def system(length: float) -> tuple[np.ndarray, np.ndarray]:
         cells, _ = contacts.fitted_cells(
             contact, jnp.asarray(load), dataclasses.replace(spall, length=length), jnp.asarray(offset),
-            contacts.RESOLUTIONS[1e-2], True,
+            contacts.GRIDS[1e-2].cells, True,
         )  # fmt: skip
         from difftrb import gap
 
@@ -109,7 +109,7 @@ def test_second_derivation_dense_linear_algebra(contact: LineContact) -> None:
 
     assert solve(2.1) == pytest.approx(float(s.approach), rel=1e-10)
     h = 1e-5
-    slopes = trb.approach_slopes(contact, load, spall, offset, 1e-2)
+    slopes = trb.approach_slopes(contact, load, spall, offset, 1e-2, "cells")
     assert float(slopes["length"]) == pytest.approx((solve(2.1 + h) - solve(2.1 - h)) / (2 * h), rel=1e-6)
 
 
@@ -118,14 +118,14 @@ def test_second_derivation_energy(contact: LineContact) -> None:
     spall, offset = Spall(4.0, 7.0), 0.0
 
     def by_radius(load: float) -> float:
-        s = trb.solve_contact(contact, load, spall, offset, 1e-2)
+        s = trb.solve_contact(contact, load, spall, offset, 1e-2, "cells")
         second_moment = s.cells.x**2 + s.cells.pitch**2 / 12.0
         return -float(jnp.sum(s.force * second_moment[None, :])) / (2.0 * float(contact.radius) ** 2)
 
     # differences over 20 % of the load average the lattice's ripple
     h = 300.0
     reference = (by_radius(1500.0 + h) - by_radius(1500.0 - h)) / (2 * h)
-    slopes = trb.approach_slopes(contact, 1500.0, spall, offset, 1e-2)
+    slopes = trb.approach_slopes(contact, 1500.0, spall, offset, 1e-2, "cells")
     assert float(slopes["radius"]) == pytest.approx(float(reference), rel=3e-2)
 
 

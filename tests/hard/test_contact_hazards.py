@@ -7,6 +7,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import contact as contacts
+from difftrb import domain as domains
 from difftrb import press, status
 
 LENGTH = 13.66
@@ -37,7 +38,7 @@ def test_random_contacts_converge_with_finite_gradients(random_cases: dict[str, 
         a = dict(zip(names, v, strict=True))
         c = trb.LineContact(a["radius"], LENGTH, 113794.0, a["design_load"])
         spall = trb.Spall(a["length"], a["width"], a["depth"], 0.0, a["axial_offset"])
-        s = trb.solve_contact(c, a["load"], spall, a["offset"], 1e-2)
+        s = trb.solve_contact(c, a["load"], spall, a["offset"], 1e-2, "cells")
         return s.approach, (s.status_code, s.residual, jnp.min(s.force), jnp.sum(s.force) / a["load"])
 
     cases = jnp.stack([jnp.asarray(random_cases[name]) for name in names], axis=1)
@@ -105,18 +106,18 @@ def test_sizes_that_are_no_sizes_are_flagged(contact: trb.LineContact) -> None:
 
 def test_a_domain_that_cuts_the_contact_is_noticed(contact: trb.LineContact, monkeypatch) -> None:
     """Forced to half its size, as in the source paper, the domain is reported, not believed."""
-    whole = contacts.domain
-    monkeypatch.setattr(contacts, "domain", lambda *a: (0.4 * whole(*a)[0], whole(*a)[1]))
-    contacts._solve.clear_cache()
+    whole = domains.domain
+    monkeypatch.setattr(domains, "domain", lambda *a: (0.4 * whole(*a)[0], whole(*a)[1]))
+    contacts._by_cells.clear_cache()
     try:
-        s = trb.solve_contact(contact, 3000.0, accuracy=1e-2)
+        s = trb.solve_contact(contact, 3000.0, accuracy=1e-2, method="cells")
         assert "border" in s.status
     finally:
-        contacts._solve.clear_cache()
+        contacts._by_cells.clear_cache()
 
 
 def test_a_spall_narrower_than_a_cell_is_said(contact: trb.LineContact) -> None:
-    s = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 0.01), accuracy=1e-2)
+    s = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 0.01), accuracy=1e-2, method="cells")
     assert "narrower than one cell" in s.status
 
 

@@ -78,11 +78,11 @@ def test_roller_contact_converges(spall: trb.Spall | None, offsets: list[float])
 
     def approaches(grid: contacts.Resolution) -> jax.Array:
         def one(case: jax.Array) -> jax.Array:
-            return contacts._solve(contact, case[0], spall, case[1], grid, True, 1e-3).approach
+            return contacts._by_cells(contact, case[0], spall, case[1], grid, True, 1e-3).approach
 
         return jax.jit(lambda c: jax.lax.map(one, c))(cases)
 
-    fine = approaches(contacts.RESOLUTIONS[1e-4])
+    fine = approaches(contacts.GRIDS[1e-4].cells)
     errors = [
         float(jnp.sqrt(jnp.mean((approaches(contacts.Resolution(8 * k, 6 * k, 3 * k)) / fine - 1.0) ** 2)))
         for k in (1, 4)
