@@ -1,4 +1,4 @@
-"""What a contact grid costs and how far it is from the truth: the measurements behind `contact.RESOLUTIONS`.
+"""What a contact grid costs and how far it is from the truth: the measurements behind the cells of `contact.GRIDS`.
 
 python experiments/accuracy_of_contact.py [CASES]   (default 40)
 
@@ -26,7 +26,7 @@ from difftrb import contact as contacts  # noqa: E402
 from difftrb.contact import Resolution  # noqa: E402
 
 FINEST = Resolution(96, 96, 24)
-GRIDS = [*(g.cells for g in contacts.GRIDS.values()), Resolution(24, 20, 8), Resolution(48, 48, 12)]
+GRIDS = [*dict.fromkeys(g.cells for g in contacts.GRIDS.values()), Resolution(24, 20, 8), Resolution(48, 48, 12)]
 
 
 def random_cases(count: int, contact: trb.LineContact) -> jax.Array:

@@ -154,7 +154,7 @@ def _contact(options: Any) -> int:
     import jax
 
     from difftrb import report
-    from difftrb.contact import approach_slopes
+    from difftrb.contact import approach_and_slopes
 
     file, path = _read(options)
     if len(file.spall) > 1:
@@ -164,10 +164,9 @@ def _contact(options: Any) -> int:
     started = time.perf_counter()
     spall = file.spall[0] if file.spall else None
     with _busy("solving the contact"):
-        solution = jax.block_until_ready(file.solve_contact())
         table = file.contact
-        slopes = approach_slopes(file.line_contact(), table.load, spall, table.offset, table.accuracy)
-        slopes = jax.block_until_ready(slopes)
+        solved = approach_and_slopes(file.line_contact(), table.load, spall, table.offset, table.accuracy)
+        solution, slopes = jax.block_until_ready(solved)
     record = report.contact_json(solution, slopes, time.perf_counter() - started)
 
     def figures(folder: Path) -> None:

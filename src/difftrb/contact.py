@@ -36,10 +36,18 @@ class Grid:
 # Relative accuracy of the approach, and the grids measured to meet it (experiments/accuracy_of_contact.py).
 GRIDS = {
     1e-2: Grid(Resolution(16, 12, 6), Fineness(8, 5, 2, 3, Frequencies(4, 10, 14, 10.0), Frequencies(4, 10, 18, 15.0))),
-    1e-3: Grid(Resolution(32, 20, 8), Fineness(10, 6, 2, 4, Frequencies(4, 10, 14, 10.0), Frequencies(4, 12, 24, 20.0))),
-    1e-4: Grid(Resolution(64, 64, 16), Fineness(14, 8, 2, 4, Frequencies(4, 12, 18, 12.0), Frequencies(4, 12, 34, 25.0))),
-    3e-5: Grid(Resolution(64, 64, 16), Fineness(20, 10, 3, 5, Frequencies(6, 16, 24, 16.0), Frequencies(5, 14, 40, 30.0))),
-    1e-5: Grid(Resolution(64, 64, 16), Fineness(28, 12, 3, 5, Frequencies(6, 18, 40, 25.0), Frequencies(6, 18, 60, 40.0))),
+    1e-3: Grid(
+        Resolution(32, 20, 8), Fineness(10, 6, 2, 4, Frequencies(4, 10, 14, 10.0), Frequencies(4, 12, 24, 20.0))
+    ),
+    1e-4: Grid(
+        Resolution(64, 64, 16), Fineness(14, 8, 2, 4, Frequencies(4, 12, 18, 12.0), Frequencies(4, 12, 34, 25.0))
+    ),
+    3e-5: Grid(
+        Resolution(64, 64, 16), Fineness(20, 10, 3, 5, Frequencies(6, 16, 24, 16.0), Frequencies(5, 14, 40, 30.0))
+    ),
+    1e-5: Grid(
+        Resolution(64, 64, 16), Fineness(28, 12, 3, 5, Frequencies(6, 18, 40, 25.0), Frequencies(6, 18, 60, 40.0))
+    ),
 }
 
 
@@ -114,8 +122,8 @@ def solve_contact(
       load: normal load of the roller [N], > 0.
       spall: None is a healthy raceway.
       offset: of the spall's centre from the contact's, in the rolling direction [mm].
-      accuracy: relative accuracy of the approach, 1e-2…1e-5; a smaller number costs time. Cells end at about 1e-4. Where
-        a sliver of contact laps over a rolling edge it is not met: README, Limits.
+      accuracy: relative accuracy of the approach, 1e-2…1e-5; a smaller number costs time. Cells end at about 1e-4, and
+        where a sliver of contact laps over a rolling edge it is not met: README, Limits.
       method: "strips" are fast and smooth and take one rectangular spall, deeper than the approach, and a crowned
         roller. "cells" take every case. "auto" takes strips and, where they cannot describe the contact or do not
         converge, cells.
@@ -132,7 +140,11 @@ def solve_contact(
     if method == "cells":
         return _by_cells(*arguments, grid.cells, mirrored, accuracy)
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments)):
-        return _by_either(*arguments, mirrored, accuracy) if method == "auto" else _by_strips(*arguments, mirrored, True, accuracy)
+        return (
+            _by_either(*arguments, mirrored, accuracy)
+            if method == "auto"
+            else _by_strips(*arguments, mirrored, True, accuracy)
+        )
     edges, suited = _outlook(*arguments)
     if method == "strips" or suited:
         solution = _by_strips(*arguments, mirrored, bool(edges), accuracy)
@@ -205,7 +217,9 @@ def is_symmetric(spall: Spall | None) -> bool:
 
 
 @jax.jit
-def _outlook(contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _outlook(
+    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array
+) -> tuple[jax.Array, jax.Array]:
     """Whether a rolling edge may be in reach of the contact, and whether strips can be expected to describe it."""
     return strip_model.outlook(contact, load, spall, offset)
 
@@ -297,7 +311,12 @@ def _slopes(
 
 
 def _stage(
-    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array, resolution: Resolution, mirrored: bool
+    contact: LineContact,
+    load: jax.Array,
+    spall: Spall | None,
+    offset: jax.Array,
+    resolution: Resolution,
+    mirrored: bool,
 ) -> tuple[Cells, jax.Array, jax.Array]:
     """Cells, whether they do, and the initial gap on them."""
     cells, domain_status = fitted_cells(contact, load, spall, offset, resolution, mirrored)

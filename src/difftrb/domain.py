@@ -6,7 +6,6 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from difftrb import gap as gaps
 from difftrb import halfspace, hertz, status
@@ -82,7 +81,9 @@ def domain(contact: LineContact, load: jax.Array, spall: Spall | None) -> tuple[
     delta = _sunk(contact, needed, jnp.zeros(()), jnp.zeros(()), jnp.ones(2))
     if spall is not None:
         low, high = (jnp.clip(spall.axial_offset + side * 0.5 * spall.length, -half, half) for side in (-1.0, 1.0))
-        delta = jnp.minimum(_sunk(contact, needed, low, high, jnp.ones(2)), delta + spall.depth)  # at most down to its bottom
+        delta = jnp.minimum(
+            _sunk(contact, needed, low, high, jnp.ones(2)), delta + spall.depth
+        )  # at most down to its bottom
     delta = 1.15 * delta
     scale = gaps.crown_scale(contact)
     unloaded = jnp.where(scale > 0.0, jnp.exp(-delta / jnp.where(scale > 0.0, scale, 1.0)), 0.0)
@@ -95,10 +96,8 @@ def domain(contact: LineContact, load: jax.Array, spall: Spall | None) -> tuple[
     return jnp.minimum(certain, widest), reach_y
 
 
-def _sunk(
-    contact: LineContact, needed: jax.Array, low: jax.Array, high: jax.Array, stiffness: jax.Array
-) -> jax.Array:
-    """The approach at which slices carry `needed`, those above `high` and below `low` with the two given stiffnesses."""
+def _sunk(contact: LineContact, needed: jax.Array, low: jax.Array, high: jax.Array, stiffness: jax.Array) -> jax.Array:
+    """The approach at which slices carry `needed`: those above `high` and those below `low`, of given stiffnesses."""
     half = 0.5 * contact.length
     s = (jnp.arange(64) + 0.5) / 64.0
     land = jnp.maximum(jnp.stack([half - high, low + half]), 1e-3 * half)
@@ -148,4 +147,4 @@ def reach_of_strips(
 
     tip, delta = jax.lax.fori_loop(0, 3, refine, (jnp.asarray(half), jnp.asarray(0.0)))
     line_load = load / jnp.sum(lands(tip))
-    return tip, line_load, hertz.line_half_width(line_load, contact.radius, contact.modulus), delta
+    return tip, line_load, jnp.asarray(hertz.line_half_width(line_load, contact.radius, contact.modulus)), delta

@@ -211,7 +211,9 @@ def _fit(
     loads_between = jnp.sqrt(loads[1:] * loads[:-1])
 
     def approach(case: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        solution = contacts.solve_contact(contact, case[1], dataclasses.replace(shape, length=case[0]), 0.0, accuracy, "cells")
+        solution = contacts.solve_contact(
+            contact, case[1], dataclasses.replace(shape, length=case[0]), 0.0, accuracy, "cells"
+        )
         return solution.approach, solution.status_code
 
     fitted, checked = ([a.ravel() for a in jnp.meshgrid(*g, indexing="ij")] for g in

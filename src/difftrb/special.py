@@ -56,9 +56,9 @@ def _horner(coefficients: np.ndarray | list[float], x: jax.Array) -> jax.Array:
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 2))
 def integral_k0(n: int, z: jax.Array, from_zero: np.ndarray) -> jax.Array:
-    """K₀ integrated n = 0…4 times (differentiated: n = −1), from 0 to z ≥ 0 or, where not `from_zero`, from infinity: (−1)ⁿ Kiₙ(z).
+    """K₀ integrated n = 0…4 times from 0 to z ≥ 0 or, where not `from_zero`, from infinity; n = −1 is its derivative.
 
-    Kiₙ is Bickley's function; the two differ by a polynomial, `between`. Relative error below 1e-10.
+    The latter is (−1)ⁿ Kiₙ(z), Bickley's function; they differ by a polynomial, `between`. Relative error below 1e-10.
     """
     near = z < SPLIT
     small = jnp.where(near & (z > 0.0), z, 1.0)

@@ -5,8 +5,8 @@ reaches from l to r across it. Where a strip ends freely its pressure must fall 
 at a spall's rolling edge it stays singular. No cell boundary is crossed when an edge moves, so nothing ripples.
 
 1/r = (2/π) ∫ K₀(κ|y|) cos κx dκ makes the influence separable: Bessel functions of κb for every strip, and one
-matrix of the rows for every κ that knows nothing of the strips (`rows.products`). All lengths are in units of a Hertz half-width,
-line loads in units of their mean, so that radius and modulus drop out.
+matrix of the rows for every κ that knows nothing of the strips (`rows.products`). All lengths are in units of a Hertz
+half-width, line loads in units of their mean, so that radius and modulus drop out.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb import implicit
-from difftrb.rows import Rows, products
 
 Ends = tuple[str, str]
 LAND, RIGHT, LEFT = 0, 1, -1
@@ -31,7 +30,7 @@ PASSES = 40
 
 @dataclasses.dataclass(frozen=True)
 class Frequencies:
-    """Quadrature of ∫ dκ from 0 to `highest`: K₀ is logarithmic near 0, smooth in ln κ, then Bessel functions oscillate.
+    """Quadrature of ∫ dκ from 0 to `highest`: K₀ is logarithmic near 0, smooth in ln κ; then Bessel functions swing.
 
     Attributes: how many nodes lie near 0 (`low`), up to κ = 1.5 (`smooth`), and up to `highest` (`waves`).
     """
@@ -115,7 +114,9 @@ def _tables(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     angles = np.pi * (np.arange(terms) + 0.5) / terms
     x = LARGEST * np.cos(angles)[:, None] * kappa
     turn = 2.0 * np.pi * (np.arange(4 * terms) + 0.5) / (4 * terms)
-    wave = [np.mean(np.cos(m * turn - x[..., None] * np.sin(turn)), axis=-1) for m in layout.orders]  # Bessel's integral
+    wave = [
+        np.mean(np.cos(m * turn - x[..., None] * np.sin(turn)), axis=-1) for m in layout.orders
+    ]  # Bessel's integral
     to_terms = 2.0 / terms * np.cos(np.outer(np.arange(terms), angles))
     to_terms[0] *= 0.5
     return (
@@ -138,7 +139,7 @@ def _waves(layout: Layout, ends: jax.Array) -> tuple[jax.Array, jax.Array]:
     even) the imaginary ones, then the tails beyond the last frequency.
     """
     kappa = layout.frequencies.rule()[0][None, None]
-    n, orders = layout.modes, layout.orders
+    orders = layout.orders
     bessel, circle = _tables(layout)
     terms = bessel.shape[0]
     low, high = (-ends[:, 0], ends[:, 0]) if layout.even else (ends[:, 0], ends[:, 1])
@@ -153,8 +154,8 @@ def _waves(layout: Layout, ends: jax.Array) -> tuple[jax.Array, jax.Array]:
     turned = jnp.tensordot(_chebyshev(terms, c)[0], circle, 1)
     cosine, sine = turned[:, None, 0], turned[:, None, 1]
     # (−i)ᵐ exp(−iκc): real and imaginary part
-    power = np.array([1.0, -1j, -1.0, 1j])[orders % 4][None, :, None]
-    real, imag = power.real * cosine + power.imag * sine, power.imag * cosine - power.real * sine
+    even, odd = (np.array(turn)[orders % 4][None, :, None] for turn in ([1.0, 0.0, -1.0, 0.0], [0.0, -1.0, 0.0, 1.0]))
+    real, imag = even * cosine + odd * sine, odd * cosine - even * sine
     wave = jnp.concatenate([j * real, j * imag, tails], axis=-1)
     by_b = jnp.concatenate([j_by_b * real, j_by_b * imag, tails_by_b], axis=-1)
     by_c = jnp.concatenate([j * imag * kappa, -j * real * kappa, jnp.zeros_like(tails)], axis=-1)
@@ -162,8 +163,12 @@ def _waves(layout: Layout, ends: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def _tails(layout: Layout, b: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """What strips add beyond the last frequency, where K₀ acts as a line and J as a wave from either end: (κb)^−1/2 from
-    an end with singular pressure, if strips share it, and (κb)^−3/2 from all ends. And its derivative by b."""
+    """What strips add beyond the last frequency, as columns of `_waves`; and the derivative by b.
+
+    There K₀ acts as a line and J as a wave from either end of a strip: (κb)^−1/2 from an end with singular pressure, if
+    strips share it, and (κb)^−3/2 from all ends. For strips narrower than the last wave both bend over: the first to
+    the logarithm that a point load has.
+    """
     sides, orders, highest = np.asarray(layout.sides), layout.orders, layout.frequencies.highest
     turns, squares, every = (-1.0) ** orders, orders.astype(float) ** 2, np.ones(len(sides))
     x = highest * b[:, None, None]
@@ -198,8 +203,10 @@ Unknowns = tuple[jax.Array, jax.Array, jax.Array]
 """Mode loads (strips, modes), ends (strips, 2; half widths (strips, 1) if even), approach."""
 
 
-def _contact(layout: Layout, x: Unknowns, problem: Problem, coupling: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """How far each mode is from lying on the other body, shape (strips, modes), and its derivative by loads and ends."""
+def _contact(
+    layout: Layout, x: Unknowns, problem: Problem, coupling: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """How far each mode is from lying on the other body, (strips, modes), and its derivative by loads and by ends."""
     loads, ends, approach = x
     strips, n = loads.shape
     k = ends.shape[1]
@@ -225,7 +232,7 @@ def _system(
 ) -> tuple[jax.Array, jax.Array]:
     """All equations, and their Jacobian: contact of loaded strips, no load on others, pressure zero at free ends (those
     that are not held), the sum of loads."""
-    loads, ends, approach = x
+    loads, ends, _ = x
     active, held = choice
     residual, by_load, by_end = parts
     (strips, n), k = loads.shape, ends.shape[1]
@@ -317,8 +324,8 @@ def _neighbourhood(layout: Layout, problem: Problem) -> jax.Array:
 def _search(layout: Layout, problem: Problem, start: jax.Array):
     """Find loads, ends and which strips are loaded.
 
-    With the ends held, all else is linear; P = Σ aₘTₘ then tells at each free end how far it is off: it moves to where P
-    would vanish. Close to the solution Newton's method on everything takes over.
+    With the ends held, all else is linear; P = Σ aₘTₘ then tells at each free end how far it is off: it moves to
+    where P would vanish. Close to the solution Newton's method on everything takes over.
     """
     coupling = _coupling(layout, problem)
     strips, n = len(layout.sides), layout.modes

@@ -36,7 +36,9 @@ POINTS = {
 def approach(inputs: jax.Array) -> jax.Array:
     load, length, width, offset, axial_offset, depth, radius, design_load, modulus, roller_length = inputs
     contact = LineContact(radius, roller_length, modulus, design_load)
-    return trb.solve_contact(contact, load, Spall(length, width, depth, 0.0, axial_offset), offset, 1e-2, "cells").approach
+    return trb.solve_contact(
+        contact, load, Spall(length, width, depth, 0.0, axial_offset), offset, 1e-2, "cells"
+    ).approach
 
 
 def inputs_at(point: str, contact: LineContact) -> jax.Array:

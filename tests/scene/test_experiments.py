@@ -47,3 +47,12 @@ def test_drawing_of_axes(tmp_path: Path) -> None:
 def test_readme_shows_figures_that_exist(name: str) -> None:
     assert f"docs/{name}.png" in (FOLDER.parent / "README.md").read_text(encoding="utf-8")
     assert (FOLDER.parent / "docs" / f"{name}.png").exists()
+
+
+def test_speed_of_contact(contact: trb.LineContact) -> None:
+    experiment = script("speed_of_contact")
+    cases = experiment.geometries(2, contact, False)
+    assert experiment.geometries(2, contact, True).shape == cases.shape == (2, 4)
+    measured = experiment.measure(contact, cases, False, 1e-2)
+    assert measured["converged"] == 1.0
+    assert all(number > 0.0 for number in measured.values())
