@@ -127,7 +127,7 @@ def reach_of_strips(
     half = 0.5 * contact.length
     scale = jnp.maximum(gaps.crown_scale(contact), 1e-12 * half)
 
-    nearest = jnp.minimum(jnp.abs(high), jnp.abs(low))
+    nearest = jnp.where((low < 0.0) & (high > 0.0), jnp.minimum(high, -low), 0.0)  # of the land to the roller's middle
     lowest = gaps.crown_at(jnp.minimum(nearest, half * (1.0 - 1e-9)), contact)
 
     def lands(tip: jax.Array) -> jax.Array:
