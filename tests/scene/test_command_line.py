@@ -152,7 +152,7 @@ def test_contact_that_cannot_be_resolved_is_no_solution(capsys, tmp_path: Path) 
     text = (
         scenefile.example("contact")
         .replace("accuracy = 1e-3", "accuracy = 1e-2")
-        .replace("width = 1.0", "width = 0.01")
+        .replace("width = 1.0", "depth = 0.001\nwidth = 0.01")
     )
     path.write_text(text.replace("offset = 0.5", "offset = 0.0"), encoding="utf-8")
     code, _, err = call(capsys, "contact", str(path), "--out", str(tmp_path / "out"))
@@ -201,7 +201,10 @@ def test_a_folder_in_the_way_stops_everything(capsys, paper: Path, tmp_path: Pat
 
 def test_a_pressure_map_that_cannot_be_resolved_is_left_out(capsys, tmp_path: Path) -> None:
     path = tmp_path / "narrow.toml"
-    path.write_text(PAPER.replace("width = 7.0", "width = 0.01"), encoding="utf-8")
+    text = PAPER.replace("width = 7.0", "depth = 0.001\nwidth = 0.01").replace(
+        "[contact]", "[contact]\naccuracy = 1e-2"
+    )
+    path.write_text(text, encoding="utf-8")
     code, _, err = call(capsys, "run", str(path), "--out", str(tmp_path / "out"))
     assert code == 0
     assert "no pressure map: the spall is narrower than one cell" in err
