@@ -87,11 +87,6 @@ class SceneFile:
         inner = bool(self.spall) and self.spall[0].surface == "inner"
         return LineContact.of(self.bearing, "inner" if inner else "outer", self.contact.design_load)
 
-    def solve_contact(self) -> ContactSolution:
-        """The single contact of `difftrb contact`: the first spall under a roller with `contact.load`."""
-        spall = self.spall[0] if self.spall else None
-        return solve_contact(self.line_contact(), self.contact.load, spall, self.contact.offset, self.contact.accuracy)
-
 
 def contact_under_spall(file: SceneFile, solution: Solution) -> ContactSolution:
     """The contact of the roller nearest to the first spall (of the most loaded roller if there is none, or it is clear
