@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
+from typing import Literal, get_args
 
 import jax
 import jax.core
@@ -134,23 +134,21 @@ def solve_contact(
     compiles all and chooses as it runs. Raises ValueError for an accuracy out of range, SolveError without float64;
     everything else ends as a status in the result.
     """
-    status.require_float64()
-    arguments = as_floats(contact), jnp.asarray(load, float), as_floats(spall), jnp.asarray(offset, float)
-    grid, mirrored = grid_for(accuracy), is_symmetric(spall)
-    if method == "cells":
-        return _by_cells(*arguments, grid.cells, mirrored, accuracy)
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments)):
-        return (
-            _by_either(*arguments, mirrored, accuracy)
-            if method == "auto"
-            else _by_strips(*arguments, mirrored, True, accuracy)
-        )
-    edges, suited = _outlook(*arguments)
-    if method == "strips" or suited:
-        solution = _by_strips(*arguments, mirrored, bool(edges), accuracy)
-        if method == "strips" or solution.status_code == status.CONVERGED:
-            return solution
-    return _by_cells(*arguments, grid.cells, mirrored, accuracy)
+    arguments, mirrored = _given(contact, load, spall, offset, method)
+    grid = grid_for(accuracy)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments))
+    if traced and method == "auto":
+        return _by_either(*arguments, mirrored, accuracy)
+
+    def by_strips(edges: bool) -> tuple[ContactSolution]:
+        return (_by_strips(*arguments, mirrored, edges, accuracy),)
+
+    def by_cells() -> tuple[ContactSolution]:
+        return (_by_cells(*arguments, grid.cells, mirrored, accuracy),)
+
+    if traced and method == "strips":
+        return by_strips(True)[0]
+    return _first_that_does(method, arguments, by_strips, by_cells)[0]
 
 
 def approach_slopes(
@@ -178,16 +176,14 @@ def approach_and_slopes(
     method: Method = "auto",
 ) -> tuple[ContactSolution, dict[str, Real | None]]:
     """The solved contact and, from the same solve, `approach_slopes`."""
-    status.require_float64()
-    arguments = as_floats(contact), jnp.asarray(load, float), as_floats(spall), jnp.asarray(offset, float)
-    mirrored = is_symmetric(spall)
-    edges, suited = _outlook(*arguments) if method != "cells" else (False, False)
-    solution, slopes = None, None
-    if method == "strips" or suited:
-        solution, slopes = _slopes(*arguments, mirrored, bool(edges), accuracy, True)
-    if solution is None or (method == "auto" and solution.status_code != status.CONVERGED):
-        solution, slopes = _slopes(*arguments, mirrored, False, accuracy, False)
-    assert slopes is not None
+    arguments, mirrored = _given(contact, load, spall, offset, method)
+    grid_for(accuracy)
+    solution, slopes = _first_that_does(
+        method,
+        arguments,
+        lambda edges: _slopes(*arguments, mirrored, edges, accuracy, True),
+        lambda: _slopes(*arguments, mirrored, False, accuracy, False),
+    )
     by_contact, by_load, by_spall, by_offset = slopes
     there = by_spall is not None
     return solution, {
@@ -198,6 +194,34 @@ def approach_and_slopes(
         "radius": by_contact.radius,
         "design_load": by_contact.design_load,
     }
+
+
+def _given(
+    contact: LineContact, load: Real, spall: Spall | None, offset: Real, method: Method
+) -> tuple[tuple[LineContact, jax.Array, Spall | None, jax.Array], bool]:
+    """The four inputs as floats, and whether half the roller will do; refuses float32 and an unknown method."""
+    status.require_float64()
+    if method not in get_args(Method):
+        raise ValueError(f"method = {method!r} is unknown; use {', '.join(map(repr, get_args(Method)))}")
+    arguments = as_floats(contact), jnp.asarray(load, float), as_floats(spall), jnp.asarray(offset, float)
+    return arguments, is_symmetric(spall)
+
+
+def _first_that_does(
+    method: Method, arguments: tuple, by_strips: Callable[[bool], tuple], by_cells: Callable[[], tuple]
+) -> tuple:
+    """What the way named by `method` returns or, for "auto", strips if they do and else cells. For numbers only.
+
+    Both ways return a `ContactSolution` first; strips are told whether rolling edges may be in reach.
+    """
+    if method == "cells":
+        return by_cells()
+    edges, suited = _outlook(*arguments)
+    if method == "strips" or suited:
+        result = by_strips(bool(edges))
+        if method == "strips" or result[0].status_code == status.CONVERGED:
+            return result
+    return by_cells()
 
 
 def grid_for(accuracy: float) -> Grid:
@@ -238,7 +262,9 @@ def _by_cells(
     cells, domain_status, gap = _stage(contact, load, spall, offset, resolution, mirrored)
     level = jax.lax.stop_gradient(0.4 * jnp.max(gaps.curvature(cells, contact.radius)))
     force, approach, residual, iterations = press(cells, contact.modulus, gap, load, level)
-    code = status.worst(domain_status, _verdict(approach, residual), _border(cells, force > 0.0, approach, contact))
+    code = status.worst(
+        domain_status, _verdict(approach, residual, TOLERANCE), _border(cells, force > 0.0, approach, contact)
+    )
     loaded = jnp.any(force > 0.0, axis=0)
     extent = jnp.max(jnp.where(loaded, cells.x, -jnp.inf)) - jnp.min(jnp.where(loaded, cells.x, jnp.inf))
     return _solution(
@@ -262,8 +288,7 @@ def _by_strips(
     cells, _, gap = _stage(contact, load, spall, offset, grid.cells, mirrored)
     edges = edges and spall is not None
     solved = strip_model.solve(contact, load, spall, offset, mirrored, edges, grid.strips, cells)
-    settled = jnp.where(solved.change <= strip_model.SETTLED, status.CONVERGED, status.NOT_CONVERGED)
-    code = jnp.where(jnp.isfinite(solved.approach), settled, status.BAD_INPUT)
+    code = _verdict(solved.approach, solved.change, strip_model.SETTLED)
     return _solution(
         contact, load, spall, offset, gap, cells, accuracy, approach=solved.approach, force=solved.force,
         width=solved.width, residual=solved.change, iterations=solved.passes, unknowns=solved.unknowns,
@@ -341,8 +366,8 @@ def _solution(
     )  # fmt: skip
 
 
-def _verdict(approach: jax.Array, residual: jax.Array) -> jax.Array:
-    converged = jnp.where(residual <= TOLERANCE, status.CONVERGED, status.NOT_CONVERGED)
+def _verdict(approach: jax.Array, residual: jax.Array, tolerance: float) -> jax.Array:
+    converged = jnp.where(residual <= tolerance, status.CONVERGED, status.NOT_CONVERGED)
     return jnp.where(jnp.isfinite(approach), converged, status.BAD_INPUT)
 
 

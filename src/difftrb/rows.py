@@ -71,6 +71,11 @@ def integrals(rows: Rows, function: Callable[[jax.Array], jax.Array]) -> jax.Arr
     return rows.hats(rising[:-1] + falling[1:], falling[0], rising[-1])
 
 
+def weights(groups: tuple[Rows, ...]) -> jax.Array:
+    """∫ hat dy of every hat of all groups, shape (hats,)."""
+    return jnp.concatenate([integrals(rows, jnp.ones_like) for rows in groups])
+
+
 def shares(rows: Rows, borders: jax.Array) -> jax.Array:
     """∫ hat dy between neighbouring `borders`, shape (hats, len(borders) - 1)."""
     u = jnp.clip((borders[None] - rows.lines[:-1, None]) / jnp.diff(rows.lines)[:, None], 0.0, 1.0)
@@ -122,9 +127,9 @@ def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax
         slope = differences(3, at_borders, stencil, borders, points)
         result += slope + slope.swapaxes(-1, -2) + differences(2, at_borders, at_borders, borders, borders)
     # thin hats far from each other would be lost in rounding: then they are points
-    weight, moment = (jnp.concatenate([integrals(rows, f) for rows in groups]) for f in (jnp.ones_like, lambda y: y))
+    weight = weights(groups)
     image = np.array([1.0, -1.0] if mirrored else [1.0])[:, None, None]
-    place = moment / weight
+    place = jnp.concatenate([integrals(rows, lambda y: y) for rows in groups]) / weight
     apart = jnp.abs(place[None, :, None] - image * place[None, None])
     at = np.nonzero(thin)
     distance, first, second = apart[at], weight[at[1]], weight[at[2]]

@@ -82,8 +82,8 @@ def solve(
     tip, line_load, unit, estimate = reach_of_strips(contact, load, low, high)
     groups = _groups(spall, low / unit, high / unit, tip / unit, mirrored, edges, fineness)
     layout = _layout(groups, edges, mirrored, fineness)
-    nodes, weights = layout.frequencies.rule()
-    weight = jnp.concatenate([rows.integrals(group, jnp.ones_like) for group in groups])
+    nodes, node_weights = layout.frequencies.rule()
+    weight = rows.weights(groups)
     push = np.pi * contact.modulus / line_load  # from [mm] to the unit of displacement
 
     def crown(y: jax.Array) -> jax.Array:
@@ -93,7 +93,7 @@ def solve(
     half_width = 0.5 * spall.width if spall is not None else jnp.asarray(jnp.inf)
     images = 2.0 if mirrored else 1.0
     problem = Problem(
-        products=rows.products(groups, nodes, mirrored) * (2.0 / np.pi * weights)[None, None],
+        products=rows.products(groups, nodes, mirrored) * (2.0 / np.pi * node_weights)[None, None],
         mass=rows.mass(groups),
         weight=weight,
         place=jnp.concatenate([group.peaks for group in groups]),

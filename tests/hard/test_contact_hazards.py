@@ -125,3 +125,9 @@ def test_a_spall_narrower_than_a_cell_is_said(contact: trb.LineContact) -> None:
 def test_accuracy_out_of_range_is_refused(contact: trb.LineContact, accuracy: float) -> None:
     with pytest.raises(ValueError, match="out of range"):
         trb.solve_contact(contact, 1000.0, accuracy=accuracy)
+
+
+def test_an_unknown_method_is_refused(contact: trb.LineContact) -> None:
+    for function in (trb.solve_contact, trb.approach_slopes):
+        with pytest.raises(ValueError, match="method = 'lattice' is unknown; use 'auto', 'strips', 'cells'"):
+            function(contact, 1000.0, method="lattice")  # type: ignore[arg-type]
