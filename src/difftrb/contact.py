@@ -35,18 +35,18 @@ class Grid:
 
 # Relative accuracy of the approach, and the grids measured to meet it (experiments/accuracy_of_contact.py).
 GRIDS = {
-    1e-2: Grid(Resolution(16, 12, 6), Fineness(8, 5, 2, 3, Frequencies(4, 10, 14, 10.0), Frequencies(4, 10, 18, 15.0))),
+    1e-2: Grid(Resolution(16, 12, 6), Fineness(6, 3, 2, 2, 3, Frequencies(4, 8, 12, 9.0), Frequencies(4, 8, 14, 12.0))),
     1e-3: Grid(
-        Resolution(32, 20, 8), Fineness(10, 6, 2, 4, Frequencies(4, 10, 14, 10.0), Frequencies(4, 12, 24, 20.0))
+        Resolution(32, 20, 8), Fineness(8, 3, 3, 2, 3, Frequencies(4, 10, 14, 10.0), Frequencies(4, 10, 20, 17.0))
     ),
     1e-4: Grid(
-        Resolution(64, 64, 16), Fineness(14, 8, 2, 4, Frequencies(4, 12, 18, 12.0), Frequencies(4, 12, 34, 25.0))
+        Resolution(64, 64, 16), Fineness(16, 5, 3, 2, 3, Frequencies(4, 12, 18, 12.0), Frequencies(4, 12, 42, 30.0))
     ),
     3e-5: Grid(
-        Resolution(64, 64, 16), Fineness(20, 10, 3, 5, Frequencies(6, 16, 24, 16.0), Frequencies(5, 14, 40, 30.0))
+        Resolution(64, 64, 16), Fineness(24, 6, 4, 2, 3, Frequencies(6, 16, 24, 16.0), Frequencies(5, 14, 60, 40.0))
     ),
     1e-5: Grid(
-        Resolution(64, 64, 16), Fineness(28, 12, 3, 5, Frequencies(6, 18, 40, 25.0), Frequencies(6, 18, 60, 40.0))
+        Resolution(64, 64, 16), Fineness(34, 8, 5, 2, 4, Frequencies(6, 18, 40, 25.0), Frequencies(6, 18, 80, 50.0))
     ),
 }
 
@@ -140,14 +140,14 @@ def solve_contact(
     if traced and method == "auto":
         return _by_either(*arguments, mirrored, accuracy)
 
-    def by_strips(edges: bool) -> tuple[ContactSolution]:
+    def by_strips(edges: int) -> tuple[ContactSolution]:
         return (_by_strips(*arguments, mirrored, edges, accuracy),)
 
     def by_cells() -> tuple[ContactSolution]:
         return (_by_cells(*arguments, grid.cells, mirrored, accuracy),)
 
     if traced and method == "strips":
-        return by_strips(True)[0]
+        return by_strips(2)[0]
     return _first_that_does(method, arguments, by_strips, by_cells)[0]
 
 
@@ -182,7 +182,7 @@ def approach_and_slopes(
         method,
         arguments,
         lambda edges: _slopes(*arguments, mirrored, edges, accuracy, True),
-        lambda: _slopes(*arguments, mirrored, False, accuracy, False),
+        lambda: _slopes(*arguments, mirrored, 0, accuracy, False),
     )
     by_contact, by_load, by_spall, by_offset = slopes
     there = by_spall is not None
@@ -208,17 +208,17 @@ def _given(
 
 
 def _first_that_does(
-    method: Method, arguments: tuple, by_strips: Callable[[bool], tuple], by_cells: Callable[[], tuple]
+    method: Method, arguments: tuple, by_strips: Callable[[int], tuple], by_cells: Callable[[], tuple]
 ) -> tuple:
     """What the way named by `method` returns or, for "auto", strips if they do and else cells. For numbers only.
 
-    Both ways return a `ContactSolution` first; strips are told whether rolling edges may be in reach.
+    Both ways return a `ContactSolution` first; strips are told how many rolling edges may be in reach.
     """
     if method == "cells":
         return by_cells()
     edges, suited = _outlook(*arguments)
     if method == "strips" or suited:
-        result = by_strips(bool(edges))
+        result = by_strips(int(edges))
         if method == "strips" or result[0].status_code == status.CONVERGED:
             return result
     return by_cells()
@@ -244,7 +244,7 @@ def is_symmetric(spall: Spall | None) -> bool:
 def _outlook(
     contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Whether a rolling edge may be in reach of the contact, and whether strips can be expected to describe it."""
+    """How many rolling edges may be in reach of the contact, and whether strips can be expected to describe it."""
     return strip_model.outlook(contact, load, spall, offset)
 
 
@@ -280,13 +280,13 @@ def _by_strips(
     spall: Spall | None,
     offset: jax.Array,
     mirrored: bool,
-    edges: bool,
+    edges: int,
     accuracy: float,
 ) -> ContactSolution:
-    """By strips; `edges` says whether rolling edges may be in reach. The pressure is laid on the accuracy's cells."""
+    """By strips; `edges` says how many rolling edges may be in reach. The pressure is laid on the accuracy's cells."""
     grid = grid_for(accuracy)
     cells, _, gap = _stage(contact, load, spall, offset, grid.cells, mirrored)
-    edges = edges and spall is not None
+    edges = edges if spall is not None else 0
     solved = strip_model.solve(contact, load, spall, offset, mirrored, edges, grid.strips, cells)
     code = _verdict(solved.approach, solved.change, strip_model.SETTLED)
     return _solution(
@@ -304,10 +304,11 @@ def _by_either(
     arguments = contact, load, spall, offset
     edges, _ = strip_model.outlook(*arguments)
 
-    def strips(edges: bool) -> Callable[..., ContactSolution]:
+    def strips(edges: int) -> Callable[..., ContactSolution]:
         return lambda *a: _by_strips(*a, mirrored, edges, accuracy)
 
-    first = strips(False)(*arguments) if spall is None else jax.lax.cond(edges, strips(True), strips(False), *arguments)
+    branches = [strips(count) for count in range(1 if spall is None else 3)]
+    first = jax.lax.switch(edges, branches, *arguments)
     cells = grid_for(accuracy).cells
     return jax.lax.cond(
         first.status_code == status.CONVERGED,
@@ -319,7 +320,7 @@ def _by_either(
 
 @partial(jax.jit, static_argnums=(4, 5, 6, 7))
 def _slopes(
-    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array, mirrored: bool, edges: bool,
+    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array, mirrored: bool, edges: int,
     accuracy: float, strips: bool,
 ) -> tuple[ContactSolution, tuple]:  # fmt: skip
     """The solved contact and the derivatives of its approach by the first four arguments."""

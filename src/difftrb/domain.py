@@ -141,7 +141,9 @@ def reach_of_strips(
         shape = 2.0 * jnp.log(4.0 * length / half_width) - 1.0 + (whole + both - first - second) / length
         needed = load / (jnp.pi * contact.modulus)
         delta = _sunk(contact, needed, low, high, 1.0 / jnp.maximum(shape, 1.0))
-        share = jnp.maximum(1.0 - 1.5 / jnp.max(shape), 0.2)  # neighbours lift the surface beyond the tip, too
+        alone = 1.0 - jnp.clip(0.5 * (high - low) / jnp.maximum(state[0], 1e-3 * half), 0.0, 1.0)
+        # neighbours lift the surface beyond the tip, too: measured on strips four times as fine
+        share = jnp.maximum(1.0 - (1.5 + 0.5 * alone**2) / jnp.max(shape), 0.2)
         tip = half * jnp.sqrt(-jnp.expm1(-(lowest + share * jnp.maximum(delta - lowest, 0.0)) / scale))
         return tip, delta
 

@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb import gap as gaps
-from difftrb import rows, strips
+from difftrb import hertz, rows, strips
 from difftrb.domain import reach_of_strips
 from difftrb.geometry import LineContact, Spall
 from difftrb.halfspace import Cells
 from difftrb.rows import Rows
-from difftrb.strips import LAND, LEFT, RIGHT, Frequencies, Layout, Problem
+from difftrb.strips import LAND, LEFT, MIDDLE, RIGHT, Frequencies, Layout, Problem
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,12 +24,15 @@ class Fineness:
 
     land: int
     hollow: int
+    beside: int
     modes: int
     edge_modes: int
     frequencies: Frequencies
     edge_frequencies: Frequencies
 
 
+THIN = 2  # rows of land at a spall's end that share an outline
+NEAR_HOLLOW = 2  # rows of the hollow at a spall's end that share an outline
 GATHERED = 3.0  # power with which rows grow from an edge and from the contact's end
 SETTLED = 1e-6  # last change of a free boundary, in Hertz half-widths, at which strips count as converged
 LEAST_LAND = 20.0  # loaded length in Hertz half-widths: below, it is no line contact, and rows are no longer than wide
@@ -53,14 +56,16 @@ class Solved:
 def outlook(
     contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Whether a rolling edge of the spall may touch the contact, and whether strips can be expected to describe it."""
+    """How many rolling edges of the spall may be in reach of the contact, 0…2, and whether strips can be expected to
+    describe it."""
     low, high = _spall_edges(contact, spall)
     tip, _, unit, approach = jax.lax.stop_gradient(reach_of_strips(contact, load, low, high))
     suited = _suited(contact, spall, (2.0 * tip - (high - low)) / unit, approach)
     if spall is None:
-        return jnp.asarray(False), suited
+        return jnp.asarray(0), suited
     certain = jnp.sqrt(2.0 * contact.radius * 1.1 * approach)  # beyond it the gap exceeds the approach
-    return jnp.abs(offset) + certain > 0.5 * spall.width, suited
+    near, far = 0.5 * spall.width - jnp.abs(offset), 0.5 * spall.width + jnp.abs(offset)
+    return (near < certain).astype(int) + (far < certain), suited
 
 
 def _suited(contact: LineContact, spall: Spall | None, land: jax.Array, approach: jax.Array) -> jax.Array:
@@ -70,16 +75,19 @@ def _suited(contact: LineContact, spall: Spall | None, land: jax.Array, approach
 
 
 def solve(
-    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array, mirrored: bool, edges: bool,
+    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array, mirrored: bool, edges: int,
     fineness: Fineness, cells: Cells,
 ) -> Solved:  # fmt: skip
     """Solve by strips and spread the pressure over `cells`.
 
-    `edges`: whether the rolling edges of the spall may be in reach. Not suited: a spall whose bottom is in reach of the
+    `edges`: how many rolling edges of the spall may be in reach, 0…2; one is always the nearer. Not suited: a spall whose bottom is in reach of the
     roller, a roller (nearly) without crown.
     """
     low, high = _spall_edges(contact, spall)
-    tip, line_load, unit, estimate = reach_of_strips(contact, load, low, high)
+    turned = offset < 0.0  # one edge is always looked at from its left
+    if edges == 1:
+        offset = jnp.abs(offset)
+    tip, line_load, unit, estimate = _reach(contact, load, spall, offset, edges)
     groups = _groups(spall, low / unit, high / unit, tip / unit, mirrored, edges, fineness)
     layout = _layout(groups, edges, mirrored, fineness)
     nodes, node_weights = layout.frequencies.rule()
@@ -107,10 +115,32 @@ def solve(
     approach = approach / push
     suited = _suited(contact, spall, (2.0 * tip - (high - low)) / unit, approach)
     loads = jnp.where(active[:, None], loads, 0.0)
+    ends = ends[np.asarray(layout.outlines)]
+    if edges == 1:
+        ends = jnp.where(turned, -ends[:, ::-1], ends)
+        loads = jnp.where(turned, loads * (-1.0) ** layout.orders[None], loads)
     force = images * line_load * unit * _on_cells(layout, groups, loads, ends, cells, unit)
-    span = ends[:, 0] * 2.0 if layout.even else ends[:, 1] - ends[:, 0]
-    width = unit * jnp.max(jnp.where(active, span, 0.0))
+    width = unit * _width(layout, active, ends)
     return Solved(approach, force, width, change, passes, suited, loads.size)
+
+
+def _reach(
+    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array, edges: int
+) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """`reach_of_strips`; with rolling edges in reach, between those with and without the spall, by the share of the
+    pressure that it takes."""
+    reach = reach_of_strips(contact, load, *_spall_edges(contact, spall))
+    if spall is None or not edges:
+        return reach
+    sound = reach_of_strips(contact, load, jnp.zeros(()), jnp.zeros(()))
+    ends = jnp.clip((offset + jnp.array([-0.5, 0.5]) * spall.width) / reach[2], -1.0, 1.0)
+    within = 1.0 - ends**2
+    angle = jnp.arcsin(jnp.where(within > 0.0, ends, 0.0)) + jnp.where(within > 0.0, 0.0, 0.5 * np.pi * ends)
+    below = (angle + ends * jnp.sqrt(jnp.where(within > 0.0, within, 0.0) + 1e-30)) / np.pi  # of half an ellipse
+    taken = below[1] - below[0]
+    taken = 0.5 * (taken**2 + taken**8)  # what is left of a strip is nearly as stiff until little is left
+    tip, line_load, _, approach = (taken * a + (1.0 - taken) * b for a, b in zip(reach, sound, strict=True))
+    return tip, line_load, hertz.line_half_width(line_load, contact.radius, contact.modulus), approach
 
 
 def _spall_edges(contact: LineContact, spall: Spall | None) -> tuple[jax.Array, jax.Array]:
@@ -122,7 +152,7 @@ def _spall_edges(contact: LineContact, spall: Spall | None) -> tuple[jax.Array, 
 
 
 def _groups(
-    spall: Spall | None, low: jax.Array, high: jax.Array, tip: jax.Array, mirrored: bool, edges: bool, fine: Fineness
+    spall: Spall | None, low: jax.Array, high: jax.Array, tip: jax.Array, mirrored: bool, edges: int, fine: Fineness
 ) -> tuple[Rows, ...]:
     if spall is None:
         return (Rows(rows.graded(jnp.zeros(()), tip, fine.land, 1.0, GATHERED), True, "none"),)
@@ -138,17 +168,29 @@ def _groups(
     return (lower, hollow, upper) if edges else (lower, upper)
 
 
-def _layout(groups: tuple[Rows, ...], edges: bool, mirrored: bool, fine: Fineness) -> Layout:
-    hollow = (1,) if edges else ()
+def _layout(groups: tuple[Rows, ...], edges: int, mirrored: bool, fine: Fineness) -> Layout:
+    """Which strips there are, and which of them share an outline: those beside a spall's end."""
     numbers, first = [], 0
     for group in groups:
-        numbers.append(tuple(range(first, first + group.count)))
+        numbers.append(list(range(first, first + group.count)))
         first += group.count
-    land = sum((numbers[i] for i in range(len(groups)) if i not in hollow), ())
-    inside = sum((numbers[i] for i in hollow), ())
+    hollow = numbers.pop(1) if edges else []
+    lands = [land if mirrored or land is numbers[-1] else land[::-1] for land in numbers]  # outwards from the spall
+    beside = [land[: fine.beside] for land in lands] if groups[0].edge != "none" else []
+    whole = [[row] for land in lands for row in land[fine.beside if beside else 0 :]]
+    thin = [part for land in beside for part in (land[:THIN], *([row] for row in land[THIN:]))]
+    if not edges:
+        families = [(LAND, thin + whole)]
+    else:
+        near = hollow[-NEAR_HOLLOW:], hollow[:NEAR_HOLLOW]
+        through = [land + inside for land, inside in zip(beside[::-1], near, strict=False)]
+        alone = [[row] for row in hollow[0 if mirrored else NEAR_HOLLOW : -NEAR_HOLLOW]]
+        families = [(LAND, whole), (MIDDLE, thin), (LEFT, through + alone), (RIGHT, through + alone)][: 2 + edges]
+    outlines = [(side, shared) for side, family in families for shared in family]
     return Layout(
-        sides=(LAND,) * len(land) + (RIGHT,) * len(inside) + (LEFT,) * len(inside),
-        rows=land + inside + inside,
+        rows=tuple(row for _, shared in outlines for row in shared),
+        outlines=tuple(i for i, (_, shared) in enumerate(outlines) for _ in shared),
+        sides=tuple(side for side, _ in outlines),
         modes=fine.edge_modes if edges else fine.modes,
         even=not edges,
         frequencies=fine.edge_frequencies if edges else fine.frequencies,
@@ -157,7 +199,8 @@ def _layout(groups: tuple[Rows, ...], edges: bool, mirrored: bool, fine: Finenes
 
 def _start(layout: Layout, problem: Problem, approach: jax.Array) -> jax.Array:
     """Ends of the strips to begin with: a Hertz contact under the local interference, cut by the spall's edges."""
-    gap = problem.gap[np.asarray(layout.rows)]
+    member = layout.member / np.sum(layout.member, axis=0)
+    gap = member.T @ problem.gap[np.asarray(layout.rows)]
     half = 1.1 * jnp.sqrt(jnp.clip(1.0 - gap / approach, 0.02, 1.0))
     sides = np.asarray(layout.sides)
     low, high = -half, half
@@ -167,7 +210,17 @@ def _start(layout: Layout, problem: Problem, approach: jax.Array) -> jax.Array:
         high = jnp.where(sides == RIGHT, jnp.maximum(1.1, low + 0.2), high)
         high = jnp.where(sides == LEFT, jnp.minimum(highest, 1.1), high)
         low = jnp.where(sides == LEFT, jnp.minimum(-1.1, high - 0.2), low)
+        low = jnp.where(sides == MIDDLE, jnp.maximum(lowest, jnp.minimum(low, highest - 0.2)), low)
+        high = jnp.where(sides == MIDDLE, jnp.minimum(highest, jnp.maximum(high, lowest + 0.2)), high)
     return jax.lax.stop_gradient(jnp.stack([low, high], axis=1))
+
+
+def _width(layout: Layout, active: jax.Array, ends: jax.Array) -> jax.Array:
+    """The longest row across the contact."""
+    on = np.eye(max(layout.rows) + 1, dtype=bool)[list(layout.rows)] & active[:, None]
+    low, high = (-ends[:, :1], ends[:, :1]) if layout.even else (ends[:, :1], ends[:, 1:])
+    span = jnp.max(jnp.where(on, high, -jnp.inf), axis=0) - jnp.min(jnp.where(on, low, jnp.inf), axis=0)
+    return jnp.max(span)
 
 
 def _on_cells(

@@ -21,11 +21,20 @@ import numpy as np
 from difftrb import implicit
 
 Ends = tuple[str, str]
-LAND, RIGHT, LEFT = 0, 1, -1
+LAND, RIGHT, LEFT, MIDDLE = 0, 1, -1, 2
+# Ends that strips share: which sides, low or high end, and whether pressure may be singular there.
+PLACES = (
+    ((RIGHT,), 0, True), ((LEFT,), 1, True), ((MIDDLE,), 0, True), ((MIDDLE,), 1, True),
+    ((LAND, LEFT), 0, False), ((LAND, RIGHT), 1, False),
+)  # fmt: skip
+SHARE = np.sqrt(np.sqrt(0.75) / 2.0)
+MEETING = ((0, 3), (1, 2))  # places that lie on one rolling edge from either side
 TOLERANCE = 1e-7
 LARGEST = 3.2  # farthest end of a strip; the gap there is larger than any approach
 LEAST = 1e-3  # smallest width of one
 PASSES = 40
+WAITING = 0.35  # size of an outline without load, as a share of its size at first
+NEAR = 0.1  # last change of the ends below which Newton's method takes over
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,19 +67,29 @@ class Frequencies:
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """What is static of a strip model: which sides of a spall carry strips, modes, frequencies.
+    """What is static of a strip model: rows, boundaries and modes of its strips, frequencies.
 
     Attributes:
-      sides: for every strip LAND, RIGHT or LEFT (of the spall). rows: for every strip its row.
+      rows: for every strip its row.
+      outlines: for every strip which pair of free boundaries is its own. Rows much thinner than the contact is wide
+        share one: alone, each would leave its ends almost undetermined.
+      sides: for every outline where it may be: anywhere (LAND), RIGHT or LEFT of the spall's rolling edges, or between
+        them (MIDDLE: on the land's first rows, where only there pressure is singular along the roller).
       modes: Chebyshev modes of a strip. even: strips are symmetric about x = 0 (only even modes, c = 0).
       frequencies: the quadrature in κ.
     """
 
-    sides: tuple[int, ...]
     rows: tuple[int, ...]
+    outlines: tuple[int, ...]
+    sides: tuple[int, ...]
     modes: int
     even: bool
     frequencies: Frequencies
+
+    @property
+    def member(self) -> np.ndarray:
+        """Which strip has which outline, as ones, shape (strips, outlines)."""
+        return np.eye(len(self.sides))[list(self.outlines)]
 
     @property
     def orders(self) -> np.ndarray:
@@ -165,66 +184,76 @@ def _waves(layout: Layout, ends: jax.Array) -> tuple[jax.Array, jax.Array]:
 def _tails(layout: Layout, b: jax.Array) -> tuple[jax.Array, jax.Array]:
     """What strips add beyond the last frequency, as columns of `_waves`; and the derivative by b.
 
-    There K₀ acts as a line and J as a wave from either end of a strip: (κb)^−1/2 from an end with singular pressure, if
-    strips share it, and (κb)^−3/2 from all ends. For strips narrower than the last wave both bend over: the first to
-    the logarithm that a point load has.
+    There K₀ acts as a line and J as a wave from either end of a strip, which only strips with an end at the same place
+    share: (κb)^−1/2 from an end with singular pressure, (κb)^−3/2 from every end. For strips narrower than the last
+    wave both bend over: the first to the logarithm that a point load has.
     """
-    sides, orders, highest = np.asarray(layout.sides), layout.orders, layout.frequencies.highest
-    turns, squares, every = (-1.0) ** orders, orders.astype(float) ** 2, np.ones(len(sides))
+    orders, highest = layout.orders, layout.frequencies.highest
+    squares = orders.astype(float) ** 2 - 0.25
     x = highest * b[:, None, None]
     blunt = 1.0 / jnp.sqrt(12.0 * np.pi * (x**3 + 1.0))
     blunt_by_b = -1.5 * blunt * x**3 / (x**3 + 1.0)
     if layout.even:
-        both = np.sqrt(2.0) * squares[None, :, None] * every[:, None, None]
+        both = np.sqrt(2.0) * squares[None, :, None] * np.ones((len(layout.rows), 1, 1))
         return both * blunt, both * blunt_by_b / b[:, None, None]
     bend = 1.0 + 1.53 / (1.0 + 2.0 * x)
     inner = 1.0 + 2.0 / np.pi * bend / x
     sharp = jnp.sqrt(0.5 * jnp.log(inner))
     inner_slope = -2.0 / np.pi * (bend / x + 3.06 / (1.0 + 2.0 * x) ** 2)  # times x: by ln x
     sharp_by_b = 0.25 / sharp * inner_slope / inner
-    right, left = (np.where(sides == side, 1.0, 0.0) for side in (RIGHT, LEFT))
-    at_edge = np.stack([np.outer(right, turns), np.outer(left, np.ones_like(turns))], axis=-1)
-    at_all = np.stack([np.outer(every, turns * squares), np.outer(every, squares)], axis=-1)
-    tails = jnp.concatenate([at_edge * sharp, at_all * blunt], axis=-1)
-    return tails, jnp.concatenate([at_edge * sharp_by_b, at_all * blunt_by_b], axis=-1) / b[:, None, None]
+    signs = _signs(layout)
+    at = [layout.member @ np.isin(layout.sides, sides)[:, None] * signs[end] for sides, end, _ in PLACES]
+    at_sharp = np.stack([a for a, place in zip(at, PLACES, strict=True) if place[2]], axis=-1)
+    at_all = np.stack(at, axis=-1) * squares[None, :, None]
+
+    def columns(sharp: jax.Array, blunt: jax.Array) -> jax.Array:
+        # waves from two sides of one edge are in phase only where one is sharp and one blunt: 2uv = (u+v)²/2 − (u−v)²/2
+        one, other = (np.array(places) for places in zip(*MEETING, strict=True))
+        u = jnp.concatenate([at_sharp[..., one], at_sharp[..., other]], axis=-1) * sharp
+        v = jnp.concatenate([at_all[..., other], at_all[..., one]], axis=-1) * blunt
+        return jnp.concatenate([at_sharp * sharp, at_all * blunt, SHARE * (u + v), SHARE * (u - v)], axis=-1)
+
+    return columns(sharp, blunt), columns(sharp_by_b, blunt_by_b) / b[:, None, None]
 
 
 def _coupling(layout: Layout, problem: Problem) -> jax.Array:
     """The rows' products for all pairs of strips and all z, shape (strips, strips, z)."""
     rows = np.asarray(layout.rows)
-    tails, images = (1, 1) if layout.even else (4, 2)
-    full = jnp.concatenate([problem.products] * images + [problem.mass[..., None]] * tails, axis=-1)
+    crossed = 2 * len(MEETING)
+    signs = np.ones(1) if layout.even else np.repeat([1.0, -1.0], [len(PLACES) + 4 + crossed, crossed])
+    waves = [problem.products] * (1 if layout.even else 2)
+    full = jnp.concatenate([*waves, problem.mass[..., None] * signs[None, None]], axis=-1)
     if np.array_equal(rows, np.arange(full.shape[0])):
         return full
     return full[rows][:, rows]
 
 
 Unknowns = tuple[jax.Array, jax.Array, jax.Array]
-"""Mode loads (strips, modes), ends (strips, 2; half widths (strips, 1) if even), approach."""
+"""Mode loads (strips, modes), ends of the outlines (outlines, 2; half widths (outlines, 1) if even), approach."""
 
 
 def _contact(
     layout: Layout, x: Unknowns, problem: Problem, coupling: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """How far each mode is from lying on the other body, (strips, modes), and its derivative by loads and by ends."""
-    loads, ends, approach = x
+    loads, outline, approach = x
     strips, n = loads.shape
-    k = ends.shape[1]
-    weight = problem.weight[np.asarray(layout.rows)]
+    k = outline.shape[1]
+    rows, member = np.asarray(layout.rows), layout.member
+    ends = outline[np.asarray(layout.outlines)]
+    weight = problem.weight[rows]
     wave, by_ends = _waves(layout, ends)
     moved = jnp.einsum("jm,jemz->jez", loads, by_ends)
     pulled = jnp.concatenate([wave, moved], axis=1)  # (strips, modes + ends, z)
     pushed = (coupling[:, :, None, :] * pulled[None]).reshape(strips, strips * (n + k), -1)
     matrix = jax.lax.dot_general(wave, pushed, (((2,), (2,)), ((0,), (0,)))) / weight[:, None, None]
     matrix = matrix.reshape(strips, n, strips, n + k)
-    by_load, by_end = matrix[..., :n], matrix[..., n:]
     field = jnp.einsum("ijz,jz->iz", coupling, jnp.einsum("jm,jmz->jz", loads, wave)) / weight[:, None]
-    gap, gap_by_ends = _gaps(layout, ends, problem.gap[np.asarray(layout.rows)])
-    level = np.eye(1, n)
-    residual = jnp.einsum("iz,imz->im", field, wave) + gap - approach * level
+    gap, gap_by_ends = _gaps(layout, ends, problem.gap[rows])
+    residual = jnp.einsum("iz,imz->im", field, wave) + gap - approach * np.eye(1, n)
     own = jnp.einsum("iz,iemz->ime", field, by_ends) + gap_by_ends
-    here = np.arange(strips)
-    return residual, by_load, by_end.at[here, :, here].add(own)
+    by_end = jnp.einsum("imje,jo->imoe", matrix[..., n:], member) + own[:, :, None] * member[:, None, :, None]
+    return residual, matrix[..., :n], by_end
 
 
 def _system(
@@ -232,30 +261,36 @@ def _system(
 ) -> tuple[jax.Array, jax.Array]:
     """All equations, and their Jacobian: contact of loaded strips, no load on others, pressure zero at free ends (those
     that are not held), the sum of loads."""
-    loads, ends, _ = x
+    loads, outline, _ = x
     active, held = choice
     residual, by_load, by_end = parts
-    (strips, n), k = loads.shape, ends.shape[1]
-    a, e = strips * n, strips * k
-    on, signs = active[:, None], _signs(layout)
-    fixed = held | ~on
+    (strips, n), (outlines, k) = loads.shape, outline.shape
+    a, e = strips * n, outlines * k
+    on, signs, share = active[np.asarray(layout.outlines)][:, None], _signs(layout), _shares(layout, problem)
+    fixed = held | ~active[:, None]
     total = (problem.weight[np.asarray(layout.rows)][:, None] * np.eye(1, n)).reshape(1, a)
     equations = jnp.concatenate([
         jnp.where(on, residual, loads).ravel(),
-        jnp.where(fixed, 0.0, loads @ signs.T).ravel(),
+        jnp.where(fixed, 0.0, share @ loads @ signs.T).ravel(),
         total @ loads.ravel() - problem.load,
     ])  # fmt: skip
-    same = np.eye(strips)[:, None, :, None]
-    modes, sides = np.eye(n)[None, :, None, :], np.eye(k)[None, :, None, :]
-    on4, fixed4 = on[..., None, None], fixed[..., None, None]
+    same, modes = np.eye(strips)[:, None, :, None], np.eye(n)[None, :, None, :]
+    fixed_ends = np.eye(e).reshape(outlines, k, outlines, k)
+    fixed4 = fixed[:, :, None, None]
     jacobian = jnp.block([
-        [jnp.where(on4, by_load, same * modes).reshape(a, a), jnp.where(on4, by_end, 0.0).reshape(a, e),
-         jnp.where(on, -np.eye(1, n), 0.0).reshape(a, 1)],
-        [jnp.where(fixed4, 0.0, same * signs[None, :, None, :]).reshape(e, a),
-         jnp.where(fixed4, same * sides, 0.0).reshape(e, e), jnp.zeros((e, 1))],
+        [jnp.where(on[..., None, None], by_load, same * modes).reshape(a, a),
+         jnp.where(on[..., None, None], by_end, 0.0).reshape(a, e), jnp.where(on, -np.eye(1, n), 0.0).reshape(a, 1)],
+        [jnp.where(fixed4, 0.0, share[:, None, :, None] * signs[None, :, None, :]).reshape(e, a),
+         jnp.where(fixed4, fixed_ends, 0.0).reshape(e, e), jnp.zeros((e, 1))],
         [total, jnp.zeros((1, e + 1))],
     ])  # fmt: skip
     return equations, jacobian
+
+
+def _shares(layout: Layout, problem: Problem) -> jax.Array:
+    """Of each strip in its outline by the length of its row, shape (outlines, strips)."""
+    weight = layout.member.T * problem.weight[np.asarray(layout.rows)][None]
+    return weight / jnp.sum(weight, axis=1, keepdims=True)
 
 
 def _signs(layout: Layout) -> np.ndarray:
@@ -284,12 +319,12 @@ def _gaps(layout: Layout, ends: jax.Array, rest: jax.Array) -> tuple[jax.Array, 
 def solve(layout: Layout, problem: Problem, start: jax.Array) -> tuple[Unknowns, jax.Array, jax.Array, jax.Array]:
     """Unknowns, which strips are loaded, last change of the ends and number of passes.
 
-    `start`: ends of the strips to begin with, (strips, 2). Differentiable by `problem`.
+    `start`: ends of the outlines to begin with, (outlines, 2). Differentiable by `problem`.
     """
     x, (choice, change, count) = implicit.factored_root(
         partial(_residual, layout), partial(_search, layout), problem, start
     )
-    return x, choice[0], change, count
+    return x, choice[0][np.asarray(layout.outlines)], change, count
 
 
 def _residual(layout: Layout, x: Unknowns, choice: tuple[jax.Array, jax.Array], problem: Problem) -> jax.Array:
@@ -298,87 +333,91 @@ def _residual(layout: Layout, x: Unknowns, choice: tuple[jax.Array, jax.Array], 
     equations, _ = _system(layout, x, choice, problem, parts)
     if layout.even:
         return equations
-    bound = bounds(layout, problem)
-    off = jnp.where(choice[1] & choice[0][:, None], x[1] - bound, 0.0)
+    off = jnp.where(choice[1] & choice[0][:, None], x[1] - bounds(layout, problem), 0.0)
     first = x[0].size
     return equations.at[first : first + x[1].size].add(off.ravel())
 
 
 def bounds(layout: Layout, problem: Problem) -> jax.Array:
-    """How far the ends may go: (strips, ends)."""
+    """How far the ends may go: (outlines, ends)."""
     sides = np.asarray(layout.sides)
     room = LARGEST - 0.3  # a strip at an edge farther out stays there, without load
-    high = jnp.where(sides == LEFT, jnp.clip(problem.left, -room, room), LARGEST)
-    low = jnp.where(sides == RIGHT, jnp.clip(problem.right, -room, room), -LARGEST)
+    left, right = (jnp.clip(edge, -room, room) for edge in (problem.left, problem.right))
+    high = jnp.where(sides == LEFT, left, jnp.where(sides == MIDDLE, right, LARGEST))
+    low = jnp.where(sides == RIGHT, right, jnp.where(sides == MIDDLE, left, -LARGEST))
     return high[:, None] if layout.even else jnp.stack([low, high], axis=1)
 
 
-def _neighbourhood(layout: Layout, problem: Problem) -> jax.Array:
-    """Averages over strips of a side within about half a half-width: rows thinner than that only move together."""
-    rows, sides = np.asarray(layout.rows), np.asarray(layout.sides)
-    y, weight = problem.place[rows], problem.weight[rows]
-    share = jnp.where(sides[:, None] == sides, weight[None] * jnp.exp(-2.0 * jnp.abs(y[:, None] - y[None])), 0.0)
-    return share / jnp.sum(share, axis=1, keepdims=True)
+def _beside(layout: Layout) -> np.ndarray:
+    """Which outlines between the edges have which one beyond an edge beside them on a row, (outlines, outlines)."""
+    sides, rows = np.asarray(layout.sides), np.asarray(layout.rows)
+    common = layout.member.T @ (rows[:, None] == rows) @ layout.member > 0.0
+    return (common & (sides[:, None] == MIDDLE) & np.isin(sides, (LEFT, RIGHT))[None]).astype(float)
 
 
 def _search(layout: Layout, problem: Problem, start: jax.Array):
-    """Find loads, ends and which strips are loaded.
+    """Find loads, ends and which outlines are loaded.
 
     With the ends held, all else is linear; P = Σ aₘTₘ then tells at each free end how far it is off: it moves to
     where P would vanish. Close to the solution Newton's method on everything takes over.
     """
+    ends_at_first = start[:, 1:] if layout.even else start
     coupling = _coupling(layout, problem)
-    strips, n = len(layout.sides), layout.modes
-    k = 1 if layout.even else 2
+    (strips, n), outlines, k = (len(layout.rows), layout.modes), len(layout.sides), 1 if layout.even else 2
     bound, signs, squares = bounds(layout, problem), _signs(layout), layout.orders.astype(float)[None] ** 2
     outward = np.array([[1.0]] if layout.even else [[-1.0, 1.0]])
-    sides = np.asarray(layout.sides)
-    together = _neighbourhood(layout, problem)
+    sides, share, beside = np.asarray(layout.sides), _shares(layout, problem), _beside(layout)
+
+    # where an outline waits without load for the bodies to overlap: about the place where they are nearest
+    nearest = 0.0 if layout.even else jnp.clip(0.0, bound[:, :1], bound[:, 1:])
+    small = nearest + WAITING * (ends_at_first - nearest)
 
     def step(carry):
         (loads, ends, approach), active, held, rest, change, count, *_ = carry
         x = loads, ends, approach
-        newton = change < 0.1
+        newton = change < NEAR
         parts = _contact(layout, x, problem, coupling)
-        called = ~active & (rest <= 0) & (parts[0][:, 0] < 0.0)  # they overlap without load
+        called = ~active & (rest <= 0) & (share @ parts[0][:, 0] < 0.0)  # they overlap without load
         active_now = active | called
         equations, jacobian = _system(layout, x, (active_now, held | ~newton), problem, parts)
         lu, pivots, _ = jax.lax.linalg.lu(jacobian)
         found = -jax.scipy.linalg.lu_solve((lu, pivots), equations)
         loads = loads + found[: strips * n].reshape(strips, n)
+        tension = active_now & (share @ loads[:, 0] <= 0.0)
+        next_active = active_now & ~tension
         b = ends if layout.even else 0.5 * (ends[:, 1:] - ends[:, :1])
-        tip, slope = loads @ signs.T, (loads * squares) @ signs.T
+        tip, slope = share @ loads @ signs.T, share @ (loads * squares) @ signs.T
         guess = jnp.where(slope < 0.0, -2.0 * tip / jnp.where(slope < 0.0, slope, -1.0), 0.3 * jnp.sign(tip))
-        guess = together @ (outward * b * jnp.clip(guess, -0.4, 0.5))
-        by_newton = jnp.clip(found[strips * n : -1].reshape(strips, k), -0.4 * b, 0.4 * b)
+        guess = outward * b * jnp.clip(guess, -0.4, 0.5)
+        by_newton = jnp.clip(found[strips * n : -1].reshape(outlines, k), -0.4 * b, 0.4 * b)
         move = jnp.where(newton & ~held, by_newton, guess)
-        tension = active_now & (loads[:, 0] <= 0.0)
-        move = jnp.where(tension[:, None], -0.3 * outward * b, move)
         new = jnp.where(active_now[:, None], ends + move, ends)
+        new = jnp.where(tension[:, None], small, new)
         held_new = outward * (bound - new) <= 0.0
+        if not layout.even:
+            held_new = held_new | (beside @ jnp.where((next_active[:, None] & held_new)[:, ::-1], 1.0, 0.0) > 0.0)
         new = jnp.where(held_new, bound, new)
         if not layout.even:  # no strip vanishes
             short = new[:, 1] - new[:, 0] < LEAST
-            low = jnp.where(short & (sides == LEFT), new[:, 1] - LEAST, new[:, 0])
-            new = jnp.stack([low, jnp.where(short & (sides != LEFT), new[:, 0] + LEAST, new[:, 1])], axis=1)
-        next_active = active_now & ~tension
+            leftward = (sides == LEFT) | ((sides == MIDDLE) & held_new[:, 1] & ~held_new[:, 0])
+            low = jnp.where(short & leftward, new[:, 1] - LEAST, new[:, 0])
+            new = jnp.stack([low, jnp.where(short & ~leftward, new[:, 0] + LEAST, new[:, 1])], axis=1)
         settled = jnp.all(next_active == active) & jnp.all((held_new == held) | ~next_active[:, None])
         moved = jnp.max(jnp.where(next_active[:, None], jnp.abs(new - ends), 0.0))
         moved = jnp.where(settled, moved, 0.5)
         moved = jnp.where(newton, moved, jnp.maximum(moved, 2.0 * TOLERANCE))
         rest = jnp.where(tension, 2, rest - 1)
-        loads = jnp.where(next_active[:, None], loads, 0.0)
+        loads = jnp.where(next_active[np.asarray(layout.outlines)][:, None], loads, 0.0)
         return (loads, new, approach + found[-1]), next_active, held_new, rest, moved, count + 1, lu, pivots
 
     def unfinished(carry):
         change, count = carry[4:6]
         return (change > TOLERANCE) & (count < PASSES)
 
-    ends = start[:, 1:] if layout.even else start
-    size = strips * (n + k) + 1
+    size = strips * n + outlines * k + 1
     first = (
-        (jnp.zeros((strips, n)).at[:, 0].set(1.0), ends, jnp.asarray(1.0)), jnp.ones(strips, bool),
-        outward * (bound - ends) <= 0.0, jnp.zeros(strips, int), jnp.asarray(0.5), jnp.asarray(0),
+        (jnp.zeros((strips, n)).at[:, 0].set(1.0), ends_at_first, jnp.asarray(1.0)), jnp.ones(outlines, bool),
+        outward * (bound - ends_at_first) <= 0.0, jnp.zeros(outlines, int), jnp.asarray(0.5), jnp.asarray(0),
         jnp.zeros((size, size)), jnp.zeros(size, jnp.int32),
     )  # fmt: skip
     x, active, held, _, change, count, lu, pivots = jax.lax.while_loop(unfinished, step, first)
