@@ -299,7 +299,16 @@ LOOKS: dict[str, tuple[str, str]] = {  # colour-blind safe (Tol, bright): colour
 
 def draw(rows: Sequence[Row], ax: Axes, group: str, doubt: float) -> None:
     """Worst error over time for one group of contacts; below `doubt` the truths themselves are in doubt."""
-    ax.axhspan(1e-9, doubt, color="0.9", zorder=0, lw=0)
+    ax.axhspan(1e-12, doubt, color="0.9", zorder=0, lw=0)
+    ax.text(
+        0.99,
+        0.015,
+        "grey: the continuum values are in doubt",
+        transform=ax.transAxes,
+        ha="right",
+        fontsize=8,
+        color="0.35",
+    )
     for solver, (colour, marker) in LOOKS.items():
         for kind, line in (("batch", "-"), ("single", ":"), ("", "--")):
             chosen = [r for r in rows if r.group == group and r.solver == solver and kind_of(r) == kind]
@@ -309,10 +318,23 @@ def draw(rows: Sequence[Row], ax: Axes, group: str, doubt: float) -> None:
             times, worst = [r.milliseconds for r in chosen], [r.worst for r in chosen]
             face = "white" if kind == "single" else colour
             ax.loglog(times, worst, line, color=colour, marker=marker, mfc=face, ms=7, lw=1.5, label=name)
+            if solver == "Tamaas" or kind == "batch":
+                for r in chosen:
+                    note(ax, r, colour)
     ax.set_xlabel("time per solve [ms], one core")
     ax.set_title(group)
     ax.grid(True, which="major", color="0.85", lw=0.6)
     ax.set_axisbelow(True)
+
+
+def note(ax: Axes, row: Row, colour: str) -> None:
+    """The row's grid or accuracy beside its mark."""
+    text = row.setting.split(",")[0]
+    above = "×" in text
+    name = text if above else f"{float(text):.0e}".replace("e-0", "e-")
+    beside = (0, 9) if above else (-7, -4)
+    style = {"ha": "center" if above else "right", "va": "bottom" if above else "top", "fontsize": 8, "color": colour}
+    ax.annotate(name, (row.milliseconds, row.worst), beside, textcoords="offset points", **style)
 
 
 def kind_of(row: Row) -> str:
@@ -323,13 +345,14 @@ def kind_of(row: Row) -> str:
 def figure(rows: Sequence[Row], groups: dict[str, Sequence[Case]], folder: Path) -> None:
     """Work–precision diagram into `folder`, PNG and SVG."""
     drawing, axes = plt.subplots(
-        1, len(groups), figsize=(5.4 * len(groups), 5.0), sharey=True, squeeze=False, layout="constrained"
+        1, len(groups), figsize=(5.4 * len(groups), 5.0), sharex=True, sharey=True, squeeze=False, layout="constrained"
     )
     for ax, (group, cases) in zip(axes[0], groups.items(), strict=True):
         draw(rows, ax, group, max(case.doubt for case in cases))
     axes[0, 0].set_ylabel("worst error of the approach against the continuum [-]")
     worst = [r.worst for r in rows if np.isfinite(r.worst)]
     axes[0, 0].set_ylim(0.3 * min(worst), 3.0 * max(worst))
+    axes[0, 0].margins(x=0.1)
     handles = {name: handle for ax in axes[0] for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}
     drawing.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, frameon=False)
     folder.mkdir(parents=True, exist_ok=True)
