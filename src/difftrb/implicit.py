@@ -50,9 +50,9 @@ def _root_jvp(residual: Callable, solver: Callable, linear_solve: Callable, prim
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
 def pressed(
     apply: Callable[[Pytree, jax.Array], jax.Array],
-    solver: Callable[[jax.Array, Pytree, jax.Array, jax.Array], Pressed],
+    solver: Callable[[Pytree, Pytree, jax.Array, jax.Array], Pressed],
     respond: Callable[[Pytree, jax.Array, jax.Array | None], tuple[jax.Array, jax.Array]],
-    guess: jax.Array,
+    guess: Pytree,
     operator: Pytree,
     gap: jax.Array,
     load: jax.Array,

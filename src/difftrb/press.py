@@ -6,6 +6,9 @@ gradients give the exact forces on those; the two alternate until no cell is in 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 
@@ -31,18 +34,31 @@ def press(cells: Cells, modulus: Real, gap: jax.Array, load: Real, level: Real) 
     Derivatives come from `implicit.pressed`: one linear solve, forward and reverse.
     """
     matrix = halfspace.influence(cells, jnp.asarray(modulus))
-    guess = jnp.sqrt(jnp.maximum(level - gap, 0.0)) * cells.area[:, None]
-    guess = jax.lax.stop_gradient(jnp.where(jnp.any(guess > 0.0), guess, cells.area[:, None]))
+    guess = first_guess(cells, gap, level)
     return implicit.pressed(halfspace.displacement, _press, _respond, guess, matrix, gap, jnp.asarray(load))
 
 
-def _press(guess: jax.Array, matrix: Influence, gap: jax.Array, load: jax.Array) -> implicit.Pressed:
-    share = guess / jnp.sum(guess)
-    length = jnp.vdot(share, load * halfspace.displacement(matrix, share) + gap)
-    W = jax.tree.map(lambda m: m * (load / length), matrix)  # forces sum to 1, the approach is about 1
-    g = gap / length
-    metric = _metric(W, g < 1.5)
-    reachable = jnp.where(g < 1.5, g, 1e6)
+class Guess(NamedTuple):
+    """Forces to begin with, and how much force to expect of every cell, nowhere 0; both in any unit.
+
+    They change the path, not the answer. What is expected shapes the metric of the projected gradient.
+    """
+
+    force: jax.Array
+    expected: jax.Array
+
+
+def first_guess(cells: Cells, gap: jax.Array, level: Real) -> Guess:
+    """A half-ellipse where the gap is below `level` [mm], everywhere if it nowhere is; a bell about it is expected."""
+    area = cells.area[:, None]
+    force = jnp.sqrt(jnp.maximum(level - gap, 0.0)) * area
+    higher = (gap - jnp.min(gap, axis=1, keepdims=True)) / level
+    bell = area * jnp.exp(-(jnp.minimum(higher, 1.5) ** 2))
+    return jax.lax.stop_gradient(Guess(jnp.where(jnp.any(force > 0.0), force, area), bell))
+
+
+def _press(guess: Guess, matrix: Influence, gap: jax.Array, load: jax.Array) -> implicit.Pressed:
+    share, length, W, g, metric, reachable = scaled(guess, matrix, gap, load)
 
     def attempt(state):
         force, _, count, rounds, goal = state
@@ -58,10 +74,33 @@ def _press(guess: jax.Array, matrix: Influence, gap: jax.Array, load: jax.Array)
         _, residual, _, rounds, _ = state
         return (residual > TOLERANCE) & (rounds < ROUNDS)
 
-    start = (share, jnp.asarray(jnp.inf), jnp.asarray(6), 0, jnp.asarray(HANDOVER))
+    start = (share, jnp.asarray(jnp.inf), jnp.asarray(2), 0, jnp.asarray(HANDOVER))
     force, residual, count, _, _ = jax.lax.while_loop(unfinished, attempt, start)
     approach = violation(force, halfspace.displacement(W, force) + g)[0]
     return force * load, approach * length, residual, count.astype(float)
+
+
+class Scaled(NamedTuple):
+    """A contact whose forces sum to 1 and whose approach is about 1: first forces, what a unit of displacement is in
+    [mm], influence, gap, metric of the projected gradient, and the gap with cells out of reach removed from it."""
+
+    share: jax.Array
+    length: jax.Array
+    W: Influence
+    gap: jax.Array
+    metric: jax.Array
+    reachable: jax.Array
+
+
+def scaled(guess: Guess, matrix: Influence, gap: jax.Array, load: jax.Array) -> Scaled:
+    """The contact in units of its own."""
+    share = guess.force / jnp.sum(guess.force)
+    length = jnp.vdot(share, load * halfspace.displacement(matrix, share) + gap)
+    W = jax.tree.map(lambda m: m * (load / length), matrix)
+    g = gap / length
+    near = g < 1.5
+    expected = jnp.where(near, guess.expected * jnp.maximum(1.15 - g, 0.05), 0.0)
+    return Scaled(share, length, W, g, metric_for(W, expected), jnp.where(near, g, 1e6))
 
 
 def violation(force: jax.Array, displaced: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -97,17 +136,15 @@ def project(trial: jax.Array, weight: jax.Array) -> jax.Array:
     return jnp.maximum(trial + shift / weight, 0.0)
 
 
-def _metric(W: Influence, possible: jax.Array) -> jax.Array:
-    """W's diagonal times an upper bound of the largest eigenvalue of W in that metric, on the `possible` cells."""
-    ones = jnp.where(possible, 1.0, 0.0)
+def metric_for(W: Influence, expected: jax.Array) -> jax.Array:
+    """A diagonal metric in which a full step of projected gradient is safe, for cells expected to carry force.
 
-    def power(_: int, v: jax.Array) -> jax.Array:
-        u = ones * halfspace.displacement(W, v) / W.diagonal
-        return u / jnp.max(u)
-
-    v = jax.lax.fori_loop(0, 4, power, ones)
-    ratio = halfspace.displacement(W, v) / (W.diagonal * jnp.where(possible, v, 1.0))
-    return W.diagonal * jnp.max(ones * ratio)  # Collatz–Wielandt: W and v are positive
+    With any v > 0, diag(W v/v) − W has v in its null space and no positive entry off the diagonal: it is positive
+    semi-definite, and a step never overshoots (Schur's test). The closer v is to the forces that come out, the longer
+    the steps where force is; `expected` is v, and 0 on cells out of reach.
+    """
+    there = expected > 0.0
+    return jnp.where(there, halfspace.displacement(W, expected) / jnp.where(there, expected, 1.0), W.diagonal)
 
 
 def project_gradient(
@@ -115,11 +152,39 @@ def project_gradient(
 ) -> tuple[jax.Array, jax.Array]:
     """Accelerated projected gradient until the violation meets `goal`; the forces and the number of steps.
 
-    The fixed point of f → project(f − (W f + gap)/metric). Momentum restarts when it points uphill
-    (O'Donoghue & Candès 2015).
+    The fixed point of f → project(f − (W f + gap)/metric).
     """
 
-    def step(state):
+    def unfinished(state: Descent):
+        return (state.residual > goal) & (state.count < STEPS)
+
+    step, start = descent(W, metric, gap, force)
+    end = jax.lax.while_loop(unfinished, step, start)
+    return end.force, end.count + 1
+
+
+class Descent(NamedTuple):
+    """Where accelerated projected gradient is: forces, W forces, the same of the extrapolated point, momentum's age,
+    violation, steps so far."""
+
+    force: jax.Array
+    lifted: jax.Array
+    ahead: jax.Array
+    lifted_ahead: jax.Array
+    age: jax.Array
+    residual: jax.Array
+    count: jax.Array
+
+
+def descent(
+    W: Influence, metric: jax.Array, gap: jax.Array, force: jax.Array
+) -> tuple[Callable[[Descent], Descent], Descent]:
+    """One step of accelerated projected gradient, and the state it begins with at `force`.
+
+    Momentum restarts when it points uphill (O'Donoghue & Candès 2015).
+    """
+
+    def step(state: Descent) -> Descent:
         f, Wf, y, Wy, t, _, k = state
         new = project(y - (Wy + gap) / metric, metric)
         W_new = halfspace.displacement(W, new)
@@ -127,16 +192,11 @@ def project_gradient(
         t_new = jnp.where(uphill, 1.0, 0.5 * (1.0 + jnp.sqrt(1.0 + 4.0 * t * t)))
         momentum = jnp.where(uphill, 0.0, (t - 1.0) / t_new)
         y_new, Wy_new = new + momentum * (new - f), W_new + momentum * (W_new - Wf)
-        return new, W_new, y_new, Wy_new, t_new, violation(new, W_new + gap)[1], k + 1
-
-    def unfinished(state):
-        *_, residual, k = state
-        return (residual > goal) & (k < STEPS)
+        return Descent(new, W_new, y_new, Wy_new, t_new, violation(new, W_new + gap)[1], k + 1)
 
     Wf = halfspace.displacement(W, force)
-    start = (force, Wf, force, Wf, jnp.ones(()), violation(force, Wf + gap)[1], jnp.asarray(0))
-    force, *_, count = jax.lax.while_loop(unfinished, step, start)
-    return force, count + 1
+    start = Descent(force, Wf, force, Wf, jnp.ones(()), violation(force, Wf + gap)[1], jnp.asarray(0))
+    return step, start
 
 
 # ------------------------------------------------------------------------------------------- exact forces

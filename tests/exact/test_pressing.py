@@ -97,11 +97,24 @@ def test_projected_gradient_alone_reaches_the_same_forces() -> None:
     truth = hertz.sphere(50.0, radius, MODULUS)
     cells = square_grid(1.3 * float(truth.semi_x), 16)
     gap = parabola(cells, radius, radius)
-    force, approach, _, _ = pressing(cells, MODULUS, gap, 50.0, truth.approach / 2)
-    W = halfspace.influence(cells, jnp.asarray(MODULUS))
-    scaled = jax.tree.map(lambda m: m * (50.0 / approach), W)
-    metric = press._metric(scaled, gap < 2.0 * approach)
+    level = truth.approach / 2
+    force, *_ = pressing(cells, MODULUS, gap, 50.0, level)
+    guess, W = press.first_guess(cells, gap, level), halfspace.influence(cells, jnp.asarray(MODULUS))
+    s = press.scaled(guess, W, gap, jnp.asarray(50.0))
     start = jnp.full_like(gap, 1.0 / gap.size)
-    alone, steps = press.project_gradient(scaled, metric, gap / approach, start, jnp.asarray(1e-8))
+    alone, steps = press.project_gradient(s.W, s.metric, s.gap, start, jnp.asarray(1e-8))
     assert steps < press.STEPS
     np.testing.assert_allclose(50.0 * alone, force, atol=1e-5 * float(force.max()))
+
+
+def test_metric_bounds_the_influence_from_above() -> None:
+    cells = square_grid(1.0, 8, 3.0)
+    W = halfspace.influence(cells, jnp.asarray(MODULUS))
+    shape = (cells.y.size, cells.x.size)
+    columns = jnp.eye(cells.y.size * cells.x.size).reshape(-1, *shape)
+    matrix = np.asarray(jax.vmap(lambda e: halfspace.displacement(W, e).ravel())(columns))
+    expected = jnp.asarray(np.random.default_rng(1).uniform(0.1, 3.0, shape))
+    metric = np.asarray(press.metric_for(W, expected)).ravel()
+    spectrum = np.linalg.eigvalsh(matrix / np.sqrt(metric[:, None] * metric[None, :]))
+    assert spectrum.max() == pytest.approx(1.0, rel=1e-9)  # the least multiple of this metric that is safe
+    assert spectrum.min() > 0.0

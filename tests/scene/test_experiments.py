@@ -1,6 +1,8 @@
 """The scripts in experiments/, in small."""
 
 import importlib.util
+import json
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -18,6 +20,7 @@ def script(name: str) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # where a dataclass looks up its annotations
     spec.loader.exec_module(module)
     return module
 
@@ -56,3 +59,70 @@ def test_speed_of_contact(contact: trb.LineContact) -> None:
     measured = experiment.measure(contact, cases, False, 1e-2)
     assert measured["converged"] == 1.0
     assert all(number > 0.0 for number in measured.values())
+
+
+def test_iterations_of_contact_meet_their_goals(contact: trb.LineContact) -> None:
+    """At most 50 steps to 1e-4 of the approach and 130 to 1e-6; refining does not add to the former."""
+    experiment = script("iterations_of_contact")
+    rows = experiment.cases()[[6, 7]]  # 3 kN: a wide spall, and its edge in the middle of the contact
+    coarse, fine = (experiment.steps(contact, Resolution(*size), rows, 200) for size in ((16, 8, 4), (32, 16, 8)))
+    for measured in (coarse, fine):
+        assert (measured.approach <= (50, 130)).all()
+        assert (measured.violation >= measured.approach).all()
+    assert (fine.approach[:, 0] <= coarse.approach[:, 0] + 10).all()
+
+
+@pytest.fixture(scope="module")
+def against_peers() -> ModuleType:
+    return script("contact_against_peers")
+
+
+def test_contact_against_peers(against_peers: ModuleType, tmp_path: Path) -> None:
+    experiment, group = against_peers, "rolling edges out of reach"
+    groups = {group: experiment.CASES[group][:2]}
+    rows = [task() for task in experiment.tasks(groups, [], (), {"strips": (1e-2,)}, 1)]
+    assert [row.setting for row in rows] == ["0.01, batch", "0.01, single"]
+    assert all(0.0 < row.median <= row.worst < 1e-2 and row.milliseconds > 0.0 for row in rows)
+    peer = experiment.Row(group, "Tamaas", "2 × 2", 4, 10.0 * rows[0].worst, 0.0, 50.0 * rows[0].milliseconds)
+    exact = experiment.Row(group, "Tamaas", "4 × 4", 16, 0.0, 0.0, 1.0)
+    batch, _, slow, unmatched = experiment.with_ratios([*rows, peer, exact])
+    assert (batch.ratio, unmatched.ratio) == (1.0, None)
+    assert slow.ratio == pytest.approx(50.0)
+    experiment.figure([*rows, peer], groups, tmp_path / "out")
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {f"contact_against_peers.{k}" for k in ("png", "svg")}
+
+
+def test_peers_get_the_papers_sharp_mask_on_a_uniform_grid(against_peers: ModuleType) -> None:
+    case = against_peers.CASES["a rolling edge in the contact"][0]
+    sides, gap = against_peers.uniform(case, 20, 100)
+    hollow = gap > 0.5 * against_peers.DEPTH
+    assert hollow.any(axis=0).sum() * sides[1] / 100 == pytest.approx(case.length, abs=sides[1] / 100)
+    assert hollow[-1].any()  # the spall covers one side of the contact
+    assert not hollow[0].any()
+    np.testing.assert_allclose(gap, gap[:, ::-1], atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["Tamaas", "ContactMechanics"])
+def test_peer_solves_the_same_contact(against_peers: ModuleType, name: str) -> None:
+    if against_peers.installed(name) is None:
+        pytest.skip(f"{name} is not installed")
+    group = "rolling edges out of reach"
+    row = against_peers.peer_row(name, group, against_peers.CASES[group][:2], (20, 100), 1)
+    assert row.worst < 3e-2
+    assert row.milliseconds > 0.0
+
+
+def test_peers_that_are_missing_are_left_out(
+    against_peers: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    small = {"a group": against_peers.CASES["rolling edges out of reach"][:1]}
+    monkeypatch.setattr(against_peers, "PEERS", {"Tamaas": "no_such_module"})
+    monkeypatch.setattr(against_peers, "CASES", small)
+    monkeypatch.setattr(against_peers, "ACCURACIES", {"strips": (1e-2,)})
+    monkeypatch.setattr(
+        "sys.argv", ["contact_against_peers.py", "--repeats", "1", "--json", str(tmp_path / "all.json")]
+    )
+    against_peers.main()
+    assert "Tamaas is not installed and left out" in capsys.readouterr().out
+    record = json.loads((tmp_path / "all.json").read_text(encoding="utf-8"))
+    assert [row["solver"] for row in record["rows"]] == ["difftrb, strips"] * 2

@@ -1,0 +1,119 @@
+"""How many steps of accelerated projected gradient a contact takes, over grids, loads and spalls.
+
+python experiments/iterations_of_contact.py [--fine]   (--fine adds 128 columns × 64 rows; a minute more)
+
+Two measures, both relative to the approach: its own error against the exact forces of that grid (the first step from
+which on it stays below), and the largest violation of the contact conditions in any cell (the first step that meets
+it). From the solver's own start, in its own metric; the solver itself stops earlier and finishes exactly.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import NamedTuple
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.progress import track  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+import difftrb as trb  # noqa: E402
+from difftrb import contact as contacts  # noqa: E402
+from difftrb import gap as gaps  # noqa: E402
+from difftrb import halfspace, press  # noqa: E402
+from difftrb.contact import Resolution  # noqa: E402
+
+GRIDS = (Resolution(16, 8, 4), Resolution(32, 16, 8), Resolution(64, 28, 12))
+FINE = Resolution(128, 48, 16)
+LOADS = (300.0, 3000.0, 10000.0)  # [N]
+SPALLS = {  # length, width, offset [mm]
+    "healthy": (0.0, 7.0, 0.0),
+    "wide": (4.0, 7.0, 0.0),
+    "edge in the middle": (4.0, 7.0, 3.5),
+    "edge off the middle": (4.0, 7.0, 3.55),
+    "narrow": (4.0, 0.08, 0.0),
+}
+GOALS = (1e-4, 1e-6)
+STEPS = 600
+
+
+class Steps(NamedTuple):
+    """Steps until approach error and worst violation meet every goal, shape (cases, goals); `STEPS` + 1: not met."""
+
+    approach: np.ndarray
+    violation: np.ndarray
+
+
+def cases() -> np.ndarray:
+    """Load [N], length, width and offset [mm], shape (loads · spalls, 4)."""
+    return np.array([(load, *spall) for load in LOADS for spall in SPALLS.values()])
+
+
+def histories(contact: trb.LineContact, grid: Resolution, rows: np.ndarray, count: int) -> tuple[np.ndarray, ...]:
+    """Relative approach error and worst violation after every step, shape (cases, count)."""
+
+    def one(case: jax.Array) -> tuple[jax.Array, jax.Array]:
+        spall = trb.Spall(case[1], case[2])
+        cells, _, gap = contacts._stage(contact, case[0], spall, case[3], grid, True)
+        level = 0.4 * jnp.max(gaps.curvature(cells, contact.radius))  # as contact._by_cells
+        matrix = halfspace.influence(cells, jnp.asarray(contact.modulus))
+        guess = press.first_guess(cells, gap, level)
+        exact = press._press(guess, matrix, gap, case[0])[1]
+        s = press.scaled(guess, matrix, gap, case[0])
+        step, start = press.descent(s.W, s.metric, s.reachable, s.share)
+
+        def record(state: press.Descent, _: None) -> tuple[press.Descent, tuple[jax.Array, jax.Array]]:
+            state = step(state)
+            approach, violation = press.violation(state.force, state.lifted + s.gap)
+            return state, (jnp.abs(approach * s.length / exact - 1.0), violation)
+
+        return jax.lax.scan(record, start, None, length=count)[1]
+
+    approach, violation = jax.jit(lambda r: jax.lax.map(one, r))(jnp.asarray(rows))
+    return np.asarray(approach), np.asarray(violation)
+
+
+def steps(contact: trb.LineContact, grid: Resolution, rows: np.ndarray, count: int = STEPS) -> Steps:
+    """Steps that every case takes on a grid."""
+    approach, violation = histories(contact, grid, rows, count)
+
+    def lasting(error: np.ndarray, goal: float) -> np.ndarray:
+        missed = error > goal
+        return np.where(missed.any(axis=1), count + 1 - np.argmax(missed[:, ::-1], axis=1), 1)
+
+    def first(error: np.ndarray, goal: float) -> np.ndarray:
+        met = error <= goal
+        return np.where(met.any(axis=1), np.argmax(met, axis=1) + 1, count + 1)
+
+    return Steps(
+        np.stack([lasting(approach, goal) for goal in GOALS], axis=1),
+        np.stack([first(violation, goal) for goal in GOALS], axis=1),
+    )
+
+
+def main() -> None:
+    """Measure all and print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--fine", action="store_true", help=f"also {FINE.columns} × {FINE.land + FINE.spall}")
+    grids = (*GRIDS, FINE) if parser.parse_args().fine else GRIDS
+    contact, rows = trb.LineContact.of(trb.bearing("32008J")), cases()
+    table = Table(title=f"steps of projected gradient: worst of loads of {', '.join(f'{q:g}' for q in LOADS)} N")
+    for heading in ("grid", "spall", *(f"{what} {goal:g}" for what in ("approach", "violation") for goal in GOALS)):
+        table.add_column(heading, justify="left" if heading in ("grid", "spall") else "right")
+    for grid in track(grids, description="grids", transient=True):
+        found = np.concatenate(steps(contact, grid, rows), axis=1).reshape(len(LOADS), len(SPALLS), -1)
+        name = f"{grid.columns} × {grid.land + grid.spall}"
+        for spall, worst in zip((*SPALLS, "all"), (*found.max(axis=0), found.max(axis=(0, 1))), strict=True):
+            table.add_row(
+                name, spall, *(f"> {STEPS}" if n > STEPS else str(n) for n in worst), end_section=spall == "all"
+            )
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
