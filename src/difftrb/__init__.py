@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from difftrb.contact import ContactSolution, approach_slopes, solve_contact
+    from difftrb.edge import EdgeIntensity, edge_intensity
     from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
     from difftrb.law import PowerLaw, liu2018, power_law
     from difftrb.ring import Load
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "contact": ("ContactSolution", "approach_slopes", "solve_contact"),
+    "edge": ("EdgeIntensity", "edge_intensity"),
     "geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
     "law": ("PowerLaw", "liu2018", "power_law"),
     "ring": ("Load",),

@@ -56,3 +56,11 @@ def test_speed_of_contact(contact: trb.LineContact) -> None:
     measured = experiment.measure(contact, cases, False, 1e-2)
     assert measured["converged"] == 1.0
     assert all(number > 0.0 for number in measured.values())
+
+
+def test_energy_release(contact: trb.LineContact, tmp_path: Path) -> None:
+    experiment = script("energy_release")
+    rows = [experiment.measure(contact, 2500.0, 4.0, 32, 16)]
+    assert rows[0].release == pytest.approx(rows[0].slope, rel=0.03)
+    experiment.draw({(2500.0, 4.0): rows}, tmp_path / "energy_release.png")
+    assert (tmp_path / "energy_release.png").stat().st_size > 0
