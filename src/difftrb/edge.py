@@ -121,7 +121,7 @@ def _solve(
     code = jnp.where(residual <= press.TOLERANCE, status.CONVERGED, status.NOT_CONVERGED)
     code = jnp.where(sound, jnp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
     return EdgeIntensity(
-        x, *intensity, jnp.sum(squared, axis=1) * pitch / (2.0 * contact.modulus),
+        x, intensity[0], intensity[1], jnp.sum(squared, axis=1) * pitch / (2.0 * contact.modulus),
         0.5 * (load * approach + jnp.sum(force * jnp.where(force > 0.0, gap, 0.0))), approach,
         jax.lax.stop_gradient(residual), code,
     )  # fmt: skip
