@@ -88,14 +88,17 @@ class LineSolution(status.Judged):
     status_code: jax.Array
 
 
-def line_contact(contact: LineContact, load: Real, spall: Spall | None = None, panels: int = 16) -> LineSolution:
-    """Press a roller on a raceway without spall, or centred over one wider than the contact, as a line load.
+def line_contact(
+    contact: LineContact, load: Real, spall: Spall | None = None, offset: Real = 0.0, panels: int = 16
+) -> LineSolution:
+    """Press a roller on a raceway without spall, or over one wider than the contact, as a line load.
 
     The approach is within 1e-3 of the continuum where the status is converged; `solve_contact` does the rest.
 
     Args:
       contact: radius, length, modulus and crown. load: of the roller [N], > 0.
-      spall: None is a healthy raceway; its width must be out of the contact's reach.
+      spall: None is a healthy raceway. Its rolling edges must be out of the contact's reach.
+      offset: of the spall's centre from the contact's, in the rolling direction [mm]; decides on that reach alone.
       panels: on each land [-], ≥ 8. 16 suffice for 1e-3; what the model itself lacks does not fall with more.
 
     The status is `UNSUITED` where a rolling edge or the spall's bottom is in reach, a land is shorter than 20
@@ -105,7 +108,7 @@ def line_contact(contact: LineContact, load: Real, spall: Spall | None = None, p
     status.require_float64()
     if panels < 8:
         raise ValueError(f"panels = {panels!r} is out of range: at least 8")
-    arguments = as_floats(contact), jnp.asarray(load, float), as_floats(spall)
+    arguments = as_floats(contact), jnp.asarray(load, float), as_floats(spall), jnp.asarray(offset, float)
     return _solve(*arguments, jnp.asarray(EDGE), is_symmetric(spall), panels)
 
 
@@ -216,7 +219,9 @@ def _newton(start: jax.Array, setting: _Setting) -> tuple[jax.Array, tuple[jax.A
         lengths = jnp.where(loaded, lengths, 0.0)
         rise = (setting.load - jnp.vdot(lengths, loads + moved)) / jnp.vdot(lengths, lifted)
         new = jnp.maximum(loads + moved + rise * lifted, 0.0)
-        new = jnp.where(loaded, jnp.maximum(new, jnp.where(loads > 1e-3, 0.2 * loads, 0.0)), 0.0)
+        new = jnp.where(
+            loaded, jnp.maximum(new, jnp.where(loads > 1e-3, jnp.where(loads > 0.05, 0.2, 0.02) * loads, 0.0)), 0.0
+        )
         new = jnp.where(~loaded & (misfit < -1e-9 * x[-1]), 2e-3, new)
         change = jnp.max(jnp.abs(new - loads))
         return jnp.append(new, x[-1] + rise), change, count + 1
@@ -228,9 +233,15 @@ def _newton(start: jax.Array, setting: _Setting) -> tuple[jax.Array, tuple[jax.A
     return x, (change, count)
 
 
-@partial(jax.jit, static_argnums=(4, 5))
+@partial(jax.jit, static_argnums=(5, 6))
 def _solve(
-    contact: LineContact, load: jax.Array, spall: Spall | None, edge: jax.Array, mirrored: bool, panels: int
+    contact: LineContact,
+    load: jax.Array,
+    spall: Spall | None,
+    offset: jax.Array,
+    edge: jax.Array,
+    mirrored: bool,
+    panels: int,
 ) -> LineSolution:
     half = 0.5 * contact.length
     ends = jnp.zeros(2)
@@ -251,9 +262,11 @@ def _solve(
 
     lands = tip - lows
     suited = jnp.all(lands > LEAST_LAND * unit) & (mean * contact.length < LARGEST_LOAD * contact.design_load)
-    sound = contact_is_sound(contact) & (load > 0.0)
+    sound = contact_is_sound(contact) & (load > 0.0) & jnp.isfinite(offset)
     if spall is not None:
-        suited &= (jnp.sqrt(2.0 * contact.radius * approach) <= 0.5 * spall.width) & (approach < spall.depth)
+        suited &= (jnp.abs(offset) + jnp.sqrt(2.0 * contact.radius * approach) <= 0.5 * spall.width) & (
+            approach < spall.depth
+        )
         sound &= spall_is_sound(spall)
     code = jnp.where(change <= TOLERANCE, status.CONVERGED, status.NOT_CONVERGED)
     code = jnp.where(sound, jnp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
