@@ -26,7 +26,7 @@ from difftrb.geometry import LineContact, Real, Spall, as_floats, contact_is_sou
 EDGE = 0.062  # python experiments/edge_constant.py: mean of its last row, whose lands differ by 0.004
 AWAY = 3.0  # half-widths from a spall's end to the middle of where its load is taken
 FADE = 1.0  # half-widths over which half-widths beside a spall's end go over to the local load's
-TOLERANCE = 1e-8
+TOLERANCE = 1e-6  # of the last step; Newton leaves its square
 PASSES = 40
 DEGREE = 4
 LEAST_LAND = 20.0  # loaded length in half-widths: below, it is no line contact
@@ -114,7 +114,7 @@ def line_contact(
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["lows", "tip", "unit", "scale", "length", "load", "edge"],
+    data_fields=["lows", "tip", "unit", "scale", "length", "load", "edge", "weights", "squares"],
     meta_fields=["panels", "mirrored", "spalled"],
 )
 @dataclasses.dataclass(frozen=True)
@@ -122,6 +122,7 @@ class _Setting:
     """Lengths in mean half-widths `unit`, line loads in their mean, displacements in mean line load/(πE').
 
     Lands begin at `lows` and end at `tip`, seen from the middle; `scale` and `length` are the crown's.
+    `weights` and `squares`: see `_beside_edges`.
     """
 
     lows: jax.Array
@@ -131,31 +132,39 @@ class _Setting:
     length: jax.Array
     load: jax.Array
     edge: jax.Array
+    weights: jax.Array
+    squares: jax.Array
     panels: int
     mirrored: bool
     spalled: bool
 
 
-def _panels(setting: _Setting, loads: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Starts and ends of the panels, and the matrix that takes line loads to squares of half-widths."""
-    starts, ends, squares = [], [], []
-    for k in range(setting.lows.shape[0]):
-        low, here = setting.lows[k], loads[k * setting.panels : (k + 1) * setting.panels]
-        lines = rows.graded(low, setting.tip, setting.panels, 3.0 if setting.spalled else 1.0, 2.0)
-        square = jnp.eye(setting.panels)
-        if setting.spalled:
-            inside = 0.5 * (lines[1:] + lines[:-1]) - low
-            weight = jnp.diff(lines) * jnp.exp(-((inside - AWAY) ** 2))
-            weight = weight / jnp.sum(weight)
-            beside = jnp.exp(-((inside / FADE) ** 2))
-            square = jnp.diag(1.0 - beside) + beside[:, None] * weight[None]
-            b = jnp.sqrt(jnp.maximum(jnp.vdot(weight, here), 1e-3))
-            lines = rows.graded(low - setting.edge * b, setting.tip, setting.panels, 3.0, 2.0)
-        flipped = setting.spalled and not setting.mirrored and k == 0
-        starts.append(-lines[1:] if flipped else lines[:-1])
-        ends.append(-lines[:-1] if flipped else lines[1:])
-        squares.append(square)
-    return jnp.concatenate(starts), jnp.concatenate(ends), jax.scipy.linalg.block_diag(*squares)
+def _beside_edges(lows: jax.Array, tip: jax.Array, panels: int, spalled: bool) -> tuple[jax.Array, jax.Array]:
+    """Weights that take line loads to the local one of each land, (lands, panels · lands), and to squares of
+    half-widths, (panels · lands, panels · lands)."""
+    weights, squares = [], []
+    for low in lows:
+        lines = rows.graded(low, tip, panels, 3.0, 2.0)
+        inside = 0.5 * (lines[1:] + lines[:-1]) - low
+        weight = jnp.diff(lines) * jnp.exp(-((inside - AWAY) ** 2))
+        weight = weight / jnp.sum(weight)
+        beside = jnp.exp(-((inside / FADE) ** 2)) if spalled else jnp.zeros(panels)
+        weights.append(weight[None])
+        squares.append(jnp.diag(1.0 - beside) + beside[:, None] * weight[None])
+    return jax.scipy.linalg.block_diag(*weights), jax.scipy.linalg.block_diag(*squares)
+
+
+def _panels(setting: _Setting, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Starts and ends of the panels; a land's begin `edge` of its local half-widths beyond the spall's edge."""
+    if not setting.spalled:
+        lines = rows.graded(setting.lows[0], setting.tip, setting.panels, 1.0, 2.0)
+        return lines[:-1], lines[1:]
+    lows = setting.lows - setting.edge * jnp.sqrt(jnp.maximum(setting.weights @ loads, 1e-3))
+    lands = [rows.graded(low, setting.tip, setting.panels, 3.0, 2.0) for low in lows]
+    if setting.mirrored:
+        return lands[0][:-1], lands[0][1:]
+    lower, upper = lands
+    return jnp.concatenate([-lower[1:], upper[:-1]]), jnp.concatenate([-lower[:-1], upper[1:]])
 
 
 def _crown(setting: _Setting, y: jax.Array) -> jax.Array:
@@ -169,8 +178,8 @@ def _misfit(setting: _Setting, x: jax.Array) -> tuple[jax.Array, jax.Array, jax.
     The derivative leaves out that panels move with the load beside an edge.
     """
     loads, approach = jnp.maximum(x[:-1], 0.0), x[-1]
-    start, end, squares = _panels(setting, loads)
-    square = squares @ loads
+    start, end = _panels(setting, loads)
+    square = setting.squares @ loads
     positive = square > 1e-9  # beside a spall's end unloaded panels keep a trace of the local load
     b = jnp.sqrt(jnp.where(positive, square, 1.0))
     y = 0.5 * (start + end)
@@ -186,7 +195,7 @@ def _misfit(setting: _Setting, x: jax.Array) -> tuple[jax.Array, jax.Array, jax.
     if setting.mirrored:  # half-widths do not matter at the distance of the image, but for the next term in b/s
         near, far = (line[None] + y[:, None] for line in (start, end))
         influence += jnp.log(far / near) + 0.0625 * b[None] ** 2 * (1.0 / far**2 - 1.0 / near**2)
-    return influence @ loads + _crown(setting, y) - approach, influence + by_square @ squares, end - start
+    return influence @ loads + _crown(setting, y) - approach, influence + by_square @ setting.squares, end - start
 
 
 def _residual(x: jax.Array, given: tuple[_Setting, jax.Array]) -> jax.Array:
@@ -199,7 +208,7 @@ def _residual(x: jax.Array, given: tuple[_Setting, jax.Array]) -> jax.Array:
 
 def _start(setting: _Setting, approach: jax.Array) -> jax.Array:
     """Slices under an estimated approach, scaled to carry the load."""
-    start, end, _ = _panels(setting, jnp.ones(setting.panels * setting.lows.shape[0]))
+    start, end = _panels(setting, jnp.ones(setting.panels * setting.lows.shape[0]))
     loads = jnp.maximum(1.0 - _crown(setting, 0.5 * (start + end)) / approach, 1e-2)
     loads = loads * setting.load / jnp.vdot(end - start, loads)
     return jax.lax.stop_gradient(jnp.append(loads, approach))
@@ -253,13 +262,15 @@ def _solve(
     lows = jnp.maximum(ends[1:], 0.0) if mirrored else ends * np.array([-1.0, 1.0])
     push = np.pi * contact.modulus / mean
     images = 2.0 if mirrored else 1.0
+    lows = jnp.minimum(lows, 0.99 * tip)
     setting = _Setting(
-        jnp.minimum(lows, 0.99 * tip) / unit, tip / unit, unit, push * gaps.crown_scale(contact),
-        contact.length / unit, load / (images * mean * unit), edge, panels, mirrored, spall is not None,
+        lows / unit, tip / unit, unit, push * gaps.crown_scale(contact),
+        contact.length / unit, load / (images * mean * unit), edge,
+        *_beside_edges(lows / unit, tip / unit, panels, spall is not None), panels, mirrored, spall is not None,
     )  # fmt: skip
     first = _start(setting, push * estimate)
     x, (change, count) = implicit.root(_residual, _newton, jnp.linalg.solve, (setting, first))
-    start, end, _ = _panels(setting, x[:-1])
+    start, end = _panels(setting, x[:-1])
     approach = x[-1] / push
 
     lands = tip - lows
