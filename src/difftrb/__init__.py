@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from difftrb.contact import ContactSolution, approach_slopes, solve_contact
+    from difftrb.edge import EdgeIntensity, edge_intensity
     from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
     from difftrb.law import PowerLaw, liu2018, power_law
+    from difftrb.line import LineSolution, line_contact
     from difftrb.ring import Load
     from difftrb.scene import Assessment, Scene, Solution, assess, healthy, prepare, solve
     from difftrb.scenefile import SceneError, load_scene
@@ -21,8 +23,10 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "contact": ("ContactSolution", "approach_slopes", "solve_contact"),
+    "edge": ("EdgeIntensity", "edge_intensity"),
     "geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
     "law": ("PowerLaw", "liu2018", "power_law"),
+    "line": ("LineSolution", "line_contact"),
     "ring": ("Load",),
     "scene": ("Assessment", "Scene", "Solution", "assess", "healthy", "prepare", "solve"),
     "scenefile": ("SceneError", "load_scene"),

@@ -25,8 +25,9 @@ SENTENCES = {
     BAD_INPUT: "an input is not a number, or is outside its range: check load, sizes and radii",
     UNRESOLVED: "the spall is narrower than one cell of the grid: ask for more accuracy (a smaller number) or a wider "
     "spall",
-    UNSUITED: "strips cannot describe this contact (a roller without crown, one that may reach the spall's bottom, or "
-    "too short a loaded land): use method 'cells'",
+    UNSUITED: "this way of solving cannot describe this contact (a roller without crown or loaded far beyond it, one "
+    "that may reach the spall's bottom, too short a loaded land; for a line load and an edge's intensity a rolling "
+    "edge in reach): use solve_contact with method 'cells'",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
 }
 

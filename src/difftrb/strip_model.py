@@ -80,8 +80,8 @@ def solve(
 ) -> Solved:  # fmt: skip
     """Solve by strips and spread the pressure over `cells`.
 
-    `edges`: how many rolling edges of the spall may be in reach, 0…2; one is always the nearer. Not suited: a spall whose bottom is in reach of the
-    roller, a roller (nearly) without crown.
+    `edges`: how many rolling edges of the spall may be in reach, 0…2; if one, it is the nearer. Not suited: a spall
+    whose bottom is in reach of the roller, a roller (nearly) without crown.
     """
     low, high = _spall_edges(contact, spall)
     turned = offset < 0.0  # one edge is always looked at from its left

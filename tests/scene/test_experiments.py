@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
+from difftrb import line
 from difftrb.contact import Resolution
 
 FOLDER = Path(__file__).parents[2] / "experiments"
@@ -126,3 +127,16 @@ def test_peers_that_are_missing_are_left_out(
     assert "Tamaas is not installed and left out" in capsys.readouterr().out
     record = json.loads((tmp_path / "all.json").read_text(encoding="utf-8"))
     assert [row["solver"] for row in record["rows"]] == ["difftrb, strips"] * 2
+
+
+def test_energy_release(contact: trb.LineContact, tmp_path: Path) -> None:
+    experiment = script("energy_release")
+    rows = [experiment.measure(contact, 2500.0, 4.0, 32, 16)]
+    assert rows[0].release == pytest.approx(rows[0].slope, rel=0.03)
+    experiment.draw({(2500.0, 4.0): rows}, tmp_path / "energy_release.png")
+    assert (tmp_path / "energy_release.png").stat().st_size > 0
+
+
+def test_edge_constant() -> None:
+    """In small it is within a fiftieth of a half-width of the figure in the source."""
+    assert script("edge_constant").constant(300.0, 5.0, 24, 1e-4) == pytest.approx(line.EDGE, abs=0.02)
