@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from difftrb import halfspace, implicit
 from difftrb.geometry import Real
-from difftrb.halfspace import Cells, Influence
+from difftrb.halfspace import Cells, Operator
 
 TOLERANCE = 1e-11
 """Largest violation of the contact conditions, relative to the approach, at which a solve counts as converged."""
@@ -30,16 +30,20 @@ def press(cells: Cells, modulus: Real, gap: jax.Array, load: Real, level: Real) 
 
     Derivatives come from `implicit.pressed`: one linear solve, forward and reverse.
     """
-    matrix = halfspace.influence(cells, jnp.asarray(modulus))
-    guess = jnp.sqrt(jnp.maximum(level - gap, 0.0)) * cells.area[:, None]
-    guess = jax.lax.stop_gradient(jnp.where(jnp.any(guess > 0.0), guess, cells.area[:, None]))
+    return press_by(halfspace.influence(cells, jnp.asarray(modulus)), cells.area, gap, load, level)
+
+
+def press_by(matrix: Operator, area: jax.Array, gap: jax.Array, load: Real, level: Real) -> implicit.Pressed:
+    """The same by any operator of a half-space; `area` of the cells [mm²], shape (rows, columns)."""
+    guess = jnp.sqrt(jnp.maximum(level - gap, 0.0)) * area
+    guess = jax.lax.stop_gradient(jnp.where(jnp.any(guess > 0.0), guess, area))
     return implicit.pressed(halfspace.displacement, _press, _respond, guess, matrix, gap, jnp.asarray(load))
 
 
-def _press(guess: jax.Array, matrix: Influence, gap: jax.Array, load: jax.Array) -> implicit.Pressed:
+def _press(guess: jax.Array, matrix: Operator, gap: jax.Array, load: jax.Array) -> implicit.Pressed:
     share = guess / jnp.sum(guess)
     length = jnp.vdot(share, load * halfspace.displacement(matrix, share) + gap)
-    W = jax.tree.map(lambda m: m * (load / length), matrix)  # forces sum to 1, the approach is about 1
+    W = matrix.scaled(load / length)  # forces sum to 1, the approach is about 1
     g = gap / length
     metric = _metric(W, g < 1.5)
     reachable = jnp.where(g < 1.5, g, 1e6)
@@ -97,7 +101,7 @@ def project(trial: jax.Array, weight: jax.Array) -> jax.Array:
     return jnp.maximum(trial + shift / weight, 0.0)
 
 
-def _metric(W: Influence, possible: jax.Array) -> jax.Array:
+def _metric(W: Operator, possible: jax.Array) -> jax.Array:
     """W's diagonal times an upper bound of the largest eigenvalue of W in that metric, on the `possible` cells."""
     ones = jnp.where(possible, 1.0, 0.0)
 
@@ -111,7 +115,7 @@ def _metric(W: Influence, possible: jax.Array) -> jax.Array:
 
 
 def project_gradient(
-    W: Influence, metric: jax.Array, gap: jax.Array, force: jax.Array, goal: jax.Array
+    W: Operator, metric: jax.Array, gap: jax.Array, force: jax.Array, goal: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Accelerated projected gradient until the violation meets `goal`; the forces and the number of steps.
 
@@ -142,7 +146,7 @@ def project_gradient(
 # ------------------------------------------------------------------------------------------- exact forces
 
 
-def _exact(W: Influence, gap: jax.Array, force: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _exact(W: Operator, gap: jax.Array, force: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Forces that meet the contact conditions on the loaded and the overlapping cells; tension is cut off."""
     displaced = halfspace.displacement(W, force) + gap
     approach = jnp.vdot(force, displaced) / jnp.sum(force)
@@ -152,7 +156,7 @@ def _exact(W: Influence, gap: jax.Array, force: jax.Array) -> tuple[jax.Array, j
     return new / jnp.sum(new), used + 1
 
 
-def _conjugate_gradient(W: Influence, loaded: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _conjugate_gradient(W: Operator, loaded: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """(w, μ, iterations) with W w = right + μ on the loaded cells and Σw = 0: projected preconditioned CG."""
     inverse = jnp.where(loaded, 1.0 / W.diagonal, 0.0)
 
@@ -179,7 +183,7 @@ def _conjugate_gradient(W: Influence, loaded: jax.Array, right: jax.Array) -> tu
     return w, -mu, k
 
 
-def _respond(W: Influence, loaded: jax.Array, right: jax.Array | None) -> tuple[jax.Array, jax.Array]:
+def _respond(W: Operator, loaded: jax.Array, right: jax.Array | None) -> tuple[jax.Array, jax.Array]:
     """The linear answer of the loaded cells, as `implicit.pressed` asks for it."""
     if right is not None:
         return _conjugate_gradient(W, loaded, right)[:2]
