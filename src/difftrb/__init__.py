@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from difftrb.contact import ContactSolution, approach_slopes, solve_contact
     from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
+    from difftrb.heightmap import HeightMap, HeightMapError, example_map, load_height_map
     from difftrb.law import PowerLaw, liu2018, power_law
     from difftrb.ring import Load
     from difftrb.scene import Assessment, Scene, Solution, assess, healthy, prepare, solve
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "contact": ("ContactSolution", "approach_slopes", "solve_contact"),
     "geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
+    "heightmap": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),
     "law": ("PowerLaw", "liu2018", "power_law"),
     "ring": ("Load",),
     "scene": ("Assessment", "Scene", "Solution", "assess", "healthy", "prepare", "solve"),

@@ -9,53 +9,61 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Literal, get_args
+from typing import cast
 
 import jax
 import jax.core
 import jax.numpy as jnp
 
-from difftrb import edges, status, strip_model
+from difftrb import edges, halfspace, lattice, status, strip_model
 from difftrb import gap as gaps
 from difftrb.domain import Resolution, fitted_cells
-from difftrb.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
+from difftrb.geometry import LineContact, Real, Spall
+from difftrb.given import Arguments, Defect, Method, given, is_sound, listed
 from difftrb.halfspace import Cells
-from difftrb.press import TOLERANCE, press
+from difftrb.heightmap import HeightMap
+from difftrb.press import TOLERANCE, press_by
 from difftrb.strip_model import Fineness
 from difftrb.strips import Frequencies
 
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """What one accuracy is solved on: cells, and strips where these can describe the contact."""
+    """What one accuracy is solved on: cells, strips where these can describe the contact, a lattice (rows, columns)."""
 
     cells: Resolution
     strips: Fineness
+    lattice: tuple[int, int]
 
 
 # Relative accuracy of the approach, and the grids measured to meet it (experiments/accuracy_of_contact.py).
 GRIDS = {
-    1e-2: Grid(Resolution(16, 12, 6), Fineness(8, 5, 2, 3, Frequencies(4, 10, 14, 10.0), Frequencies(4, 10, 18, 15.0))),
+    1e-2: Grid(
+        Resolution(16, 12, 6),
+        Fineness(8, 5, 2, 3, Frequencies(4, 10, 14, 10.0), Frequencies(4, 10, 18, 15.0)),
+        (256, 32),
+    ),
     1e-3: Grid(
-        Resolution(32, 20, 8), Fineness(10, 6, 2, 4, Frequencies(4, 10, 14, 10.0), Frequencies(4, 12, 24, 20.0))
+        Resolution(32, 20, 8),
+        Fineness(10, 6, 2, 4, Frequencies(4, 10, 14, 10.0), Frequencies(4, 12, 24, 20.0)),
+        (512, 48),
     ),
     1e-4: Grid(
-        Resolution(64, 64, 16), Fineness(14, 8, 2, 4, Frequencies(4, 12, 18, 12.0), Frequencies(4, 12, 34, 25.0))
+        Resolution(64, 64, 16),
+        Fineness(14, 8, 2, 4, Frequencies(4, 12, 18, 12.0), Frequencies(4, 12, 34, 25.0)),
+        (1024, 64),
     ),
     3e-5: Grid(
-        Resolution(64, 64, 16), Fineness(20, 10, 3, 5, Frequencies(6, 16, 24, 16.0), Frequencies(5, 14, 40, 30.0))
+        Resolution(64, 64, 16),
+        Fineness(20, 10, 3, 5, Frequencies(6, 16, 24, 16.0), Frequencies(5, 14, 40, 30.0)),
+        (1024, 64),
     ),
     1e-5: Grid(
-        Resolution(64, 64, 16), Fineness(28, 12, 3, 5, Frequencies(6, 18, 40, 25.0), Frequencies(6, 18, 60, 40.0))
+        Resolution(64, 64, 16),
+        Fineness(28, 12, 3, 5, Frequencies(6, 18, 40, 25.0), Frequencies(6, 18, 60, 40.0)),
+        (1024, 64),
     ),
 }
-
-
-Method = Literal["auto", "strips", "cells"]
-Defect = Spall | tuple[Spall, ...] | None
-"""What a roller stands over: nothing, one spall, or several."""
-Arguments = tuple[LineContact, jax.Array, Defect, jax.Array, jax.Array | None]
-"""Contact, load, defect, offset (one per spall of several), tilt (None: known to be 0)."""
 
 
 @partial(
@@ -108,9 +116,9 @@ class ContactSolution(status.Judged):
         return self.force / self.cells.area
 
     @property
-    def spalls(self) -> tuple[tuple[Spall, jax.Array], ...]:
-        """Every spall and its offset [mm]."""
-        spalls = _listed(self.spall)
+    def spalls(self) -> tuple[tuple[Spall | HeightMap, jax.Array], ...]:
+        """Every spall or height map, and its offset [mm]."""
+        spalls = listed(self.spall)
         return tuple(zip(spalls, jnp.broadcast_to(self.offset, (len(spalls),)), strict=True))
 
     @property
@@ -134,13 +142,15 @@ def solve_contact(
       contact: radius, length, modulus and crown, from `LineContact.of`.
       load: normal load of the roller [N], > 0.
       spall: None is a healthy raceway; a tuple is several spalls, which merge where they overlap (the deeper counts).
+        A `HeightMap` may stand where a spall can.
       offset: of the spall's centre from the contact's, in the rolling direction [mm]; of several spalls one number for
         all or one for each.
       accuracy: relative accuracy of the approach, 1e-2…1e-5; a smaller number costs time. Cells end at about 1e-4, and
         where a sliver of contact laps over a rolling edge it is not met: README, Limits.
       method: "strips" are fast and smooth and take one rectangular spall, deeper than the approach, and a crowned
-        roller that is not tilted. "cells" take every case. "auto" takes strips and, where they cannot describe the
-        contact or do not converge, cells.
+        roller that is not tilted. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion on
+        the others: its error falls with the first power of a cell, so `accuracy` only names its size. "auto" takes
+        strips and, where they cannot describe the contact or do not converge, cells; the lattice for height maps.
       tilt: of the roller about its middle [rad]: the gap grows by `tilt`·y along it. The approach is the middle's.
         Any size at which the roller still meets the raceway as a line, ± 0.01 or so. Default 0.
 
@@ -151,7 +161,7 @@ def solve_contact(
     range, a method that cannot take the case, or offsets that are not as many as spalls; SolveError without float64;
     everything else ends as a status in the result.
     """
-    arguments, mirrored, method = _given(contact, load, spall, offset, tilt, method)
+    arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid = grid_for(accuracy)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments))
     if traced and method == "auto":
@@ -161,6 +171,8 @@ def solve_contact(
         return (_by_strips(*arguments[:4], mirrored, edges, accuracy),)
 
     def by_cells() -> tuple[ContactSolution]:
+        if method == "lattice":
+            return (_by_lattice(*arguments, grid.lattice, accuracy),)
         return (_by_cells(*arguments[:4], grid.cells, mirrored, accuracy, arguments[4]),)
 
     if traced and method == "strips":
@@ -179,8 +191,8 @@ def approach_slopes(
 ) -> dict[str, Real | None]:
     """Derivatives of the approach [mm] by load [N], length, width, offset, radius [mm] and design_load [N].
 
-    All from one linear solve (reverse mode). None where there is no spall to change; of several spalls, shape
-    (spalls,). Arguments as `solve_contact`.
+    All from one linear solve (reverse mode). None where there is no spall to change, and for the length and width of a
+    height map; of several spalls, shape (spalls,), where such a length is NaN. Arguments as `solve_contact`.
     """
     _, slopes = approach_and_slopes(contact, load, spall, offset, accuracy, method, tilt)
     return slopes
@@ -196,13 +208,13 @@ def approach_and_slopes(
     tilt: Real = 0.0,
 ) -> tuple[ContactSolution, dict[str, Real | None]]:
     """The solved contact and, from the same solve, `approach_slopes`."""
-    arguments, mirrored, method = _given(contact, load, spall, offset, tilt, method)
+    arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
     solution, slopes = _first_that_does(
         method,
         arguments,
         lambda edges: _slopes(*arguments, mirrored, edges, accuracy, "strips"),
-        lambda: _slopes(*arguments, mirrored, False, accuracy, "cells"),
+        lambda: _slopes(*arguments, mirrored, False, accuracy, "lattice" if method == "lattice" else "cells"),
     )
     by_contact, by_load, by_spall, by_offset, _ = slopes
     return solution, {
@@ -218,44 +230,8 @@ def approach_and_slopes(
 def _sizes(by_spall: Defect, name: str) -> Real | None:
     """The derivative by one size of the spall, or of all spalls, shape (spalls,)."""
     if isinstance(by_spall, tuple):
-        return jnp.stack([jnp.asarray(getattr(by, name)) for by in by_spall])
+        return jnp.stack([jnp.asarray(getattr(by, name, jnp.nan)) for by in by_spall])
     return getattr(by_spall, name, None)
-
-
-def _given(
-    contact: LineContact, load: Real, spall: Defect, offset: Real | Sequence[Real], tilt: Real, method: Method
-) -> tuple[Arguments, bool, Method]:
-    """The inputs as floats, whether half the roller will do, and the method for them.
-
-    Refuses float32 and a method that is unknown or cannot take the case.
-    """
-    status.require_float64()
-    if method not in get_args(Method):
-        raise ValueError(f"method = {method!r} is unknown; use {', '.join(map(repr, get_args(Method)))}")
-    place = jnp.stack([jnp.asarray(o, float) for o in offset]) if isinstance(offset, Sequence) else offset
-    place = jnp.asarray(place, float)
-    if isinstance(spall, tuple):
-        if place.shape not in ((), (len(spall),)):
-            raise ValueError(
-                f"offset has shape {place.shape} for {len(spall)} spalls; give one number, or one for each"
-            )
-        place = jnp.broadcast_to(place, (len(spall),))
-        if len(spall) < 2:
-            spall, place = (spall[0], place[0]) if spall else (None, jnp.zeros(()))
-    elif place.ndim:
-        raise ValueError(
-            f"offset has shape {place.shape}: one spall has one offset; give a tuple of spalls for several"
-        )
-    straight = _is_zero(tilt)
-    arguments = (
-        as_floats(contact), jnp.asarray(load, float), as_floats(spall), place,
-        None if straight else jnp.asarray(tilt, float),
-    )  # fmt: skip
-    if isinstance(spall, tuple) or not straight:
-        if method == "strips":
-            raise ValueError("method = 'strips' takes at most one spall and a roller that is not tilted; use 'cells'")
-        method = "cells"
-    return arguments, straight and is_symmetric(spall), method
 
 
 def _first_that_does(
@@ -265,7 +241,7 @@ def _first_that_does(
 
     Both ways return a `ContactSolution` first; strips are told whether rolling edges may be in reach.
     """
-    if method == "cells":
+    if method in ("cells", "lattice"):
         return by_cells()
     edges, suited = _outlook(*arguments[:4])
     if method == "strips" or suited:
@@ -281,20 +257,6 @@ def grid_for(accuracy: float) -> Grid:
     if not enough or not accuracy <= max(GRIDS):
         raise ValueError(f"accuracy = {accuracy!r} is out of range: {min(GRIDS):g} … {max(GRIDS):g}")
     return GRIDS[max(enough)]
-
-
-def is_symmetric(spall: Defect) -> bool:
-    """Whether a contact is known to be symmetric about the roller's middle: every `axial_offset` there is a plain 0."""
-    return all(_is_zero(each.axial_offset) for each in _listed(spall))
-
-
-def _listed(spall: Defect) -> tuple[Spall, ...]:
-    return () if spall is None else spall if isinstance(spall, tuple) else (spall,)
-
-
-def _is_zero(number: Real) -> bool:
-    """Whether a number is known to be 0: a traced one is not."""
-    return not isinstance(number, jax.core.Tracer) and float(number) == 0.0
 
 
 @jax.jit
@@ -317,14 +279,41 @@ def _by_cells(
     tilt: jax.Array | None = None,
 ) -> ContactSolution:
     """By projected gradient on cells."""
-    cells, domain_status, gap = _stage(contact, load, spall, offset, resolution, mirrored, tilt)
+    cells, code, gap = _stage(contact, load, spall, offset, resolution, mirrored, tilt)
+    matrix = halfspace.influence(cells, jnp.asarray(contact.modulus))
+    return _pressed(contact, load, spall, offset, tilt, cells, gap, matrix, code, accuracy)
+
+
+@partial(jax.jit, static_argnames=("size", "accuracy"))
+def _by_lattice(
+    contact: LineContact,
+    load: jax.Array,
+    spall: Defect,
+    offset: jax.Array,
+    tilt: jax.Array | None,
+    size: tuple[int, int],
+    accuracy: float,
+) -> ContactSolution:
+    """By projected gradient on a uniform lattice."""
+    defects = listed(spall)
+    cells, depth = lattice.fitted(contact, load, defects, jnp.broadcast_to(offset, (len(defects),)), size, tilt)
+    gap = gaps.undeformed(cells, contact, tilt) + depth
+    matrix = lattice.influence(cells, jnp.asarray(contact.modulus))
+    code = jnp.asarray(status.CONVERGED)
+    return _pressed(contact, load, spall, offset, tilt, cells, gap, matrix, code, accuracy)
+
+
+def _pressed(
+    contact: LineContact, load: jax.Array, spall: Defect, offset: jax.Array, tilt: jax.Array | None, cells: Cells,
+    gap: jax.Array, matrix: halfspace.Operator, code: jax.Array, accuracy: float,
+) -> ContactSolution:  # fmt: skip
+    """The solution on cells by their influence `matrix`; `code` says whether the cells do."""
     level = jax.lax.stop_gradient(0.4 * jnp.max(gaps.curvature(cells, contact.radius)))
     lowest = jax.lax.stop_gradient(jnp.min(gap))
-    force, approach, residual, iterations = press(cells, contact.modulus, gap - lowest, load, level)
+    force, approach, residual, iterations = press_by(matrix, cells.area, gap - lowest, load, level)
     approach = approach + lowest
-    code = status.worst(
-        domain_status, _verdict(approach, residual, TOLERANCE), _border(cells, force > 0.0, approach, contact, tilt)
-    )
+    border = _border(cells, force > 0.0, approach, gap, contact)
+    code = status.worst(code, _verdict(approach, residual, TOLERANCE), border)
     return _solution(
         contact, load, spall, offset, gap, cells, accuracy, tilt, approach=approach, force=force,
         width=_extent(cells, force), residual=residual, iterations=iterations, unknowns=force.size, code=code,
@@ -409,7 +398,8 @@ def _stage(
     mirrored: bool,
     tilt: jax.Array | None = None,
 ) -> tuple[Cells, jax.Array, jax.Array]:
-    """Cells, whether they do, and the initial gap on them."""
+    """Cells, whether they do, and the initial gap on them. Spalls only: height maps are for the lattice."""
+    spall = cast(Spall | tuple[Spall, ...] | None, spall)
     if isinstance(spall, tuple):
         cells, depression, code = edges.fitted(contact, load, spall, offset, resolution, mirrored, tilt)
     else:
@@ -423,11 +413,7 @@ def _solution(
     accuracy: float, tilt: jax.Array | None, *, approach: jax.Array, force: jax.Array, width: jax.Array,
     residual: jax.Array, iterations: jax.Array, unknowns: int, code: jax.Array,
 ) -> ContactSolution:  # fmt: skip
-    sound = contact_is_sound(contact) & (load > 0.0) & jnp.all(jnp.isfinite(offset))
-    for each in _listed(spall):
-        sound = sound & spall_is_sound(each)
-    if tilt is not None:
-        sound = sound & jnp.isfinite(tilt)
+    sound = is_sound((contact, load, spall, offset, tilt))
     rows = jnp.where(jnp.any(force > 0.0, axis=1), jnp.sum(cells.area, axis=1), 0.0)
     fraction = jnp.sum(rows) / (jnp.sum(cells.widths) * contact.length)
     return ContactSolution(
@@ -442,12 +428,10 @@ def _verdict(approach: jax.Array, residual: jax.Array, tolerance: float) -> jax.
     return jnp.where(jnp.isfinite(approach), converged, status.BAD_INPUT)
 
 
-def _border(
-    cells: Cells, loaded: jax.Array, approach: jax.Array, contact: LineContact, tilt: jax.Array | None
-) -> jax.Array:
-    """Whether pressure is cut off by the domain's border: not by a roller's end, nor where its rest is too high."""
-    rest = gaps.rest_at(cells.lines, contact, tilt)
-    touched = jnp.any(loaded[:, 0] | loaded[:, -1]) | (jnp.any(loaded[-1]) & (rest[-1] < approach))
-    if not cells.mirrored:
-        touched = touched | (jnp.any(loaded[0]) & (rest[0] < approach))
+def _border(cells: Cells, loaded: jax.Array, approach: jax.Array, gap: jax.Array, contact: LineContact) -> jax.Array:
+    """Whether pressure is cut off by the domain's border: not by a roller's end, nor where the gap there rises above
+    the approach, being the crown's beyond the mean of the last row."""
+    rise = gaps.crown_at(cells.lines, contact)[jnp.array([0, -1])] - gaps.crown(cells, contact)[jnp.array([0, -1]), 0]
+    at_ends = loaded[jnp.array([0, -1])] & (gap[jnp.array([0, -1])] + rise[:, None] < approach)
+    touched = jnp.any(loaded[:, 0] | loaded[:, -1]) | jnp.any(at_ends[1 if cells.mirrored else 0 :])
     return jnp.where(touched, status.TOUCHES_BORDER, status.CONVERGED)

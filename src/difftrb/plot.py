@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from difftrb.contact import ContactSolution
 from difftrb.geometry import arc_radius
+from difftrb.heightmap import HeightMap
 from difftrb.scene import Assessment, Scene
 
 HEALTHY, SPALLED, ACCENT = "#4477AA", "#EE6677", "#BBBBBB"  # colour-blind safe (Tol, bright)
@@ -68,10 +69,11 @@ def pressure_map(solution: ContactSolution, ax: Axes | None = None) -> Axes:
     ax.figure.colorbar(mesh, ax=ax, label="pressure [MPa]", extend="max")
     spalls = solution.spalls
     for i, (spall, offset) in enumerate(spalls):
-        corner = (float(spall.axial_offset - 0.5 * spall.length), float(offset - 0.5 * spall.width))
+        length, width = spall.extent if isinstance(spall, HeightMap) else (spall.length, spall.width)
+        corner = (float(spall.axial_offset - 0.5 * length), float(offset - 0.5 * width))
         outline = {"facecolor": ACCENT, "alpha": 0.35, "edgecolor": "black", "linestyle": "--"}
         label = "spall" if i == 0 else None
-        ax.add_patch(Rectangle(corner, float(spall.length), float(spall.width), zorder=0, label=label, **outline))
+        ax.add_patch(Rectangle(corner, float(length), float(width), zorder=0, label=label, **outline))
     if spalls:
         ax.legend(loc="upper right", frameon=False)
     rows, columns = loaded.any(axis=1), loaded.any(axis=0)

@@ -129,5 +129,5 @@ def test_accuracy_out_of_range_is_refused(contact: trb.LineContact, accuracy: fl
 
 def test_an_unknown_method_is_refused(contact: trb.LineContact) -> None:
     for function in (trb.solve_contact, trb.approach_slopes):
-        with pytest.raises(ValueError, match="method = 'lattice' is unknown; use 'auto', 'strips', 'cells'"):
-            function(contact, 1000.0, method="lattice")  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match="method = 'sieve' is unknown; use 'auto', 'strips', 'cells', 'lattice'"):
+            function(contact, 1000.0, method="sieve")  # type: ignore[arg-type]

@@ -56,3 +56,12 @@ def test_speed_of_contact(contact: trb.LineContact) -> None:
     measured = experiment.measure(contact, cases, False, 1e-2)
     assert measured["converged"] == 1.0
     assert all(number > 0.0 for number in measured.values())
+
+
+def test_the_packaged_height_map_is_the_scripts(tmp_path: Path) -> None:
+    experiment = script("example_height_map")
+    experiment.write(tmp_path / "map.npz")
+    ours, theirs = trb.load_height_map(tmp_path / "map.npz"), trb.load_height_map(trb.example_map())
+    np.testing.assert_array_equal(ours.height, theirs.height)
+    np.testing.assert_allclose(ours.height, experiment.spall_map(), atol=1e-7)
+    assert trb.example_map().stat().st_size < 100_000
