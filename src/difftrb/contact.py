@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import jax
 import jax.core
@@ -162,22 +162,15 @@ def solve_contact(
     everything else ends as a status in the result.
     """
     arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
-    grid = grid_for(accuracy)
+    grid_for(accuracy)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments))
     if traced and method == "auto":
         return _by_either(*arguments[:4], mirrored, accuracy)
 
-    def by_strips(edges: bool) -> tuple[ContactSolution]:
-        return (_by_strips(*arguments[:4], mirrored, edges, accuracy),)
+    def by(method: Method, edges: bool) -> tuple[ContactSolution]:
+        return (_by(method, arguments, mirrored, edges, accuracy),)
 
-    def by_cells() -> tuple[ContactSolution]:
-        if method == "lattice":
-            return (_by_lattice(*arguments, grid.lattice, accuracy),)
-        return (_by_cells(*arguments[:4], grid.cells, mirrored, accuracy, arguments[4]),)
-
-    if traced and method == "strips":
-        return by_strips(True)[0]
-    return _first_that_does(method, arguments, by_strips, by_cells)[0]
+    return by("strips", True)[0] if traced and method == "strips" else _first_that_does(method, arguments, by)[0]
 
 
 def approach_slopes(
@@ -191,8 +184,9 @@ def approach_slopes(
 ) -> dict[str, Real | None]:
     """Derivatives of the approach [mm] by load [N], length, width, offset, radius [mm] and design_load [N].
 
-    All from one linear solve (reverse mode). None where there is no spall to change, and for the length and width of a
-    height map; of several spalls, shape (spalls,), where such a length is NaN. Arguments as `solve_contact`.
+    All from one linear solve (reverse mode). None where there is no spall to change, and for length, width and offset
+    of a height map, whose steep walls stand still on the lattice until they cross a line; of several spalls, shape
+    (spalls,), where those are NaN. Arguments as `solve_contact`.
     """
     _, slopes = approach_and_slopes(contact, load, spall, offset, accuracy, method, tilt)
     return slopes
@@ -211,17 +205,14 @@ def approach_and_slopes(
     arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
     solution, slopes = _first_that_does(
-        method,
-        arguments,
-        lambda edges: _slopes(*arguments, mirrored, edges, accuracy, "strips"),
-        lambda: _slopes(*arguments, mirrored, False, accuracy, "lattice" if method == "lattice" else "cells"),
+        method, arguments, lambda way, edges: _slopes(*arguments, mirrored, edges, accuracy, way)
     )
     by_contact, by_load, by_spall, by_offset, _ = slopes
     return solution, {
         "load": by_load,
         "length": _sizes(by_spall, "length"),
         "width": _sizes(by_spall, "width"),
-        "offset": None if by_spall is None else by_offset,
+        "offset": _offsets(by_spall, by_offset),
         "radius": by_contact.radius,
         "design_load": by_contact.design_load,
     }
@@ -234,21 +225,36 @@ def _sizes(by_spall: Defect, name: str) -> Real | None:
     return getattr(by_spall, name, None)
 
 
-def _first_that_does(
-    method: Method, arguments: Arguments, by_strips: Callable[[bool], tuple], by_cells: Callable[[], tuple]
-) -> tuple:
+def _offsets(by_spall: Defect, by_offset: jax.Array) -> jax.Array | None:
+    """The derivative by the offset, or by all offsets, of spalls."""
+    if isinstance(by_spall, tuple):
+        return jnp.where(jnp.array([isinstance(by, Spall) for by in by_spall]), by_offset, jnp.nan)
+    return by_offset if isinstance(by_spall, Spall) else None
+
+
+def _first_that_does(method: Method, arguments: Arguments, by: Callable[[Method, bool], tuple]) -> tuple:
     """What the way named by `method` returns or, for "auto", strips if they do and else cells. For numbers only.
 
-    Both ways return a `ContactSolution` first; strips are told whether rolling edges may be in reach.
+    `by` takes a way and whether rolling edges may be in reach of strips, and returns a `ContactSolution` first.
     """
     if method in ("cells", "lattice"):
-        return by_cells()
+        return by(method, False)
     edges, suited = _outlook(*arguments[:4])
     if method == "strips" or suited:
-        result = by_strips(bool(edges))
+        result = by("strips", bool(edges))
         if method == "strips" or result[0].status_code == status.CONVERGED:
             return result
-    return by_cells()
+    return by("cells", False)
+
+
+def _by(method: Method, arguments: Arguments, mirrored: bool, edges: bool, accuracy: float) -> ContactSolution:
+    """By one way: "strips", "cells" or "lattice"."""
+    grid = grid_for(accuracy)
+    if method == "strips":
+        return _by_strips(*arguments[:4], mirrored, edges, accuracy)
+    if method == "lattice":
+        return _by_lattice(*arguments, grid.lattice, accuracy)
+    return _by_cells(*arguments[:4], grid.cells, mirrored, accuracy, arguments[4])
 
 
 def grid_for(accuracy: float) -> Grid:
@@ -377,11 +383,8 @@ def _slopes(
 ) -> tuple[ContactSolution, tuple]:  # fmt: skip
     """The solved contact and the derivatives of its approach by the first five arguments."""
 
-    def approach(*a) -> tuple[jax.Array, ContactSolution]:
-        if method == "strips":
-            solution = _by_strips(*a[:4], mirrored, edges, accuracy)
-        else:
-            solution = _by_cells(*a[:4], grid_for(accuracy).cells, mirrored, accuracy, a[4])
+    def approach(*a: Any) -> tuple[jax.Array, ContactSolution]:
+        solution = _by(method, a, mirrored, edges, accuracy)
         return solution.approach, solution
 
     arguments = contact, load, spall, offset, tilt

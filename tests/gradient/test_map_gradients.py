@@ -69,6 +69,15 @@ def test_derivative_by_every_height(measured: HeightMap, contact: LineContact) -
     assert float(by_height[index]) == pytest.approx((moved(step) - moved(-step)) / (2.0 * step), rel=1e-4)
 
 
+def test_approach_slopes_are_the_gradient(measured: HeightMap, contact: LineContact) -> None:
+    at = jnp.array([2900.0, 1.0, 0.47, 0.3, 0.02, 0.04, 0.0, float(contact.radius)])
+    slopes = trb.approach_slopes(contact, 2900.0, HeightMap(measured.height, 0.02, 0.04, 0.3), 0.47, 1e-2)
+    assert slopes["length"] is slopes["width"] is slopes["offset"] is None
+    expected = dict(zip(NAMES, gradient(at, measured, contact), strict=True))
+    for name in ("load", "radius"):
+        assert float(slopes[name]) == pytest.approx(float(expected[name]), rel=1e-6)  # type: ignore[arg-type]
+
+
 def test_heights_between_points_are_differentiable() -> None:
     height = jnp.asarray(np.random.default_rng(5).normal(size=(4, 5)))
 
