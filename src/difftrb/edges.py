@@ -1,8 +1,8 @@
 """Cells for several spalls: every edge has a line of its own, along the roller and across it.
 
 Along the roller lines are graded from edge to edge. Across it the lattice stands on the first spall's edges; for each
-further one the nearest line moves there. Spalls are put a hair apart, so that edges that would coincide keep a line
-each, which moves alone: a derivative by one spall's size is that spall's.
+further one the nearest line moves there. Each spall is a hair larger than the one before, so that edges that would
+coincide keep a line each, which moves alone, and spalls that touch leave no ridge between them.
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ from difftrb.geometry import LineContact, Spall
 from difftrb.halfspace import EDGE_SHIFT, Cells, Uneven
 
 APART = 5e-5
-"""By which each spall is moved against the one before, along the roller, as a part of the domain's half length."""
+"""By which each spall is longer at either end than the one before, as a part of the domain's half length."""
 APART_ACROSS = 0.02
 """The same across the roller, as a part of the pitch."""
+TOUCHING = 0.5
+"""A ridge between two spalls that is narrower than this part of the pitch is not there."""
 FULL = 0.06
 """A land or hollow longer than this part of the domain's half length gets all its rows."""
 
@@ -55,7 +57,10 @@ def fitted(
     reach_x, bottom, top = domain(contact, load, spalls, tilt)
     apart = APART * 0.5 * (top - bottom)
     spans = [
-        tuple(jnp.where(near[i], jnp.clip(edge + i * apart, bottom, top), top) for edge in edges_along(contact, spall))
+        tuple(
+            jnp.where(near[i], jnp.clip(edge + side * i * apart, bottom, top), top)
+            for side, edge in zip((-1.0, 1.0), edges_along(contact, spall), strict=True)
+        )
         for i, spall in enumerate(spalls)
     ]
     lines, under_rows = _along(spans, bottom, top, resolution, mirrored)
@@ -109,7 +114,7 @@ def _along(
         jnp.asarray(into)[order].astype(int),
     )  # the discrete edge acts as the true one from within the spall
     land, hollow = jnp.abs(lines[here] - lines[here - side]), jnp.abs(lines[here + side] - lines[here])
-    lines = lines.at[here].add(side * jnp.minimum(EDGE_SHIFT * land, 0.5 * hollow))
+    lines = lines.at[here].add(side * jnp.minimum(EDGE_SHIFT * land, 0.4 * hollow))
 
     rank = jnp.argsort(order)
     row = jnp.arange(int(most.sum()))
@@ -132,32 +137,39 @@ def _across(
     def line_of(edge: jax.Array) -> jax.Array:
         return jnp.clip(jnp.round((jax.lax.stop_gradient(edge) - even[0]) / h), 0, columns).astype(int)
 
-    seen = [jnp.abs(edge) < reach for edge in (left[0], right[0])]
-    taken = [jnp.where(inside, line_of(e), -1) for inside, e in
-             zip(seen, (left[0] + EDGE_SHIFT * pitch, right[0] - EDGE_SHIFT * pitch), strict=True)]  # fmt: skip
-    low = jnp.where(seen[0], taken[0], jnp.where(left[0] < 0.0, 0, columns))
-    high = jnp.where(seen[1], taken[1], jnp.where(right[0] < 0.0, 0, columns))
+    taken, at = [], []
+    for edge, into in ((left[0], 1), (right[0], -1)):
+        inside = jnp.abs(edge) < reach
+        k = line_of(edge + into * EDGE_SHIFT * pitch)
+        taken.append((jnp.where(inside, k, -1), into, edge))
+        at.append(jnp.where(inside, k, jnp.where(edge < 0.0, 0, columns)))
+    low, high = at
     under = [(column >= low) & (column < high)]
-    uneven = []
+    uneven, spoiled = [], jnp.asarray(False)
     for i, (a, b) in enumerate(zip(left[1:], right[1:], strict=True), 1):
         at = []
         for edge, into in ((a, 1), (b, -1)):
             inside = jnp.abs(edge) < reach
-            edge = edge + i * APART_ACROSS * pitch
+            edge = edge - into * i * APART_ACROSS * pitch
             even_shift = edge + into * EDGE_SHIFT * pitch
             k = nearest = jnp.clip(line_of(even_shift), 1, columns - 1)
-            for other in taken:  # a line that stands on another edge stays there; take its neighbour
+            for other, *_ in taken:  # a line that stands on another edge stays there; take its neighbour
                 k = jnp.where(k == other, k + jnp.where(even_shift >= borders[k], 1, -1), k)
             k = jnp.clip(k, 1, columns - 1)
             shift = EDGE_SHIFT / (1.0 - EDGE_SHIFT) * jnp.abs(edge - borders[k - into])
             wanted = jnp.where(k == nearest, edge + into * shift, even_shift)
             closest = 0.5 * APART_ACROSS * pitch
             wanted = jnp.clip(wanted, borders[k - 1] + closest, borders[k + 1] - closest)
+            for other, facing, theirs in taken:  # two spalls that touch share one line
+                ridge = into * (edge - theirs)
+                touching = inside & (other >= 0) & (jnp.abs(ridge) < TOUCHING * pitch) & (facing != into)
+                k, wanted = jnp.where(touching, other, k), jnp.where(touching, borders[other], wanted)
+                spoiled = spoiled | (touching & (ridge > 0.1 * pitch))
             borders = jnp.where(inside, borders.at[k].set(wanted), borders)
-            taken.append(jnp.where(inside, k, -1))
+            taken.append((jnp.where(inside, k, -1), into, edge))
             at.append(jnp.where(inside, k, jnp.where(edge < 0.0, 0, columns)))
             uneven += [k - 1, k]
         under.append((column >= at[0]) & (column < at[1]))
-    spoiled = jnp.min(jnp.diff(borders)) < 0.4 * APART_ACROSS * h
+    spoiled = spoiled | (jnp.min(jnp.diff(borders)) < 0.4 * APART_ACROSS * h)
     centres = 0.5 * (borders[1:] + borders[:-1])
     return Cells(pitch, centres, lines, mirrored, Uneven(jnp.stack(uneven), borders)), under, spoiled

@@ -85,7 +85,7 @@ def fitted(
         low, high = (first.axial_offset + side * first.length - middle for side in (-0.5, 0.5))
     pitch, x = halfspace.lattice(reach_x * (1.0 + 2.0 / columns), columns, left, right)
     if spalls:
-        height, y = halfspace.lattice(reach_y, rows, low, high)
+        height, y = halfspace.lattice(reach_y * (1.0 + 2.0 / rows), rows, low, high)
         lines = middle + jnp.concatenate([y - 0.5 * height, y[-1:] + 0.5 * height])
     else:
         lines = jnp.linspace(bottom, top, rows + 1)

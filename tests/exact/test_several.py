@@ -37,6 +37,16 @@ def test_spalls_that_merge_to_one(contact: trb.LineContact, whole: trb.ContactSo
     assert float(s.approach) == pytest.approx(float(whole.approach), rel=1.5e-3)
 
 
+@pytest.mark.parametrize("load", [100.0, LOAD])
+def test_halves_leave_no_ridge_between_them(contact: trb.LineContact, load: float) -> None:
+    """They meet under the middle of the contact, out of which the whole spall's edges are."""
+    whole = trb.solve_contact(contact, load, WHOLE, 0.0, 1e-2, "cells").check()
+    for name, offsets in (("halves along the roller", (0.0, 0.0)), ("halves across it", (-0.25, 0.25))):
+        for order in (1, -1):
+            s = trb.solve_contact(contact, load, AS_ONE[name][0][::order], offsets[::order], 1e-2).check()
+            assert float(s.approach) == pytest.approx(float(whole.approach), rel=2e-3)
+
+
 def test_two_spalls_let_the_roller_down_more_than_either(contact: trb.LineContact, whole: trb.ContactSolution) -> None:
     other = trb.Spall(2.0, 7.0, axial_offset=-3.0)
     both = trb.solve_contact(contact, LOAD, (WHOLE, other), (OFFSET, 0.0), 1e-2).check()
