@@ -200,7 +200,7 @@ def batch_row(method: Way, group: str, cases: Sequence[Case], accuracy: float, r
     def one(case: jax.Array) -> tuple[jax.Array, jax.Array]:
         arguments = CONTACT, case[0], trb.Spall(case[1], WIDTH, DEPTH), case[2]
         if method == "strips":
-            s = contacts._by_strips(*arguments, True, group == IN, accuracy)  # what "auto" chooses for this group
+            s = contacts._by_strips(*arguments, True, int(group == IN), accuracy)  # what "auto" chooses for this group
         else:
             s = trb.solve_contact(*arguments, accuracy, method)
         return s.approach, s.unknowns

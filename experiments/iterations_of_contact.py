@@ -62,7 +62,7 @@ def histories(contact: trb.LineContact, grid: Resolution, rows: np.ndarray, coun
         cells, _, gap = contacts._stage(contact, case[0], spall, case[3], grid, True)
         level = 0.4 * jnp.max(gaps.curvature(cells, contact.radius))  # as contact._by_cells
         matrix = halfspace.influence(cells, jnp.asarray(contact.modulus))
-        guess = press.first_guess(cells, gap, level)
+        guess = press.first_guess(cells.area, gap, level)
         exact = press._press(guess, matrix, gap, case[0])[1]
         s = press.scaled(guess, matrix, gap, case[0])
         step, start = press.descent(s.W, s.metric, s.reachable, s.share)

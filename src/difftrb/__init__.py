@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from difftrb.contact import ContactSolution, approach_slopes, solve_contact
-    from difftrb.edge import EdgeIntensity, edge_intensity
     from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
+    from difftrb.heightmap import HeightMap, HeightMapError, example_map, load_height_map
+    from difftrb.intensity import EdgeIntensity, edge_intensity
     from difftrb.law import PowerLaw, liu2018, power_law
     from difftrb.line import LineSolution, line_contact
     from difftrb.ring import Load
@@ -23,8 +24,9 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "contact": ("ContactSolution", "approach_slopes", "solve_contact"),
-    "edge": ("EdgeIntensity", "edge_intensity"),
+    "intensity": ("EdgeIntensity", "edge_intensity"),
     "geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
+    "heightmap": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),
     "law": ("PowerLaw", "liu2018", "power_law"),
     "line": ("LineSolution", "line_contact"),
     "ring": ("Load",),

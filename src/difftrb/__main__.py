@@ -153,19 +153,15 @@ def _run(options: Any) -> int:
 def _contact(options: Any) -> int:
     import jax
 
-    from difftrb import report
+    from difftrb import report, scenefile
     from difftrb.contact import approach_and_slopes
 
     file, path = _read(options)
-    if len(file.spall) > 1:
-        from difftrb.scenefile import SceneError
-
-        raise SceneError(f"{path}: spall: {len(file.spall)} spalls; `difftrb contact` takes at most one")
+    scenefile.check_contact(file, path)
     started = time.perf_counter()
-    spall = file.spall[0] if file.spall else None
     with _busy("solving the contact"):
-        table = file.contact
-        solved = approach_and_slopes(file.line_contact(), table.load, spall, table.offset, table.accuracy)
+        table, (spalls, offsets) = file.contact, file.under_contact()
+        solved = approach_and_slopes(file.line_contact(), table.load, spalls, offsets, table.accuracy, tilt=table.tilt)
         solution, slopes = jax.block_until_ready(solved)
     record = report.contact_json(solution, slopes, time.perf_counter() - started)
 

@@ -7,58 +7,70 @@ displaced gap W f + gap equals δ where cells are loaded and exceeds it elsewher
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Literal, get_args
+from typing import Any, cast
 
 import jax
 import jax.core
 import jax.numpy as jnp
 
+from difftrb import edges, halfspace, lattice, status, strip_model
 from difftrb import gap as gaps
-from difftrb import status, strip_model
 from difftrb.domain import Resolution, fitted_cells
-from difftrb.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
+from difftrb.geometry import LineContact, Real, Spall
+from difftrb.given import Arguments, Defect, Method, given, is_sound, listed
 from difftrb.halfspace import Cells
-from difftrb.press import TOLERANCE, press
+from difftrb.heightmap import HeightMap
+from difftrb.press import TOLERANCE, press_by
 from difftrb.strip_model import Fineness
 from difftrb.strips import Frequencies
 
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """What one accuracy is solved on: cells, and strips where these can describe the contact."""
+    """What one accuracy is solved on: cells, strips where these can describe the contact, a lattice (rows, columns)."""
 
     cells: Resolution
     strips: Fineness
+    lattice: tuple[int, int]
 
 
 # Relative accuracy of the approach, and the grids measured to meet it (experiments/accuracy_of_contact.py).
 GRIDS = {
-    1e-2: Grid(Resolution(16, 12, 6), Fineness(6, 3, 2, 2, 3, Frequencies(4, 8, 12, 9.0), Frequencies(4, 8, 14, 12.0))),
+    1e-2: Grid(
+        Resolution(16, 12, 6),
+        Fineness(6, 3, 2, 2, 3, Frequencies(4, 8, 12, 9.0), Frequencies(4, 8, 14, 12.0)),
+        (256, 32),
+    ),
     1e-3: Grid(
-        Resolution(32, 20, 8), Fineness(8, 3, 3, 2, 3, Frequencies(4, 10, 14, 10.0), Frequencies(4, 10, 20, 17.0))
+        Resolution(32, 20, 8),
+        Fineness(8, 3, 3, 2, 3, Frequencies(4, 10, 14, 10.0), Frequencies(4, 10, 20, 17.0)),
+        (512, 48),
     ),
     1e-4: Grid(
-        Resolution(64, 64, 16), Fineness(16, 5, 3, 2, 3, Frequencies(4, 12, 18, 12.0), Frequencies(4, 12, 42, 30.0))
+        Resolution(64, 64, 16),
+        Fineness(16, 5, 3, 2, 3, Frequencies(4, 12, 18, 12.0), Frequencies(4, 12, 42, 30.0)),
+        (1024, 64),
     ),
     3e-5: Grid(
-        Resolution(64, 64, 16), Fineness(24, 6, 4, 2, 3, Frequencies(6, 16, 24, 16.0), Frequencies(5, 14, 60, 40.0))
+        Resolution(64, 64, 16),
+        Fineness(24, 6, 4, 2, 3, Frequencies(6, 16, 24, 16.0), Frequencies(5, 14, 60, 40.0)),
+        (1024, 64),
     ),
     1e-5: Grid(
-        Resolution(64, 64, 16), Fineness(34, 8, 5, 2, 4, Frequencies(6, 18, 40, 25.0), Frequencies(6, 18, 80, 50.0))
+        Resolution(64, 64, 16),
+        Fineness(34, 8, 5, 2, 4, Frequencies(6, 18, 40, 25.0), Frequencies(6, 18, 80, 50.0)),
+        (1024, 64),
     ),
 }
-
-
-Method = Literal["auto", "strips", "cells"]
 
 
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=[
-        "approach", "force", "cells", "load", "spall", "offset", "gap", "contact_width", "loaded_fraction", "residual",
-        "iterations", "unknowns", "status_code",
+        "approach", "force", "cells", "load", "spall", "offset", "tilt", "gap", "contact_width", "loaded_fraction",
+        "residual", "iterations", "unknowns", "status_code",
     ],
     meta_fields=["accuracy"],
 )  # fmt: skip
@@ -70,7 +82,8 @@ class ContactSolution(status.Judged):
       approach: δ of the two bodies, contact alone [mm].
       force: of every cell [N], shape (rows, columns); a mirrored cell counts both halves.
       cells: the grid: `cells.x`, `cells.y` centres [mm].
-      load: [N]. spall, offset: what was given. gap: initial gap [mm], shape of `force`.
+      load: [N]. spall, offset, tilt: what was given; `offset` one per spall of several, `tilt` None where it is 0.
+      gap: initial gap [mm], shape of `force`.
       contact_width: longest extent of the contact in the rolling direction [mm].
       loaded_fraction: share of the roller's length on which some cell is loaded [-].
       residual: by cells, the largest violation of the contact conditions relative to the approach; by strips, the last
@@ -85,8 +98,9 @@ class ContactSolution(status.Judged):
     force: jax.Array
     cells: Cells
     load: jax.Array
-    spall: Spall | None
+    spall: Defect
     offset: jax.Array
+    tilt: jax.Array | None
     gap: jax.Array
     contact_width: jax.Array
     loaded_fraction: jax.Array
@@ -99,7 +113,13 @@ class ContactSolution(status.Judged):
     @property
     def pressure(self) -> jax.Array:
         """Mean pressure of every cell [N/mm²], shape (rows, columns)."""
-        return self.force / self.cells.area[:, None]
+        return self.force / self.cells.area
+
+    @property
+    def spalls(self) -> tuple[tuple[Spall | HeightMap, jax.Array], ...]:
+        """Every spall or height map, and its offset [mm]."""
+        spalls = listed(self.spall)
+        return tuple(zip(spalls, jnp.broadcast_to(self.offset, (len(spalls),)), strict=True))
 
     @property
     def peak_pressure(self) -> jax.Array:
@@ -110,118 +130,131 @@ class ContactSolution(status.Judged):
 def solve_contact(
     contact: LineContact,
     load: Real,
-    spall: Spall | None = None,
-    offset: Real = 0.0,
+    spall: Defect = None,
+    offset: Real | Sequence[Real] = 0.0,
     accuracy: float = 1e-3,
     method: Method = "auto",
+    tilt: Real = 0.0,
 ) -> ContactSolution:
-    """Press a roller on a raceway, with or without a spall between them.
+    """Press a roller on a raceway, with or without spalls between them.
 
     Args:
       contact: radius, length, modulus and crown, from `LineContact.of`.
       load: normal load of the roller [N], > 0.
-      spall: None is a healthy raceway.
-      offset: of the spall's centre from the contact's, in the rolling direction [mm].
+      spall: None is a healthy raceway; a tuple is several spalls, which merge where they overlap (the deeper counts).
+        A `HeightMap` may stand where a spall can.
+      offset: of the spall's centre from the contact's, in the rolling direction [mm]; of several spalls one number for
+        all or one for each.
       accuracy: relative accuracy of the approach, 1e-2…1e-5; a smaller number costs time. Cells end at about 1e-4, and
         where a sliver of contact laps over a rolling edge it is not met: README, Limits.
       method: "strips" are fast and smooth and take one rectangular spall, deeper than the approach, and a crowned
-        roller. "cells" take every case. "auto" takes strips and, where they cannot describe the contact or do not
-        converge, cells.
+        roller that is not tilted. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion on
+        the others: its error falls with the first power of a cell, so `accuracy` only names its size. "auto" takes
+        strips and, where they cannot describe the contact or do not converge, cells; the lattice for height maps.
+      tilt: of the roller about its middle [rad]: the gap grows by `tilt`·y along it. The approach is the middle's.
+        Any size at which the roller still meets the raceway as a line, ± 0.01 or so. Default 0.
 
-    A spall whose `axial_offset` is 0, and not being traced, is solved on half the roller. Differentiable by every
-    number in `contact`, `spall`, `load` and `offset`, forward and reverse; `jit` and `vmap` as you like (`lax.map` is
-    faster for batches on a CPU). With numbers, "auto" compiles what this case needs; inside `jit`, `grad` or `vmap` it
-    compiles all and chooses as it runs. Raises ValueError for an accuracy out of range, SolveError without float64;
+    A contact of which every `axial_offset` and the tilt are 0, and not being traced, is solved on half the roller.
+    Differentiable by every number in `contact`, `spall`, `load`, `offset` and `tilt`, forward and reverse; `jit` and
+    `vmap` as you like (`lax.map` is faster for batches on a CPU). With numbers, "auto" compiles what this case needs;
+    inside `jit`, `grad` or `vmap` it compiles all and chooses as it runs. Raises ValueError for an accuracy out of
+    range, a method that cannot take the case, or offsets that are not as many as spalls; SolveError without float64;
     everything else ends as a status in the result.
     """
-    arguments, mirrored = _given(contact, load, spall, offset, method)
-    grid = grid_for(accuracy)
+    arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
+    grid_for(accuracy)
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments))
     if traced and method == "auto":
-        return _by_either(*arguments, mirrored, accuracy)
+        return _by_either(*arguments[:4], mirrored, accuracy)
 
-    def by_strips(edges: int) -> tuple[ContactSolution]:
-        return (_by_strips(*arguments, mirrored, edges, accuracy),)
+    def by(method: Method, edges: int) -> tuple[ContactSolution]:
+        return (_by(method, arguments, mirrored, edges, accuracy),)
 
-    def by_cells() -> tuple[ContactSolution]:
-        return (_by_cells(*arguments, grid.cells, mirrored, accuracy),)
-
-    if traced and method == "strips":
-        return by_strips(2)[0]
-    return _first_that_does(method, arguments, by_strips, by_cells)[0]
+    return by("strips", 2)[0] if traced and method == "strips" else _first_that_does(method, arguments, by)[0]
 
 
 def approach_slopes(
     contact: LineContact,
     load: Real,
-    spall: Spall | None = None,
-    offset: Real = 0.0,
+    spall: Defect = None,
+    offset: Real | Sequence[Real] = 0.0,
     accuracy: float = 1e-3,
     method: Method = "auto",
+    tilt: Real = 0.0,
 ) -> dict[str, Real | None]:
     """Derivatives of the approach [mm] by load [N], length, width, offset, radius [mm] and design_load [N].
 
-    All from one linear solve (reverse mode). None where there is no spall to change. Arguments as `solve_contact`.
+    All from one linear solve (reverse mode). None where there is no spall to change, and for length, width and offset
+    of a height map, whose steep walls stand still on the lattice until they cross a line; of several spalls, shape
+    (spalls,), where those are NaN. Arguments as `solve_contact`.
     """
-    _, slopes = approach_and_slopes(contact, load, spall, offset, accuracy, method)
+    _, slopes = approach_and_slopes(contact, load, spall, offset, accuracy, method, tilt)
     return slopes
 
 
 def approach_and_slopes(
     contact: LineContact,
     load: Real,
-    spall: Spall | None = None,
-    offset: Real = 0.0,
+    spall: Defect = None,
+    offset: Real | Sequence[Real] = 0.0,
     accuracy: float = 1e-3,
     method: Method = "auto",
+    tilt: Real = 0.0,
 ) -> tuple[ContactSolution, dict[str, Real | None]]:
     """The solved contact and, from the same solve, `approach_slopes`."""
-    arguments, mirrored = _given(contact, load, spall, offset, method)
+    arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
     solution, slopes = _first_that_does(
-        method,
-        arguments,
-        lambda edges: _slopes(*arguments, mirrored, edges, accuracy, True),
-        lambda: _slopes(*arguments, mirrored, 0, accuracy, False),
+        method, arguments, lambda way, edges: _slopes(*arguments, mirrored, edges, accuracy, way)
     )
-    by_contact, by_load, by_spall, by_offset = slopes
-    there = by_spall is not None
+    by_contact, by_load, by_spall, by_offset, _ = slopes
     return solution, {
         "load": by_load,
-        "length": by_spall.length if there else None,
-        "width": by_spall.width if there else None,
-        "offset": by_offset if there else None,
+        "length": _sizes(by_spall, "length"),
+        "width": _sizes(by_spall, "width"),
+        "offset": _offsets(by_spall, by_offset),
         "radius": by_contact.radius,
         "design_load": by_contact.design_load,
     }
 
 
-def _given(
-    contact: LineContact, load: Real, spall: Spall | None, offset: Real, method: Method
-) -> tuple[tuple[LineContact, jax.Array, Spall | None, jax.Array], bool]:
-    """The four inputs as floats, and whether half the roller will do; refuses float32 and an unknown method."""
-    status.require_float64()
-    if method not in get_args(Method):
-        raise ValueError(f"method = {method!r} is unknown; use {', '.join(map(repr, get_args(Method)))}")
-    arguments = as_floats(contact), jnp.asarray(load, float), as_floats(spall), jnp.asarray(offset, float)
-    return arguments, is_symmetric(spall)
+def _sizes(by_spall: Defect, name: str) -> Real | None:
+    """The derivative by one size of the spall, or of all spalls, shape (spalls,)."""
+    if isinstance(by_spall, tuple):
+        return jnp.stack([jnp.asarray(getattr(by, name, jnp.nan)) for by in by_spall])
+    return getattr(by_spall, name, None)
 
 
-def _first_that_does(
-    method: Method, arguments: tuple, by_strips: Callable[[int], tuple], by_cells: Callable[[], tuple]
-) -> tuple:
+def _offsets(by_spall: Defect, by_offset: jax.Array) -> jax.Array | None:
+    """The derivative by the offset, or by all offsets, of spalls."""
+    if isinstance(by_spall, tuple):
+        return jnp.where(jnp.array([isinstance(by, Spall) for by in by_spall]), by_offset, jnp.nan)
+    return by_offset if isinstance(by_spall, Spall) else None
+
+
+def _first_that_does(method: Method, arguments: Arguments, by: Callable[[Method, int], tuple]) -> tuple:
     """What the way named by `method` returns or, for "auto", strips if they do and else cells. For numbers only.
 
-    Both ways return a `ContactSolution` first; strips are told how many rolling edges may be in reach.
+    `by` takes a way and how many rolling edges may be in reach of strips, and returns a `ContactSolution` first.
     """
-    if method == "cells":
-        return by_cells()
-    edges, suited = _outlook(*arguments)
+    if method in ("cells", "lattice"):
+        return by(method, 0)
+    edges, suited = _outlook(*arguments[:4])
     if method == "strips" or suited:
-        result = by_strips(int(edges))
+        result = by("strips", int(edges))
         if method == "strips" or result[0].status_code == status.CONVERGED:
             return result
-    return by_cells()
+    return by("cells", 0)
+
+
+def _by(method: Method, arguments: Arguments, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
+    """By one way: "strips", "cells" or "lattice"."""
+    grid = grid_for(accuracy)
+    if method == "strips":
+        return _by_strips(*arguments[:4], mirrored, edges, accuracy)
+    if method == "lattice":
+        return _by_lattice(*arguments, grid.lattice, accuracy)
+    return _by_cells(*arguments[:4], grid.cells, mirrored, accuracy, arguments[4])
 
 
 def grid_for(accuracy: float) -> Grid:
@@ -230,14 +263,6 @@ def grid_for(accuracy: float) -> Grid:
     if not enough or not accuracy <= max(GRIDS):
         raise ValueError(f"accuracy = {accuracy!r} is out of range: {min(GRIDS):g} … {max(GRIDS):g}")
     return GRIDS[max(enough)]
-
-
-def is_symmetric(spall: Spall | None) -> bool:
-    """Whether the contact is known to be symmetric about the roller's middle: no spall, or `axial_offset` a plain 0."""
-    if spall is None:
-        return True
-    known = not isinstance(spall.axial_offset, jax.core.Tracer)
-    return known and float(spall.axial_offset) == 0.0
 
 
 @jax.jit
@@ -252,25 +277,59 @@ def _outlook(
 def _by_cells(
     contact: LineContact,
     load: jax.Array,
-    spall: Spall | None,
+    spall: Defect,
     offset: jax.Array,
     resolution: Resolution,
     mirrored: bool,
     accuracy: float,
+    tilt: jax.Array | None = None,
 ) -> ContactSolution:
     """By projected gradient on cells."""
-    cells, domain_status, gap = _stage(contact, load, spall, offset, resolution, mirrored)
+    cells, code, gap = _stage(contact, load, spall, offset, resolution, mirrored, tilt)
+    matrix = halfspace.influence(cells, jnp.asarray(contact.modulus))
+    return _pressed(contact, load, spall, offset, tilt, cells, gap, matrix, code, accuracy)
+
+
+@partial(jax.jit, static_argnames=("size", "accuracy"))
+def _by_lattice(
+    contact: LineContact,
+    load: jax.Array,
+    spall: Defect,
+    offset: jax.Array,
+    tilt: jax.Array | None,
+    size: tuple[int, int],
+    accuracy: float,
+) -> ContactSolution:
+    """By projected gradient on a uniform lattice."""
+    defects = listed(spall)
+    cells, depth = lattice.fitted(contact, load, defects, jnp.broadcast_to(offset, (len(defects),)), size, tilt)
+    gap = gaps.undeformed(cells, contact, tilt) + depth
+    matrix = lattice.influence(cells, jnp.asarray(contact.modulus))
+    code = jnp.asarray(status.CONVERGED)
+    return _pressed(contact, load, spall, offset, tilt, cells, gap, matrix, code, accuracy)
+
+
+def _pressed(
+    contact: LineContact, load: jax.Array, spall: Defect, offset: jax.Array, tilt: jax.Array | None, cells: Cells,
+    gap: jax.Array, matrix: halfspace.Operator, code: jax.Array, accuracy: float,
+) -> ContactSolution:  # fmt: skip
+    """The solution on cells by their influence `matrix`; `code` says whether the cells do."""
     level = jax.lax.stop_gradient(0.4 * jnp.max(gaps.curvature(cells, contact.radius)))
-    force, approach, residual, iterations = press(cells, contact.modulus, gap, load, level)
-    code = status.worst(
-        domain_status, _verdict(approach, residual, TOLERANCE), _border(cells, force > 0.0, approach, contact)
-    )
-    loaded = jnp.any(force > 0.0, axis=0)
-    extent = jnp.max(jnp.where(loaded, cells.x, -jnp.inf)) - jnp.min(jnp.where(loaded, cells.x, jnp.inf))
+    lowest = jax.lax.stop_gradient(jnp.min(gap))
+    force, approach, residual, iterations = press_by(matrix, cells.area, gap - lowest, load, level)
+    approach = approach + lowest
+    border = _border(cells, force > 0.0, approach, gap, contact)
+    code = status.worst(code, _verdict(approach, residual, TOLERANCE), border)
     return _solution(
-        contact, load, spall, offset, gap, cells, accuracy, approach=approach, force=force, width=extent + cells.pitch,
-        residual=residual, iterations=iterations, unknowns=force.size, code=code,
+        contact, load, spall, offset, gap, cells, accuracy, tilt, approach=approach, force=force,
+        width=_extent(cells, force), residual=residual, iterations=iterations, unknowns=force.size, code=code,
     )  # fmt: skip
+
+
+def _extent(cells: Cells, force: jax.Array) -> jax.Array:
+    """From the first to the last loaded column [mm]."""
+    loaded, borders = jnp.any(force > 0.0, axis=0), cells.borders
+    return jnp.max(jnp.where(loaded, borders[1:], -jnp.inf)) - jnp.min(jnp.where(loaded, borders[:-1], jnp.inf))
 
 
 @partial(jax.jit, static_argnames=("mirrored", "edges", "accuracy"))
@@ -290,7 +349,7 @@ def _by_strips(
     solved = strip_model.solve(contact, load, spall, offset, mirrored, edges, grid.strips, cells)
     code = _verdict(solved.approach, solved.change, strip_model.SETTLED)
     return _solution(
-        contact, load, spall, offset, gap, cells, accuracy, approach=solved.approach, force=solved.force,
+        contact, load, spall, offset, gap, cells, accuracy, None, approach=solved.approach, force=solved.force,
         width=solved.width, residual=solved.change, iterations=solved.passes, unknowns=solved.unknowns,
         code=jnp.where(solved.suited, code, status.UNSUITED),
     )  # fmt: skip
@@ -318,51 +377,52 @@ def _by_either(
     )  # fmt: skip
 
 
-@partial(jax.jit, static_argnums=(4, 5, 6, 7))
+@partial(jax.jit, static_argnums=(5, 6, 7, 8))
 def _slopes(
-    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array, mirrored: bool, edges: int,
-    accuracy: float, strips: bool,
+    contact: LineContact, load: jax.Array, spall: Defect, offset: jax.Array, tilt: jax.Array | None, mirrored: bool,
+    edges: int, accuracy: float, method: Method,
 ) -> tuple[ContactSolution, tuple]:  # fmt: skip
-    """The solved contact and the derivatives of its approach by the first four arguments."""
+    """The solved contact and the derivatives of its approach by the first five arguments."""
 
-    def approach(*a) -> tuple[jax.Array, ContactSolution]:
-        if strips:
-            solution = _by_strips(*a, mirrored, edges, accuracy)
-        else:
-            solution = _by_cells(*a, grid_for(accuracy).cells, mirrored, accuracy)
+    def approach(*a: Any) -> tuple[jax.Array, ContactSolution]:
+        solution = _by(method, a, mirrored, edges, accuracy)
         return solution.approach, solution
 
-    (_, solution), slopes = jax.value_and_grad(approach, (0, 1, 2, 3), has_aux=True)(contact, load, spall, offset)
+    arguments = contact, load, spall, offset, tilt
+    (_, solution), slopes = jax.value_and_grad(approach, (0, 1, 2, 3, 4), has_aux=True)(*arguments)
     return solution, slopes
 
 
 def _stage(
     contact: LineContact,
     load: jax.Array,
-    spall: Spall | None,
+    spall: Defect,
     offset: jax.Array,
     resolution: Resolution,
     mirrored: bool,
+    tilt: jax.Array | None = None,
 ) -> tuple[Cells, jax.Array, jax.Array]:
-    """Cells, whether they do, and the initial gap on them."""
-    cells, domain_status = fitted_cells(contact, load, spall, offset, resolution, mirrored)
-    gap = gaps.curvature(cells, contact.radius) + gaps.crown(cells, contact)
-    return cells, domain_status, gap if spall is None else gap + gaps.depression(cells, spall, offset)
+    """Cells, whether they do, and the initial gap on them. Spalls only: height maps are for the lattice."""
+    spall = cast(Spall | tuple[Spall, ...] | None, spall)
+    if isinstance(spall, tuple):
+        cells, depression, code = edges.fitted(contact, load, spall, offset, resolution, mirrored, tilt)
+    else:
+        cells, code = fitted_cells(contact, load, spall, offset, resolution, mirrored, tilt)
+        depression = jnp.zeros((1, 1)) if spall is None else gaps.depression(cells, spall, offset)
+    return cells, code, gaps.undeformed(cells, contact, tilt) + depression
 
 
 def _solution(
-    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array, gap: jax.Array, cells: Cells,
-    accuracy: float, *, approach: jax.Array, force: jax.Array, width: jax.Array, residual: jax.Array,
-    iterations: jax.Array, unknowns: int, code: jax.Array,
+    contact: LineContact, load: jax.Array, spall: Defect, offset: jax.Array, gap: jax.Array, cells: Cells,
+    accuracy: float, tilt: jax.Array | None, *, approach: jax.Array, force: jax.Array, width: jax.Array,
+    residual: jax.Array, iterations: jax.Array, unknowns: int, code: jax.Array,
 ) -> ContactSolution:  # fmt: skip
-    sound = contact_is_sound(contact) & (load > 0.0) & jnp.isfinite(offset)
-    if spall is not None:
-        sound = sound & spall_is_sound(spall)
-    rows = jnp.where(jnp.any(force > 0.0, axis=1), cells.area, 0.0)
-    fraction = jnp.sum(rows) / (cells.pitch * contact.length)
+    sound = is_sound((contact, load, spall, offset, tilt))
+    rows = jnp.where(jnp.any(force > 0.0, axis=1), jnp.sum(cells.area, axis=1), 0.0)
+    fraction = jnp.sum(rows) / (jnp.sum(cells.widths) * contact.length)
     return ContactSolution(
-        approach, force, cells, load, spall, offset, gap, jax.lax.stop_gradient(width), jax.lax.stop_gradient(fraction),
-        jax.lax.stop_gradient(residual), iterations.astype(int), jnp.asarray(unknowns),
+        approach, force, cells, load, spall, offset, tilt, gap, jax.lax.stop_gradient(width),
+        jax.lax.stop_gradient(fraction), jax.lax.stop_gradient(residual), iterations.astype(int), jnp.asarray(unknowns),
         jnp.where(sound, code, status.BAD_INPUT), accuracy,
     )  # fmt: skip
 
@@ -372,10 +432,10 @@ def _verdict(approach: jax.Array, residual: jax.Array, tolerance: float) -> jax.
     return jnp.where(jnp.isfinite(approach), converged, status.BAD_INPUT)
 
 
-def _border(cells: Cells, loaded: jax.Array, approach: jax.Array, contact: LineContact) -> jax.Array:
-    """Whether pressure is cut off by the domain's border: not by a roller's end, nor where the crown is too high."""
-    crown = gaps.crown_at(cells.lines, contact)
-    touched = jnp.any(loaded[:, 0] | loaded[:, -1]) | (jnp.any(loaded[-1]) & (crown[-1] < approach))
-    if not cells.mirrored:
-        touched = touched | (jnp.any(loaded[0]) & (crown[0] < approach))
+def _border(cells: Cells, loaded: jax.Array, approach: jax.Array, gap: jax.Array, contact: LineContact) -> jax.Array:
+    """Whether pressure is cut off by the domain's border: not by a roller's end, nor where the gap there rises above
+    the approach, being the crown's beyond the mean of the last row."""
+    rise = gaps.crown_at(cells.lines, contact)[jnp.array([0, -1])] - gaps.crown(cells, contact)[jnp.array([0, -1]), 0]
+    at_ends = loaded[jnp.array([0, -1])] & (gap[jnp.array([0, -1])] + rise[:, None] < approach)
+    touched = jnp.any(loaded[:, 0] | loaded[:, -1]) | jnp.any(at_ends[1 if cells.mirrored else 0 :])
     return jnp.where(touched, status.TOUCHES_BORDER, status.CONVERGED)

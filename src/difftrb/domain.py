@@ -6,10 +6,11 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from difftrb import gap as gaps
 from difftrb import halfspace, hertz, status
-from difftrb.geometry import LineContact, Spall
+from difftrb.geometry import LineContact, Real, Spall
 from difftrb.halfspace import Cells
 
 
@@ -30,29 +31,31 @@ def fitted_cells(
     offset: jax.Array,
     resolution: Resolution,
     mirrored: bool,
+    tilt: jax.Array | None = None,
 ) -> tuple[Cells, jax.Array]:
     """Cells for one contact: they span where pressure can be, and have boundaries on the spall's edges."""
-    reach_x, reach_y = domain(contact, load, spall)
+    reach_x, bottom, top = domain(contact, load, () if spall is None else (spall,), tilt)
+    reach_y = 0.5 * (top - bottom)
     reach_x = reach_x * (1.0 + 2.0 / resolution.columns)  # the lattice may slide by half a cell, borders stay unloaded
     if spall is None:
         nowhere = jnp.asarray(jnp.inf)
         pitch, x = halfspace.lattice(reach_x, resolution.columns, -nowhere, nowhere)
         half = halfspace.graded(jnp.zeros(()), reach_y, resolution.land, at_start=False, at_end=True)
-        lines = half if mirrored else jnp.concatenate([-half[:0:-1], half])
+        lines = half if mirrored else 0.5 * (bottom + top) + jnp.concatenate([-half[:0:-1], half])
         return Cells(pitch, x, lines, mirrored), jnp.asarray(status.CONVERGED)
 
     pitch, x = halfspace.lattice(reach_x, resolution.columns, offset - 0.5 * spall.width, offset + 0.5 * spall.width)
     sliver = 2e-3 * reach_y  # no segment of the grid is thinner
-    high = jnp.clip(spall.axial_offset + 0.5 * spall.length, -reach_y + 2.0 * sliver, reach_y - sliver)
+    high = jnp.clip(spall.axial_offset + 0.5 * spall.length, bottom + 2.0 * sliver, top - sliver)
     if mirrored:
         edge = jnp.maximum(high, sliver)
-        land = _beyond_edge(halfspace.graded(edge, reach_y, resolution.land, at_start=True, at_end=True), edge)
+        land = _beyond_edge(halfspace.graded(edge, top, resolution.land, at_start=True, at_end=True), edge)
         hollow = halfspace.graded(jnp.zeros(()), land[0], resolution.spall, at_start=False, at_end=True)
         lines = jnp.concatenate([hollow, land[1:]])
     else:
-        low = jnp.clip(spall.axial_offset - 0.5 * spall.length, -reach_y + sliver, high - sliver)
-        upper = halfspace.graded(high, reach_y, resolution.land, at_start=True, at_end=True)
-        lower = halfspace.graded(-low, reach_y, resolution.land, at_start=True, at_end=True)
+        low = jnp.clip(spall.axial_offset - 0.5 * spall.length, bottom + sliver, high - sliver)
+        upper = halfspace.graded(high, top, resolution.land, at_start=True, at_end=True)
+        lower = halfspace.graded(-low, -bottom, resolution.land, at_start=True, at_end=True)
         upper, lower = _beyond_edge(upper, 0.5 * (high - low)), -_beyond_edge(lower, 0.5 * (high - low))[::-1]
         hollow = halfspace.graded(lower[-1], upper[0], 2 * resolution.spall, at_start=True, at_end=True)
         lines = jnp.concatenate([lower, hollow[1:-1], upper])
@@ -67,52 +70,150 @@ def _beyond_edge(land: jax.Array, room: jax.Array) -> jax.Array:
     return land.at[0].add(-jnp.minimum(halfspace.EDGE_SHIFT * (land[1] - land[0]), 0.5 * room))
 
 
-def domain(contact: LineContact, load: jax.Array, spall: Spall | None) -> tuple[jax.Array, jax.Array]:
-    """Half extents of the solution domain in x and y [mm]: where the gap is less than an upper estimate of δ.
+def domain(
+    contact: LineContact, load: jax.Array, spalls: tuple[Spall, ...], tilt: jax.Array | None = None
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Half extent of the solution domain in x, its ends in y [mm]: where the gap is less than an upper estimate of δ.
 
-    The estimate is a foundation of independent slices, each with the stiffness of a long line contact, of which the
+    The estimate is a foundation of independent slices, each with the stiffness of a long line contact, of which a
     spall carries nothing. Extents are differentiated like everything else: the grid breathes with the contact, so the
     free boundary keeps its place among the cells and derivatives by load and radius do not ripple.
     """
     half = 0.5 * contact.length
+    needed = needed_by_slices(contact, load)
+    zero = jnp.zeros(())
+    delta = _sunk(contact, needed, zero, zero, jnp.ones(2), tilt)
+    if len(spalls) == 1:
+        low, high = edges_along(contact, spalls[0])
+        sunk = _sunk(contact, needed, low, high, jnp.ones(2), tilt)
+    elif spalls:
+        sunk = _sunk_beside(contact, needed, spalls, tilt)
+    if spalls:
+        depth = jnp.max(jnp.stack([jnp.asarray(spall.depth, float) for spall in spalls]))
+        delta = jnp.minimum(sunk, delta + depth)  # at most down to its bottom
+    return extents(contact, delta, half, tilt)
+
+
+def needed_by_slices(contact: LineContact, load: jax.Array) -> jax.Array:
+    """The load in the unit of slices that all have the stiffness of a long line contact [mm²]."""
     half_width = hertz.line_half_width(load / contact.length, contact.radius, contact.modulus)
-    slice_stiffness = jnp.pi * contact.modulus / (2.0 * jnp.log(4.0 * half / half_width) + 1.0)  # long cylinder
-    needed = load / slice_stiffness
-    delta = _sunk(contact, needed, jnp.zeros(()), jnp.zeros(()), jnp.ones(2))
-    if spall is not None:
-        low, high = (jnp.clip(spall.axial_offset + side * 0.5 * spall.length, -half, half) for side in (-1.0, 1.0))
-        delta = jnp.minimum(
-            _sunk(contact, needed, low, high, jnp.ones(2)), delta + spall.depth
-        )  # at most down to its bottom
-    delta = 1.15 * delta
+    return load * (2.0 * jnp.log(2.0 * contact.length / half_width) + 1.0) / (jnp.pi * contact.modulus)  # long cylinder
+
+
+def edges_along(contact: LineContact, spall: Spall) -> tuple[jax.Array, jax.Array]:
+    """Where a spall begins and ends along the roller [mm], not beyond the roller's ends."""
+    half = 0.5 * contact.length
+    low, high = (jnp.clip(spall.axial_offset + side * 0.5 * spall.length, -half, half) for side in (-1.0, 1.0))
+    return low, high
+
+
+def extents(
+    contact: LineContact, delta: jax.Array, half: Real, tilt: jax.Array | None
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The domain of a contact whose approach is estimated as `delta` [mm]: see `domain`."""
     scale = gaps.crown_scale(contact)
-    unloaded = jnp.where(scale > 0.0, jnp.exp(-delta / jnp.where(scale > 0.0, scale, 1.0)), 0.0)
-    reach_y = half * jnp.sqrt(1.0 - unloaded)
+    if tilt is None:
+        delta = 1.15 * delta
+        unloaded = jnp.where(scale > 0.0, jnp.exp(-delta / jnp.where(scale > 0.0, scale, 1.0)), 0.0)
+        top = half * jnp.sqrt(1.0 - unloaded)
+        bottom = -top
+    else:
+        least = _least_rest(contact, tilt)
+        delta = 1.15 * (delta - least)
+        bottom, top = (_reach(contact, delta + least, tilt, side) for side in (-1.0, 1.0))
     certain = jnp.sqrt(2.0 * contact.radius * delta)  # beyond it the gap exceeds the approach
-    slenderness = jnp.maximum(2.0 * jnp.log(4.0 * reach_y / certain) + 1.0, 3.0)
+    slenderness = jnp.maximum(2.0 * jnp.log(2.0 * (top - bottom) / certain) + 1.0, 3.0)
     # slices, and a margin for the peaks at spall edges and, where the crown no longer relieves them, at roller ends
     margin = 1.75 + 2.0 * jnp.clip((delta / 100.0 - scale) / (scale + 1e-12 * delta), 0.0, 1.0)
     widest = margin * jnp.sqrt(4.0 * contact.radius * delta / slenderness)
-    return jnp.minimum(certain, widest), reach_y
+    return jnp.minimum(certain, widest), bottom, top
 
 
-def _sunk(contact: LineContact, needed: jax.Array, low: jax.Array, high: jax.Array, stiffness: jax.Array) -> jax.Array:
+def _least_rest(contact: LineContact, tilt: jax.Array) -> jax.Array:
+    """The least gap of a tilted, crowned roller along its line [mm], at most 0."""
+    half = 0.5 * contact.length
+    scale, rise = gaps.crown_scale(contact), half * tilt
+    root = jnp.sqrt(scale * scale + rise * rise + 1e-30 * half**2)
+    t = -rise / (scale + root)
+    crown = scale * jnp.log1p(-jnp.clip(t * t, 0.0, 1.0 - 1e-15))
+    return rise * t - crown
+
+
+def _reach(contact: LineContact, delta: jax.Array, tilt: jax.Array, side: float) -> jax.Array:
+    """Where on one `side` the gap of a tilted roller along its line exceeds `delta` [mm]; at most at its end."""
+    half = 0.5 * contact.length
+    scale, rise = gaps.crown_scale(contact), half * tilt
+    root = jnp.sqrt(scale * scale + rise * rise + 1e-30 * half**2)
+    flat = -rise / (scale + root)  # where the gap is least
+
+    def beyond(t: jax.Array) -> tuple[jax.Array, jax.Array]:
+        room = jnp.maximum(1.0 - t * t, 1e-15)
+        return rise * t - scale * jnp.log(room) - delta, rise + 2.0 * scale * t / room
+
+    def bisect(_: int, state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        inner, outer = state
+        t = 0.5 * (inner + outer)
+        out = beyond(t)[0] > 0.0
+        return jnp.where(out, inner, t), jnp.where(out, t, outer)
+
+    found, _ = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, bisect, (flat, jnp.asarray(side))))
+    value, slope = beyond(found)
+    free = jnp.abs(found) < 1.0 - 1e-9  # else the roller's end is the end
+    step = jnp.where(free, value / jnp.where(free, slope, 1.0), 0.0)
+    return half * jnp.where(free, found - step, side)  # one step from the solution carries its derivatives
+
+
+def _sunk(
+    contact: LineContact, needed: jax.Array, low: jax.Array, high: jax.Array, stiffness: jax.Array,
+    tilt: jax.Array | None = None,
+) -> jax.Array:  # fmt: skip
     """The approach at which slices carry `needed`: those above `high` and those below `low`, of given stiffnesses."""
     half = 0.5 * contact.length
-    s = (jnp.arange(64) + 0.5) / 64.0
     land = jnp.maximum(jnp.stack([half - high, low + half]), 1e-3 * half)
-    y = jnp.stack([high, -low])[:, None] + land[:, None] * (s**3)[None, :]
-    weight = (stiffness * land)[:, None] * (3.0 * s**2 / 64.0)[None, :]
-    crown = gaps.crown_at(jnp.minimum(jnp.abs(y), half * (1.0 - 1e-9)), contact)
+    return _carried(contact, needed, jnp.stack([high, low]), land * np.array([1.0, -1.0]), stiffness, tilt)
+
+
+def _sunk_beside(
+    contact: LineContact, needed: jax.Array, spalls: tuple[Spall, ...], tilt: jax.Array | None
+) -> jax.Array:
+    """The approach at which slices beside all the spalls carry `needed`."""
+    half = 0.5 * contact.length
+    lows, highs = (jnp.stack(edge) for edge in zip(*(edges_along(contact, spall) for spall in spalls), strict=True))
+    breaks = jnp.sort(jnp.concatenate([lows, highs, jnp.array([-half, half])]))
+    middle = 0.5 * (breaks[1:] + breaks[:-1])
+    covered = jnp.any((lows[None, :] <= middle[:, None]) & (middle[:, None] < highs[None, :]), axis=1)
+    stiffness = jnp.where(covered, 1e-3, 1.0)
+    land = jnp.diff(breaks) + 1e-3 * half
+    return _carried(contact, needed, breaks[:-1], land, stiffness, tilt)
+
+
+def _carried(
+    contact: LineContact, needed: jax.Array, start: jax.Array, land: jax.Array, stiffness: jax.Array,
+    tilt: jax.Array | None,
+) -> jax.Array:  # fmt: skip
+    """The approach at which slices carry `needed`: on each land from `start` on, `land` [mm] long (down, if negative).
+
+    All shapes (lands,).
+    """
+    half = 0.5 * contact.length
+    s = (jnp.arange(64) + 0.5) / 64.0
+    y = start[:, None] + land[:, None] * (s**3)[None, :]
+    weight = (stiffness * jnp.abs(land))[:, None] * (3.0 * s**2 / 64.0)[None, :]
+    rest = gaps.rest_at(jnp.clip(y, -half * (1.0 - 1e-9), half * (1.0 - 1e-9)), contact, tilt)
+    return carried(needed, weight, rest)
+
+
+def carried(needed: jax.Array, weight: jax.Array, rest: jax.Array, steps: int = 30) -> jax.Array:
+    """The approach [mm] at which slices that weigh `weight` [mm] and begin at `rest` [mm] carry `needed` [mm²]."""
 
     def newton(_: int, delta: jax.Array) -> jax.Array:
-        pressed = delta > crown
-        carried = jnp.sum(jnp.where(pressed, weight * (delta - crown), 0.0))
+        pressed = delta > rest
+        held = jnp.sum(jnp.where(pressed, weight * (delta - rest), 0.0))
         slope = jnp.sum(jnp.where(pressed, weight, 0.0))
-        return delta - (carried - needed) / jnp.maximum(slope, jnp.min(weight))
+        return delta - (held - needed) / jnp.maximum(slope, jnp.min(weight))
 
-    start = needed / jnp.sum(weight) + jnp.max(crown)
-    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, 30, newton, start))
+    begin = needed / jnp.sum(weight) + jnp.max(rest)
+    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, steps, newton, begin))
     return newton(0, found)  # one step from the solution carries its derivatives
 
 

@@ -11,13 +11,19 @@ from difftrb.halfspace import Cells
 
 def curvature(cells: Cells, radius: Real) -> jax.Array:
     """x²/(2R), shape (1, columns)."""
-    return ((cells.x**2 + cells.pitch**2 / 12.0) / (2.0 * radius))[None, :]
+    return ((cells.x**2 + cells.widths**2 / 12.0) / (2.0 * radius))[None, :]
+
+
+def tilt(cells: Cells, slope: Real) -> jax.Array:
+    """`slope`·y of a roller turned by `slope` [rad] about its middle, shape (rows, 1)."""
+    return (slope * cells.y)[:, None]
 
 
 def crown(cells: Cells, contact: LineContact) -> jax.Array:
     """Logarithmic crown of the roller, shape (rows, 1); integrable where it is infinite, at the roller's ends."""
     t = jnp.clip(2.0 * cells.lines / contact.length, -1.0, 1.0)
-    mean = jnp.diff(_log_integral(t)) / jnp.diff(t)
+    inside = jnp.diff(t)
+    mean = jnp.diff(_log_integral(t)) / jnp.where(inside > 0.0, inside, 1.0)
     return (crown_scale(contact) * mean)[:, None]
 
 
@@ -42,6 +48,17 @@ def _log_integral(t: jax.Array) -> jax.Array:
 def xlogx(v: jax.Array) -> jax.Array:
     """v ln v, 0 at 0."""
     return v * jnp.log(jnp.where(v > 0.0, v, 1.0))
+
+
+def undeformed(cells: Cells, contact: LineContact, slope: Real | None) -> jax.Array:
+    """Curvature, crown and tilt (None: not tilted), shape (rows, columns)."""
+    gap = curvature(cells, contact.radius) + crown(cells, contact)
+    return gap if slope is None else gap + tilt(cells, slope)
+
+
+def rest_at(y: jax.Array, contact: LineContact, slope: Real | None) -> jax.Array:
+    """Gap along the roller's line x = 0 at positions `y` [mm], from crown and tilt (None: not tilted)."""
+    return crown_at(y, contact) if slope is None else crown_at(y, contact) + slope * y
 
 
 def depression(cells: Cells, spall: Spall, offset: Real) -> jax.Array:

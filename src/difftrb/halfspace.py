@@ -2,13 +2,16 @@
 
 Cells form a tensor grid: equal pitch across the contact (x, rolling direction), graded lines along it (y, the
 roller). Forces live on cells, array shape (rows along y, cells along x). The displacement of a cell is its mean
-(Galerkin), so the influence matrix is symmetric; it depends on x by differences alone and is applied by FFT.
+(Galerkin), so the influence matrix is symmetric; it depends on x by differences alone and is applied by FFT. A few
+columns may be of another width, where a line had to move to an edge: their part is kept as it is.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import partial
+from typing import Protocol, Self
 
 import jax
 import jax.numpy as jnp
@@ -18,22 +21,38 @@ import jax.numpy as jnp
 EDGE_SHIFT = 0.11505
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["pitch", "x", "lines"], meta_fields=["mirrored"])
+@partial(jax.tree_util.register_dataclass, data_fields=["columns", "borders"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class Uneven:
+    """Columns of cells that are not as wide as the others.
+
+    Attributes:
+      columns: which, shape (uneven,); one that stands there twice counts once.
+      borders: all cell boundaries in x [mm], shape (columns + 1,), increasing.
+    """
+
+    columns: jax.Array
+    borders: jax.Array
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["pitch", "x", "lines", "uneven"], meta_fields=["mirrored"])
 @dataclasses.dataclass(frozen=True)
 class Cells:
     """A tensor grid of pressure cells.
 
     Attributes:
-      pitch: width of every cell in x [mm].
+      pitch: width of every cell in x [mm], but of those that are `uneven`.
       x: cell centres in x [mm], shape (columns,).
       lines: cell boundaries in y [mm], shape (rows + 1,), increasing.
       mirrored: the grid is the half y ≥ 0 of a contact symmetric about y = 0; a cell's force then counts both halves.
+      uneven: columns of another width; None (default): there are none.
     """
 
     pitch: jax.Array
     x: jax.Array
     lines: jax.Array
     mirrored: bool
+    uneven: Uneven | None = None
 
     @property
     def y(self) -> jax.Array:
@@ -41,9 +60,38 @@ class Cells:
         return 0.5 * (self.lines[1:] + self.lines[:-1])
 
     @property
+    def borders(self) -> jax.Array:
+        """Cell boundaries in x [mm], shape (columns + 1,)."""
+        if self.uneven is not None:
+            return self.uneven.borders
+        return jnp.concatenate([self.x - 0.5 * self.pitch, self.x[-1:] + 0.5 * self.pitch])
+
+    @property
+    def widths(self) -> jax.Array:
+        """Of the columns [mm], shape (columns,)."""
+        return jnp.broadcast_to(self.pitch, self.x.shape) if self.uneven is None else jnp.diff(self.uneven.borders)
+
+    @property
     def area(self) -> jax.Array:
-        """Area of the cells of a row (of both mirror images) [mm²], shape (rows,)."""
-        return (2.0 if self.mirrored else 1.0) * self.pitch * jnp.diff(self.lines)
+        """Of the cells (of both mirror images) [mm²], shape (rows, columns)."""
+        return (2.0 if self.mirrored else 1.0) * jnp.diff(self.lines)[:, None] * self.widths[None, :]
+
+
+class Operator(Protocol):
+    """What the press asks of a half-space: `displacement` and a positive `diagonal` that broadcasts to the forces."""
+
+    @property
+    def diagonal(self) -> jax.Array:
+        """Displacement of every cell by a unit force on itself [mm/N]."""
+        ...
+
+    def displacement(self, force: jax.Array) -> jax.Array:
+        """Of all cells [mm] by the forces on them [N], linear and symmetric."""
+        ...
+
+    def scaled(self, factor: jax.Array) -> Self:
+        """`factor` times the operator."""
+        ...
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["spectrum", "diagonal"], meta_fields=[])
@@ -58,6 +106,43 @@ class Influence:
 
     spectrum: jax.Array
     diagonal: jax.Array
+
+    def displacement(self, force: jax.Array) -> jax.Array:
+        columns = force.shape[1]
+        transformed = jnp.fft.rfft(force, 2 * columns, axis=1).T
+        parts = jnp.stack([transformed.real, transformed.imag], axis=-1)
+        product = jnp.matmul(self.spectrum, parts)
+        return jnp.fft.irfft((product[..., 0] + 1j * product[..., 1]).T, 2 * columns, axis=1)[:, :columns]
+
+    def scaled(self, factor: jax.Array) -> Influence:
+        return Influence(factor * self.spectrum, factor * self.diagonal)
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["even", "patch", "place", "diagonal"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class PatchedInfluence:
+    """The same with columns of another width, whose part is not of differences.
+
+    Attributes:
+      even: as if all columns were even.
+      patch: displacement of all cells by a unit force on one of an uneven column, shape (uneven, columns, rows, rows).
+      place: 1 where an uneven column stands, shape (uneven, columns).
+      diagonal: influence of a cell on itself, shape (rows, columns).
+    """
+
+    even: Influence
+    patch: jax.Array
+    place: jax.Array
+    diagonal: jax.Array
+
+    def displacement(self, force: jax.Array) -> jax.Array:
+        keep = 1.0 - jnp.sum(self.place, axis=0)[None, :]
+        from_uneven = jnp.einsum("mjab,mb->aj", self.patch, self.place @ force.T)
+        on_uneven = jnp.einsum("mjab,aj->mb", self.patch, keep * force)
+        return keep * self.even.displacement(keep * force) + from_uneven + on_uneven.T @ self.place
+
+    def scaled(self, factor: jax.Array) -> PatchedInfluence:
+        return PatchedInfluence(self.even.scaled(factor), factor * self.patch, self.place, factor * self.diagonal)
 
 
 def graded(start: jax.Array, end: jax.Array, count: int, at_start: bool, at_end: bool, even: float = 0.05) -> jax.Array:
@@ -97,7 +182,7 @@ def lattice(half_width: jax.Array, columns: int, left: jax.Array, right: jax.Arr
 
 
 @jax.custom_jvp
-def _primitive(x: jax.Array, y: jax.Array) -> jax.Array:
+def primitive(x: jax.Array, y: jax.Array) -> jax.Array:
     """Fourth antiderivative of 1/r, twice in x and twice in y, even in both.
 
     |y|³/6 is left out of the true r³/6: it is the same for every x, and rounding it would spoil small distant cells.
@@ -105,7 +190,7 @@ def _primitive(x: jax.Array, y: jax.Array) -> jax.Array:
     return _primitive_and_slopes(x, y)[0]
 
 
-@_primitive.defjvp
+@primitive.defjvp
 def _(primals: tuple[jax.Array, jax.Array], tangents: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
     value, by_x, by_y = _primitive_and_slopes(*primals)
     return value, by_x * tangents[0] + by_y * tangents[1]
@@ -127,7 +212,7 @@ def _primitive_and_slopes(x: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Ar
     return value, by_x, by_y
 
 
-def influence(cells: Cells, modulus: jax.Array) -> Influence:
+def influence(cells: Cells, modulus: jax.Array) -> Influence | PatchedInfluence:
     """Mean displacement [mm] of a cell by a unit force [N] spread evenly over another.
 
     u = 1/(πE') ∬ p/r dA (Liu et al. 2018, eq. 1), averaged over the receiving cell: the half-space of Love 1929.
@@ -135,36 +220,61 @@ def influence(cells: Cells, modulus: jax.Array) -> Influence:
     columns = cells.x.shape[0]
     lags = cells.pitch * jnp.arange(-1, columns + 2)
 
-    def between(distance: jax.Array) -> jax.Array:
-        g = _primitive(lags[:, None, None], distance[None])
+    def across(distance: jax.Array) -> jax.Array:
+        g = primitive(lags[:, None], distance[None])
         return g[2:] - 2.0 * g[1:-1] + g[:-2]
 
-    y, rows = cells.lines, cells.lines.shape[0]
-    upper = jnp.triu_indices(rows)
-    full = jnp.zeros((columns + 1, rows, rows))
+    kernel = _along(cells, across) / (jnp.pi * modulus * cells.pitch**2)
+    circle = jnp.concatenate([kernel, kernel[-2:0:-1]])  # even extension: a symmetric circulant has a real spectrum
+    even = Influence(jnp.fft.rfft(circle, axis=0).real, jnp.diagonal(kernel[0])[:, None])
+    return even if cells.uneven is None else _patched(cells, cells.uneven, even, modulus)
+
+
+def _patched(cells: Cells, uneven: Uneven, even: Influence, modulus: jax.Array) -> PatchedInfluence:
+    """`even` with the true influence of uneven columns in place of what it has for them."""
+    columns, borders = uneven.columns, uneven.borders
+    lags = jnp.stack([borders[columns], borders[columns + 1]], axis=1)[:, :, None] - borders[None, None, :]
+
+    def across(distance: jax.Array) -> jax.Array:
+        g = primitive(lags[..., None], distance[None, None, None])
+        g = g[:, 1] - g[:, 0]
+        return g[:, :-1] - g[:, 1:]
+
+    width = jnp.diff(borders)
+    kernel = _along(cells, across) / (jnp.pi * modulus * width[columns][:, None] * width[None])[..., None, None]
+    first = jnp.sum(jnp.tril(columns[:, None] == columns[None, :], -1), axis=1) == 0
+    place = (first[:, None] & (columns[:, None] == jnp.arange(width.shape[0])[None, :])).astype(float)
+    own = jnp.diagonal(jnp.einsum("mjab,mj->mab", kernel, place), axis1=1, axis2=2)
+    diagonal = even.diagonal * (1.0 - jnp.sum(place, axis=0)[None, :]) + own.T @ place
+    return PatchedInfluence(even, kernel, place, diagonal)
+
+
+def _along(cells: Cells, across: Callable[[jax.Array], jax.Array]) -> jax.Array:
+    """Mean over the receiving row of what a unit force spread over another does: shape (…, rows, rows).
+
+    `across` takes distances in y, shape (pairs of lines,), to the second difference in x of the primitive at these
+    distances, shape (…, pairs).
+    """
+    y, lines = cells.lines, cells.lines.shape[0]
+    upper = jnp.triu_indices(lines)
 
     def pairs(distance: jax.Array) -> jax.Array:  # the distance is symmetric up to sign, the primitive even
-        half = between(distance[upper][None])[:, 0]
-        filled = full.at[:, upper[0], upper[1]].set(half)
-        return filled.at[:, upper[1], upper[0]].set(half)
+        half = across(distance[upper])
+        full = jnp.zeros((*half.shape[:-1], lines, lines))
+        filled = full.at[..., upper[0], upper[1]].set(half)
+        return filled.at[..., upper[1], upper[0]].set(half)
 
     def over_cells(t: jax.Array) -> jax.Array:
-        return t[:, 1:, 1:] - t[:, :-1, 1:] - t[:, 1:, :-1] + t[:, :-1, :-1]
+        return t[..., 1:, 1:] - t[..., :-1, 1:] - t[..., 1:, :-1] + t[..., :-1, :-1]
 
     kernel = -over_cells(pairs(y[:, None] - y[None, :]))
     if cells.mirrored:
         kernel = kernel + over_cells(pairs(y[:, None] + y[None, :]))
-    side = cells.pitch * jnp.diff(y)
-    images = 2.0 if cells.mirrored else 1.0
-    kernel = kernel / (jnp.pi * modulus * images * side[:, None] * side[None, :])[None]
-    circle = jnp.concatenate([kernel, kernel[-2:0:-1]])  # even extension: a symmetric circulant has a real spectrum
-    return Influence(jnp.fft.rfft(circle, axis=0).real, jnp.diagonal(kernel[0])[:, None])
+    side = jnp.diff(y)
+    sides = (2.0 if cells.mirrored else 1.0) * side[:, None] * side[None, :]
+    return kernel / sides.reshape((1,) * (kernel.ndim - 2) + sides.shape)
 
 
-def displacement(matrix: Influence, force: jax.Array) -> jax.Array:
+def displacement(matrix: Operator, force: jax.Array) -> jax.Array:
     """Mean normal displacement of every cell [mm] by the cell forces [N]; both of shape (rows, columns)."""
-    columns = force.shape[1]
-    transformed = jnp.fft.rfft(force, 2 * columns, axis=1).T
-    parts = jnp.stack([transformed.real, transformed.imag], axis=-1)
-    product = jnp.matmul(matrix.spectrum, parts)
-    return jnp.fft.irfft((product[..., 0] + 1j * product[..., 1]).T, 2 * columns, axis=1)[:, :columns]
+    return matrix.displacement(force)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb import contact as contacts
-from difftrb import hertz, status
+from difftrb import given, hertz, status
 from difftrb.geometry import LineContact, Real, Spall
 
 NAMES = ("palmgren", "power", "liu2018")
@@ -194,7 +194,7 @@ def power_law(
     """
     status.require_float64()
     shape = spall if spall is not None else Spall(length=1.0, width=10.0)
-    return _fit(contact, load_range, shape, accuracy, contacts.is_symmetric(shape))
+    return _fit(contact, load_range, shape, accuracy, given.is_symmetric(shape))
 
 
 @partial(jax.jit, static_argnames=("accuracy", "mirrored"))

@@ -19,9 +19,9 @@ import numpy as np
 
 from difftrb import gap as gaps
 from difftrb import implicit, rows, status
-from difftrb.contact import is_symmetric
 from difftrb.domain import reach_of_strips
 from difftrb.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
+from difftrb.given import is_symmetric
 
 EDGE = 0.062  # python experiments/edge_constant.py: mean of its last row, whose lands differ by 0.004
 AWAY = 3.0  # half-widths from a spall's end to the middle of where its load is taken

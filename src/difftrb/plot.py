@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from difftrb.contact import ContactSolution
 from difftrb.geometry import arc_radius
+from difftrb.heightmap import HeightMap
 from difftrb.scene import Assessment, Scene
 
 HEALTHY, SPALLED, ACCENT = "#4477AA", "#EE6677", "#BBBBBB"  # colour-blind safe (Tol, bright)
@@ -57,8 +58,7 @@ def pressure_map(solution: ContactSolution, ax: Axes | None = None) -> Axes:
     if ax is None:
         _, ax = plt.subplots(figsize=(7.0, 3.2), layout="constrained")
     cells = solution.cells
-    x_lines = np.append(np.asarray(cells.x) - 0.5 * float(cells.pitch), float(cells.x[-1]) + 0.5 * float(cells.pitch))
-    lines, pressure = np.asarray(cells.lines), np.asarray(solution.pressure)
+    x_lines, lines, pressure = np.asarray(cells.borders), np.asarray(cells.lines), np.asarray(solution.pressure)
     if cells.mirrored:
         lines = np.concatenate([-lines[:0:-1], lines])
         pressure = np.concatenate([pressure[::-1], pressure])
@@ -67,11 +67,14 @@ def pressure_map(solution: ContactSolution, ax: Axes | None = None) -> Axes:
     shown = np.ma.masked_where(~loaded, pressure)
     mesh = ax.pcolormesh(lines, x_lines, shown.T, cmap="viridis", vmin=0.0, vmax=limit, shading="flat", rasterized=True)
     ax.figure.colorbar(mesh, ax=ax, label="pressure [MPa]", extend="max")
-    spall = solution.spall
-    if spall is not None:
-        corner = (float(spall.axial_offset - 0.5 * spall.length), float(solution.offset - 0.5 * spall.width))
-        outline = {"facecolor": ACCENT, "alpha": 0.35, "edgecolor": "black", "linestyle": "--", "label": "spall"}
-        ax.add_patch(Rectangle(corner, float(spall.length), float(spall.width), zorder=0, **outline))
+    spalls = solution.spalls
+    for i, (spall, offset) in enumerate(spalls):
+        length, width = spall.extent if isinstance(spall, HeightMap) else (spall.length, spall.width)
+        corner = (float(spall.axial_offset - 0.5 * length), float(offset - 0.5 * width))
+        outline = {"facecolor": ACCENT, "alpha": 0.35, "edgecolor": "black", "linestyle": "--"}
+        label = "spall" if i == 0 else None
+        ax.add_patch(Rectangle(corner, float(length), float(width), zorder=0, label=label, **outline))
+    if spalls:
         ax.legend(loc="upper right", frameon=False)
     rows, columns = loaded.any(axis=1), loaded.any(axis=0)
     reach = 1.3 * np.max(np.abs(np.asarray(cells.x)[columns])) if columns.any() else float(x_lines[-1])

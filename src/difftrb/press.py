@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from difftrb import halfspace, implicit
 from difftrb.geometry import Real
-from difftrb.halfspace import Cells, Influence
+from difftrb.halfspace import Cells, Operator
 
 TOLERANCE = 1e-11
 """Largest violation of the contact conditions, relative to the approach, at which a solve counts as converged."""
@@ -33,8 +33,12 @@ def press(cells: Cells, modulus: Real, gap: jax.Array, load: Real, level: Real) 
 
     Derivatives come from `implicit.pressed`: one linear solve, forward and reverse.
     """
-    matrix = halfspace.influence(cells, jnp.asarray(modulus))
-    guess = first_guess(cells, gap, level)
+    return press_by(halfspace.influence(cells, jnp.asarray(modulus)), cells.area, gap, load, level)
+
+
+def press_by(matrix: Operator, area: jax.Array, gap: jax.Array, load: Real, level: Real) -> implicit.Pressed:
+    """The same by any operator of a half-space; `area` of the cells [mm²], shape (rows, columns)."""
+    guess = first_guess(area, gap, level)
     return implicit.pressed(halfspace.displacement, _press, _respond, guess, matrix, gap, jnp.asarray(load))
 
 
@@ -48,16 +52,15 @@ class Guess(NamedTuple):
     expected: jax.Array
 
 
-def first_guess(cells: Cells, gap: jax.Array, level: Real) -> Guess:
+def first_guess(area: jax.Array, gap: jax.Array, level: Real) -> Guess:
     """A half-ellipse where the gap is below `level` [mm], everywhere if it nowhere is; a bell about it is expected."""
-    area = cells.area[:, None]
     force = jnp.sqrt(jnp.maximum(level - gap, 0.0)) * area
     higher = (gap - jnp.min(gap, axis=1, keepdims=True)) / level
     bell = area * jnp.exp(-(jnp.minimum(higher, 1.5) ** 2))
     return jax.lax.stop_gradient(Guess(jnp.where(jnp.any(force > 0.0), force, area), bell))
 
 
-def _press(guess: Guess, matrix: Influence, gap: jax.Array, load: jax.Array) -> implicit.Pressed:
+def _press(guess: Guess, matrix: Operator, gap: jax.Array, load: jax.Array) -> implicit.Pressed:
     share, length, W, g, metric, reachable = scaled(guess, matrix, gap, load)
 
     def attempt(state):
@@ -86,17 +89,17 @@ class Scaled(NamedTuple):
 
     share: jax.Array
     length: jax.Array
-    W: Influence
+    W: Operator
     gap: jax.Array
     metric: jax.Array
     reachable: jax.Array
 
 
-def scaled(guess: Guess, matrix: Influence, gap: jax.Array, load: jax.Array) -> Scaled:
+def scaled(guess: Guess, matrix: Operator, gap: jax.Array, load: jax.Array) -> Scaled:
     """The contact in units of its own."""
     share = guess.force / jnp.sum(guess.force)
     length = jnp.vdot(share, load * halfspace.displacement(matrix, share) + gap)
-    W = jax.tree.map(lambda m: m * (load / length), matrix)
+    W = matrix.scaled(load / length)
     g = gap / length
     near = g < 1.5
     expected = jnp.where(near, guess.expected * jnp.maximum(1.15 - g, 0.05), 0.0)
@@ -136,7 +139,7 @@ def project(trial: jax.Array, weight: jax.Array) -> jax.Array:
     return jnp.maximum(trial + shift / weight, 0.0)
 
 
-def metric_for(W: Influence, expected: jax.Array) -> jax.Array:
+def metric_for(W: Operator, expected: jax.Array) -> jax.Array:
     """A diagonal metric in which a full step of projected gradient is safe, for cells expected to carry force.
 
     With any v > 0, diag(W v/v) − W has v in its null space and no positive entry off the diagonal: it is positive
@@ -148,7 +151,7 @@ def metric_for(W: Influence, expected: jax.Array) -> jax.Array:
 
 
 def project_gradient(
-    W: Influence, metric: jax.Array, gap: jax.Array, force: jax.Array, goal: jax.Array
+    W: Operator, metric: jax.Array, gap: jax.Array, force: jax.Array, goal: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Accelerated projected gradient until the violation meets `goal`; the forces and the number of steps.
 
@@ -177,7 +180,7 @@ class Descent(NamedTuple):
 
 
 def descent(
-    W: Influence, metric: jax.Array, gap: jax.Array, force: jax.Array
+    W: Operator, metric: jax.Array, gap: jax.Array, force: jax.Array
 ) -> tuple[Callable[[Descent], Descent], Descent]:
     """One step of accelerated projected gradient, and the state it begins with at `force`.
 
@@ -202,7 +205,7 @@ def descent(
 # ------------------------------------------------------------------------------------------- exact forces
 
 
-def _exact(W: Influence, gap: jax.Array, force: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _exact(W: Operator, gap: jax.Array, force: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Forces that meet the contact conditions on the loaded and the overlapping cells; tension is cut off."""
     displaced = halfspace.displacement(W, force) + gap
     approach = jnp.vdot(force, displaced) / jnp.sum(force)
@@ -212,7 +215,7 @@ def _exact(W: Influence, gap: jax.Array, force: jax.Array) -> tuple[jax.Array, j
     return new / jnp.sum(new), used + 1
 
 
-def _conjugate_gradient(W: Influence, loaded: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _conjugate_gradient(W: Operator, loaded: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """(w, μ, iterations) with W w = right + μ on the loaded cells and Σw = 0: projected preconditioned CG."""
     inverse = jnp.where(loaded, 1.0 / W.diagonal, 0.0)
 
@@ -239,7 +242,7 @@ def _conjugate_gradient(W: Influence, loaded: jax.Array, right: jax.Array) -> tu
     return w, -mu, k
 
 
-def _respond(W: Influence, loaded: jax.Array, right: jax.Array | None) -> tuple[jax.Array, jax.Array]:
+def _respond(W: Operator, loaded: jax.Array, right: jax.Array | None) -> tuple[jax.Array, jax.Array]:
     """The linear answer of the loaded cells, as `implicit.pressed` asks for it."""
     if right is not None:
         return _conjugate_gradient(W, loaded, right)[:2]

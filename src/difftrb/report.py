@@ -58,7 +58,8 @@ def run_json(scene: Scene, result: Assessment, seconds: float) -> dict[str, Any]
 
 
 def contact_json(solution: ContactSolution, slopes: dict[str, Any], seconds: float) -> dict[str, Any]:
-    """A single contact's result; `slopes` are derivatives of the approach [mm per unit of the input]."""
+    """A single contact's result; `slopes` are derivatives of the approach [mm per unit of the input], by the sizes of
+    several spalls one each."""
     return plain({
         "status": solution.status,
         "converged": bool(solution.converged),
@@ -152,13 +153,18 @@ def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> Renderabl
     derivatives.add_column("by")
     derivatives.add_column("", justify="right")
     for name, value in slopes.items():
-        derivatives.add_row(name, "–" if value is None else f"{1e3 * value:+.5g} µm/{units[name]}")
+        each = "–" if value is None else ", ".join(_slope(v) for v in np.atleast_1d(np.asarray(value)))
+        derivatives.add_row(name, each if each == "–" else f"{each} µm/{units[name]}")
     rows, columns = solution.force.shape
     last = (
         f"{solution.status}; {rows} × {columns} cells, contact conditions met to {solution.residual:.1e} of the "
         f"approach after {solution.iterations} products; accuracy asked for {solution.accuracy:g}"
     )
     return Group(table, derivatives, Text(last))
+
+
+def _slope(value: float) -> str:
+    return f"{1e3 * value:+.5g}" if math.isfinite(value) else "–"
 
 
 def _table(title: str) -> Table:

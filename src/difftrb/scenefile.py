@@ -16,13 +16,15 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb import geometry
+from difftrb import geometry, heightmap
 from difftrb import law as laws
-from difftrb.contact import ContactSolution, solve_contact
+from difftrb.contact import ContactSolution, Defect, solve_contact
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.heightmap import HeightMap
 from difftrb.ring import Load, needed_axial
 from difftrb.scene import SEVERAL_SHAPES, Accuracy, Definition, DesignLoad, Phase, Scene, Solution
 
+PACKAGED_MAPS = ("spall_map.npz",)
 UNKNOWN_KEY = ("unexpected_keyword_argument", "extra_forbidden")  # pydantic's names
 
 
@@ -45,6 +47,7 @@ class ContactTable:
     accuracy: Accuracy = 1e-3
     load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
     offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
+    tilt: Annotated[Real, Interval(ge=-0.1, le=0.1), Unit("rad")] = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +62,7 @@ class StiffnessTable:
 
 @dataclasses.dataclass(frozen=True)
 class SceneFile:
-    """A whole scene file, table by table."""
+    """A whole scene file, table by table. After `parse`, a `HeightMap` may stand among the spalls."""
 
     __pydantic_config__ = FILE_RULES
 
@@ -86,6 +89,14 @@ class SceneFile:
         """The contact of one roller: with the inner raceway if the first spall lies there, else with the outer."""
         inner = bool(self.spall) and self.spall[0].surface == "inner"
         return LineContact.of(self.bearing, "inner" if inner else "outer", self.contact.design_load)
+
+    def under_contact(self) -> tuple[Defect, tuple[Real, ...]]:
+        """All spalls, and where they are from the middle of the single contact [mm]: the first by `contact.offset`, the
+        others as far from it as their angles say."""
+        radius = geometry.arc_radius(self.bearing)
+        return self.spall, tuple(
+            self.contact.offset + (spall.angle - self.spall[0].angle) * radius for spall in self.spall
+        )
 
 
 def contact_under_spall(file: SceneFile, solution: Solution) -> ContactSolution:
@@ -155,6 +166,7 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
         content["bearing"] = dataclasses.asdict(geometry.bearing(name))
     if isinstance(content.get("spall"), dict):
         raise SceneError(f"{path}: [spall] is a list of tables; write [[spall]]")
+    maps = _height_maps(content, path)
     try:  # as JSON, where strictness still lets a table become a dataclass and a list a tuple
         file = TypeAdapter(SceneFile).validate_json(json.dumps(content, default=str))
     except ValidationError as error:
@@ -163,7 +175,41 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
     except RecursionError:
         raise SceneError(f"{path}: is nested too deeply for a scene") from None
     _across(file, path)
-    return file
+    spalls: list[Any] = list(file.spall)
+    for i, name in maps.items():
+        spalls[i] = _loaded(name, spalls[i], f"{path}: spall.{i}.height_map", Path(path).parent)
+    return dataclasses.replace(file, spall=tuple(spalls))
+
+
+def _height_maps(content: dict[str, Any], path: str | Path) -> dict[int, str]:
+    """Names of height maps by the index of their spall, which keeps a stand-in for the sizes it does not have."""
+    found: dict[int, str] = {}
+    tables = content.get("spall")
+    for i, table in enumerate(tables if isinstance(tables, list) else []):
+        if not isinstance(table, dict) or "height_map" not in table:
+            continue
+        name = table.pop("height_map")
+        if not isinstance(name, str) or not name:
+            raise SceneError(f"{path}: spall.{i}.height_map = {name!r}: must be the name of a file .npz or .csv")
+        for key in ("length", "width", "depth"):
+            if key in table:
+                raise SceneError(
+                    f"{path}: spall.{i}.{key} = {table[key]!r}: a height map has its own size; leave it out"
+                )
+        table |= {"length": 0.01, "width": 0.01}
+        found[i] = name
+    return found
+
+
+def _loaded(name: str, place: Spall, key: str, folder: Path) -> HeightMap:
+    """The map of a file beside the scene file or, if there is none, of a packaged one, put where `place` is."""
+    file = folder / name
+    try:
+        if not file.exists() and name in PACKAGED_MAPS:
+            file = heightmap.example_map(name)
+        return heightmap.load_height_map(file, place.axial_offset, place.angle, place.surface)
+    except heightmap.HeightMapError as error:
+        raise SceneError(f"{key} = {name!r}: {error}") from None
 
 
 def _not_yet(content: dict[str, Any], path: str | Path) -> None:
@@ -208,12 +254,34 @@ def _across(file: SceneFile, path: str | Path) -> None:
             )
 
 
+def check_contact(file: SceneFile, path: str | Path) -> None:
+    """Refuse what a single contact cannot have; raises `SceneError`."""
+    first = file.spall[0] if file.spall else None
+    for i, spall in enumerate(file.spall):
+        if first is not None and spall.surface != first.surface:
+            raise SceneError(
+                f"{path}: spall.{i}.surface = {spall.surface!r}: all spalls of `difftrb contact` lie on one surface; "
+                f"make it {first.surface!r}, or leave the spall out"
+            )
+        if first is not None and spall.surface != "outer" and spall.angle != first.angle:
+            raise SceneError(
+                f"{path}: spall.{i}.angle = {spall.angle:g}: an angle is a distance on the 'outer' raceway only; "
+                f"make it that of the first spall, {first.angle:g} rad"
+            )
+
+
 def check_ring(file: SceneFile, path: str | Path) -> None:
     """Refuse what the contact alone could do but the ring cannot; raises `SceneError`."""
     theirs = geometry.bearing("32008J")
     unconcerned = {name: getattr(theirs, name) for name in ("arc_radius", "density", "flange_angle")}
     if file.contact.law == "liu2018" and dataclasses.replace(file.bearing, **unconcerned) != theirs:
         raise SceneError(f"{path}: contact.law = 'liu2018' holds for the bearing 32008J only; use 'power'")
+    for i, spall in enumerate(file.spall):
+        if isinstance(spall, HeightMap):
+            raise SceneError(
+                f"{path}: spall.{i}.height_map: the ring takes rectangular spalls; give length and width, or use "
+                "`difftrb contact`, which takes height maps"
+            )
     law = file.contact.law
     longest = {"power": laws.LENGTH_SHARE * file.bearing.roller_length, "liu2018": laws.TABLE_2[-1, 0],
                "palmgren": 0.99 * file.bearing.roller_length}[law]  # fmt: skip

@@ -140,7 +140,7 @@ def _reach(
     taken = below[1] - below[0]
     taken = 0.5 * (taken**2 + taken**8)  # what is left of a strip is nearly as stiff until little is left
     tip, line_load, _, approach = (taken * a + (1.0 - taken) * b for a, b in zip(reach, sound, strict=True))
-    return tip, line_load, hertz.line_half_width(line_load, contact.radius, contact.modulus), approach
+    return tip, line_load, jnp.asarray(hertz.line_half_width(line_load, contact.radius, contact.modulus)), approach
 
 
 def _spall_edges(contact: LineContact, spall: Spall | None) -> tuple[jax.Array, jax.Array]:

@@ -289,7 +289,7 @@ def _system(
 
 def _shares(layout: Layout, problem: Problem) -> jax.Array:
     """Of each strip in its outline by the length of its row, shape (outlines, strips)."""
-    weight = layout.member.T * problem.weight[np.asarray(layout.rows)][None]
+    weight = jnp.asarray(layout.member.T) * problem.weight[np.asarray(layout.rows)][None]
     return weight / jnp.sum(weight, axis=1, keepdims=True)
 
 

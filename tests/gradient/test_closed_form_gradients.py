@@ -18,8 +18,8 @@ FUNCTIONS = {
     "palmgren_approach": (lambda v: hertz.palmgren_approach(*v), [200.0, 13.66]),
     "lamina_stiffness": (lambda v: hertz.lamina_stiffness(v[0]), [13.66]),
     "contact_modulus": (lambda v: geometry.contact_modulus(*v), [2.1e5, 0.278]),
-    "primitive": (lambda v: halfspace._primitive(v[0], v[1]), [0.3, -1.7]),
-    "primitive far": (lambda v: halfspace._primitive(v[0], v[1]), [-0.02, 9.0]),
+    "primitive": (lambda v: halfspace.primitive(v[0], v[1]), [0.3, -1.7]),
+    "primitive far": (lambda v: halfspace.primitive(v[0], v[1]), [-0.02, 9.0]),
     "line_pressure": (lambda v: hertz.line_pressure(jnp.asarray(0.05), *v), [200.0, 3.6, 1e5]),
 }
 
@@ -46,7 +46,7 @@ def test_closed_forms(name: str) -> None:
 
 def test_primitive_has_zero_slopes_where_it_is_even() -> None:
     for at in ([0.0, 1.0], [0.0, 0.0]):
-        slopes = jax.grad(lambda v: halfspace._primitive(v[0], v[1]))(jnp.array(at))
+        slopes = jax.grad(lambda v: halfspace.primitive(v[0], v[1]))(jnp.array(at))
         assert float(slopes[0]) == 0.0
         assert np.isfinite(np.asarray(slopes)).all()
 

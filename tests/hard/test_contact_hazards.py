@@ -107,7 +107,7 @@ def test_sizes_that_are_no_sizes_are_flagged(contact: trb.LineContact) -> None:
 def test_a_domain_that_cuts_the_contact_is_noticed(contact: trb.LineContact, monkeypatch) -> None:
     """Forced to half its size, as in the source paper, the domain is reported, not believed."""
     whole = domains.domain
-    monkeypatch.setattr(domains, "domain", lambda *a: (0.4 * whole(*a)[0], whole(*a)[1]))
+    monkeypatch.setattr(domains, "domain", lambda *a: (0.4 * whole(*a)[0], *whole(*a)[1:]))
     contacts._by_cells.clear_cache()
     try:
         s = trb.solve_contact(contact, 3000.0, accuracy=1e-2, method="cells")
@@ -129,5 +129,5 @@ def test_accuracy_out_of_range_is_refused(contact: trb.LineContact, accuracy: fl
 
 def test_an_unknown_method_is_refused(contact: trb.LineContact) -> None:
     for function in (trb.solve_contact, trb.approach_slopes):
-        with pytest.raises(ValueError, match="method = 'lattice' is unknown; use 'auto', 'strips', 'cells'"):
-            function(contact, 1000.0, method="lattice")  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match="method = 'sieve' is unknown; use 'auto', 'strips', 'cells', 'lattice'"):
+            function(contact, 1000.0, method="sieve")  # type: ignore[arg-type]

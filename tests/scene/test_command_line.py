@@ -7,7 +7,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb import scenefile
+from difftrb import geometry, scenefile
 
 PAPER = scenefile.example("paper")
 
@@ -119,6 +119,63 @@ def test_contact_with_the_inner_raceway(capsys, tmp_path: Path) -> None:
     direct = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 1.0), 0.5, 1e-2)
     assert code == 0
     assert json.loads(out)["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
+
+
+def test_contact_with_a_height_map(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "map.toml"
+    path.write_text(scenefile.example("map").replace("accuracy = 1e-3", "accuracy = 1e-2"), encoding="utf-8")
+    code, out, err = call(capsys, "contact", str(path), "--json", "--out", str(tmp_path / "out"))
+    record = json.loads(out)
+    assert (code, err) == (0, "")
+    assert set(record) == CONTACT_KEYS
+    assert [record["sensitivity"][key] for key in ("length", "width", "offset")] == [None] * 3
+    contact = trb.LineContact.of(trb.bearing("32008J"))
+    direct = trb.solve_contact(contact, 3000.0, trb.load_height_map(trb.example_map()), 0.5, 1e-2)
+    assert record["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"pressure.png", "pressure.svg", "result.json"}
+    code, out, err = call(capsys, "run", str(path))
+    assert (code, out) == (2, "")
+    assert "spall.0.height_map: the ring takes rectangular spalls" in err
+
+
+SEVERAL = """[[spall]]
+length = 2.0
+width = 1.0
+axial_offset = 2.0
+[[spall]]
+length = 3.0
+width = 0.9
+axial_offset = -2.0
+angle = 0.01
+"""
+
+
+def test_contact_with_several_spalls_and_tilt(capsys, tmp_path: Path) -> None:
+    """Angles place spalls from the first on; derivatives by size come one for each."""
+    head = 'bearing = "32008J"\n[load]\nradial = 9000.0\naxial = 4500.0\n'
+    table = "[contact]\noffset = 0.4\naccuracy = 1e-2\ntilt = 1e-4\n"
+    path = tmp_path / "several.toml"
+    path.write_text(head + table + SEVERAL, encoding="utf-8")
+    code, out, _ = call(capsys, "contact", str(path), "--json")
+    record = json.loads(out)
+    bearing = trb.bearing("32008J")
+    offsets = (0.4, 0.4 + 0.01 * float(geometry.arc_radius(bearing)))
+    spalls = trb.Spall(2.0, 1.0, axial_offset=2.0), trb.Spall(3.0, 0.9, axial_offset=-2.0)
+    direct = trb.solve_contact(trb.LineContact.of(bearing), 3000.0, spalls, offsets, 1e-2, tilt=1e-4)
+    assert code == 0
+    assert record["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
+    assert [len(record["sensitivity"][key]) for key in ("length", "width", "offset")] == [2, 2, 2]
+    code, out, _ = call(capsys, "contact", str(path))
+    assert code == 0
+    assert "converged" in out
+    for old, new, words in (
+        ("length = 3.0", 'surface = "inner"\nlength = 3.0', "spall.1.surface = 'inner': all spalls of"),
+        ("length = ", 'surface = "inner"\nlength = ', "spall.1.angle = 0.01: an angle is a distance on the 'outer'"),
+    ):
+        path.write_text(head + table + SEVERAL.replace(old, new), encoding="utf-8")
+        code, out, err = call(capsys, "contact", str(path))
+        assert (code, out) == (2, "")
+        assert words in err
 
 
 @pytest.mark.parametrize(

@@ -140,3 +140,12 @@ def test_energy_release(contact: trb.LineContact, tmp_path: Path) -> None:
 def test_edge_constant() -> None:
     """In small it is within a fiftieth of a half-width of the figure in the source."""
     assert script("edge_constant").constant(300.0, 5.0, 24, 1e-4) == pytest.approx(line.EDGE, abs=0.02)
+
+
+def test_the_packaged_height_map_is_the_scripts(tmp_path: Path) -> None:
+    experiment = script("example_height_map")
+    experiment.write(tmp_path / "map.npz")
+    ours, theirs = trb.load_height_map(tmp_path / "map.npz"), trb.load_height_map(trb.example_map())
+    np.testing.assert_array_equal(ours.height, theirs.height)
+    np.testing.assert_allclose(ours.height, experiment.spall_map(), atol=1e-7)
+    assert trb.example_map().stat().st_size < 100_000

@@ -48,6 +48,8 @@ BAD = {
         "radial = 0\naxial = 0",
         ["load.axial = 0 N and load.radial = 0 N"],
     ),
+    "map of no name": ("length = 4.0", "height_map = 4.0", ["spall.0.height_map = 4.0", ".npz or .csv"]),
+    "map with a width": ("length = 4.0", 'height_map = "spall_map.npz"', ["spall.0.width = 7.0", "has its own size"]),
     "capital letter": ("radial = 9000.0", "Radial = 9000.0", ["load.Radial is not a known key", "did you mean radial"]),
     "capital table": ("[load]", "[Load]", ["Load is not a known key", "did you mean load"]),
     "capital in a spall": ("width = 7.0", "Width = 7.0", ["spall.0.Width is not a known key", "did you mean width"]),
@@ -124,7 +126,11 @@ def test_bearings_of_ones_own_are_checked(old: str, new: str, words: str, tmp_pa
 @pytest.mark.parametrize("name", scenefile.example_names())
 def test_examples_are_in_order(name: str) -> None:
     file = scenefile.parse(scenefile.example(name), name)
-    scenefile.check_ring(file, name)
+    if name == "map":
+        with pytest.raises(scenefile.SceneError, match=r"map: spall.0.height_map: the ring takes rectangular spalls"):
+            scenefile.check_ring(file, name)
+    else:
+        scenefile.check_ring(file, name)
     assert scenefile.example(name).startswith("# ")
 
 
@@ -139,3 +145,33 @@ def test_a_file_becomes_the_scene_it_describes(tmp_path: Path) -> None:
     expected = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law="liu2018",
                          definition="secant", phase=0.1)  # fmt: skip
     assert scene == expected
+
+
+MAP = """bearing = "32008J"
+[load]
+radial = 9000.0
+axial = 4500.0
+[[spall]]
+height_map = "own.csv"
+axial_offset = 0.4
+"""
+
+
+def test_height_maps_lie_beside_the_scene_file(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(MAP, encoding="utf-8")
+    with pytest.raises(scenefile.SceneError) as caught:
+        scenefile.read(path)
+    assert str(caught.value) == (
+        f"{path}: spall.0.height_map = 'own.csv': {tmp_path / 'own.csv'}: there is no such file"
+    )
+    (tmp_path / "own.csv").write_text("# pitch_x = 0.1\n# pitch_y = 0.2\n0,-0.1\n0,0\n", encoding="utf-8")
+    (spall,) = scenefile.read(path).spall
+    assert isinstance(spall, trb.HeightMap)
+    assert spall.height.shape == (2, 2)
+    assert (spall.pitch_y, spall.axial_offset, spall.surface) == (0.2, 0.4, "outer")
+    with pytest.raises(scenefile.SceneError, match="height_map: the ring takes rectangular spalls"):
+        trb.load_scene(path)
+    path.write_text(MAP.replace("axial_offset = 0.4", "axial_offset = 4000.0"), encoding="utf-8")
+    with pytest.raises(scenefile.SceneError, match=r"spall.0.axial_offset = 4000.0: must be a number in -1000 … 1000"):
+        scenefile.read(path)

@@ -7,8 +7,8 @@ import pytest
 
 import difftrb as trb
 
-ROAD = ["status", "geometry", "hertz", "halfspace", "special", "rows", "gap", "domain", "implicit", "press", "strips",
-        "strip_model", "contact", "edge", "line", "law", "ring", "scene",
+ROAD = ["status", "geometry", "hertz", "halfspace", "heightmap", "given", "special", "rows", "gap", "domain", "edges",
+        "lattice", "implicit", "press", "strips", "strip_model", "contact", "intensity", "line", "law", "ring", "scene",
         "scenefile", "report", "plot", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {"jaxopt": "implicit", "optax": "fit", "matplotlib": "plot", "pydantic": "scenefile"}

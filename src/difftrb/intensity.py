@@ -16,9 +16,9 @@ import numpy as np
 
 from difftrb import gap as gaps
 from difftrb import halfspace, hertz, press, rows, status
-from difftrb.contact import is_symmetric
 from difftrb.domain import domain
 from difftrb.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
+from difftrb.given import is_symmetric
 from difftrb.halfspace import EDGE_SHIFT, Cells
 
 FIRST = 4  # rows at the edge that are left out: their own error is of the size of the pressure
@@ -84,7 +84,7 @@ def edge_intensity(
 def _solve(
     contact: LineContact, load: jax.Array, spall: Spall, offset: jax.Array, mirrored: bool, land: int, columns: int
 ) -> EdgeIntensity:
-    reach_x, tip = domain(contact, load, spall)
+    reach_x, _, tip = domain(contact, load, (spall,))
     nowhere = jnp.asarray(jnp.inf)
     pitch, x = halfspace.lattice(reach_x * (1.0 + 2.0 / columns), columns, -nowhere, nowhere)
     ends = spall.axial_offset + 0.5 * spall.length * np.array([-1.0, 1.0])
@@ -97,7 +97,7 @@ def _solve(
     ]
     lines = drawn[0] if mirrored else jnp.concatenate([-drawn[0][::-1], drawn[1]])
     cells = Cells(pitch, x, lines, mirrored)
-    gap = gaps.curvature(cells, contact.radius) + gaps.crown(cells, contact)
+    gap = gaps.undeformed(cells, contact, None)
     if not mirrored:
         gap = gap.at[land].add(spall.depth)  # one row over the spall: it carries nothing
     level = jax.lax.stop_gradient(0.4 * jnp.max(gaps.curvature(cells, contact.radius)))
