@@ -1,7 +1,4 @@
-"""Q(δ) of one roller: its normal load [N] by the approach of the bodies it is pressed between [mm].
-
-Every law here is Q = K δⁿ with a pair (K, n) that depends on the length of the spall under the roller.
-"""
+"""What a roller law is, and the power laws: Q = K δⁿ with a pair (K, n) for every length of the spall underneath."""
 
 from __future__ import annotations
 
@@ -14,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb import contact as contacts
-from difftrb import hertz, status
+from difftrb import curve, hertz, status
+from difftrb.curve import Curve
 from difftrb.geometry import LineContact, Real, Spall
 
 NAMES = ("palmgren", "power", "liu2018")
@@ -38,20 +36,58 @@ LOAD_NODES = 9
 
 
 class Law(Protocol):
-    """What a law has to answer. `error` is the largest relative error of Q against what it was fitted to (NaN if
-    unknown), inside `load_range` [N] and for spalls up to `longest` [mm]."""
+    """What a law has to answer.
+
+    `error` is the largest relative error of Q against what it was fitted to (NaN if unknown), inside `load_range` [N];
+    `hard` says whether a roller is in a spall or not, with nothing in between. `curves` gives the curve Q(δ) of every
+    roller, shape (rollers,), from the distances of their contacts from the spalls' centres in the rolling direction
+    [mm], shape (spalls, rollers); `judge` a status: whether the law knows such spalls.
+    """
 
     @property
     def name(self) -> str: ...
     @property
-    def longest(self) -> Real: ...
+    def hard(self) -> bool: ...
     @property
     def load_range(self) -> tuple[Real, Real]: ...
     @property
     def error(self) -> Real: ...
     @property
     def status_code(self) -> Real: ...
-    def coefficients(self, spall_length: jax.Array) -> tuple[jax.Array, jax.Array]: ...
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve: ...
+    def judge(self, spalls: tuple[Spall, ...]) -> jax.Array: ...
+
+
+def curve_over(law: Law, spall: Spall | None = None, distance: Real = 0.0) -> Curve:
+    """The curve of one roller whose contact stands `distance` [mm] from the middle of `spall`, or on a healthy
+    raceway."""
+    if spall is None:
+        return curve.of(law.curves((), jnp.zeros((0, 1))), jnp.asarray(0))
+    return curve.of(law.curves((spall,), jnp.full((1, 1), distance)), jnp.asarray(0))
+
+
+def spalls_under(spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+    """Which spall every roller is over, counted from 1; 0 is none; shape (rollers,).
+
+    A hard window: a roller is over a spall while the middle of its contact is, so nothing changes with width but the
+    number of rollers inside. Of several, the longest counts. `distances` as in `Law.curves`.
+    """
+    over = jnp.zeros(distances.shape[1:], int)
+    longest = jnp.zeros(distances.shape[1:])
+    for i, spall in enumerate(spalls):
+        inside = (jnp.abs(distances[i]) < 0.5 * spall.width) & (spall.length > longest)  # Liu et al. 2018, eq. (7)
+        over, longest = jnp.where(inside, i + 1, over), jnp.where(inside, spall.length, longest)
+    return over
+
+
+def _lengths(spalls: tuple[Spall, ...]) -> jax.Array:
+    """Lengths of no spall and of every spall [mm], shape (1 + spalls,)."""
+    return jnp.stack([jnp.zeros(()), *(jnp.asarray(spall.length, float) for spall in spalls)])
+
+
+def known_up_to(longest: Real, spalls: tuple[Spall, ...]) -> jax.Array:
+    """Status: whether no spall is longer than `longest` [mm]."""
+    return jnp.where(jnp.asarray(longest) >= jnp.max(_lengths(spalls)), status.CONVERGED, status.UNKNOWN_LENGTH)
 
 
 @partial(
@@ -80,17 +116,21 @@ class PowerLaw:
     error: Real
     status_code: Real
     name: str
-
-    @property
-    def longest(self) -> Real:
-        """Longest spall the law knows [mm]."""
-        return self.lengths[-1]
+    hard = True
 
     def coefficients(self, spall_length: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """K [N/mmⁿ] and n for spalls of `spall_length` [mm], any shape, 0…`longest`."""
+        """K [N/mmⁿ] and n for spalls of `spall_length` [mm], any shape, up to the longest node."""
         nodes = jnp.stack([self.log_stiffness, self.exponent], axis=-1)
         values = _lagrange(self.lengths, nodes, jnp.asarray(spall_length))
         return jnp.exp(values[..., 0]), values[..., 1]
+
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve:
+        """See `Law`."""
+        return curve.of(curve.power(*self.coefficients(_lengths(spalls))), spalls_under(spalls, distances))
+
+    def judge(self, spalls: tuple[Spall, ...]) -> jax.Array:
+        """See `Law`."""
+        return known_up_to(self.lengths[-1], spalls)
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["length"], meta_fields=[])
@@ -104,38 +144,20 @@ class Palmgren:
 
     length: Real
     name = "palmgren"
+    hard = True
     load_range = (0.0, np.inf)
     error = np.nan
     status_code = float(status.CONVERGED)
 
-    @property
-    def longest(self) -> Real:
-        """Longest spall [mm]: 99 % of the roller."""
-        return 0.99 * self.length
-
-    def coefficients(self, spall_length: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """K [N/mmⁿ] and n for spalls of `spall_length` [mm], any shape."""
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve:
+        """See `Law`."""
         n = 10.0 / 9.0
-        K = hertz.palmgren_approach(1.0, self.length - jnp.asarray(spall_length)) ** -n
-        return K, jnp.full_like(K, n)
+        K = hertz.palmgren_approach(1.0, self.length - _lengths(spalls)) ** -n
+        return curve.of(curve.power(K, jnp.full_like(K, n)), spalls_under(spalls, distances))
 
-
-def load(law: Law, approach: jax.Array, spall_length: jax.Array) -> jax.Array:
-    """Load Q = K δⁿ of rollers [N] at `approach` δ [mm] over spalls of `spall_length` [mm]; 0 where δ ≤ 0."""
-    return power(approach, *law.coefficients(spall_length))[0]
-
-
-def stiffness(law: Law, approach: jax.Array, spall_length: jax.Array) -> jax.Array:
-    """dQ/dδ of rollers [N/mm]; 0 where δ ≤ 0."""
-    return power(approach, *law.coefficients(spall_length))[1]
-
-
-def power(approach: jax.Array, K: jax.Array, n: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Q = K δⁿ [N] and dQ/dδ [N/mm]; both 0 where δ ≤ 0."""
-    touching = approach > 0.0
-    depth = jnp.where(touching, approach, 1.0)
-    slope = jnp.where(touching, n * K * depth ** (n - 1.0), 0.0)  # Liu et al. 2018, eq. (6)
-    return slope * depth / n, slope
+    def judge(self, spalls: tuple[Spall, ...]) -> jax.Array:
+        """See `Law`: up to 99 % of the roller."""
+        return known_up_to(0.99 * self.length, spalls)
 
 
 def named(name: str, contact: LineContact, load_range: tuple[Real, Real], spall: Spall | None, accuracy: float) -> Law:
@@ -223,7 +245,7 @@ def _fit(
     nodes = jnp.log(approaches[: LENGTH_NODES * LOAD_NODES]).reshape(LENGTH_NODES, LOAD_NODES)
     intercept, slope = _regress(nodes, jnp.log(loads))
     law = PowerLaw(jnp.asarray(lengths), intercept, slope, (low, high), 0.0, jnp.max(codes).astype(float), "power")
-    predicted = load(law, approaches, cases[0])
+    predicted, _ = curve.load(curve.power(*law.coefficients(cases[0])), approaches)
     error = jnp.max(jnp.abs(predicted / cases[1] - 1.0))
     return dataclasses.replace(law, error=jax.lax.stop_gradient(error))
 

@@ -14,7 +14,8 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import geometry, implicit, law, status
+from difftrb import curve, geometry, implicit, status
+from difftrb.curve import Curve
 from difftrb.geometry import FILE_RULES, Real, Spall, TaperedBearing
 from difftrb.law import Law
 
@@ -77,20 +78,11 @@ def directions(bearing: TaperedBearing, angles: jax.Array) -> jax.Array:
     return jnp.stack([cos * jnp.cos(angles), cos * jnp.sin(angles), axial], axis=-1)  # Liu et al. 2018, eq. (5)
 
 
-def spalls_under(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array) -> jax.Array:
-    """Which spall every roller is over, counted from 1; 0 is none; shape (rollers,).
-
-    A hard window: a roller is over a spall while its angle is within half the spall's width of the spall's middle, so
-    nothing here changes with width but the number of rollers inside. Of several, the longest counts.
-    """
-    over = jnp.zeros(angles.shape, int)
-    longest = jnp.zeros(angles.shape)
-    for i, spall in enumerate(spalls, start=1):
-        away = jnp.abs(jnp.mod(angles - spall.angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi)
-        half = 0.5 * spall.width / geometry.arc_radius(bearing)
-        inside = (away < half) & (spall.length > longest)  # Liu et al. 2018, eq. (7)
-        over, longest = jnp.where(inside, i, over), jnp.where(inside, spall.length, longest)
-    return over
+def distances(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array) -> jax.Array:
+    """From every spall's centre to every roller's contact, along the raceway [mm], shape (spalls, rollers)."""
+    centres = jnp.stack([jnp.asarray(spall.angle, float) for spall in spalls]) if spalls else jnp.zeros(0)
+    away = jnp.mod(angles[None, :] - centres[:, None] + jnp.pi, 2.0 * jnp.pi) - jnp.pi
+    return geometry.arc_radius(bearing) * away
 
 
 def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real) -> jax.Array:
@@ -128,8 +120,6 @@ def equilibrium(
     """
     angles = roller_angles(bearing, phase)
     normals = directions(bearing, angles)
-    lengths = jnp.stack([jnp.zeros(()), *(jnp.asarray(spall.length, float) for spall in spalls)])
-    over = spalls_under(bearing, spalls, angles)
     valid = (load.radial >= 0.0) & (load.axial >= 0.0) & jnp.isfinite(load.radial + load.axial + phase)
     for spall in spalls:
         valid = valid & geometry.spall_is_sound(spall)
@@ -137,22 +127,21 @@ def equilibrium(
     force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
     safe = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
 
-    known = jnp.asarray(roller_law.longest) >= jnp.max(lengths)
+    known = roller_law.judge(spalls)
     extra = jnp.broadcast_to(interference, angles.shape)
-    K, n = roller_law.coefficients(lengths)  # once for healthy rollers, once for each spall
-    rollers = Rollers(normals, extra, K[over], n[over])
+    rollers = Rollers(normals, extra, roller_law.curves(spalls, distances(bearing, spalls, angles)))
     u, (residual, iterations) = implicit.root(_unbalanced, _newton, solve_3x3, (rollers, safe))
     approach = rollers.approach(u)
-    loads, slopes = law.power(approach, rollers.stiffness, rollers.exponent)
+    loads, slopes = curve.load(rollers.curves, approach)
     tangent = _tangent(normals, slopes)
 
     converged = (residual <= TOLERANCE) & jnp.all(jnp.isfinite(u))
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
-    code = jnp.where(known, code, status.UNKNOWN_LENGTH)
+    code = jnp.where(known == status.CONVERGED, code, known)
     code = jnp.where(held, code, status.NO_EQUILIBRIUM)
     code = jnp.where(valid, code, status.BAD_INPUT)
     code = status.worst(code, jnp.asarray(roller_law.status_code).astype(int))
-    usable = valid & held & known
+    usable = valid & held & (known == status.CONVERGED)
 
     def only_if_usable(value: jax.Array) -> jax.Array:
         return jnp.where(usable, value, jnp.nan)
@@ -166,13 +155,12 @@ def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
 
 
 class Rollers(NamedTuple):
-    """What equilibrium needs of the rollers: unit normals, shape (rollers, 3), interference [mm] and the power law's
-    K [N/mmⁿ] and n, each of shape (rollers,)."""
+    """What equilibrium needs of the rollers: unit normals, shape (rollers, 3), interference [mm] and curves, each of
+    shape (rollers,)."""
 
     normals: jax.Array
     interference: jax.Array
-    stiffness: jax.Array
-    exponent: jax.Array
+    curves: Curve
 
     def approach(self, u: jax.Array) -> jax.Array:
         """Approach of every roller at displacement u [mm], shape (rollers,)."""
@@ -192,7 +180,7 @@ def _unbalanced(u: jax.Array, parameters: tuple[Rollers, jax.Array]) -> jax.Arra
 def _system(u: jax.Array, parameters: tuple[Rollers, jax.Array]) -> tuple[jax.Array, jax.Array]:
     """The unbalanced force and its derivative by u, relative to the load."""
     rollers, force = parameters
-    loads, slopes = law.power(rollers.approach(u), rollers.stiffness, rollers.exponent)
+    loads, slopes = curve.load(rollers.curves, rollers.approach(u))
     unbalanced = _dot(rollers.normals.T, loads) - force  # Liu et al. 2018, eq. (5)
     return unbalanced / _size(force), _tangent(rollers.normals, slopes) / _size(force)
 
@@ -223,8 +211,8 @@ def _newton(parameters: tuple[Rollers, jax.Array]) -> tuple[jax.Array, tuple[jax
 
     # start with all rollers as loaded as the first one would be, were the load shared equally
     axial = rollers.normals[0, 2]
-    share = _size(force) / (rollers.exponent.shape[0] * axial)
-    start = jnp.zeros(3).at[2].set((share / rollers.stiffness[0]) ** (1.0 / rollers.exponent[0]) / axial)
+    share = _size(force) / (rollers.normals.shape[0] * axial)
+    start = jnp.zeros(3).at[2].set(curve.approach(curve.of(rollers.curves, 0), share) / axial)
     state = start, *_system(start, parameters), jnp.zeros(()), jnp.asarray(0)
     u, r, _, _, k = jax.lax.while_loop(unfinished, step, state)
     return u, (jnp.max(jnp.abs(r)), k)
