@@ -15,8 +15,8 @@ from difftrb import curve, hertz, status
 from difftrb.curve import Curve
 from difftrb.geometry import LineContact, Real, Spall
 
-NAMES = ("palmgren", "power", "liu2018")
-LATER = ("table", "direct")
+NAMES = ("palmgren", "power", "liu2018", "direct")
+LATER = ("table",)
 
 # Liu et al. 2018, Table 2: spall length [mm], K [N/mmⁿ], n, largest error of the fit
 TABLE_2 = np.array(
@@ -41,7 +41,8 @@ class Law(Protocol):
     `error` is the largest relative error of Q against what it was fitted to (NaN if unknown), inside `load_range` [N];
     `hard` says whether a roller is in a spall or not, with nothing in between. `curves` gives the curve Q(δ) of every
     roller, shape (rollers,), from the distances of their contacts from the spalls' centres in the rolling direction
-    [mm], shape (spalls, rollers); `judge` a status: whether the law knows such spalls.
+    [mm], shape (spalls, rollers); `judge` a status: whether the law knows such spalls and distances. `at` is the law
+    for a contact of other numbers: the same law, unless it knows better.
     """
 
     @property
@@ -54,8 +55,9 @@ class Law(Protocol):
     def error(self) -> Real: ...
     @property
     def status_code(self) -> Real: ...
+    def at(self, contact: LineContact) -> Law: ...
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve: ...
-    def judge(self, spalls: tuple[Spall, ...]) -> jax.Array: ...
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array: ...
 
 
 def curve_over(law: Law, spall: Spall | None = None, distance: Real = 0.0) -> Curve:
@@ -124,11 +126,15 @@ class PowerLaw:
         values = _lagrange(self.lengths, nodes, jnp.asarray(spall_length))
         return jnp.exp(values[..., 0]), values[..., 1]
 
+    def at(self, contact: LineContact) -> PowerLaw:
+        """See `Law`: frozen."""
+        return self
+
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve:
         """See `Law`."""
         return curve.of(curve.power(*self.coefficients(_lengths(spalls))), spalls_under(spalls, distances))
 
-    def judge(self, spalls: tuple[Spall, ...]) -> jax.Array:
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`."""
         return known_up_to(self.lengths[-1], spalls)
 
@@ -149,13 +155,17 @@ class Palmgren:
     error = np.nan
     status_code = float(status.CONVERGED)
 
+    def at(self, contact: LineContact) -> Palmgren:
+        """See `Law`: frozen."""
+        return self
+
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve:
         """See `Law`."""
         n = 10.0 / 9.0
         K = hertz.palmgren_approach(1.0, self.length - _lengths(spalls)) ** -n
         return curve.of(curve.power(K, jnp.full_like(K, n)), spalls_under(spalls, distances))
 
-    def judge(self, spalls: tuple[Spall, ...]) -> jax.Array:
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`: up to 99 % of the roller."""
         return known_up_to(0.99 * self.length, spalls)
 

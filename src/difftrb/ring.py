@@ -127,9 +127,10 @@ def equilibrium(
     force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
     safe = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
 
-    known = roller_law.judge(spalls)
+    away = distances(bearing, spalls, angles)
+    known = roller_law.judge(spalls, away)
     extra = jnp.broadcast_to(interference, angles.shape)
-    rollers = Rollers(normals, extra, roller_law.curves(spalls, distances(bearing, spalls, angles)))
+    rollers = Rollers(normals, extra, roller_law.curves(spalls, away))
     u, (residual, iterations) = implicit.root(_unbalanced, _newton, solve_3x3, (rollers, safe))
     approach = rollers.approach(u)
     loads, slopes = curve.load(rollers.curves, approach)

@@ -9,10 +9,11 @@ from typing import Annotated, Literal, NamedTuple, cast, get_args
 import jax
 import jax.core
 import jax.numpy as jnp
+import numpy as np
 from annotated_types import Interval, Unit
 
+from difftrb import direct, ring, status
 from difftrb import law as laws
-from difftrb import ring, status
 from difftrb.geometry import LineContact, Real, Spall, TaperedBearing, as_floats
 from difftrb.law import Law
 from difftrb.ring import Load
@@ -26,6 +27,13 @@ Phase = Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
 SEVERAL_SHAPES = (
     "law = 'power' is fitted for spalls of one width, depth and axial offset; make them equal, use another law, "
     "or give the scene a law prepared with power_law"
+)
+
+
+BY_NODES = ("direct",)
+TRACED = (
+    "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
+    "what comes out; derivatives stay complete"
 )
 
 
@@ -122,14 +130,25 @@ def prepared_law(scene: Scene) -> Law:
     The power law is fitted from a sixth of the largest roller load that the scene lets expect to 1.2 times it, with
     the spalls' width, depth and axial offset, which must be one for all (else ValueError).
     """
+    contact = LineContact.of(scene.bearing, "outer", scene.design_load)
     if not isinstance(scene.law, LawName):
-        return cast(Law, scene.law)
+        return cast(Law, scene.law).at(contact)
     if scene.law.name == "power" and not _of_one_shape(scene.spalls):
         raise ValueError(SEVERAL_SHAPES)
     largest = ring.largest_load(scene.bearing, scene.load)
-    contact = LineContact.of(scene.bearing, "outer", scene.design_load)
+    if scene.law.name in BY_NODES:
+        return _by_nodes(scene, contact, largest)
     spall = scene.spalls[0] if scene.spalls else None
     return laws.named(scene.law.name, contact, (largest / 6.0, 1.2 * largest), spall, scene.accuracy)
+
+
+def _by_nodes(scene: Scene, contact: LineContact, largest: Real) -> Law:
+    """A law from contact solves that are made one by one, outside of jit."""
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+        raise ValueError(TRACED)
+    angles = ring.roller_angles(scene.bearing, scene.phase)
+    distances = np.asarray(ring.distances(scene.bearing, scene.spalls, angles))
+    return direct.direct_law(contact, direct.MARGIN * float(largest), scene.spalls, distances, scene.accuracy)
 
 
 def _of_one_shape(spalls: tuple[Spall, ...]) -> bool:

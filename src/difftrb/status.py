@@ -15,6 +15,7 @@ BAD_INPUT = 4
 UNRESOLVED = 5
 UNKNOWN_LENGTH = 6
 UNSUITED = 7
+OTHER_SCENE = 8
 
 SENTENCES = {
     CONVERGED: "converged",
@@ -27,6 +28,7 @@ SENTENCES = {
     "spall",
     UNSUITED: "strips cannot describe this contact (a roller without crown, one that may reach the spall's bottom, or "
     "too short a loaded land): use method 'cells'",
+    OTHER_SCENE: "the roller law was prepared for another scene: prepare this one, by naming its law",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
 }
 
