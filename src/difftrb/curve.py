@@ -43,7 +43,20 @@ def power(stiffness: Real, exponent: Real) -> Curve:
 def chebyshev(count: int, low: Real, high: Real) -> jax.Array:
     """`count` Chebyshev–Lobatto nodes from `low` to `high`, both of them nodes."""
     rise = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
-    return low + (high - low) * rise
+    return jnp.asarray(low + (high - low) * rise)
+
+
+def weights(places: jax.Array | np.ndarray, x: jax.Array | np.ndarray) -> jax.Array:
+    """What the values at `places`, shape (n,), count at `x`, any shape, on the polynomial through all of them; shape
+    x.shape + (n,)."""
+    other = ~np.eye(len(places), dtype=bool)
+    gaps = jnp.where(other, places[:, None] - places[None, :], 1.0)
+
+    def at(point: jax.Array) -> jax.Array:
+        return jnp.prod(jnp.where(other, (point - places)[None, :] / gaps, 1.0), axis=-1)
+
+    x = jnp.asarray(x)
+    return jax.vmap(at)(x.ravel()).reshape(*x.shape, -1)
 
 
 def through(log_loads: jax.Array, approaches: jax.Array, shift: jax.Array) -> Curve:
@@ -113,7 +126,7 @@ def approach(curve: Curve, loads: jax.Array) -> jax.Array:
     return jax.lax.stop_gradient(jnp.exp(curve.middle + curve.reach * z) + curve.shift)
 
 
-def of(curves: Curve, index: jax.Array) -> Curve:
+def of(curves: Curve, index: jax.Array | int) -> Curve:
     """The curves at `index` (any shape) along the last axis of `curves`."""
     return jax.tree.map(lambda field: field[..., index], curves)
 

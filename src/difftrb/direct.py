@@ -106,6 +106,10 @@ class DirectLaw:
         change = nodes.inputs(self.contact, spall, distance) - self.given[k]
         return self.approaches[k] + self.slopes[k] @ change
 
+    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """See `Law`: not known; this law holds for one phase."""
+        return jnp.zeros(()), jnp.zeros(())
+
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls."""
         same = jnp.max(jnp.abs(self._moved(0, None, jnp.zeros(())) / self.approaches[0] - 1.0)) < MOVED
@@ -125,7 +129,7 @@ class DirectLaw:
 
 def direct_law(
     contact: LineContact,
-    top: float,
+    largest: float,
     spalls: tuple[Spall, ...],
     distances: np.ndarray,
     accuracy: float = 1e-3,
@@ -134,14 +138,15 @@ def direct_law(
     """Solve the contact of every distinct state of rollers at `distances` [mm], shape (spalls, rollers), from `spalls`.
 
     Args:
-      contact: from `LineContact.of`. top: the largest load that curves have to reach [N]; they begin at a thousandth.
+      contact: from `LineContact.of`.
+      largest: estimate of the largest roller load [N]; curves reach 1.3 times it and begin at a thousandth of that.
       accuracy: relative accuracy of every contact solve, 1e-2…1e-4.
       progress: told how many of how many solves are done.
 
     Healthy once, the middle of each spall once, and each roller from which an edge is in reach, twelve loads each.
     Needs numbers, not tracers.
     """
-    contact, spalls = as_floats(contact), as_floats(spalls)
+    contact, spalls, top = as_floats(contact), as_floats(spalls), MARGIN * largest
     loads = log_loads(top)
     healthy = nodes.solved(contact, Case(top), accuracy)
     states: list[tuple[int, int]] = [(-1, -1)]

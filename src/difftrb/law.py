@@ -15,8 +15,7 @@ from difftrb import curve, hertz, status
 from difftrb.curve import Curve
 from difftrb.geometry import LineContact, Real, Spall
 
-NAMES = ("palmgren", "power", "liu2018", "direct")
-LATER = ("table",)
+NAMES = ("palmgren", "power", "liu2018", "table", "direct")
 
 # Liu et al. 2018, Table 2: spall length [mm], K [N/mmⁿ], n, largest error of the fit
 TABLE_2 = np.array(
@@ -30,7 +29,7 @@ TABLE_2 = np.array(
 )
 
 LENGTH_SHARE = 0.85
-"""The fitted law covers spalls up to this share of the roller's length."""
+"""A law from contact solves covers spalls up to this share of the roller's length."""
 LENGTH_NODES = 7
 LOAD_NODES = 9
 
@@ -41,7 +40,9 @@ class Law(Protocol):
     `error` is the largest relative error of Q against what it was fitted to (NaN if unknown), inside `load_range` [N];
     `hard` says whether a roller is in a spall or not, with nothing in between. `curves` gives the curve Q(δ) of every
     roller, shape (rollers,), from the distances of their contacts from the spalls' centres in the rolling direction
-    [mm], shape (spalls, rollers); `judge` a status: whether the law knows such spalls and distances. `at` is the law
+    [mm], shape (spalls, rollers); `judge` a status: whether the law knows such spalls and distances. `ramp`
+    says between which distances from its rolling edge [mm], positive over the spall, the spall numbered `number` lets a
+    roller of a given load [N] down. `at` is the law
     for a contact of other numbers: the same law, unless it knows better.
     """
 
@@ -58,6 +59,7 @@ class Law(Protocol):
     def at(self, contact: LineContact) -> Law: ...
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve: ...
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array: ...
+    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]: ...
 
 
 def curve_over(law: Law, spall: Spall | None = None, distance: Real = 0.0) -> Curve:
@@ -123,7 +125,7 @@ class PowerLaw:
     def coefficients(self, spall_length: jax.Array) -> tuple[jax.Array, jax.Array]:
         """K [N/mmⁿ] and n for spalls of `spall_length` [mm], any shape, up to the longest node."""
         nodes = jnp.stack([self.log_stiffness, self.exponent], axis=-1)
-        values = _lagrange(self.lengths, nodes, jnp.asarray(spall_length))
+        values = curve.weights(self.lengths, jnp.asarray(spall_length)) @ nodes
         return jnp.exp(values[..., 0]), values[..., 1]
 
     def at(self, contact: LineContact) -> PowerLaw:
@@ -137,6 +139,10 @@ class PowerLaw:
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`."""
         return known_up_to(self.lengths[-1], spalls)
+
+    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """See `Law`: a step."""
+        return jnp.zeros(()), jnp.zeros(())
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["length"], meta_fields=[])
@@ -169,6 +175,10 @@ class Palmgren:
         """See `Law`: up to 99 % of the roller."""
         return known_up_to(0.99 * self.length, spalls)
 
+    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """See `Law`: a step."""
+        return jnp.zeros(()), jnp.zeros(())
+
 
 def named(name: str, contact: LineContact, load_range: tuple[Real, Real], spall: Spall | None, accuracy: float) -> Law:
     """The law called `name`: "power" (fitted now: see `power_law`), "liu2018" or "palmgren"."""
@@ -183,8 +193,6 @@ def named(name: str, contact: LineContact, load_range: tuple[Real, Real], spall:
 
 def unknown(name: str) -> str:
     """The sentence for a law that cannot be had."""
-    if name in LATER:
-        return f"law = {name!r} is not available in this version; use one of {', '.join(NAMES)}"
     return f"law = {name!r} is unknown; use one of {', '.join(NAMES)}"
 
 
@@ -266,15 +274,3 @@ def _regress(x: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
     y_mean = jnp.mean(y)
     slope = jnp.sum((x - x_mean) * (y - y_mean)[None, :], axis=1) / jnp.sum((x - x_mean) ** 2, axis=1)
     return y_mean - slope * x_mean[:, 0], slope
-
-
-def _lagrange(nodes: jax.Array, values: jax.Array, x: jax.Array) -> jax.Array:
-    """The polynomial through (nodes, values) at x; nodes (m,), values (m, k), x any shape → x.shape + (k,)."""
-    m = nodes.shape[0]
-    other = ~np.eye(m, dtype=bool)
-
-    def at(point: jax.Array) -> jax.Array:
-        factors = (point - nodes)[None, :] / jnp.where(other, nodes[:, None] - nodes[None, :], 1.0)
-        return jnp.prod(jnp.where(other, factors, 1.0), axis=-1) @ values
-
-    return jax.vmap(at)(x.ravel()).reshape(*x.shape, -1)

@@ -16,6 +16,7 @@ UNRESOLVED = 5
 UNKNOWN_LENGTH = 6
 UNSUITED = 7
 OTHER_SCENE = 8
+NARROW = 9
 
 SENTENCES = {
     CONVERGED: "converged",
@@ -29,6 +30,7 @@ SENTENCES = {
     UNSUITED: "strips cannot describe this contact (a roller without crown, one that may reach the spall's bottom, or "
     "too short a loaded land): use method 'cells'",
     OTHER_SCENE: "the roller law was prepared for another scene: prepare this one, by naming its law",
+    NARROW: "a spall is so narrow that both its edges are in reach of a roller at once: use law 'direct'",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
 }
 

@@ -8,7 +8,7 @@ import pytest
 import difftrb as trb
 
 ROAD = ["status", "geometry", "hertz", "halfspace", "special", "rows", "gap", "domain", "implicit", "press", "strips",
-        "strip_model", "contact", "curve", "law", "nodes", "direct", "ring", "scene",
+        "strip_model", "contact", "curve", "law", "nodes", "direct", "store", "table", "ring", "pitch", "scene",
         "scenefile", "report", "plot", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {"jaxopt": "implicit", "optax": "fit", "matplotlib": "plot", "pydantic": "scenefile"}
