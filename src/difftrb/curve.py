@@ -60,7 +60,7 @@ def weights(places: jax.Array | np.ndarray, x: jax.Array | np.ndarray) -> jax.Ar
 
 
 def through(log_loads: jax.Array, approaches: jax.Array, shift: jax.Array) -> Curve:
-    """The curve through the `approaches` [mm], shape (n, …), at `log_loads` (of loads in N), shape (n,), n ≥ 2.
+    """The curve through the `approaches` [mm] at `log_loads` (of loads in N), both of shape (n, …), n ≥ 2.
 
     Rising, best spaced like Chebyshev nodes. `shift` [mm], shape (…), below every approach. Divided differences:
     differentiable by everything, no iteration.
@@ -71,7 +71,7 @@ def through(log_loads: jax.Array, approaches: jax.Array, shift: jax.Array) -> Cu
     count = len(log_loads)
     order = _spread(count)
     z = [z[k] for k in order]
-    divided = [jnp.broadcast_to(log_loads[k], middle.shape) for k in order]
+    divided = [log_loads[k] for k in order]
     for level in range(1, count):
         for k in range(count - 1, level - 1, -1):
             divided[k] = (divided[k] - divided[k - 1]) / (z[k] - z[k - level])

@@ -18,6 +18,8 @@ from difftrb.nodes import Case, Progress
 LOADS = 12
 """Contact solves of one curve: enough for 1e-4 over three decades of load."""
 DECADES = 3.0
+WINDOW, ABOVE = 2.3, 0.8
+"""Of a curve that an edge bends: how far it reaches, and how far above the load that is expected [log N]."""
 MARGIN = 1.3
 MOVED = 0.05
 """By how much of itself an approach may be carried along its slopes before a prepared law calls the scene another."""
@@ -28,6 +30,13 @@ ASIDE = 0.02
 def log_loads(top: float) -> np.ndarray:
     """Logarithms of the loads [N] that curves go through, up to `top` [N]."""
     return np.asarray(curve.chebyshev(LOADS, np.log(top) - DECADES * np.log(10.0), np.log(top)))
+
+
+def around(load: Real, bottom: Real, top: Real) -> jax.Array:
+    """Logarithms of loads [log N] around `load` [N], for a curve that an edge bends; between `bottom` and `top`, which
+    are logarithms and WINDOW or more apart."""
+    high = jnp.clip(jnp.log(jnp.maximum(load, 1e-300)) + ABOVE, bottom + WINDOW, top)
+    return curve.chebyshev(LOADS, high - WINDOW, high)
 
 
 def shift_over(contact: LineContact, spall: Spall) -> jax.Array:
@@ -50,7 +59,7 @@ class DirectLaw:
     its neighbours along their exact slopes, so all first derivatives are right.
 
     Attributes:
-      contact: now. log_loads: of the nodes [log N], shape (loads,).
+      contact: now. log_loads: of the nodes [log N], shape (states, loads).
       spalls, distances: as prepared; distances [mm] of shape (spalls, rollers).
       approaches: [mm], shape (states, loads). slopes: by `nodes.inputs`, shape (states, loads, inputs).
       given: those inputs as prepared, shape (states, inputs).
@@ -76,17 +85,17 @@ class DirectLaw:
     @property
     def load_range(self) -> tuple[Real, Real]:
         """Smallest and largest load of the solves [N]."""
-        return jnp.exp(self.log_loads[0]), jnp.exp(self.log_loads[-1])
+        return jnp.exp(self.log_loads[0, 0]), jnp.exp(self.log_loads[0, -1])
 
     def at(self, contact: LineContact) -> DirectLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
         """See `Law`."""
         healthy = self._moved(0, None, jnp.zeros(()))
         if not spalls:
-            sound = curve.through(self.log_loads, healthy, jnp.zeros(()))
+            sound = curve.through(self.log_loads[0], healthy, jnp.zeros(()))
             return curve.of(curve.joined(sound), jnp.zeros(distances.shape[1], int))
         full = {i: self._moved(k, spalls[i], jnp.zeros(())) for k, (i, j) in enumerate(self.states) if i >= 0 > j}
         columns, shifts = [], []
@@ -96,10 +105,12 @@ class DirectLaw:
                 shifts.append(jnp.zeros(()))
                 continue
             state = full[i] if j < 0 else self._moved(k, spalls[i], distances[i, j])
-            share = (state[0] - healthy[0]) / (full[i][0] - healthy[0])
+            at = curve.weights(self.log_loads[0], self.log_loads[k, 0])
+            low, high = (jnp.exp(at @ jnp.log(level)) for level in (healthy, full[i]))
+            share = (state[0] - low) / (high - low)
             columns.append(state)
             shifts.append(shift_over(self.contact, spalls[i]) * jnp.clip(share, 0.0, 1.0))
-        curves = curve.through(self.log_loads, jnp.stack(columns, axis=1), jnp.stack(shifts))
+        curves = curve.through(self.log_loads.T, jnp.stack(columns, axis=1), jnp.stack(shifts))
         return curve.of(curves, jnp.asarray(self.index))
 
     def _moved(self, k: int, spall: Spall | None, distance: jax.Array) -> jax.Array:
@@ -132,6 +143,7 @@ def direct_law(
     largest: float,
     spalls: tuple[Spall, ...],
     distances: np.ndarray,
+    expected: np.ndarray,
     accuracy: float = 1e-3,
     progress: Progress | None = None,
 ) -> DirectLaw:
@@ -140,6 +152,7 @@ def direct_law(
     Args:
       contact: from `LineContact.of`.
       largest: estimate of the largest roller load [N]; curves reach 1.3 times it and begin at a thousandth of that.
+      expected: about the rollers' loads [N], shape (rollers,): where curves that an edge bends are made.
       accuracy: relative accuracy of every contact solve, 1e-2…1e-4.
       progress: told how many of how many solves are done.
 
@@ -167,14 +180,15 @@ def direct_law(
                 index[j] = len(states) - 1
     shapes = [None if i < 0 else (wide(spalls[i]) if j < 0 else spalls[i]) for i, j in states]
     away = [0.0 if j < 0 else float(distances[i, j]) for i, j in states]
-    cases = [Case(float(np.exp(q)), shape, d) for shape, d in zip(shapes, away, strict=True) for q in loads]
+    at = np.stack([loads if j < 0 else np.asarray(around(expected[j], loads[0], loads[-1])) for _, j in states])
+    cases = [Case(float(np.exp(q)), *state) for *state, row in zip(shapes, away, at, strict=True) for q in row]
     solved = nodes.all_solved(contact, cases, accuracy, progress)
     count = len(states), loads.size
     approaches = np.array([node.approach for node in solved]).reshape(count)
     slopes = np.array([node.slopes for node in solved]).reshape(*count, nodes.INPUTS)
     given = [nodes.inputs(contact, None if i < 0 else spalls[i], d) for (i, _), d in zip(states, away, strict=True)]
     return DirectLaw(
-        contact, jnp.asarray(loads), spalls, jnp.asarray(distances), jnp.asarray(approaches), jnp.asarray(slopes),
+        contact, jnp.asarray(at), spalls, jnp.asarray(distances), jnp.asarray(approaches), jnp.asarray(slopes),
         jnp.stack(given), accuracy, nodes.worst_status(solved), tuple(states), tuple(index.tolist()),
     )  # fmt: skip
 

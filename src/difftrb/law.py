@@ -40,7 +40,8 @@ class Law(Protocol):
     `error` is the largest relative error of Q against what it was fitted to (NaN if unknown), inside `load_range` [N];
     `hard` says whether a roller is in a spall or not, with nothing in between. `curves` gives the curve Q(δ) of every
     roller, shape (rollers,), from the distances of their contacts from the spalls' centres in the rolling direction
-    [mm], shape (spalls, rollers); `judge` a status: whether the law knows such spalls and distances. `ramp`
+    [mm], shape (spalls, rollers), and about the loads that they will have [N], shape (rollers,): a curve that an edge
+    bends is exact around these. `judge` a status: whether the law knows such spalls and distances. `ramp`
     says between which distances from its rolling edge [mm], positive over the spall, the spall numbered `number` lets a
     roller of a given load [N] down. `at` is the law
     for a contact of other numbers: the same law, unless it knows better.
@@ -57,17 +58,18 @@ class Law(Protocol):
     @property
     def status_code(self) -> Real: ...
     def at(self, contact: LineContact) -> Law: ...
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve: ...
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve: ...
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array: ...
     def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]: ...
 
 
-def curve_over(law: Law, spall: Spall | None = None, distance: Real = 0.0) -> Curve:
+def curve_over(law: Law, spall: Spall | None = None, distance: Real = 0.0, expected: Real = 1000.0) -> Curve:
     """The curve of one roller whose contact stands `distance` [mm] from the middle of `spall`, or on a healthy
-    raceway."""
+    raceway; `expected` is about the load [N] at which it is wanted, as in `Law.curves`."""
+    about = jnp.full(1, expected)
     if spall is None:
-        return curve.of(law.curves((), jnp.zeros((0, 1))), jnp.asarray(0))
-    return curve.of(law.curves((spall,), jnp.full((1, 1), distance)), jnp.asarray(0))
+        return curve.of(law.curves((), jnp.zeros((0, 1)), about), 0)
+    return curve.of(law.curves((spall,), jnp.full((1, 1), distance), about), 0)
 
 
 def spalls_under(spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
@@ -132,7 +134,7 @@ class PowerLaw:
         """See `Law`: frozen."""
         return self
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
         """See `Law`."""
         return curve.of(curve.power(*self.coefficients(_lengths(spalls))), spalls_under(spalls, distances))
 
@@ -165,7 +167,7 @@ class Palmgren:
         """See `Law`: frozen."""
         return self
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
         """See `Law`."""
         n = 10.0 / 9.0
         K = hertz.palmgren_approach(1.0, self.length - _lengths(spalls)) ** -n

@@ -51,6 +51,16 @@ def inputs(contact: LineContact, spall: Spall | None, distance: Real) -> jnp.nda
     return jnp.stack([jnp.asarray(value, float) for value in values])
 
 
+def contact_of(values: jnp.ndarray) -> LineContact:
+    """The contact in a vector of `inputs`."""
+    return LineContact(**{name: values[i] for i, name in enumerate(OF_CONTACT)})
+
+
+def spall_of(values: jnp.ndarray) -> Spall:
+    """The spall in a vector of `inputs`."""
+    return Spall(**{name: values[len(OF_CONTACT) + i] for i, name in enumerate(OF_SPALL)})
+
+
 def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
     """Solve one case, whichever way does it. `reach` is how far from the middle of a wide spall a rolling edge would
     touch the roller [mm] (0 without a spall)."""

@@ -130,8 +130,14 @@ def equilibrium(
     away = distances(bearing, spalls, angles)
     known = roller_law.judge(spalls, away)
     extra = jnp.broadcast_to(interference, angles.shape)
-    rollers = Rollers(normals, extra, roller_law.curves(spalls, away))
-    u, (residual, iterations) = implicit.root(_unbalanced, _newton, solve_3x3, (rollers, safe))
+    expected = jnp.zeros_like(angles)
+    sound = Rollers(normals, extra, roller_law.curves((), away[:0], expected))
+    start = _start(sound, safe)
+    if spalls and not roller_law.hard:  # where load will be, from the healthy ring
+        start, _ = jax.lax.stop_gradient(_newton((sound, safe, start)))
+        expected, _ = jax.lax.stop_gradient(curve.load(sound.curves, sound.approach(start)))
+    rollers = Rollers(normals, extra, roller_law.curves(spalls, away, expected))
+    u, (residual, iterations) = implicit.root(_unbalanced, _newton, solve_3x3, (rollers, safe, start))
     approach = rollers.approach(u)
     loads, slopes = curve.load(rollers.curves, approach)
     tangent = _tangent(normals, slopes)
@@ -173,14 +179,18 @@ def _tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:
     return _dot(normals.T * slopes[None, :], normals)
 
 
-def _unbalanced(u: jax.Array, parameters: tuple[Rollers, jax.Array]) -> jax.Array:
+Ring = tuple[Rollers, jax.Array, jax.Array]
+"""Rollers, force [N] and a displacement to start from [mm], both of shape (3,)."""
+
+
+def _unbalanced(u: jax.Array, parameters: Ring) -> jax.Array:
     """Force left over at displacement u, relative to the load, shape (3,)."""
     return _system(u, parameters)[0]
 
 
-def _system(u: jax.Array, parameters: tuple[Rollers, jax.Array]) -> tuple[jax.Array, jax.Array]:
+def _system(u: jax.Array, parameters: Ring) -> tuple[jax.Array, jax.Array]:
     """The unbalanced force and its derivative by u, relative to the load."""
-    rollers, force = parameters
+    rollers, force, _ = parameters
     loads, slopes = curve.load(rollers.curves, rollers.approach(u))
     unbalanced = _dot(rollers.normals.T, loads) - force  # Liu et al. 2018, eq. (5)
     return unbalanced / _size(force), _tangent(rollers.normals, slopes) / _size(force)
@@ -190,12 +200,19 @@ def _size(force: jax.Array) -> jax.Array:
     return jnp.linalg.norm(jax.lax.stop_gradient(force))
 
 
-def _newton(parameters: tuple[Rollers, jax.Array]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+def _start(rollers: Rollers, force: jax.Array) -> jax.Array:
+    """All rollers as loaded as the first one would be, were the load shared equally."""
+    axial = rollers.normals[0, 2]
+    share = _size(force) / (rollers.normals.shape[0] * axial)
+    return jnp.zeros(3).at[2].set(curve.approach(curve.of(rollers.curves, 0), share) / axial)
+
+
+def _newton(parameters: Ring) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
     """Newton's method on a convex energy, of which the unbalanced force is the gradient.
 
     A step p is taken unless it climbs again steeply at its end (force·p), else retaken shorter, by damping.
     """
-    rollers, force = parameters
+    *_, start = parameters
 
     def step(state):
         u, r, J, damping, k = state
@@ -210,10 +227,6 @@ def _newton(parameters: tuple[Rollers, jax.Array]) -> tuple[jax.Array, tuple[jax
         _, r, _, damping, k = state
         return (jnp.max(jnp.abs(r)) > 0.01 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
 
-    # start with all rollers as loaded as the first one would be, were the load shared equally
-    axial = rollers.normals[0, 2]
-    share = _size(force) / (rollers.normals.shape[0] * axial)
-    start = jnp.zeros(3).at[2].set(curve.approach(curve.of(rollers.curves, 0), share) / axial)
     state = start, *_system(start, parameters), jnp.zeros(()), jnp.asarray(0)
     u, r, _, _, k = jax.lax.while_loop(unfinished, step, state)
     return u, (jnp.max(jnp.abs(r)), k)

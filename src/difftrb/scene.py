@@ -175,7 +175,16 @@ def _by_nodes(scene: Scene, contact: LineContact, largest: Real, progress: Progr
         phase = cast(Real, scene.phase)
     angles = ring.roller_angles(scene.bearing, phase)
     distances = np.asarray(ring.distances(scene.bearing, scene.spalls, angles))
-    return direct.direct_law(contact, float(largest), scene.spalls, distances, scene.accuracy, progress)
+
+    def law_for(spalls: tuple[Spall, ...], expected: np.ndarray) -> direct.DirectLaw:
+        away = distances[: len(spalls)]
+        return direct.direct_law(contact, float(largest), spalls, away, expected, scene.accuracy, progress)
+
+    sound = law_for((), np.zeros(angles.shape))
+    if not scene.spalls:
+        return sound
+    expected = ring.equilibrium(scene.bearing, scene.load, (), sound, phase).loads
+    return law_for(scene.spalls, np.asarray(expected))
 
 
 def _of_one_shape(spalls: tuple[Spall, ...]) -> bool:

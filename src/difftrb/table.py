@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ from difftrb import curve, direct, nodes, status, store
 from difftrb.curve import Curve
 from difftrb.direct import ASIDE, MOVED
 from difftrb.geometry import LineContact, Real, Spall, as_floats
-from difftrb.law import LENGTH_SHARE, spalls_under
+from difftrb.law import LENGTH_SHARE, curve_over, spalls_under
 from difftrb.nodes import Case, Node, Progress
 
 LENGTHS = 10
@@ -45,7 +45,7 @@ MAKERS = ("contact", "curve", "direct", "domain", "gap", "geometry", "halfspace"
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=["given", "log_loads", "healthy", "healthy_slopes", "lengths", "full", "full_slopes", "low", "high",
-                 "edge_lengths", "ramp", "ramp_slopes", "error", "status_code"],
+                 "edge_lengths", "edge_loads", "ramp", "ramp_slopes", "error", "status_code"],
     meta_fields=[],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
@@ -58,10 +58,11 @@ class Atlas:
       healthy, healthy_slopes: shape (loads,) and, by the inputs, (loads, inputs).
       lengths: of spalls [mm], Chebyshev–Lobatto, the first 0, shape (lengths,).
       full, full_slopes: over a spall's middle, shape (lengths, loads), (lengths, loads, inputs).
-      low, high: distances of the rolling edge from the roller's middle at which the ramp begins and ends [mm], positive
-        over the spall, shape (loads,), (lengths, loads).
-      edge_lengths: of spalls [mm], shape (edge lengths,). ramp, ramp_slopes: Chebyshev coefficients of (S − 3t² + 2t³)/
-        (t²(1−t)²) in 2t − 1, shape (edge lengths, coefficients, loads) and (…, inputs).
+      low: distance of the rolling edge from the roller's middle at which the ramp begins [mm], positive over the spall,
+        shape (loads,). high: that at which it ends, its square by `full` [mm], shape (lengths, loads).
+      edge_lengths: of spalls [mm], shape (edge lengths,). edge_loads: [log N], shape (edge loads,).
+      ramp, ramp_slopes: Chebyshev coefficients of (S − 3t² + 2t³)/(t²(1−t)²) in 2t − 1, shape (edge lengths,
+        coefficients, edge loads) and (…, inputs).
       error: largest relative error of a load against contact solves at random points that the table was not built from.
       status_code: worst status of all solves.
     """
@@ -76,6 +77,7 @@ class Atlas:
     low: jax.Array
     high: jax.Array
     edge_lengths: jax.Array
+    edge_loads: jax.Array
     ramp: jax.Array
     ramp_slopes: jax.Array
     error: Real
@@ -115,23 +117,29 @@ class TableLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
         """See `Law`. Besides the middle of every spall, only the two rollers next to its edges have curves of their
         own: rollers are farther apart than a ramp is long."""
-        columns, shifts = [self._healthy(self.atlases[0])], [jnp.zeros(())]
-        index = 3 * spalls_under(spalls, distances)  # of the middle of a spall: 3, 6, …
-        index = jnp.where(index > 0, index - 2, 0)  # 0; 1, 4, …
+        atlas = self.atlases[0]
+        columns, shifts, log_loads = [self._healthy(atlas)], [jnp.zeros(())], [atlas.log_loads]
+        index = jnp.maximum(3 * spalls_under(spalls, distances) - 2, 0)  # of the middles of spalls: 1, 4, …
         for i, spall in enumerate(spalls):
             atlas = self.atlases[self.which[i]]
             over = 0.5 * spall.width - jnp.abs(distances[i])
             edges = [jnp.argmin(jnp.abs(distances[i] - side * 0.5 * spall.width)) for side in (1.0, -1.0)]
-            states, shift = self._over(atlas, spall, over[jnp.stack(edges)])
-            columns.extend(states)
-            shifts.extend(shift)
+            levels = self._levels(atlas, spall)
+            columns.append(levels.crown + jnp.exp(levels.log_healthy + levels.excess))
+            shifts.append(levels.crown)
+            log_loads.append(atlas.log_loads)
             for k, j in enumerate(edges):
+                about = direct.around(expected[j], atlas.log_loads[0], atlas.log_loads[-1])
+                state, shift = _at_edge(atlas, levels, over[j], about)
+                columns.append(state)
+                shifts.append(shift)
+                log_loads.append(about)
                 own = (over[j] > atlas.low[-1]) & ((index[j] == 0) | (index[j] == 3 * i + 1))
                 index = index.at[j].set(jnp.where(own, 3 * i + 2 + k, index[j]))
-        curves = curve.through(self.atlases[0].log_loads, jnp.stack(columns, axis=1), jnp.stack(shifts))
+        curves = curve.through(jnp.stack(log_loads, axis=1), jnp.stack(columns, axis=1), jnp.stack(shifts))
         return curve.of(curves, index)
 
     def _healthy(self, atlas: Atlas) -> jax.Array:
@@ -141,23 +149,20 @@ class TableLaw:
     def _change(self, atlas: Atlas, spall: Spall) -> jax.Array:
         return nodes.inputs(self.contact, dataclasses.replace(spall, length=0.0, width=0.0), 0.0) - atlas.given
 
-    def _over(self, atlas: Atlas, spall: Spall, over: jax.Array) -> tuple[list[jax.Array], list[jax.Array]]:
-        """Approaches and shifts over the middle of `spall` and with its edge at `over` [mm], shape (edges,)."""
+    def _levels(self, atlas: Atlas, spall: Spall) -> _Levels:
         change = self._change(atlas, spall)
+        length = jnp.asarray(spall.length, float)
+        at, at_edge = curve.weights(atlas.lengths, length), curve.weights(atlas.edge_lengths, length)
         healthy = self._healthy(atlas)
-        at = curve.weights(atlas.lengths, jnp.asarray(spall.length, float))
-        nodal = jnp.log((atlas.full + atlas.full_slopes @ change) / healthy[None])
-        full = healthy * jnp.exp(at @ nodal)
-        at_edge = curve.weights(atlas.edge_lengths, jnp.asarray(spall.length, float))
-        ramp = jnp.tensordot(at_edge, atlas.ramp + atlas.ramp_slopes @ change, 1)
-        crown = direct.shift_over(self.contact, spall)
-        states, shifts = [full], [crown]
-        for e in over:
-            place = (e - atlas.low) / (at @ atlas.high - atlas.low)
-            share = _share(ramp, jnp.clip(place, 0.0, 1.0))
-            states.append(healthy + (full - healthy) * share)
-            shifts.append(crown * jnp.clip(share[0], 0.0, 1.0))
-        return states, shifts
+
+        def crown(length: jax.Array) -> jax.Array:
+            return direct.shift_over(self.contact, dataclasses.replace(spall, length=length))
+
+        carried = atlas.full + atlas.full_slopes @ change - jax.vmap(crown)(atlas.lengths)[:, None]
+        return _Levels(
+            jnp.log(healthy), crown(length), at @ jnp.log(carried / healthy[None]), _ramp_end(atlas, length),
+            jnp.tensordot(at_edge, atlas.ramp + atlas.ramp_slopes @ change, 1),
+        )  # fmt: skip
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`: spalls up to 85 % of the roller long, wider than the contact, of a depth and axial offset that
@@ -174,7 +179,7 @@ class TableLaw:
             same = (moved < MOVED) & (deep | (jnp.abs(change[-3]) < MOVED * atlas.given[-3]))
             same = same & (jnp.abs(change[-2]) < ASIDE)
             code = status.worst(code, jnp.where(same, status.CONVERGED, status.OTHER_SCENE))
-            wide = 0.5 * spall.width > jnp.max(curve.weights(atlas.lengths, jnp.asarray(spall.length)) @ atlas.high)
+            wide = 0.5 * spall.width > _ramp_end(atlas, jnp.asarray(spall.length, float))[-1]
             code = status.worst(code, jnp.where(wide, status.CONVERGED, status.NARROW))
             known = spall.length <= atlas.lengths[-1]
             code = status.worst(code, jnp.where(known, status.CONVERGED, status.UNKNOWN_LENGTH))
@@ -183,9 +188,46 @@ class TableLaw:
     def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`."""
         atlas = self.atlases[self.which[number]]
-        high = curve.weights(atlas.lengths, jnp.asarray(spall.length, float)) @ atlas.high
+        high = _ramp_end(atlas, jnp.asarray(spall.length, float))
         at = jnp.log(jnp.maximum(load, 1e-300))
         return jnp.interp(at, atlas.log_loads, atlas.low), jnp.interp(at, atlas.log_loads, high)
+
+
+def _ramp_end(atlas: Atlas, length: jax.Array) -> jax.Array:
+    """Where the ramp ends beside a spall of this length, at every load [mm]; of the contact as it was solved."""
+    shape = nodes.spall_of(atlas.given)
+    contact = nodes.contact_of(atlas.given)
+
+    def crown(length: jax.Array) -> jax.Array:
+        return direct.shift_over(contact, dataclasses.replace(shape, length=length))
+
+    at = curve.weights(atlas.lengths, length)
+    excess = (atlas.full - jax.vmap(crown)(atlas.lengths)[:, None]) / atlas.healthy[None]
+    full = crown(length) + atlas.healthy * jnp.exp(at @ jnp.log(excess))
+    return jnp.sqrt((at @ atlas.high) * full)
+
+
+class _Levels(NamedTuple):
+    """One spall in an atlas: logarithms of the healthy approach and, relative to it, of what the approach over the
+    spall's middle exceeds the crown by; the end of the ramp; each of shape (loads,); crown [mm]; ramp's coefficients,
+    shape (coefficients, edge loads)."""
+
+    log_healthy: jax.Array
+    crown: jax.Array
+    excess: jax.Array
+    high: jax.Array
+    ramp: jax.Array
+
+
+def _at_edge(atlas: Atlas, levels: _Levels, over: jax.Array, log_loads: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Approaches at `log_loads` [log N] with an edge `over` [mm] beyond the roller, and their curve's shift."""
+    at = curve.weights(atlas.log_loads, log_loads)
+    healthy = jnp.exp(at @ levels.log_healthy)
+    full = levels.crown + healthy * jnp.exp(at @ levels.excess)
+    low, high = at @ atlas.low, at @ levels.high
+    at_edge = curve.weights(atlas.edge_loads, jnp.maximum(log_loads, atlas.edge_loads[0]))
+    share = _share(levels.ramp @ at_edge.T, jnp.clip((over - low) / (high - low), 0.0, 1.0))
+    return healthy + (full - healthy) * share, levels.crown * jnp.clip(share[0], 0.0, 1.0)
 
 
 def _share(ramp: jax.Array, t: jax.Array) -> jax.Array:
@@ -269,23 +311,9 @@ def atlas(
     levels = _grid(solved, LENGTHS, loads.size)
     low = -np.array([node.half_width for node in levels[0]])
     high = np.array([[node.reach for node in row] for row in levels])
-    high[0] = -low  # a spall without length: the land goes on to where the contact ends
+    high = high**2 / np.array([[node.approach for node in row] for row in levels])
+    high[0] = high[1] - (high[2] - high[1]) * lengths[1] / (lengths[2] - lengths[1])  # it has no middle to tell it
 
-    edge_loads = np.asarray(curve.chebyshev(EDGE_LOADS, loads[-1] - np.log(EDGE_LOAD_RANGE), loads[-1]))
-    edge_lengths = np.asarray(curve.chebyshev(EDGE_LENGTHS, SHORTEST * longest, longest))
-    places = np.asarray(curve.chebyshev(EDGE_PLACES, 0.0, 1.0))
-    begins = np.asarray(curve.weights(loads, edge_loads)) @ low
-    ends = np.asarray(curve.weights(lengths, edge_lengths)) @ high @ np.asarray(curve.weights(loads, edge_loads)).T
-    cases = []
-    for i, length in enumerate(edge_lengths):
-        for j, q in enumerate(edge_loads):
-            edges = begins[j] + (ends[i, j] - begins[j]) * places
-            edges[0], edges[-1] = BESIDE * edges[0], BESIDE * edges[-1]
-            width = 4.0 * float(high.max())
-            cases.extend(Case(float(np.exp(q)), spall(float(length), width), 0.5 * width - e) for e in edges)
-    beside = nodes.all_solved(contact, cases, accuracy, progress)
-    ramp, ramp_slopes = _ramps(_grid(beside, EDGE_LENGTHS, EDGE_LOADS, EDGE_PLACES), places, ends - begins[None, :])
-    onto = np.asarray(curve.weights(edge_loads, np.maximum(loads, edge_loads[0])))  # to the loads of the curves
     built = Atlas(
         given=nodes.inputs(contact, spall(0.0, 0.0), 0.0),
         log_loads=jnp.asarray(loads),
@@ -296,11 +324,34 @@ def atlas(
         full_slopes=jnp.stack([_slopes(row) for row in levels]),
         low=jnp.asarray(low),
         high=jnp.asarray(high),
-        edge_lengths=jnp.asarray(edge_lengths),
-        ramp=jnp.asarray(np.einsum("ml,ikl->ikm", onto, ramp)),
-        ramp_slopes=jnp.asarray(np.einsum("ml,iklp->ikmp", onto, ramp_slopes)),
+        edge_lengths=curve.chebyshev(EDGE_LENGTHS, SHORTEST * longest, longest),
+        edge_loads=curve.chebyshev(EDGE_LOADS, loads[-1] - np.log(EDGE_LOAD_RANGE), loads[-1]),
+        ramp=jnp.zeros((EDGE_LENGTHS, DEGREE + 1, EDGE_LOADS)),
+        ramp_slopes=jnp.zeros((EDGE_LENGTHS, DEGREE + 1, EDGE_LOADS, nodes.INPUTS)),
         error=np.nan,
-        status_code=nodes.worst_status([*solved, *beside]),
+        status_code=nodes.worst_status(solved),
+    )
+
+    edge_lengths, edge_loads = np.asarray(built.edge_lengths), np.asarray(built.edge_loads)
+    places = np.asarray(curve.chebyshev(EDGE_PLACES, 0.0, 1.0))
+    begins = np.asarray(curve.weights(loads, edge_loads)) @ low
+    onto = np.asarray(curve.weights(loads, edge_loads))
+    ends = np.stack([onto @ np.asarray(_ramp_end(built, length)) for length in jnp.asarray(edge_lengths)])
+    furthest = float(np.max(ends))
+    cases = []
+    for i, length in enumerate(edge_lengths):
+        for j, q in enumerate(edge_loads):
+            edges = begins[j] + (ends[i, j] - begins[j]) * places
+            edges[0], edges[-1] = BESIDE * edges[0], BESIDE * edges[-1]
+            width = 4.0 * furthest
+            cases.extend(Case(float(np.exp(q)), spall(float(length), width), 0.5 * width - e) for e in edges)
+    beside = nodes.all_solved(contact, cases, accuracy, progress)
+    ramp, ramp_slopes = _ramps(_grid(beside, EDGE_LENGTHS, EDGE_LOADS, EDGE_PLACES), places, ends - begins[None, :])
+    built = dataclasses.replace(
+        built,
+        ramp=jnp.asarray(ramp),
+        ramp_slopes=jnp.asarray(ramp_slopes),
+        status_code=max(built.status_code, nodes.worst_status(beside)),
     )
     error = _error(contact, built, spall(1.0), accuracy, progress)
     return dataclasses.replace(built, error=error)
@@ -371,7 +422,7 @@ def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, pro
     cases = []
     for k in range(CHECKS):
         length, load = longest * rng.uniform(0.05, 1.0), top - rng.uniform(0.0, np.log(30.0))
-        high = float(jnp.max(built.high))
+        high = float(_ramp_end(built, jnp.asarray(length))[-1])
         width = 4.0 * high
         edge = rng.uniform(float(built.low[-1]), high) if k % 2 else 0.5 * width
         shape = dataclasses.replace(like, length=length, width=width)
@@ -380,11 +431,10 @@ def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, pro
     worst = 0.0
     for case, node in zip(cases, solved, strict=True):
         assert case.spall is not None
-        found, _ = curve.load(_one(table, case.spall, jnp.asarray(case.distance)), jnp.asarray(node.approach))
+        own = _one(table, case.spall, jnp.asarray(case.distance), jnp.asarray(case.load))
+        found, _ = curve.load(own, jnp.asarray(node.approach))
         worst = max(worst, abs(float(found) / case.load - 1.0))
     return worst
 
 
-@jax.jit
-def _one(table: TableLaw, spall: Spall, distance: jax.Array) -> Curve:
-    return curve.of(table.curves((spall,), distance[None, None]), jnp.asarray(0))
+_one = jax.jit(curve_over)
