@@ -181,7 +181,7 @@ def direct_law(
     shapes = [None if i < 0 else (wide(spalls[i]) if j < 0 else spalls[i]) for i, j in states]
     away = [0.0 if j < 0 else float(distances[i, j]) for i, j in states]
     at = np.stack([loads if j < 0 else np.asarray(around(expected[j], loads[0], loads[-1])) for _, j in states])
-    cases = [Case(float(np.exp(q)), *state) for *state, row in zip(shapes, away, at, strict=True) for q in row]
+    cases = [Case(float(np.exp(q)), shape, d) for shape, d, row in zip(shapes, away, at, strict=True) for q in row]
     solved = nodes.all_solved(contact, cases, accuracy, progress)
     count = len(states), loads.size
     approaches = np.array([node.approach for node in solved]).reshape(count)

@@ -53,12 +53,13 @@ def inputs(contact: LineContact, spall: Spall | None, distance: Real) -> jnp.nda
 
 def contact_of(values: jnp.ndarray) -> LineContact:
     """The contact in a vector of `inputs`."""
-    return LineContact(**{name: values[i] for i, name in enumerate(OF_CONTACT)})
+    return LineContact(*(values[i] for i in range(len(OF_CONTACT))))
 
 
 def spall_of(values: jnp.ndarray) -> Spall:
     """The spall in a vector of `inputs`."""
-    return Spall(**{name: values[len(OF_CONTACT) + i] for i, name in enumerate(OF_SPALL)})
+    length, width, depth, axial_offset = (values[len(OF_CONTACT) + i] for i in range(len(OF_SPALL)))
+    return Spall(length, width, depth, axial_offset=axial_offset)
 
 
 def solved(contact: LineContact, case: Case, accuracy: float) -> Node:

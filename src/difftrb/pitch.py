@@ -46,7 +46,7 @@ def phases(
                 kinks.append(edge - side * end / geometry.arc_radius(bearing))
     whole = geometry.roller_pitch(bearing)
     starts = jnp.sort(jnp.stack([jnp.mod(kink, whole) for kink in kinks]))
-    ends = jnp.append(starts[1:], jnp.asarray(starts[0] + whole))
+    ends = jnp.concatenate([starts[1:], starts[:1] + whole])
     points, weights = np.polynomial.legendre.leggauss(POINTS)
     length = ends - starts
     at = starts[:, None] + length[:, None] * (0.5 + 0.5 * points)[None, :]

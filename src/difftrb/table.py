@@ -402,15 +402,16 @@ def _ramps(solved: np.ndarray, places: np.ndarray, extents: np.ndarray) -> tuple
         right = np.concatenate([
             share - inner**2 * (3.0 - 2.0 * inner), scale * (rate - 6.0 * inner * (1.0 - inner))
         ])  # fmt: skip
-        weight = np.ones(right.size)
+        lost = (inner > 0.3) & (rate < 1e-3)  # the contact beyond the edge, though the roller is below the raceway
+        weight = trusted = np.tile(np.where(lost, 0.0, 1.0), 2)
         for _ in range(8):
             ramp[i, :, j] = np.linalg.lstsq(weight[:, None] * matrix, weight * right, rcond=None)[0]
             off = np.abs(matrix @ ramp[i, :, j] - right)
-            weight = 1.0 / np.sqrt(1.0 + (off / (3.0 * np.median(off) + 1e-9)) ** 2)
+            weight = trusted / np.sqrt(1.0 + (off / (3.0 * np.median(off) + 1e-9)) ** 2)
         change = (by[1:-1] - by[0] - share[:, None] * (by[-1] - by[0])) / drop
         change[:, [4, 5, 8]] = 0.0
         few = DEGREE - 1
-        by_inputs[i, :few, j] = np.linalg.lstsq(values[:, :few], change, rcond=None)[0]
+        by_inputs[i, :few, j] = np.linalg.lstsq(values[~lost, :few], change[~lost], rcond=None)[0]
     return ramp, by_inputs
 
 
