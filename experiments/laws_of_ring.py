@@ -28,12 +28,12 @@ def random_scenes(count: int, accuracy: float) -> list[trb.Scene]:
     arc = float(geometry.arc_radius(bearing))
     scenes = []
     for k in range(count):
-        radial = rng.uniform(4000.0, 10000.0)
+        radial = rng.uniform(7000.0, 12000.0)
         length, width = rng.uniform(1.0, 8.0), rng.uniform(2.0, 12.0)
         phase = rng.uniform(0.0, 0.27)
         if k % 2:
             phase = (0.5 * width + rng.uniform(-0.1, 0.05)) / arc
-        load = trb.Load(radial, radial * rng.uniform(0.35, 1.0))
+        load = trb.Load(radial, radial * rng.uniform(0.35, 0.7))
         scene = trb.Scene(bearing, load, (trb.Spall(length, width),), "direct", accuracy=accuracy, phase=phase)
         scenes.append(scene)
     return scenes

@@ -49,14 +49,16 @@ def chebyshev(count: int, low: Real, high: Real) -> jax.Array:
 def weights(places: jax.Array | np.ndarray, x: jax.Array | np.ndarray) -> jax.Array:
     """What the values at `places`, shape (n,), count at `x`, any shape, on the polynomial through all of them; shape
     x.shape + (n,)."""
-    other = ~np.eye(len(places), dtype=bool)
-    gaps = jnp.where(other, places[:, None] - places[None, :], 1.0)
-
-    def at(point: jax.Array) -> jax.Array:
-        return jnp.prod(jnp.where(other, (point - places)[None, :] / gaps, 1.0), axis=-1)
-
+    count = len(places)
+    gaps = jnp.where(np.eye(count, dtype=bool), 1.0, places[:, None] - places[None, :])
+    scale = 1.0 / jnp.prod(gaps, axis=1)
     x = jnp.asarray(x)
-    return jax.vmap(at)(x.ravel()).reshape(*x.shape, -1)
+    away = [x - places[k] for k in range(count)]
+    below, above = [jnp.ones_like(x)], [jnp.ones_like(x)]  # products of all before and of all behind
+    for k in range(count - 1):
+        below.append(below[-1] * away[k])
+        above.append(above[-1] * away[count - 1 - k])
+    return jnp.stack([scale[k] * below[k] * above[count - 1 - k] for k in range(count)], axis=-1)
 
 
 def through(log_loads: jax.Array, approaches: jax.Array, shift: jax.Array) -> Curve:
@@ -124,6 +126,20 @@ def approach(curve: Curve, loads: jax.Array) -> jax.Array:
 
     z = jax.lax.fori_loop(0, 6, step, jnp.zeros_like(curve.middle))
     return jax.lax.stop_gradient(jnp.exp(curve.middle + curve.reach * z) + curve.shift)
+
+
+def chosen(curves: Curve, index: jax.Array) -> Curve:
+    """The same as `of` for few curves and many an index: by comparing, which in a batch is faster than gathering."""
+
+    def field(values: jax.Array) -> jax.Array:
+        taken = values[..., :1]
+        for k in range(1, values.shape[-1]):
+            taken = jnp.where(
+                (index == k).reshape((1,) * (values.ndim - 1) + index.shape), values[..., k : k + 1], taken
+            )
+        return jnp.broadcast_to(taken, (*values.shape[:-1], *index.shape))
+
+    return jax.tree.map(field, curves)
 
 
 def of(curves: Curve, index: jax.Array | int) -> Curve:

@@ -111,7 +111,7 @@ class DirectLaw:
             columns.append(state)
             shifts.append(shift_over(self.contact, spalls[i]) * jnp.clip(share, 0.0, 1.0))
         curves = curve.through(self.log_loads.T, jnp.stack(columns, axis=1), jnp.stack(shifts))
-        return curve.of(curves, jnp.asarray(self.index))
+        return curve.chosen(curves, jnp.asarray(self.index))
 
     def _moved(self, k: int, spall: Spall | None, distance: jax.Array) -> jax.Array:
         change = nodes.inputs(self.contact, spall, distance) - self.given[k]

@@ -136,7 +136,7 @@ class PowerLaw:
 
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
         """See `Law`."""
-        return curve.of(curve.power(*self.coefficients(_lengths(spalls))), spalls_under(spalls, distances))
+        return curve.chosen(curve.power(*self.coefficients(_lengths(spalls))), spalls_under(spalls, distances))
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`."""
@@ -171,7 +171,7 @@ class Palmgren:
         """See `Law`."""
         n = 10.0 / 9.0
         K = hertz.palmgren_approach(1.0, self.length - _lengths(spalls)) ** -n
-        return curve.of(curve.power(K, jnp.full_like(K, n)), spalls_under(spalls, distances))
+        return curve.chosen(curve.power(K, jnp.full_like(K, n)), spalls_under(spalls, distances))
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`: up to 99 % of the roller."""

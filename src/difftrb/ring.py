@@ -22,6 +22,8 @@ from difftrb.law import Law
 ITERATIONS = 60
 TOLERANCE = 1e-12
 """Largest unbalanced force, relative to the load, at which an equilibrium counts as found."""
+ROUGHLY = 1e-2
+"""The same for the healthy ring, which only tells where load will be."""
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["radial", "axial"], meta_fields=[])
@@ -134,7 +136,7 @@ def equilibrium(
     sound = Rollers(normals, extra, roller_law.curves((), away[:0], expected))
     start = _start(sound, safe)
     if spalls and not roller_law.hard:  # where load will be, from the healthy ring
-        start, _ = jax.lax.stop_gradient(_newton((sound, safe, start)))
+        start, _ = jax.lax.stop_gradient(_newton((sound, safe, start), ROUGHLY))
         expected, _ = jax.lax.stop_gradient(curve.load(sound.curves, sound.approach(start)))
     rollers = Rollers(normals, extra, roller_law.curves(spalls, away, expected))
     u, (residual, iterations) = implicit.root(_unbalanced, _newton, solve_3x3, (rollers, safe, start))
@@ -207,7 +209,7 @@ def _start(rollers: Rollers, force: jax.Array) -> jax.Array:
     return jnp.zeros(3).at[2].set(curve.approach(curve.of(rollers.curves, 0), share) / axial)
 
 
-def _newton(parameters: Ring) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+def _newton(parameters: Ring, tolerance: float = 0.01 * TOLERANCE) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
     """Newton's method on a convex energy, of which the unbalanced force is the gradient.
 
     A step p is taken unless it climbs again steeply at its end (force·p), else retaken shorter, by damping.
@@ -225,7 +227,7 @@ def _newton(parameters: Ring) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
 
     def unfinished(state):
         _, r, _, damping, k = state
-        return (jnp.max(jnp.abs(r)) > 0.01 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
+        return (jnp.max(jnp.abs(r)) > tolerance) & (k < ITERATIONS) & (damping < 1e6)
 
     state = start, *_system(start, parameters), jnp.zeros(()), jnp.asarray(0)
     u, r, _, _, k = jax.lax.while_loop(unfinished, step, state)

@@ -16,6 +16,9 @@ import platformdirs
 
 Arrays = dict[str, np.ndarray]
 
+keeping = True
+"""Whether anything is read from or written to disk; the command line's --no-cache makes it False."""
+
 
 def folder() -> Path:
     """Where results are kept: `tables` in the user's cache folder of difftrb."""
@@ -36,6 +39,8 @@ def kept(name: str, make: Callable[[], Arrays]) -> Arrays:
 
     A file that is damaged, or was cut short, is made again. Nothing is said if there is nowhere to write.
     """
+    if not keeping:
+        return make()
     path = folder() / f"{name}.npz"
     found = _read(path)
     if found is None:

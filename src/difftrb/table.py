@@ -126,21 +126,22 @@ class TableLaw:
         for i, spall in enumerate(spalls):
             atlas = self.atlases[self.which[i]]
             over = 0.5 * spall.width - jnp.abs(distances[i])
-            edges = [jnp.argmin(jnp.abs(distances[i] - side * 0.5 * spall.width)) for side in (1.0, -1.0)]
             levels = self._levels(atlas, spall)
             columns.append(levels.crown + jnp.exp(levels.log_healthy + levels.excess))
             shifts.append(levels.crown)
             log_loads.append(atlas.log_loads)
-            for k, j in enumerate(edges):
-                about = direct.around(expected[j], atlas.log_loads[0], atlas.log_loads[-1])
-                state, shift = _at_edge(atlas, levels, over[j], about)
+            for k, side in enumerate((1.0, -1.0)):
+                next_to = jnp.argmin(jnp.abs(distances[i] - side * 0.5 * spall.width)) == jnp.arange(over.size)
+                load = jnp.sum(jnp.where(next_to, expected, 0.0))  # no gather: slow in a batch
+                about = direct.around(load, atlas.log_loads[0], atlas.log_loads[-1])
+                state, shift = _at_edge(atlas, levels, jnp.sum(jnp.where(next_to, over, 0.0)), about)
                 columns.append(state)
                 shifts.append(shift)
                 log_loads.append(about)
-                own = (over[j] > atlas.low[-1]) & ((index[j] == 0) | (index[j] == 3 * i + 1))
-                index = index.at[j].set(jnp.where(own, 3 * i + 2 + k, index[j]))
+                own = next_to & (over > atlas.low[-1]) & ((index == 0) | (index == 3 * i + 1))
+                index = jnp.where(own, 3 * i + 2 + k, index)
         curves = curve.through(jnp.stack(log_loads, axis=1), jnp.stack(columns, axis=1), jnp.stack(shifts))
-        return curve.of(curves, index)
+        return curve.chosen(curves, index)
 
     def _healthy(self, atlas: Atlas) -> jax.Array:
         change = nodes.inputs(self.contact, None, 0.0) - atlas.given

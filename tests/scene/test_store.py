@@ -59,6 +59,15 @@ def test_nowhere_to_write_is_no_error(tmp_path: Path, monkeypatch: pytest.Monkey
     assert store.kept("a", lambda: made([]))["y"] == 2.5
 
 
+def test_keeping_nothing_when_told_so(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "keeping", False)
+    calls: list[int] = []
+    for _ in range(2):
+        store.kept("a", lambda: made(calls))
+    assert len(calls) == 2
+    assert not folder.exists()
+
+
 def test_key_depends_on_numbers_and_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keys = {
         store.key([1.0, 2.0], ("curve",)),
