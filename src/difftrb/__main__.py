@@ -25,9 +25,10 @@ def main(arguments: list[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal without µ and █ gets question marks, not a traceback
     _set_up_jax(options.cache)
-    from difftrb import scenefile
+    from difftrb import scenefile, store
     from difftrb.status import SolveError
 
+    store.keeping = options.cache
     try:
         return options.command(options)
     except scenefile.NoEquilibriumError as error:
@@ -50,7 +51,9 @@ def _parser() -> argparse.ArgumentParser:
         prog="difftrb",
         description="Load distribution and stiffness of a spalled tapered roller bearing, with gradients.",
     )
-    parser.add_argument("--no-cache", dest="cache", action="store_false", help="do not keep compiled programs on disk")
+    parser.add_argument(
+        "--no-cache", dest="cache", action="store_false", help="do not keep compiled programs and tables on disk"
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, function: Callable[[Any], int], text: str) -> argparse.ArgumentParser:
@@ -130,8 +133,12 @@ def _run(options: Any) -> int:
     file, path = _read(options)
     scenefile.check_ring(file, path)
     started = time.perf_counter()
-    with _busy("fitting the roller law to contact solves"):
-        scene = jax.block_until_ready(prepare(file.scene()))
+    if file.contact.law in ("table", "direct"):
+        with _bar("solving contacts for the roller law") as progress:
+            scene = jax.block_until_ready(prepare(file.scene(), progress))
+    else:
+        with _busy("fitting the roller law to contact solves"):
+            scene = jax.block_until_ready(prepare(file.scene()))
     with _busy("solving the ring"):
         result = jax.block_until_ready(assess(scene))
     record = report.run_json(scene, result, time.perf_counter() - started)
@@ -257,6 +264,20 @@ def _busy(what: str) -> Iterator[None]:
 
     with Console(stderr=True).status(what):
         yield
+
+
+@contextlib.contextmanager
+def _bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
+    """A progress bar on the terminal, to be told how many of how many are done; nothing where no one looks."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what)
+        yield lambda done, of: bar.update(task, completed=done, total=of)
 
 
 if __name__ == "__main__":

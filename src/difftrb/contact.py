@@ -202,11 +202,7 @@ def approach_and_slopes(
     tilt: Real = 0.0,
 ) -> tuple[ContactSolution, dict[str, Real | None]]:
     """The solved contact and, from the same solve, `approach_slopes`."""
-    arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
-    grid_for(accuracy)
-    solution, slopes = _first_that_does(
-        method, arguments, lambda way, edges: _slopes(*arguments, mirrored, edges, accuracy, way)
-    )
+    solution, slopes = approach_and_gradient(contact, load, spall, offset, accuracy, method, tilt)
     by_contact, by_load, by_spall, by_offset, _ = slopes
     return solution, {
         "load": by_load,
@@ -216,6 +212,22 @@ def approach_and_slopes(
         "radius": by_contact.radius,
         "design_load": by_contact.design_load,
     }
+
+
+def approach_and_gradient(
+    contact: LineContact,
+    load: Real,
+    spall: Defect = None,
+    offset: Real | Sequence[Real] = 0.0,
+    accuracy: float = 1e-3,
+    method: Method = "auto",
+    tilt: Real = 0.0,
+) -> tuple[ContactSolution, tuple]:
+    """The solved contact and, from the same solve, the gradient of its approach: by contact, load, spall, offset and
+    tilt, each in the form of the input itself (None where that is None, or a tilt of 0). For numbers, not tracers."""
+    arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
+    grid_for(accuracy)
+    return _first_that_does(method, arguments, lambda way, edges: _slopes(*arguments, mirrored, edges, accuracy, way))
 
 
 def _sizes(by_spall: Defect, name: str) -> Real | None:

@@ -1,7 +1,4 @@
-"""Q(δ) of one roller: its normal load [N] by the approach of the bodies it is pressed between [mm].
-
-Every law here is Q = K δⁿ with a pair (K, n) that depends on the length of the spall under the roller.
-"""
+"""What a roller law is, and the power laws: Q = K δⁿ with a pair (K, n) for every length of the spall underneath."""
 
 from __future__ import annotations
 
@@ -14,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb import contact as contacts
-from difftrb import given, hertz, status
+from difftrb import curve, given, hertz, status
+from difftrb.curve import Curve
 from difftrb.geometry import LineContact, Real, Spall
 
-NAMES = ("palmgren", "power", "liu2018")
-LATER = ("table", "direct")
+NAMES = ("palmgren", "power", "liu2018", "table", "direct")
 
 # Liu et al. 2018, Table 2: spall length [mm], K [N/mmⁿ], n, largest error of the fit
 TABLE_2 = np.array(
@@ -32,26 +29,71 @@ TABLE_2 = np.array(
 )
 
 LENGTH_SHARE = 0.85
-"""The fitted law covers spalls up to this share of the roller's length."""
+"""A law from contact solves covers spalls up to this share of the roller's length."""
 LENGTH_NODES = 7
 LOAD_NODES = 9
 
 
 class Law(Protocol):
-    """What a law has to answer. `error` is the largest relative error of Q against what it was fitted to (NaN if
-    unknown), inside `load_range` [N] and for spalls up to `longest` [mm]."""
+    """What a law has to answer.
+
+    `error` is the largest relative error of Q against what it was fitted to (NaN if unknown), inside `load_range` [N];
+    `hard` says whether a roller is in a spall or not, with nothing in between. `curves` gives the curve Q(δ) of every
+    roller, shape (rollers,), from the distances of their contacts from the spalls' centres in the rolling direction
+    [mm], shape (spalls, rollers), and about the loads that they will have [N], shape (rollers,): a curve that an edge
+    bends is exact around these. `judge` a status: whether the law knows such spalls and distances. `ramp`
+    says between which distances from its rolling edge [mm], positive over the spall, the spall numbered `number` lets a
+    roller of a given load [N] down. `at` is the law
+    for a contact of other numbers: the same law, unless it knows better.
+    """
 
     @property
     def name(self) -> str: ...
     @property
-    def longest(self) -> Real: ...
+    def hard(self) -> bool: ...
     @property
     def load_range(self) -> tuple[Real, Real]: ...
     @property
     def error(self) -> Real: ...
     @property
     def status_code(self) -> Real: ...
-    def coefficients(self, spall_length: jax.Array) -> tuple[jax.Array, jax.Array]: ...
+    def at(self, contact: LineContact) -> Law: ...
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve: ...
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array: ...
+    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]: ...
+
+
+def curve_over(law: Law, spall: Spall | None = None, distance: Real = 0.0, expected: Real = 1000.0) -> Curve:
+    """The curve of one roller whose contact stands `distance` [mm] from the middle of `spall`, or on a healthy
+    raceway; `expected` is about the load [N] at which it is wanted, as in `Law.curves`."""
+    about = jnp.full(1, expected)
+    if spall is None:
+        return curve.of(law.curves((), jnp.zeros((0, 1)), about), 0)
+    return curve.of(law.curves((spall,), jnp.full((1, 1), distance), about), 0)
+
+
+def spalls_under(spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+    """Which spall every roller is over, counted from 1; 0 is none; shape (rollers,).
+
+    A hard window: a roller is over a spall while the middle of its contact is, so nothing changes with width but the
+    number of rollers inside. Of several, the longest counts. `distances` as in `Law.curves`.
+    """
+    over = jnp.zeros(distances.shape[1:], int)
+    longest = jnp.zeros(distances.shape[1:])
+    for i, spall in enumerate(spalls):
+        inside = (jnp.abs(distances[i]) < 0.5 * spall.width) & (spall.length > longest)  # Liu et al. 2018, eq. (7)
+        over, longest = jnp.where(inside, i + 1, over), jnp.where(inside, spall.length, longest)
+    return over
+
+
+def _lengths(spalls: tuple[Spall, ...]) -> jax.Array:
+    """Lengths of no spall and of every spall [mm], shape (1 + spalls,)."""
+    return jnp.stack([jnp.zeros(()), *(jnp.asarray(spall.length, float) for spall in spalls)])
+
+
+def known_up_to(longest: Real, spalls: tuple[Spall, ...]) -> jax.Array:
+    """Status: whether no spall is longer than `longest` [mm]."""
+    return jnp.where(jnp.asarray(longest) >= jnp.max(_lengths(spalls)), status.CONVERGED, status.UNKNOWN_LENGTH)
 
 
 @partial(
@@ -80,17 +122,29 @@ class PowerLaw:
     error: Real
     status_code: Real
     name: str
-
-    @property
-    def longest(self) -> Real:
-        """Longest spall the law knows [mm]."""
-        return self.lengths[-1]
+    hard = True
 
     def coefficients(self, spall_length: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """K [N/mmⁿ] and n for spalls of `spall_length` [mm], any shape, 0…`longest`."""
+        """K [N/mmⁿ] and n for spalls of `spall_length` [mm], any shape, up to the longest node."""
         nodes = jnp.stack([self.log_stiffness, self.exponent], axis=-1)
-        values = _lagrange(self.lengths, nodes, jnp.asarray(spall_length))
+        values = curve.weights(self.lengths, jnp.asarray(spall_length)) @ nodes
         return jnp.exp(values[..., 0]), values[..., 1]
+
+    def at(self, contact: LineContact) -> PowerLaw:
+        """See `Law`: frozen."""
+        return self
+
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
+        """See `Law`."""
+        return curve.chosen(curve.power(*self.coefficients(_lengths(spalls))), spalls_under(spalls, distances))
+
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+        """See `Law`."""
+        return known_up_to(self.lengths[-1], spalls)
+
+    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """See `Law`: a step."""
+        return jnp.zeros(()), jnp.zeros(())
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["length"], meta_fields=[])
@@ -104,38 +158,28 @@ class Palmgren:
 
     length: Real
     name = "palmgren"
+    hard = True
     load_range = (0.0, np.inf)
     error = np.nan
     status_code = float(status.CONVERGED)
 
-    @property
-    def longest(self) -> Real:
-        """Longest spall [mm]: 99 % of the roller."""
-        return 0.99 * self.length
+    def at(self, contact: LineContact) -> Palmgren:
+        """See `Law`: frozen."""
+        return self
 
-    def coefficients(self, spall_length: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """K [N/mmⁿ] and n for spalls of `spall_length` [mm], any shape."""
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
+        """See `Law`."""
         n = 10.0 / 9.0
-        K = hertz.palmgren_approach(1.0, self.length - jnp.asarray(spall_length)) ** -n
-        return K, jnp.full_like(K, n)
+        K = hertz.palmgren_approach(1.0, self.length - _lengths(spalls)) ** -n
+        return curve.chosen(curve.power(K, jnp.full_like(K, n)), spalls_under(spalls, distances))
 
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+        """See `Law`: up to 99 % of the roller."""
+        return known_up_to(0.99 * self.length, spalls)
 
-def load(law: Law, approach: jax.Array, spall_length: jax.Array) -> jax.Array:
-    """Load Q = K δⁿ of rollers [N] at `approach` δ [mm] over spalls of `spall_length` [mm]; 0 where δ ≤ 0."""
-    return power(approach, *law.coefficients(spall_length))[0]
-
-
-def stiffness(law: Law, approach: jax.Array, spall_length: jax.Array) -> jax.Array:
-    """dQ/dδ of rollers [N/mm]; 0 where δ ≤ 0."""
-    return power(approach, *law.coefficients(spall_length))[1]
-
-
-def power(approach: jax.Array, K: jax.Array, n: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Q = K δⁿ [N] and dQ/dδ [N/mm]; both 0 where δ ≤ 0."""
-    touching = approach > 0.0
-    depth = jnp.where(touching, approach, 1.0)
-    slope = jnp.where(touching, n * K * depth ** (n - 1.0), 0.0)  # Liu et al. 2018, eq. (6)
-    return slope * depth / n, slope
+    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """See `Law`: a step."""
+        return jnp.zeros(()), jnp.zeros(())
 
 
 def named(name: str, contact: LineContact, load_range: tuple[Real, Real], spall: Spall | None, accuracy: float) -> Law:
@@ -151,8 +195,6 @@ def named(name: str, contact: LineContact, load_range: tuple[Real, Real], spall:
 
 def unknown(name: str) -> str:
     """The sentence for a law that cannot be had."""
-    if name in LATER:
-        return f"law = {name!r} is not available in this version; use one of {', '.join(NAMES)}"
     return f"law = {name!r} is unknown; use one of {', '.join(NAMES)}"
 
 
@@ -223,7 +265,7 @@ def _fit(
     nodes = jnp.log(approaches[: LENGTH_NODES * LOAD_NODES]).reshape(LENGTH_NODES, LOAD_NODES)
     intercept, slope = _regress(nodes, jnp.log(loads))
     law = PowerLaw(jnp.asarray(lengths), intercept, slope, (low, high), 0.0, jnp.max(codes).astype(float), "power")
-    predicted = load(law, approaches, cases[0])
+    predicted, _ = curve.load(curve.power(*law.coefficients(cases[0])), approaches)
     error = jnp.max(jnp.abs(predicted / cases[1] - 1.0))
     return dataclasses.replace(law, error=jax.lax.stop_gradient(error))
 
@@ -234,15 +276,3 @@ def _regress(x: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
     y_mean = jnp.mean(y)
     slope = jnp.sum((x - x_mean) * (y - y_mean)[None, :], axis=1) / jnp.sum((x - x_mean) ** 2, axis=1)
     return y_mean - slope * x_mean[:, 0], slope
-
-
-def _lagrange(nodes: jax.Array, values: jax.Array, x: jax.Array) -> jax.Array:
-    """The polynomial through (nodes, values) at x; nodes (m,), values (m, k), x any shape → x.shape + (k,)."""
-    m = nodes.shape[0]
-    other = ~np.eye(m, dtype=bool)
-
-    def at(point: jax.Array) -> jax.Array:
-        factors = (point - nodes)[None, :] / jnp.where(other, nodes[:, None] - nodes[None, :], 1.0)
-        return jnp.prod(jnp.where(other, factors, 1.0), axis=-1) @ values
-
-    return jax.vmap(at)(x.ravel()).reshape(*x.shape, -1)

@@ -16,7 +16,7 @@ from rich.text import Text
 from difftrb import status
 from difftrb.contact import ContactSolution
 from difftrb.law import Law
-from difftrb.scene import Assessment, Scene
+from difftrb.scene import Assessment, PitchMean, Scene
 
 BAR = 28
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
@@ -43,7 +43,7 @@ def run_json(scene: Scene, result: Assessment, seconds: float) -> dict[str, Any]
         "displacement": dict(zip(("radial", "lateral", "axial"), spalled.displacement, strict=True)),
         "stiffness": {
             "definition": scene.definition,
-            "phase": scene.phase,
+            "phase": "mean" if isinstance(scene.phase, PitchMean) else scene.phase,
             "radial": spalled.radial_stiffness,
             "axial": spalled.axial_stiffness,
             "matrix": spalled.stiffness,
@@ -117,10 +117,16 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
         law_text(spalled.law, spalled.loads),
         f"{spalled.status}; unbalanced force {spalled.residual:.1e} of the load after {spalled.iterations} steps",
     ]
-    if scene.spalls:
+    if scene.spalls and spalled.law.hard and not isinstance(scene.phase, PitchMean):
         lines.insert(
             2, "width: the window is hard, so stiffness changes with width only where a roller enters or leaves"
         )
+    if isinstance(scene.phase, PitchMean):
+        low, high = spalled.stiffness_span
+        lines.insert(
+            0, f"means over one roller pitch; stiffness radial {low[0, 0]:,.0f} … {high[0, 0]:,.0f}, axial "
+            f"{low[2, 2]:,.0f} … {high[2, 2]:,.0f} N/mm"
+        )  # fmt: skip
     return Group(stiffness, loads, *(Text(line) for line in lines))
 
 
@@ -134,7 +140,7 @@ def law_text(law: Law, loads: jax.Array) -> str:
     low, high = (float(v) for v in law.load_range)
     if math.isfinite(high):
         outside = int(jnp.sum((loads > 0.0) & ((loads < low) | (loads > high))))
-        text += f", fitted for {low:.0f} … {high:.0f} N ({outside} loaded rollers outside)"
+        text += f", made for {low:.0f} … {high:.0f} N ({outside} loaded rollers outside)"
     error = float(law.error)
     return text + (f", error of a load up to {100.0 * error:.1f} %" if math.isfinite(error) else ", error not known")
 

@@ -14,13 +14,16 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import geometry, implicit, law, status
+from difftrb import curve, geometry, implicit, status
+from difftrb.curve import Curve
 from difftrb.geometry import FILE_RULES, Real, Spall, TaperedBearing
 from difftrb.law import Law
 
 ITERATIONS = 60
 TOLERANCE = 1e-12
 """Largest unbalanced force, relative to the load, at which an equilibrium counts as found."""
+ROUGHLY = 1e-2
+"""The same for the healthy ring, which only tells where load will be."""
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["radial", "axial"], meta_fields=[])
@@ -77,20 +80,11 @@ def directions(bearing: TaperedBearing, angles: jax.Array) -> jax.Array:
     return jnp.stack([cos * jnp.cos(angles), cos * jnp.sin(angles), axial], axis=-1)  # Liu et al. 2018, eq. (5)
 
 
-def spalls_under(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array) -> jax.Array:
-    """Which spall every roller is over, counted from 1; 0 is none; shape (rollers,).
-
-    A hard window: a roller is over a spall while its angle is within half the spall's width of the spall's middle, so
-    nothing here changes with width but the number of rollers inside. Of several, the longest counts.
-    """
-    over = jnp.zeros(angles.shape, int)
-    longest = jnp.zeros(angles.shape)
-    for i, spall in enumerate(spalls, start=1):
-        away = jnp.abs(jnp.mod(angles - spall.angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi)
-        half = 0.5 * spall.width / geometry.arc_radius(bearing)
-        inside = (away < half) & (spall.length > longest)  # Liu et al. 2018, eq. (7)
-        over, longest = jnp.where(inside, i, over), jnp.where(inside, spall.length, longest)
-    return over
+def distances(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array) -> jax.Array:
+    """From every spall's centre to every roller's contact, along the raceway [mm], shape (spalls, rollers)."""
+    centres = jnp.stack([jnp.asarray(spall.angle, float) for spall in spalls]) if spalls else jnp.zeros(0)
+    away = jnp.mod(angles[None, :] - centres[:, None] + jnp.pi, 2.0 * jnp.pi) - jnp.pi
+    return geometry.arc_radius(bearing) * away
 
 
 def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real) -> jax.Array:
@@ -128,8 +122,6 @@ def equilibrium(
     """
     angles = roller_angles(bearing, phase)
     normals = directions(bearing, angles)
-    lengths = jnp.stack([jnp.zeros(()), *(jnp.asarray(spall.length, float) for spall in spalls)])
-    over = spalls_under(bearing, spalls, angles)
     valid = (load.radial >= 0.0) & (load.axial >= 0.0) & jnp.isfinite(load.radial + load.axial + phase)
     for spall in spalls:
         valid = valid & geometry.spall_is_sound(spall)
@@ -137,22 +129,28 @@ def equilibrium(
     force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
     safe = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
 
-    known = jnp.asarray(roller_law.longest) >= jnp.max(lengths)
+    away = distances(bearing, spalls, angles)
+    known = roller_law.judge(spalls, away)
     extra = jnp.broadcast_to(interference, angles.shape)
-    K, n = roller_law.coefficients(lengths)  # once for healthy rollers, once for each spall
-    rollers = Rollers(normals, extra, K[over], n[over])
-    u, (residual, iterations) = implicit.root(_unbalanced, _newton, solve_3x3, (rollers, safe))
+    expected = jnp.zeros_like(angles)
+    sound = Rollers(normals, extra, roller_law.curves((), away[:0], expected))
+    start = _start(sound, safe)
+    if spalls and not roller_law.hard:  # where load will be, from the healthy ring
+        start, _ = jax.lax.stop_gradient(_newton((sound, safe, start), ROUGHLY))
+        expected, _ = jax.lax.stop_gradient(curve.load(sound.curves, sound.approach(start)))
+    rollers = Rollers(normals, extra, roller_law.curves(spalls, away, expected))
+    u, (residual, iterations) = implicit.root(_unbalanced, _newton, solve_3x3, (rollers, safe, start))
     approach = rollers.approach(u)
-    loads, slopes = law.power(approach, rollers.stiffness, rollers.exponent)
+    loads, slopes = curve.load(rollers.curves, approach)
     tangent = _tangent(normals, slopes)
 
     converged = (residual <= TOLERANCE) & jnp.all(jnp.isfinite(u))
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
-    code = jnp.where(known, code, status.UNKNOWN_LENGTH)
+    code = jnp.where(known == status.CONVERGED, code, known)
     code = jnp.where(held, code, status.NO_EQUILIBRIUM)
     code = jnp.where(valid, code, status.BAD_INPUT)
     code = status.worst(code, jnp.asarray(roller_law.status_code).astype(int))
-    usable = valid & held & known
+    usable = valid & held & (known == status.CONVERGED)
 
     def only_if_usable(value: jax.Array) -> jax.Array:
         return jnp.where(usable, value, jnp.nan)
@@ -166,13 +164,12 @@ def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
 
 
 class Rollers(NamedTuple):
-    """What equilibrium needs of the rollers: unit normals, shape (rollers, 3), interference [mm] and the power law's
-    K [N/mmⁿ] and n, each of shape (rollers,)."""
+    """What equilibrium needs of the rollers: unit normals, shape (rollers, 3), interference [mm] and curves, each of
+    shape (rollers,)."""
 
     normals: jax.Array
     interference: jax.Array
-    stiffness: jax.Array
-    exponent: jax.Array
+    curves: Curve
 
     def approach(self, u: jax.Array) -> jax.Array:
         """Approach of every roller at displacement u [mm], shape (rollers,)."""
@@ -184,15 +181,19 @@ def _tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:
     return _dot(normals.T * slopes[None, :], normals)
 
 
-def _unbalanced(u: jax.Array, parameters: tuple[Rollers, jax.Array]) -> jax.Array:
+Ring = tuple[Rollers, jax.Array, jax.Array]
+"""Rollers, force [N] and a displacement to start from [mm], both of shape (3,)."""
+
+
+def _unbalanced(u: jax.Array, parameters: Ring) -> jax.Array:
     """Force left over at displacement u, relative to the load, shape (3,)."""
     return _system(u, parameters)[0]
 
 
-def _system(u: jax.Array, parameters: tuple[Rollers, jax.Array]) -> tuple[jax.Array, jax.Array]:
+def _system(u: jax.Array, parameters: Ring) -> tuple[jax.Array, jax.Array]:
     """The unbalanced force and its derivative by u, relative to the load."""
-    rollers, force = parameters
-    loads, slopes = law.power(rollers.approach(u), rollers.stiffness, rollers.exponent)
+    rollers, force, _ = parameters
+    loads, slopes = curve.load(rollers.curves, rollers.approach(u))
     unbalanced = _dot(rollers.normals.T, loads) - force  # Liu et al. 2018, eq. (5)
     return unbalanced / _size(force), _tangent(rollers.normals, slopes) / _size(force)
 
@@ -201,12 +202,19 @@ def _size(force: jax.Array) -> jax.Array:
     return jnp.linalg.norm(jax.lax.stop_gradient(force))
 
 
-def _newton(parameters: tuple[Rollers, jax.Array]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+def _start(rollers: Rollers, force: jax.Array) -> jax.Array:
+    """All rollers as loaded as the first one would be, were the load shared equally."""
+    axial = rollers.normals[0, 2]
+    share = _size(force) / (rollers.normals.shape[0] * axial)
+    return jnp.zeros(3).at[2].set(curve.approach(curve.of(rollers.curves, 0), share) / axial)
+
+
+def _newton(parameters: Ring, tolerance: float = 0.01 * TOLERANCE) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
     """Newton's method on a convex energy, of which the unbalanced force is the gradient.
 
     A step p is taken unless it climbs again steeply at its end (force·p), else retaken shorter, by damping.
     """
-    rollers, force = parameters
+    *_, start = parameters
 
     def step(state):
         u, r, J, damping, k = state
@@ -219,12 +227,8 @@ def _newton(parameters: tuple[Rollers, jax.Array]) -> tuple[jax.Array, tuple[jax
 
     def unfinished(state):
         _, r, _, damping, k = state
-        return (jnp.max(jnp.abs(r)) > 0.01 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
+        return (jnp.max(jnp.abs(r)) > tolerance) & (k < ITERATIONS) & (damping < 1e6)
 
-    # start with all rollers as loaded as the first one would be, were the load shared equally
-    axial = rollers.normals[0, 2]
-    share = _size(force) / (rollers.exponent.shape[0] * axial)
-    start = jnp.zeros(3).at[2].set((share / rollers.stiffness[0]) ** (1.0 / rollers.exponent[0]) / axial)
     state = start, *_system(start, parameters), jnp.zeros(()), jnp.asarray(0)
     u, r, _, _, k = jax.lax.while_loop(unfinished, step, state)
     return u, (jnp.max(jnp.abs(r)), k)

@@ -9,12 +9,14 @@ from typing import Annotated, Literal, NamedTuple, cast, get_args
 import jax
 import jax.core
 import jax.numpy as jnp
+import numpy as np
 from annotated_types import Interval, Unit
 
+from difftrb import direct, geometry, pitch, ring, status, table
 from difftrb import law as laws
-from difftrb import ring, status
 from difftrb.geometry import LineContact, Real, Spall, TaperedBearing, as_floats
 from difftrb.law import Law
+from difftrb.nodes import Progress
 from difftrb.ring import Load
 
 Definition = Literal["tangent", "secant"]
@@ -27,6 +29,19 @@ SEVERAL_SHAPES = (
     "law = 'power' is fitted for spalls of one width, depth and axial offset; make them equal, use another law, "
     "or give the scene a law prepared with power_law"
 )
+
+
+BY_NODES = ("table", "direct")
+TRACED = (
+    "law = 'table' and law = 'direct' need numbers: prepare the scene first, difftrb.prepare(scene), and "
+    "differentiate, jit or batch what comes out; derivatives stay complete"
+)
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class PitchMean:
+    """In place of a phase: the mean over one roller pitch."""
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["name"])
@@ -50,12 +65,14 @@ class Scene:
       bearing: from `difftrb.bearing("32008J")` or your own `TaperedBearing`.
       load: radial and axial [N].
       spalls: on the outer raceway; empty is healthy.
-      law: "power" (default), "liu2018", "palmgren", or a law prepared with `power_law` (then nothing is fitted here).
+      law: "power" (default), "liu2018", "palmgren", "table", "direct", or a law made before (then nothing is fitted
+        here). "table" and "direct" need `prepare` before the scene is differentiated, jitted or batched.
       design_load: Q_d of the rollers' crown [N], 0…1e7. Default 6500, with which Liu et al. 2018, Table 2 comes out.
       accuracy: relative accuracy of the contact solves behind the law, 1e-2…1e-4. Default 1e-3: a power law is not
         worth more.
       definition: of stiffness, "tangent" (dF/du, default) or "secant" (F/u, as in Liu et al. 2018, Fig. 17).
-      phase: angle of roller 0 from the load line [rad], −2π…2π.
+      phase: angle of roller 0 from the load line [rad], −2π…2π, or "mean": everything is averaged over one roller
+        pitch of cage phases.
     """
 
     bearing: TaperedBearing
@@ -65,17 +82,21 @@ class Scene:
     design_load: DesignLoad = 6500.0
     accuracy: Accuracy = 1e-3
     definition: Definition = "tangent"
-    phase: Phase = 0.0
+    phase: Phase | PitchMean | Literal["mean"] = 0.0
 
     def __post_init__(self) -> None:
+        if isinstance(self.phase, str):
+            if self.phase != "mean":
+                raise ValueError(f"phase = {self.phase!r} is unknown; give an angle [rad] or 'mean'")
+            object.__setattr__(self, "phase", PitchMean())
         if isinstance(self.law, str):
             object.__setattr__(self, "law", LawName(self.law))
 
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["angles", "displacement", "approach", "loads", "stiffness", "law", "residual", "iterations",
-                 "status_code"],
+    data_fields=["angles", "displacement", "approach", "loads", "stiffness", "load_span", "stiffness_span", "law",
+                 "residual", "iterations", "status_code"],
     meta_fields=["definition"],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
@@ -83,11 +104,14 @@ class Solution(status.Judged):
     """A solved scene.
 
     Attributes:
-      angles: of the rollers from the load line [rad], shape (rollers,).
+      angles: of the rollers from the load line [rad], shape (rollers,); with phase "mean" at its middle, half a pitch
+        on. All else is then the mean over the phases: of one roller as it rolls on to the next one's place.
       displacement: radial, lateral, axial [mm], shape (3,).
       approach: of every roller [mm], shape (rollers,). loads: of every roller [N], shape (rollers,).
       stiffness: [N/mm], shape (3, 3) over radial, lateral, axial: dF/du if `definition` is "tangent"; the diagonal of
         F/u if "secant" (0 for the lateral direction, which has no load; NaN for a direction without load).
+      load_span, stiffness_span: least and largest over the phases, shapes (2, rollers) and (2, 3, 3); the same twice
+        at one phase.
       law: the roller law that was used, with its range and error.
       residual: largest unbalanced force relative to the load. iterations: Newton steps.
       status_code: see `difftrb.status`; `status` is its sentence.
@@ -99,6 +123,8 @@ class Solution(status.Judged):
     approach: jax.Array
     loads: jax.Array
     stiffness: jax.Array
+    load_span: jax.Array
+    stiffness_span: jax.Array
     law: Law
     residual: jax.Array
     iterations: jax.Array
@@ -116,20 +142,49 @@ class Solution(status.Judged):
         return self.stiffness[2, 2]
 
 
-def prepared_law(scene: Scene) -> Law:
+def prepared_law(scene: Scene, progress: Progress | None = None) -> Law:
     """The scene's roller law, built from contact solves if it is only named.
 
     The power law is fitted from a sixth of the largest roller load that the scene lets expect to 1.2 times it, with
     the spalls' width, depth and axial offset, which must be one for all (else ValueError).
     """
+    contact = LineContact.of(scene.bearing, "outer", scene.design_load)
     if not isinstance(scene.law, LawName):
-        return cast(Law, scene.law)
+        return cast(Law, scene.law).at(contact)
     if scene.law.name == "power" and not _of_one_shape(scene.spalls):
         raise ValueError(SEVERAL_SHAPES)
     largest = ring.largest_load(scene.bearing, scene.load)
-    contact = LineContact.of(scene.bearing, "outer", scene.design_load)
+    if scene.law.name in BY_NODES:
+        return _by_nodes(scene, contact, largest, progress)
     spall = scene.spalls[0] if scene.spalls else None
     return laws.named(scene.law.name, contact, (largest / 6.0, 1.2 * largest), spall, scene.accuracy)
+
+
+def _by_nodes(scene: Scene, contact: LineContact, largest: Real, progress: Progress | None) -> Law:
+    """A law from contact solves that are made one by one, outside of jit."""
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+        raise ValueError(TRACED)
+    name = cast(LawName, scene.law).name
+    if name == "table" and scene.spalls:
+        return table.table_law(contact, float(largest), scene.spalls, scene.accuracy, progress)
+    if isinstance(scene.phase, PitchMean):
+        if scene.spalls:
+            raise ValueError("law = 'direct' holds for one phase; with phase = 'mean' use 'table'")
+        phase: Real = 0.0
+    else:
+        phase = cast(Real, scene.phase)
+    angles = ring.roller_angles(scene.bearing, phase)
+    distances = np.asarray(ring.distances(scene.bearing, scene.spalls, angles))
+
+    def law_for(spalls: tuple[Spall, ...], expected: np.ndarray) -> direct.DirectLaw:
+        away = distances[: len(spalls)]
+        return direct.direct_law(contact, float(largest), spalls, away, expected, scene.accuracy, progress)
+
+    sound = law_for((), np.zeros(angles.shape))
+    if not scene.spalls:
+        return sound
+    expected = ring.equilibrium(scene.bearing, scene.load, (), sound, phase).loads
+    return law_for(scene.spalls, np.asarray(expected))
 
 
 def _of_one_shape(spalls: tuple[Spall, ...]) -> bool:
@@ -140,11 +195,12 @@ def _of_one_shape(spalls: tuple[Spall, ...]) -> bool:
     return len({tuple(float(value) for value in shape) for shape in shapes}) == 1
 
 
-def prepare(scene: Scene) -> Scene:
+def prepare(scene: Scene, progress: Progress | None = None) -> Scene:
     """The scene with its law built, so that solving it again costs microseconds. Errors as in `solve`.
 
-    A prepared law is frozen: bearing, crown, and a spall's width, depth and axial offset no longer act through it.
-    For complete derivatives by those, differentiate the scene with its law by name.
+    A prepared "power" law is frozen: bearing, crown, and a spall's width, depth and axial offset no longer act through
+    it; for complete derivatives by those, differentiate the scene with its law by name. "table" and "direct" stay
+    complete, and hold for neighbours of the scene. `progress` is told how many of how many contacts are solved.
     """
     status.require_float64()
     scene = as_floats(scene)
@@ -155,7 +211,7 @@ def prepare(scene: Scene) -> Scene:
             raise ValueError(
                 f"spall.surface = {spall.surface!r}: the plain ring knows spalls on the outer raceway only"
             )
-    return dataclasses.replace(scene, law=prepared_law(scene))
+    return dataclasses.replace(scene, law=prepared_law(scene, progress))
 
 
 def healthy(scene: Scene) -> Scene:
@@ -176,11 +232,31 @@ def solve(scene: Scene) -> Solution:
 @jax.jit
 def _solve(scene: Scene) -> Solution:
     roller_law = prepared_law(scene)
-    rest = ring.equilibrium(scene.bearing, scene.load, scene.spalls, roller_law, scene.phase)
-    stiffness = rest.tangent if scene.definition == "tangent" else _secant(scene.load, rest.displacement)
+
+    def at(phase: Real) -> tuple[ring.Equilibrium, jax.Array]:
+        rest = ring.equilibrium(scene.bearing, scene.load, scene.spalls, roller_law, phase)
+        stiffness = rest.tangent if scene.definition == "tangent" else _secant(scene.load, rest.displacement)
+        return rest, stiffness
+
+    if not isinstance(scene.phase, PitchMean):
+        rest, stiffness = at(cast(Real, scene.phase))
+        load_span, stiffness_span = jnp.stack([rest.loads] * 2), jnp.stack([stiffness] * 2)
+        angles = ring.roller_angles(scene.bearing, cast(Real, scene.phase))
+    else:
+        phases, weights = pitch.phases(scene.bearing, scene.load, scene.spalls, roller_law)
+        every, stiffness = jax.vmap(at)(phases)
+        load_span, stiffness_span = (jnp.stack([jnp.min(v, 0), jnp.max(v, 0)]) for v in (every.loads, stiffness))
+        rest = ring.Equilibrium(
+            *(jnp.tensordot(weights, v, 1) for v in (every.displacement, every.approach, every.loads, every.tangent)),
+            residual=jnp.max(every.residual),
+            iterations=jnp.max(every.iterations),
+            status_code=jnp.max(every.status_code),
+        )
+        stiffness = jnp.tensordot(weights, stiffness, 1)
+        angles = ring.roller_angles(scene.bearing, 0.5 * geometry.roller_pitch(scene.bearing))
     return Solution(
-        ring.roller_angles(scene.bearing, scene.phase), rest.displacement, rest.approach, rest.loads, stiffness,
-        roller_law, rest.residual, rest.iterations, rest.status_code, scene.definition,
+        angles, rest.displacement, rest.approach, rest.loads, stiffness, load_span, stiffness_span, roller_law,
+        rest.residual, rest.iterations, rest.status_code, scene.definition,
     )  # fmt: skip
 
 

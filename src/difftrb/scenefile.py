@@ -42,7 +42,7 @@ class ContactTable:
 
     __pydantic_config__ = FILE_RULES
 
-    law: Literal["power", "liu2018", "palmgren"] = "power"
+    law: Literal["power", "liu2018", "palmgren", "table", "direct"] = "power"
     design_load: DesignLoad = 6500.0
     accuracy: Accuracy = 1e-3
     load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
@@ -57,7 +57,7 @@ class StiffnessTable:
     __pydantic_config__ = FILE_RULES
 
     definition: Definition = "tangent"
-    phase: Phase = 0.0
+    phase: Phase | Literal["mean"] = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -214,12 +214,10 @@ def _loaded(name: str, place: Spall, key: str, folder: Path) -> HeightMap:
 
 def _not_yet(content: dict[str, Any], path: str | Path) -> None:
     """Refuse, by name, what this version does not have."""
-    contact, stiffness = content.get("contact"), content.get("stiffness")
+    contact = content.get("contact")
     law = contact.get("law") if isinstance(contact, dict) else None
     if isinstance(law, str) and law not in laws.NAMES:
         raise SceneError(f"{path}: contact.{laws.unknown(law)}")
-    if isinstance(stiffness, dict) and stiffness.get("phase") == "mean":
-        raise SceneError(f"{path}: stiffness.phase = 'mean' is not available in this version; give an angle [rad]")
     effects = content.pop("effects", {})
     if effects != {}:
         keys = ", ".join(f"effects.{key}" for key in effects) if isinstance(effects, dict) else "effects"
@@ -283,8 +281,9 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
                 "`difftrb contact`, which takes height maps"
             )
     law = file.contact.law
-    longest = {"power": laws.LENGTH_SHARE * file.bearing.roller_length, "liu2018": laws.TABLE_2[-1, 0],
-               "palmgren": 0.99 * file.bearing.roller_length}[law]  # fmt: skip
+    roller = file.bearing.roller_length
+    longest = {"power": laws.LENGTH_SHARE * roller, "table": laws.LENGTH_SHARE * roller, "palmgren": 0.99 * roller,
+               "liu2018": laws.TABLE_2[-1, 0], "direct": laws.LENGTH_SHARE * roller}[law]  # fmt: skip
     for i, spall in enumerate(file.spall):
         if spall.surface != "outer":
             raise SceneError(
@@ -302,7 +301,12 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
         raise NoEquilibriumError(
             f"{path}: load.axial = 0 N and load.radial = 0 N: there is nothing to hold; give a load"
         )
-    needed = float(needed_axial(file.bearing, file.load.radial, file.stiffness.phase))
+    phase = file.stiffness.phase
+    if law == "direct" and phase == "mean" and file.spall:
+        raise SceneError(f"{path}: stiffness.phase = 'mean': contact.law = 'direct' holds for one phase; use 'table'")
+    # of all phases the worst has the load line in the middle between two rollers
+    worst = 0.5 * geometry.roller_pitch(file.bearing) if phase == "mean" else phase
+    needed = float(needed_axial(file.bearing, file.load.radial, worst))
     if file.load.axial <= needed * (1.0 + 1e-6) or file.load.axial == 0.0:
         raise NoEquilibriumError(
             f"{path}: load.axial = {file.load.axial:g} N is too small for an equilibrium: with load.radial = "
@@ -316,6 +320,8 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
 def _sentence(error: Any) -> str:
     """One pydantic error as a sentence: key, value, allowed range, what to do."""
     where = list(error["loc"])
+    if where[:2] == ["stiffness", "phase"]:  # behind a key of two kinds the kind is named, too
+        where = where[:2]
     key = ".".join(str(part) for part in where)
     key = key if key.isprintable() else repr(key)
     value = repr(error["input"])
@@ -349,7 +355,14 @@ def _allowed(where: list[str | int]) -> str:
         get_type_hints(_owner(where[:-1]), include_extras=True)[str(where[-1])] if isinstance(where[-1], str) else None
     )
     if get_origin(hint) in (Union, types.UnionType):
-        hint = next(h for h in get_args(hint) if h is not type(None))
+        return " or ".join(_in_words(h) for h in get_args(hint) if h is not type(None))
+    return _in_words(hint)
+
+
+def _in_words(hint: Any) -> str:
+    """What one kind of value is, in words."""
+    if get_origin(hint) is Literal and len(get_args(hint)) == 1:
+        return repr(get_args(hint)[0])
     if get_origin(hint) is Literal:
         return "one of " + ", ".join(repr(v) for v in get_args(hint))
     if get_origin(hint) is not Annotated:

@@ -15,6 +15,8 @@ BAD_INPUT = 4
 UNRESOLVED = 5
 UNKNOWN_LENGTH = 6
 UNSUITED = 7
+OTHER_SCENE = 8
+NARROW = 9
 
 SENTENCES = {
     CONVERGED: "converged",
@@ -28,6 +30,8 @@ SENTENCES = {
     UNSUITED: "this way of solving cannot describe this contact (a roller without crown or loaded far beyond it, one "
     "that may reach the spall's bottom, too short a loaded land; for a line load and an edge's intensity a rolling "
     "edge in reach): use solve_contact with method 'cells'",
+    OTHER_SCENE: "the roller law was prepared for another scene: prepare this one, by naming its law",
+    NARROW: "a spall is so narrow that both its edges are in reach of a roller at once: use law 'direct'",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
 }
 

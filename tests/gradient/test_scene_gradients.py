@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import law, ring
+from difftrb import curve, law, ring
 
 
 def resized(scene: trb.Scene, length: jax.Array) -> trb.Scene:
@@ -82,15 +82,15 @@ def test_every_leaf_of_a_scene_has_its_gradient(scene: trb.Scene) -> None:
 def test_second_derivation_of_the_load_gradient(scene: trb.Scene) -> None:
     """du/dl = −K⁻¹ ΣdQ/dl n, dQ_j/dl = ∂Q/∂l + Q' n·du/dl, assembled in numpy."""
     s = trb.solve(scene)
-    lengths = 4.0 * np.asarray(ring.spalls_under(scene.bearing, scene.spalls, s.angles))
+    away = ring.distances(scene.bearing, scene.spalls, s.angles)
     normals = np.asarray(ring.directions(scene.bearing, s.angles))
     h = 1e-5
 
-    def at(length: float) -> np.ndarray:
-        return np.asarray(law.load(scene.law, s.approach, jnp.where(lengths > 0.0, length, 0.0)))  # type: ignore[arg-type]
+    def at(length: float) -> tuple[jax.Array, jax.Array]:
+        return curve.load(s.law.curves(resized(scene, jnp.asarray(length)).spalls, away, s.loads), s.approach)
 
-    by_length = (at(4.0 + h) - at(4.0 - h)) / (2 * h)
-    slopes = np.asarray(law.stiffness(scene.law, s.approach, jnp.asarray(lengths)))  # type: ignore[arg-type]
+    by_length = np.asarray((at(4.0 + h)[0] - at(4.0 - h)[0]) / (2 * h))
+    slopes = np.asarray(at(4.0)[1])
     moved = -np.linalg.solve(np.asarray(s.stiffness), normals.T @ by_length)
     expected = by_length + slopes * (normals @ moved)
     got = jax.jacfwd(lambda l: trb.solve(resized(scene, l)).loads)(4.0)

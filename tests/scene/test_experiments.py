@@ -1,5 +1,6 @@
 """The scripts in experiments/, in small."""
 
+import dataclasses
 import importlib.util
 import json
 import sys
@@ -149,3 +150,35 @@ def test_the_packaged_height_map_is_the_scripts(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ours.height, theirs.height)
     np.testing.assert_allclose(ours.height, experiment.spall_map(), atol=1e-7)
     assert trb.example_map().stat().st_size < 100_000
+
+
+def test_laws_of_ring() -> None:
+    """The comparison itself, with a law that needs no contact solves as the truth."""
+    experiment = script("laws_of_ring")
+    scenes = [dataclasses.replace(s, law="liu2018") for s in experiment.random_scenes(2, 1e-3)]
+    errors = experiment.compare(scenes, ("liu2018", "palmgren"))
+    assert errors["liu2018"].shape == (2, 4)
+    assert (errors["liu2018"] == 0.0).all()
+    assert (errors["palmgren"][:, :2] > 0.0).all()
+
+
+def test_width_and_phase(tmp_path: Path) -> None:
+    """Under a hard window the ramp's lines are the staircase's and the mean falls with width."""
+    experiment = script("width_and_phase")
+    scene = trb.Scene(
+        trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 5.0),), trb.liu2018(), phase=0.09
+    )
+    widths = np.array([3.0, 5.0, 9.0])
+    lines = experiment.curves(scene, widths)
+    step, same, mean, _ = lines.values()
+    np.testing.assert_array_equal(step, same)
+    assert (np.diff(mean) < 0.0).all()
+    value, slope = experiment.brute_force(scene, 200)
+    assert value == pytest.approx(mean[1], rel=1e-3)
+    assert slope == 0.0  # no ramp: equal steps see no width
+    experiment.draw(lines, widths, tmp_path)
+    assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
+
+
+def test_scipy_solves_the_same_ring() -> None:
+    assert script("speed_of_ring").by_scipy(trb.liu2018(), 2) > 0.0

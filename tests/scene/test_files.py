@@ -1,5 +1,6 @@
 """Scene files: what is right is read, what is wrong gets one sentence."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -35,11 +36,15 @@ BAD = {
     "bearing of a wrong kind": ('"32008J"', "32008", ["bearing = 32008", "32008J"]),
     "unknown surface": ('"outer"', '"top"', ["spall.0.surface = 'top'", "'outer', 'inner', 'roller'"]),
     "one spall as a table": ("[[spall]]", "[spall]", ["[[spall]]"]),
-    "law of a later version": ("[load]", '[contact]\nlaw = "table"\n[load]', ["contact.law = 'table'", "power"]),
     "unknown law": ("[load]", '[contact]\nlaw = "hooke"\n[load]', ["contact.law = 'hooke'", "power"]),
     "accuracy": ("[load]", "[contact]\naccuracy = 1e-9\n[load]", ["contact.accuracy = 1e-09", "0.0001 … 0.01"]),
     "effects": ("[load]", "[effects]\ncentrifugal = { speed_rpm = 3000.0 }\n[load]", ["effects.centrifugal"]),
-    "mean phase": ("[load]", '[stiffness]\nphase = "mean"\n[load]', ["stiffness.phase = 'mean'"]),
+    "phase in words": (
+        "[load]",
+        '[stiffness]\nphase = "average"\n[load]',
+        ["stiffness.phase = 'average'", "or 'mean'"],
+    ),
+    "phase too far": ("[load]", "[stiffness]\nphase = 7.0\n[load]", ["stiffness.phase = 7.0", "6.2832 rad or 'mean'"]),
     "too little axial load": ("axial = 4500.0", "axial = 2000.0", ["load.axial = 2000 N", "2272"]),
     "no axial load": ("axial = 4500.0", "axial = 0.0", ["load.axial = 0 N", "2272"]),
     "inner spall in the ring": ('"outer"', '"inner"', ["spall.0.surface = 'inner'", "'outer'"]),
@@ -175,3 +180,14 @@ def test_height_maps_lie_beside_the_scene_file(tmp_path: Path) -> None:
     path.write_text(MAP.replace("axial_offset = 0.4", "axial_offset = 4000.0"), encoding="utf-8")
     with pytest.raises(scenefile.SceneError, match=r"spall.0.axial_offset = 4000.0: must be a number in -1000 … 1000"):
         scenefile.read(path)
+
+
+def test_mean_phase_and_laws_from_contact_solves_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    text = scenefile.example("spall")
+    path.write_text(text + '[contact]\nlaw = "table"\n[stiffness]\nphase = "mean"\n', encoding="utf-8")
+    scene = trb.load_scene(path)
+    assert scene == dataclasses.replace(scene, law="table", phase="mean")
+    path.write_text(text + '[contact]\nlaw = "direct"\n[stiffness]\nphase = "mean"\n', encoding="utf-8")
+    with pytest.raises(trb.SceneError, match="holds for one phase"):
+        trb.load_scene(path)

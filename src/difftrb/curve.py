@@ -1,0 +1,159 @@
+"""From approach to load: log Q as a polynomial in log(δ − δ₀), the one kind of curve that the ring knows.
+
+A power law is a polynomial of degree one. A curve through contact solves goes exactly through them; outside it runs
+on straight in these logarithms, so that Q, dQ/dδ are continuous for every δ and d²Q/dδ² wherever a solve was near.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.geometry import Real
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["coefficients", "middle", "reach", "shift"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class Curve:
+    """log Q = Σ cₖ zᵏ with z = (log(δ − δ₀) − middle)/reach in −1…1; one curve or, with the same shape behind every
+    field, many.
+
+    Attributes:
+      coefficients: cₖ, shape (degree + 1, …). middle, reach: of log(δ − δ₀) [log mm], shape (…).
+      shift: δ₀ [mm], shape (…): the approach at which load begins, 0 but over a spall under whose middle the crown
+        has to be closed first.
+    """
+
+    coefficients: jax.Array
+    middle: jax.Array
+    reach: jax.Array
+    shift: jax.Array
+
+
+def power(stiffness: Real, exponent: Real) -> Curve:
+    """Q = K δⁿ with K [N/mmⁿ] and n, any one shape."""
+    K, n = jnp.asarray(stiffness, float), jnp.asarray(exponent, float)
+    return Curve(jnp.stack([jnp.log(K), n]), jnp.zeros_like(n), jnp.ones_like(n), jnp.zeros_like(n))
+
+
+def chebyshev(count: int, low: Real, high: Real) -> jax.Array:
+    """`count` Chebyshev–Lobatto nodes from `low` to `high`, both of them nodes."""
+    rise = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
+    return jnp.asarray(low + (high - low) * rise)
+
+
+def weights(places: jax.Array | np.ndarray, x: jax.Array | np.ndarray) -> jax.Array:
+    """What the values at `places`, shape (n,), count at `x`, any shape, on the polynomial through all of them; shape
+    x.shape + (n,)."""
+    count = len(places)
+    gaps = jnp.where(np.eye(count, dtype=bool), 1.0, places[:, None] - places[None, :])
+    scale = 1.0 / jnp.prod(gaps, axis=1)
+    x = jnp.asarray(x)
+    away = [x - places[k] for k in range(count)]
+    below, above = [jnp.ones_like(x)], [jnp.ones_like(x)]  # products of all before and of all behind
+    for k in range(count - 1):
+        below.append(below[-1] * away[k])
+        above.append(above[-1] * away[count - 1 - k])
+    return jnp.stack([scale[k] * below[k] * above[count - 1 - k] for k in range(count)], axis=-1)
+
+
+def through(log_loads: jax.Array, approaches: jax.Array, shift: jax.Array) -> Curve:
+    """The curve through the `approaches` [mm] at `log_loads` (of loads in N), both of shape (n, …), n ≥ 2.
+
+    Rising, best spaced like Chebyshev nodes. `shift` [mm], shape (…), below every approach. Divided differences:
+    differentiable by everything, no iteration.
+    """
+    x = jnp.log(approaches - shift[None])
+    middle, reach = 0.5 * (x[-1] + x[0]), 0.5 * (x[-1] - x[0])
+    z = (x - middle[None]) / reach[None]
+    count = len(log_loads)
+    order = _spread(count)
+    z = [z[k] for k in order]
+    divided = [log_loads[k] for k in order]
+    for level in range(1, count):
+        for k in range(count - 1, level - 1, -1):
+            divided[k] = (divided[k] - divided[k - 1]) / (z[k] - z[k - level])
+    powers = [divided[-1]]
+    for k in range(count - 2, -1, -1):  # · (z − z_k) + d_k
+        raised = [jnp.zeros_like(middle), *powers]
+        powers = [a - z[k] * b for a, b in zip(raised, [*powers, jnp.zeros_like(middle)], strict=True)]
+        powers[0] = powers[0] + divided[k]
+    return Curve(jnp.stack(powers), middle, reach, shift)
+
+
+def _spread(count: int) -> list[int]:
+    """An order of Chebyshev–Lobatto nodes in which divided differences stay accurate (Leja's)."""
+    x = np.cos(np.pi * np.arange(count) / (count - 1))
+    order = [0]
+    while len(order) < count:
+        product = np.prod(np.abs(x[:, None] - x[order][None, :]), axis=1)
+        order.append(int(np.argmax(product)))
+    return order
+
+
+def load(curve: Curve, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Q [N] and dQ/dδ [N/mm] at `approach` δ [mm], in the shape of the curves; both 0 where δ ≤ δ₀."""
+    above = approach - curve.shift
+    touching = above > 0.0
+    depth = jnp.where(touching, above, 1.0)
+    z = (jnp.log(depth) - curve.middle) / curve.reach
+    log_load, rate = _log_load(curve, z)
+    Q = jnp.where(touching, jnp.exp(log_load), 0.0)
+    return Q, Q * rate / (curve.reach * depth)
+
+
+def _log_load(curve: Curve, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """log Q and its derivative by z; straight outside −1…1."""
+    inside = jnp.clip(z, -1.0, 1.0) if curve.coefficients.shape[0] > 2 else z
+    value, rate = curve.coefficients[-1], jnp.zeros_like(z)
+    for c in curve.coefficients[-2::-1]:
+        value, rate = value * inside + c, rate * inside + value
+    return value + rate * (z - inside), rate
+
+
+def approach(curve: Curve, loads: jax.Array) -> jax.Array:
+    """δ [mm] at which the curves carry `loads` [N] > 0, by Newton's method on logarithms: a start value, to about
+    1e-6, that carries no derivative."""
+    goal = jnp.log(loads)
+
+    def step(_: int, z: jax.Array) -> jax.Array:
+        value, rate = _log_load(curve, z)
+        return z + (goal - value) / rate
+
+    z = jax.lax.fori_loop(0, 6, step, jnp.zeros_like(curve.middle))
+    return jax.lax.stop_gradient(jnp.exp(curve.middle + curve.reach * z) + curve.shift)
+
+
+def chosen(curves: Curve, index: jax.Array) -> Curve:
+    """The same as `of` for few curves and many an index: by comparing, which in a batch is faster than gathering."""
+
+    def field(values: jax.Array) -> jax.Array:
+        taken = values[..., :1]
+        for k in range(1, values.shape[-1]):
+            taken = jnp.where(
+                (index == k).reshape((1,) * (values.ndim - 1) + index.shape), values[..., k : k + 1], taken
+            )
+        return jnp.broadcast_to(taken, (*values.shape[:-1], *index.shape))
+
+    return jax.tree.map(field, curves)
+
+
+def of(curves: Curve, index: jax.Array | int) -> Curve:
+    """The curves at `index` (any shape) along the last axis of `curves`."""
+    return jax.tree.map(lambda field: field[..., index], curves)
+
+
+def joined(*curves: Curve) -> Curve:
+    """Several curves, each of shape () or (n,), one behind the other along a last axis."""
+
+    def columns(fields: list[jax.Array], rank: int) -> jax.Array:
+        return jnp.concatenate([f if f.ndim > rank else f[..., None] for f in fields], axis=-1)
+
+    return Curve(
+        columns([c.coefficients for c in curves], 1),
+        *(columns([getattr(c, name) for c in curves], 0) for name in ("middle", "reach", "shift")),
+    )

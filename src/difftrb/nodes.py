@@ -1,0 +1,122 @@
+"""Contact solves from which roller laws are built: approach and its derivatives by everything, many at a time."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb import contact as contacts
+from difftrb import hertz, status
+from difftrb.contact import ContactSolution
+from difftrb.geometry import LineContact, Real, Spall
+from difftrb.given import is_symmetric
+
+OF_CONTACT = ("radius", "length", "modulus", "design_load")
+OF_SPALL = ("length", "width", "depth", "axial_offset")
+INPUTS = len(OF_CONTACT) + len(OF_SPALL) + 1
+"""Number of inputs that a node's slopes are by: those of the contact, those of the spall, and its distance."""
+
+Progress = Callable[[int, int], None]
+"""Told how many of how many solves are done."""
+
+
+class Case(NamedTuple):
+    """One contact: load [N], spall (None is healthy), distance of the contact from the spall's middle [mm]."""
+
+    load: float
+    spall: Spall | None = None
+    distance: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Node:
+    """A solved `Case`: approach [mm], its slopes by `inputs`, shape (INPUTS,), the rest as in `ContactSolution`."""
+
+    approach: float
+    slopes: np.ndarray
+    status_code: int
+    half_width: float
+    reach: float
+
+
+def inputs(contact: LineContact, spall: Spall | None, distance: Real) -> jnp.ndarray:
+    """What slopes are by: contact, spall and distance in one vector, shape (INPUTS,); no spall counts as zeros."""
+    of_spall = (0.0,) * len(OF_SPALL) if spall is None else tuple(getattr(spall, name) for name in OF_SPALL)
+    values = (*(getattr(contact, name) for name in OF_CONTACT), *of_spall, distance)
+    return jnp.stack([jnp.asarray(value, float) for value in values])
+
+
+def contact_of(values: jnp.ndarray) -> LineContact:
+    """The contact in a vector of `inputs`."""
+    return LineContact(*(values[i] for i in range(len(OF_CONTACT))))
+
+
+def spall_of(values: jnp.ndarray) -> Spall:
+    """The spall in a vector of `inputs`."""
+    length, width, depth, axial_offset = (values[len(OF_CONTACT) + i] for i in range(len(OF_SPALL)))
+    return Spall(length, width, depth, axial_offset=axial_offset)
+
+
+def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
+    """Solve one case, whichever way does it. `reach` is how far from the middle of a wide spall a rolling edge would
+    touch the roller [mm] (0 without a spall)."""
+    solution, (by_contact, _, by_spall, by_distance, _) = contacts.approach_and_gradient(
+        contact, case.load, case.spall, case.distance, accuracy
+    )
+    slopes = np.array(inputs(by_contact, by_spall, by_distance if case.spall is not None else 0.0))
+    if is_symmetric(case.spall):  # half the roller was solved
+        slopes[INPUTS - 2] = 0.0
+    return Node(
+        float(solution.approach), slopes, int(solution.status_code), 0.5 * float(solution.contact_width),
+        _reach(contact, solution) if case.spall is not None else 0.0,
+    )  # fmt: skip
+
+
+def _reach(contact: LineContact, solution: ContactSolution) -> float:
+    """Where the deformed roller stands level with the raceway over the middle of the land-free part [mm].
+
+    e² = 2R(δ − w(e)) with the displacement w that the loaded land makes there; cells act as point loads, which they
+    are far from: the land ends half the spall's length away.
+    """
+    spall, cells = solution.spall, solution.cells
+    assert isinstance(spall, Spall)
+    force, x, y = np.asarray(solution.force), np.asarray(cells.x), np.asarray(cells.y)
+    if cells.mirrored:
+        force, y = 0.5 * np.concatenate([force, force]), np.concatenate([y, -y])
+    middle = float(spall.axial_offset) if abs(float(spall.axial_offset)) > 0.5 * float(spall.length) else 0.0
+    radius, approach = float(contact.radius), float(solution.approach)
+    edge = np.sqrt(2.0 * radius * approach)
+    for _ in range(30):
+        apart = np.hypot(x[None, :] - edge, y[:, None] - middle)
+        sunk = float(np.sum(force / apart)) / (np.pi * float(contact.modulus))
+        edge = 0.5 * (edge + np.sqrt(2.0 * radius * max(approach - sunk, 1e-3 * approach)))
+    return float(edge)
+
+
+def all_solved(
+    contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
+) -> list[Node]:
+    """Solve every case, on as many cores as there are."""
+    nodes: list[Node] = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for node in pool.map(lambda case: solved(contact, case, accuracy), cases):
+            nodes.append(node)
+            if progress is not None:
+                progress(len(nodes), len(cases))
+    return nodes
+
+
+def worst_status(nodes: Sequence[Node]) -> float:
+    """The status that matters most of all solves."""
+    return float(max((node.status_code for node in nodes), default=status.CONVERGED))
+
+
+def half_width(contact: LineContact, load: float) -> float:
+    """A rough half-width of the healthy contact [mm]: a line contact of the whole roller."""
+    return float(hertz.line_half_width(load / float(contact.length), float(contact.radius), float(contact.modulus)))

@@ -1,0 +1,54 @@
+"""Phases of the cage over one roller pitch, and their weights in a mean.
+
+Stiffness and loads have kinks (or jumps) where a roller meets an edge of a spall, and weaker ones where a roller takes
+up load. Between them Gauss–Legendre points are few and exact; they move with the kinks, so that derivatives of a mean
+hold what the kinks' motion adds: of a hard window that is all there is by width.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb import curve, geometry, ring
+from difftrb.geometry import Spall, TaperedBearing
+from difftrb.law import Law, curve_over
+from difftrb.ring import Load
+
+POINTS = 10
+"""Gauss–Legendre points between two kinks: 60 phases with one spall of soft edges."""
+
+
+def phases(
+    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], roller_law: Law
+) -> tuple[jax.Array, jax.Array]:
+    """Angles of roller 0 [rad] over one pitch and their weights, which add up to 1; both of shape (phases,).
+
+    `roller_law` says how far its edges reach; where the load zone ends is taken from the healthy bearing.
+    """
+    u = jax.lax.stop_gradient(ring.equilibrium(bearing, load, (), roller_law, 0.0).displacement)
+    alpha = bearing.outer_angle
+    cos_end = -u[2] * jnp.tan(alpha) / jnp.where(u[0] > 0.0, u[0], 1.0)
+    partly = (jnp.abs(cos_end) < 1.0) & (u[0] > 0.0)
+    zone = jnp.where(partly, jnp.arccos(jnp.where(partly, cos_end, 0.0)), 0.0)
+    kinks: list[jax.Array] = [zone, -zone]
+    sound = curve_over(roller_law)
+    for i, spall in enumerate(spalls):
+        for side in (1.0, -1.0):
+            edge = spall.angle + side * 0.5 * spall.width / geometry.arc_radius(bearing)
+            if roller_law.hard:
+                kinks.append(jnp.asarray(edge))
+                continue
+            normal = ring.directions(bearing, jnp.reshape(jnp.asarray(edge), (1,)))[0]
+            carried, _ = curve.load(sound, jnp.dot(normal, u, precision=jax.lax.Precision.HIGHEST))
+            for end in jax.lax.stop_gradient(roller_law.ramp(i, spall, carried)):
+                kinks.append(jnp.asarray(edge - side * end / geometry.arc_radius(bearing)))
+    whole = geometry.roller_pitch(bearing)
+    starts = jnp.sort(jnp.stack([jnp.mod(kink, whole) for kink in kinks]))
+    ends = jnp.concatenate([starts[1:], starts[:1] + whole])
+    points, weights = np.polynomial.legendre.leggauss(POINTS)
+    length = ends - starts
+    at = starts[:, None] + length[:, None] * (0.5 + 0.5 * points)[None, :]
+    share = (length / whole)[:, None] * (0.5 * weights)[None, :]
+    return at.ravel(), share.ravel()

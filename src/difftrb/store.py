@@ -1,0 +1,72 @@
+"""Results that take seconds to make, kept in the user's cache folder: whole or not at all, known by what made them."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import jax
+import numpy as np
+import platformdirs
+
+Arrays = dict[str, np.ndarray]
+
+keeping = True
+"""Whether anything is read from or written to disk; the command line's --no-cache makes it False."""
+
+
+def folder() -> Path:
+    """Where results are kept: `tables` in the user's cache folder of difftrb."""
+    return Path(platformdirs.user_cache_dir("difftrb")) / "tables"
+
+
+def key(numbers: Iterable[float], modules: Iterable[str]) -> str:
+    """A name for what is made of `numbers` by the source of these modules of difftrb, this JAX and this numpy."""
+    digest = hashlib.sha256(f"jax {jax.__version__} numpy {np.__version__}".encode())
+    digest.update(np.asarray(list(numbers), float).tobytes())
+    for module in modules:
+        digest.update((Path(__file__).parent / f"{module}.py").read_bytes())
+    return digest.hexdigest()[:32]
+
+
+def kept(name: str, make: Callable[[], Arrays]) -> Arrays:
+    """The arrays stored under `name`, or what `make` returns, stored for the next time.
+
+    A file that is damaged, or was cut short, is made again. Nothing is said if there is nowhere to write.
+    """
+    if not keeping:
+        return make()
+    path = folder() / f"{name}.npz"
+    found = _read(path)
+    if found is None:
+        found = make()
+        with contextlib.suppress(OSError):
+            _write(path, found)
+    return found
+
+
+def _read(path: Path) -> Arrays | None:
+    try:
+        with open(path, "rb") as whole, np.load(whole, allow_pickle=False) as file:
+            return {entry: file[entry] for entry in file.files}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):  # each one met with a file cut or changed
+        return None
+
+
+def _write(path: Path, arrays: Arrays) -> None:
+    """All or nothing: a reader never sees half a file, whoever else writes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, scratch = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
+        os.replace(scratch, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(scratch)
+        raise

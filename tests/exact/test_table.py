@@ -1,0 +1,228 @@
+"""The table and the direct law on a contact with a closed form, which stands in for the solver: only interpolation
+is at work, so tolerances are tight; and the direct law on the solver itself."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb import curve, gap, nodes, status, store, table
+from difftrb.law import curve_over
+
+
+def half_width(contact, load):
+    return jnp.sqrt(4.0 * load * contact.radius / (jnp.pi * contact.modulus * contact.length))
+
+
+def levels(contact, load, spall):
+    """Approach on a healthy raceway and over the middle of the spall."""
+    healthy = (
+        load**0.9 * contact.length**-0.8 * (1.0 + 0.02 * jnp.log(load / contact.design_load) ** 2) / contact.modulus
+    )
+    if spall is None:
+        return healthy, healthy
+    land = 1.0 - spall.length / contact.length
+    crown = gap.crown_at(jnp.maximum(0.5 * spall.length - jnp.abs(spall.axial_offset), 0.0), contact)
+    return healthy, healthy * land**-0.8 + crown
+
+
+def reach(contact, load, spall):
+    return jnp.sqrt(1.5 * contact.radius * levels(contact, load, spall)[1])
+
+
+def approach(contact, load, spall, distance):
+    """What the closed form gives; an edge lets the roller down along a smooth step."""
+    healthy, full = levels(contact, load, spall)
+    if spall is None:
+        return healthy
+    low, high = -half_width(contact, load), reach(contact, load, spall)
+    t = jnp.clip((0.5 * spall.width - jnp.abs(distance) - low) / (high - low), 0.0, 1.0)
+    return healthy + (full - healthy) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
+
+
+def closed_form(contact, case, accuracy):
+    arguments = contact, case.spall, jnp.asarray(float(case.distance))
+    value, slopes = jax.value_and_grad(lambda c, s, d: approach(c, case.load, s, d), (0, 1, 2))(*arguments)
+    return nodes.Node(
+        float(value), np.array(nodes.inputs(*slopes)), status.CONVERGED, float(half_width(contact, case.load)),
+        float(reach(contact, case.load, case.spall)),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory):
+    """The solver replaced by the closed form, the cache by an empty folder; the number of solves so far."""
+    patch = pytest.MonkeyPatch()
+    solves = []
+    patch.setattr(nodes, "solved", lambda *a: (solves.append(a), closed_form(*a))[1])
+    folder = tmp_path_factory.mktemp("cache")
+    patch.setattr(store, "folder", lambda: folder)
+    yield solves
+    patch.undo()
+
+
+@pytest.fixture(scope="module")
+def law(closed, contact: trb.LineContact) -> table.TableLaw:
+    return table.table_law(trb.LineContact(*map(float, dataclasses.astuple(contact))), 1650.0, (trb.Spall(4.0, 7.0),))
+
+
+def q_over(law, spall, distance, delta, load):
+    return curve.load(curve_over(law, spall, distance, load), delta)[0]
+
+
+@pytest.mark.parametrize("length", [0.7, 4.0, 9.7])
+def test_table_is_the_closed_form(law, length: float) -> None:
+    """Beside the spall, on its ramp, in its middle."""
+    spall = trb.Spall(length, 7.0)
+    for load in (100.0, 700.0, 3000.0):
+        for over in (-0.2, -0.04, 0.02, 0.09, 0.16, 1.0):
+            delta = approach(law.contact, load, spall, 3.5 - over)
+            assert float(q_over(law, spall, 3.5 - over, delta, load)) == pytest.approx(load, rel=3e-3)
+    assert float(law.error) < 3e-3
+
+
+def test_out_of_reach_is_exactly_healthy_or_exactly_over_the_middle(law) -> None:
+    """At the solver's own loads, where nothing is interpolated but in length."""
+    spall = trb.Spall(float(law.atlases[0].lengths[4]), 7.0)
+    for node in (3, 8):
+        load = float(jnp.exp(law.atlases[0].log_loads[node]))
+        healthy, full = levels(law.contact, load, spall)
+        assert float(q_over(law, spall, 3.5 + 0.3, healthy, load)) == pytest.approx(load, rel=1e-9)
+        assert float(q_over(law, spall, 0.0, full, load)) == pytest.approx(load, rel=1e-9)
+
+
+@pytest.mark.parametrize("over", [-0.03, 0.0, 0.08])
+def test_ramp_has_the_right_slopes(law, over: float) -> None:
+    """By length, width, distance, crown, radius and modulus: the table's, and the closed form's by implicit function;
+    each as the change of load [N] by a change of the input by itself."""
+    spall, load = trb.Spall(4.0, 7.0), 900.0
+    distance = jnp.asarray(3.5 - over)
+    delta = approach(law.contact, load, spall, distance)
+
+    def by_table(contact, spall, distance):
+        return q_over(law.at(contact), spall, distance, delta, load)
+
+    def by_form(contact, spall, distance):  # dQ = −(∂δ/∂·)/(∂δ/∂Q)
+        return approach(contact, load, spall, distance)
+
+    per_load = float(jax.grad(lambda q: approach(law.contact, q, spall, distance))(load))
+    arguments = law.contact, trb.Spall(4.0, 7.0, 0.2, axial_offset=0.0), distance
+    got = nodes.inputs(*jax.grad(by_table, (0, 1, 2))(*arguments))
+    forward = nodes.inputs(*jax.jacfwd(by_table, (0, 1, 2))(*arguments))
+    wanted = -nodes.inputs(*jax.grad(by_form, (0, 1, 2))(*arguments)) / per_load
+    np.testing.assert_allclose(got, forward, rtol=1e-8, atol=1e-9 * float(jnp.max(jnp.abs(got))))
+    for i in (0, 1, 2, 3, 4, 5, 8):
+        size = abs(float(nodes.inputs(*arguments)[i]))
+        assert float(got[i]) * size == pytest.approx(float(wanted[i]) * size, rel=2e-2, abs=1e-3 * load), i
+
+
+def test_second_use_reads_what_the_first_has_built(closed, law) -> None:
+    before = len(closed)
+    again = table.table_law(law.contact, 1500.0, (trb.Spall(9.0, 3.0),))
+    assert len(closed) == before
+    for one, two in zip(jax.tree.leaves(law), jax.tree.leaves(again), strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_law_says_what_it_does_not_know(law) -> None:
+    def code(spall, contact=law.contact):
+        return int(law.at(contact).judge((spall,), jnp.zeros((1, 1))))
+
+    assert code(trb.Spall(4.0, 7.0)) == status.CONVERGED
+    assert code(trb.Spall(4.0, 7.0, depth=0.3)) == status.CONVERGED  # as deep: out of reach
+    assert code(trb.Spall(12.0, 7.0)) == status.UNKNOWN_LENGTH
+    assert code(trb.Spall(4.0, 0.1)) == status.NARROW
+    assert code(trb.Spall(4.0, 7.0, depth=1e-3)) == status.OTHER_SCENE
+    assert code(trb.Spall(4.0, 7.0, axial_offset=1.0)) == status.OTHER_SCENE
+    softer = dataclasses.replace(law.contact, modulus=0.5 * law.contact.modulus)
+    assert code(trb.Spall(4.0, 7.0), softer) == status.OTHER_SCENE
+
+
+SPALL = trb.Spall(4.0, 7.0)
+
+
+def prepared(bearing, roller_law: str, **changes) -> trb.Scene:
+    # half a millimetre before the pitch between two rollers, one stands on the ramp
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (SPALL,), law=roller_law, phase=0.1215)
+    return trb.prepare(dataclasses.replace(scene, **changes))
+
+
+def test_scene_by_table_is_the_scene_by_direct(closed, bearing) -> None:
+    """Loads to 1e-4, stiffness to 1e-3, its derivatives by length and width to 1e-2; a roller stands on the ramp."""
+    one, two = (prepared(bearing, name) for name in ("table", "direct"))
+    assert len(two.law.states) == 3
+
+    def stiffness(scene: trb.Scene) -> jax.Array:
+        return trb.solve(scene).stiffness[0, 0]
+
+    a, b = trb.solve(one).check(), trb.solve(two).check()
+    np.testing.assert_allclose(a.loads, b.loads, atol=1e-4 * float(b.loads.max()))
+    np.testing.assert_allclose(a.stiffness, b.stiffness, rtol=1e-3, atol=1e-3 * float(b.stiffness.max()))
+    ours, theirs = (jax.grad(stiffness)(scene) for scene in (one, two))
+    for size in ("length", "width", "angle"):
+        assert float(getattr(ours.spalls[0], size)) == pytest.approx(float(getattr(theirs.spalls[0], size)), rel=1e-2)
+    assert float(ours.spalls[0].width) < 0.0
+    assert float(ours.design_load) == pytest.approx(float(theirs.design_load), rel=1e-2)
+    assert float(ours.bearing.modulus) == pytest.approx(float(theirs.bearing.modulus), rel=1e-2)
+
+
+@pytest.mark.parametrize("leaf", ["length", "width", "angle", "radial", "design_load", "phase", "modulus"])
+def test_direct_scene_derivatives_are_differences_of_direct_scenes(closed, bearing, leaf: str) -> None:
+    """Both ends of the difference prepared afresh: nothing of the law is held."""
+    h = {
+        "length": 1e-3,
+        "width": 1e-4,
+        "angle": 1e-6,
+        "radial": 1.0,
+        "design_load": 5.0,
+        "phase": 1e-6,
+        "modulus": 20.0,
+    }[leaf]
+
+    def moved(step: float) -> dict:
+        if leaf in ("length", "width", "angle"):
+            return {"spalls": (dataclasses.replace(SPALL, **{leaf: getattr(SPALL, leaf) + step}),)}
+        if leaf == "radial":
+            return {"load": trb.Load(9000.0 + step, 4500.0)}
+        if leaf == "modulus":
+            return {"bearing": dataclasses.replace(bearing, modulus=bearing.modulus + step)}
+        return {leaf: {"design_load": 6500.0, "phase": 0.1215}[leaf] + step}
+
+    def stiffness(step: float) -> float:
+        scene = {"bearing": bearing} | moved(step)
+        return float(trb.solve(prepared(scene.pop("bearing"), "direct", **scene)).stiffness[0, 0])
+
+    slopes = jax.grad(lambda s: trb.solve(s).stiffness[0, 0])(prepared(bearing, "direct"))
+    got = {"length": slopes.spalls[0].length, "width": slopes.spalls[0].width, "angle": slopes.spalls[0].angle,
+           "radial": slopes.load.radial, "design_load": slopes.design_load, "phase": slopes.phase,
+           "modulus": slopes.bearing.modulus}[leaf]  # fmt: skip
+    assert float(got) == pytest.approx((stiffness(h) - stiffness(-h)) / (2 * h), rel=2e-3)
+
+
+def test_laws_by_nodes_need_numbers(bearing) -> None:
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (SPALL,), law="table")
+    with pytest.raises(ValueError, match="prepare the scene first"):
+        jax.grad(lambda s: trb.solve(s).stiffness[0, 0])(scene)
+
+
+def test_prepared_direct_law_refuses_another_scene(closed, bearing) -> None:
+    scene = prepared(bearing, "direct")
+    for other in (
+        {"phase": 0.2},
+        {"spalls": (trb.Spall(8.0, 7.0),)},
+        {"spalls": (SPALL, SPALL)},
+        {"design_load": 9000.0},
+    ):
+        assert "another scene" in trb.solve(dataclasses.replace(scene, **other)).status
+    assert bool(trb.solve(trb.healthy(scene)).converged)
+
+
+def test_two_spalls_of_their_own_depth_and_place(closed, bearing) -> None:
+    """Each from its own atlas; direct says the same."""
+    spalls = SPALL, trb.Spall(3.0, 5.0, angle=0.27, axial_offset=1.0)
+    one, two = (trb.solve(prepared(bearing, name, spalls=spalls, phase=0.0)).check() for name in ("table", "direct"))
+    assert one.law.which == (0, 1)
+    np.testing.assert_allclose(one.loads, two.loads, atol=1e-4 * float(two.loads.max()))
