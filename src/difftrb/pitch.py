@@ -36,11 +36,11 @@ def phases(
     sound = curve_over(roller_law)
     for i, spall in enumerate(spalls):
         for side in (1.0, -1.0):
-            edge = spall.angle + side * 0.5 * spall.width / geometry.arc_radius(bearing)
+            edge = jnp.asarray(spall.angle + side * 0.5 * spall.width / geometry.arc_radius(bearing))
             if roller_law.hard:
                 kinks.append(jnp.asarray(edge))
                 continue
-            normal = ring.directions(bearing, jnp.reshape(jnp.asarray(edge), (1,)))[0]
+            normal = ring.directions(bearing, jnp.reshape(edge, (1,)))[0]
             carried, _ = curve.load(sound, jnp.dot(normal, u, precision=jax.lax.Precision.HIGHEST))
             for end in jax.lax.stop_gradient(roller_law.ramp(i, spall, carried)):
                 kinks.append(jnp.asarray(edge - side * end / geometry.arc_radius(bearing)))

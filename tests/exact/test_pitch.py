@@ -30,7 +30,7 @@ def test_weights_are_a_mean(scene) -> None:
     whole = float(geometry.roller_pitch(scene.bearing))
     assert phases.shape == weights.shape == (40,)
     assert float(weights.sum()) == pytest.approx(1.0, abs=1e-12)
-    assert float(weights.min()) > 0.0
+    assert float(weights.min()) > -1e-15  # two kinks may coincide
     assert float(phases.max() - phases.min()) < whole
 
 
