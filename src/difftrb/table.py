@@ -38,8 +38,8 @@ BESIDE = 1.03
 """How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
 CHECKS = 24
 MAKERS = (
-    "contact", "curve", "direct", "domain", "edges", "gap", "geometry", "given", "halfspace", "hertz", "implicit", "law",
-    "nodes", "press", "rows", "special", "strip_model", "strips", "table",
+    "contact", "curve", "direct", "domain", "edges", "gap", "geometry", "given", "halfspace", "hertz", "implicit",
+    "law", "nodes", "press", "rows", "special", "strip_model", "strips", "table",
 )  # fmt: skip
 """Modules that a table is made by: a change in one makes another table."""
 
