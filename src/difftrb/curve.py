@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb import implicit
 from difftrb.geometry import Real
 
 
@@ -70,19 +71,27 @@ def through(log_loads: jax.Array, approaches: jax.Array, shift: jax.Array) -> Cu
     x = jnp.log(approaches - shift[None])
     middle, reach = 0.5 * (x[-1] + x[0]), 0.5 * (x[-1] - x[0])
     z = (x - middle[None]) / reach[None]
-    count = len(log_loads)
+    values = jnp.broadcast_to(
+        log_loads.reshape(-1, *[1] * (z.ndim - 1)) if log_loads.ndim < z.ndim else log_loads, z.shape
+    )
+    return Curve(implicit.interpolant(_coefficients, z, values), middle, reach, shift)
+
+
+def _coefficients(z: jax.Array, values: jax.Array) -> jax.Array:
+    """Of the polynomials in powers of z through `values` at `z`, all of shape (n, …); linear in the values."""
+    count = len(z)
     order = _spread(count)
-    z = [z[k] for k in order]
-    divided = [log_loads[k] for k in order]
+    places = [z[k] for k in order]
+    divided = [values[k] for k in order]
     for level in range(1, count):
         for k in range(count - 1, level - 1, -1):
-            divided[k] = (divided[k] - divided[k - 1]) / (z[k] - z[k - level])
+            divided[k] = (divided[k] - divided[k - 1]) / (places[k] - places[k - level])
     powers = [divided[-1]]
     for k in range(count - 2, -1, -1):  # · (z − z_k) + d_k
-        raised = [jnp.zeros_like(middle), *powers]
-        powers = [a - z[k] * b for a, b in zip(raised, [*powers, jnp.zeros_like(middle)], strict=True)]
+        raised = [jnp.zeros_like(divided[0]), *powers]
+        powers = [a - places[k] * b for a, b in zip(raised, [*powers, jnp.zeros_like(divided[0])], strict=True)]
         powers[0] = powers[0] + divided[k]
-    return Curve(jnp.stack(powers), middle, reach, shift)
+    return jnp.stack(powers)
 
 
 def _spread(count: int) -> list[int]:

@@ -116,6 +116,29 @@ def _factored_root_jvp(residual: Callable, solver: Callable, primals: tuple, tan
     return (x, auxiliary), (x_change, jax.tree.map(_zero_tangent, auxiliary))
 
 
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def interpolant(fit: Callable[[jax.Array, jax.Array], jax.Array], places: jax.Array, values: jax.Array) -> jax.Array:
+    """Coefficients, shape (n, …), in rising powers of the polynomials through `values` at `places`, both (n, …).
+
+    They are found by `fit(places, values)`, which is linear in the values.
+
+    When places move by dz and values by dy, the polynomial P changes by the one through dy − P′ dz at the old places:
+    one more fit, where differentiating through the fit would cost twenty.
+    """
+    return fit(places, values)
+
+
+@interpolant.defjvp
+def _interpolant_jvp(fit: Callable, primals: tuple, tangents: tuple):
+    places, values = primals
+    places_change, values_change = tangents
+    coefficients = interpolant(fit, places, values)
+    rate = jnp.zeros_like(places)
+    for k in range(len(places) - 1, 0, -1):
+        rate = rate * places + k * coefficients[k][None]
+    return coefficients, interpolant(fit, places, values_change - rate * places_change)
+
+
 def _zero_tangent(leaf: jax.Array) -> Any:
     return (
         jnp.zeros(leaf.shape, jax.dtypes.float0)

@@ -116,7 +116,7 @@ def test_ramp_has_the_right_slopes(law, over: float) -> None:
     np.testing.assert_allclose(got, forward, rtol=1e-8, atol=1e-9 * float(jnp.max(jnp.abs(got))))
     for i in (0, 1, 2, 3, 4, 5, 8):
         size = abs(float(nodes.inputs(*arguments)[i]))
-        assert float(got[i]) * size == pytest.approx(float(wanted[i]) * size, rel=2e-2, abs=1e-3 * load), i
+        assert float(got[i]) * size == pytest.approx(float(wanted[i]) * size, rel=2e-2, abs=3e-3 * load), i
 
 
 def test_second_use_reads_what_the_first_has_built(closed, law) -> None:
