@@ -1,9 +1,10 @@
-"""What a contact costs: value, value and all first derivatives, and compiling, at every accuracy.
+"""What a contact costs: value, value and all first derivatives, and compiling, at every accuracy; and how far it is off.
 
-taskset -c 0 python experiments/speed_of_contact.py [CASES]   (default 256)
+taskset -c 0 python experiments/speed_of_contact.py [CASES [TRUTHS]]   (default 256, 16)
 
 Random geometries of 32008J's outer contact in one batch (`lax.map`): load, spall length, width and offset differ. Those
 with the rolling edges out of reach of the contact, with one and with both in it are timed apart. Medians of three runs.
+Errors are those of the first TRUTHS geometries against cells of 96 columns, themselves good to about 3e-5.
 """
 
 from __future__ import annotations
@@ -25,8 +26,10 @@ from rich.table import Table  # noqa: E402
 import difftrb as trb  # noqa: E402
 from difftrb import contact as contacts  # noqa: E402
 from difftrb import hertz, status  # noqa: E402
+from difftrb.contact import Resolution  # noqa: E402
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 3e-5, 1e-5)
+FINEST = Resolution(96, 96, 24)
 
 
 def geometries(count: int, contact: trb.LineContact, edges: int) -> jax.Array:
@@ -54,8 +57,20 @@ def timed(function: Callable[[jax.Array], tuple], cases: jax.Array) -> tuple[tup
     return result, to_compile, float(np.median(times)) / len(cases)
 
 
-def measure(contact: trb.LineContact, cases: jax.Array, edges: int, accuracy: float) -> dict[str, float]:
-    """Milliseconds by strips: value, value with all first derivatives; seconds to compile; share that converged."""
+def truths(contact: trb.LineContact, cases: jax.Array, grid: Resolution) -> np.ndarray:
+    """Approaches by cells [mm], shape (cases,)."""
+
+    def approach(case: jax.Array) -> jax.Array:
+        return contacts._by_cells(contact, case[0], trb.Spall(case[1], case[2]), case[3], grid, True, 1e-4).approach
+
+    return np.asarray(jax.jit(lambda c: jax.lax.map(approach, c))(cases))
+
+
+def measure(
+    contact: trb.LineContact, cases: jax.Array, edges: int, accuracy: float, truth: np.ndarray
+) -> dict[str, float]:
+    """Milliseconds by strips: value, value with all first derivatives; seconds to compile; share that converged; worst
+    and root mean square error of the first cases, those with a `truth`."""
 
     def value(case: jax.Array) -> tuple[jax.Array, jax.Array]:
         arguments = contact, case[0], trb.Spall(case[1], case[2]), case[3]
@@ -69,7 +84,8 @@ def measure(contact: trb.LineContact, cases: jax.Array, edges: int, accuracy: fl
         arguments = contact, case[0], trb.Spall(case[1], case[2], 0.2, 0.0, 0.0), case[3]
         return jax.value_and_grad(approach, (0, 1, 2, 3))(*arguments)
 
-    (_, codes), to_compile, each = timed(value, cases)
+    (approaches, codes), to_compile, each = timed(value, cases)
+    error = np.asarray(approaches)[: len(truth)] / truth - 1.0
     _, to_compile_slopes, each_with_slopes = timed(slopes, cases)
     return {
         "value": 1e3 * each,
@@ -77,23 +93,28 @@ def measure(contact: trb.LineContact, cases: jax.Array, edges: int, accuracy: fl
         "compile": to_compile,
         "compile with slopes": to_compile_slopes,
         "converged": float(np.mean(np.asarray(codes) == status.CONVERGED)),
+        "worst": float(np.max(np.abs(error))),
+        "rms": float(np.sqrt(np.mean(error**2))),
     }
 
 
 def main() -> None:
     """Measure everything and print the table."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 256
+    count, known = (int(sys.argv[i]) if len(sys.argv) > i else default for i, default in ((1, 256), (2, 16)))
     contact = trb.LineContact.of(trb.bearing("32008J"))
     table = Table(title=f"{count} contacts by strips, one batch: ms for the value and with all slopes; compile in s")
-    for heading in ("edges", "accuracy", "value", "+ slopes", "ratio", "compile", "+ slopes", "good"):
+    for heading in ("edges", "accuracy", "value", "+ slopes", "ratio", "compile", "+ slopes", "good", "worst", "rms"):
         table.add_column(heading, justify="right")
-    for edges, accuracy in track(
-        [(e, a) for e in range(3) for a in ACCURACIES], description="strips", transient=True
-    ):
-        m = measure(contact, geometries(count, contact, edges), edges, accuracy)
+    known_of = {}
+    for edges, accuracy in track([(e, a) for e in range(3) for a in ACCURACIES], description="strips", transient=True):
+        cases = geometries(count, contact, edges)
+        if edges not in known_of:
+            known_of[edges] = truths(contact, cases[:known], FINEST)
+        m = measure(contact, cases, edges, accuracy, known_of[edges])
         row = f"{m['value']:.2f}", f"{m['with slopes']:.2f}", f"{m['with slopes'] / m['value']:.2f}"
         compiling = f"{m['compile']:.1f}", f"{m['compile with slopes']:.1f}"
-        table.add_row(str(edges), f"{accuracy:g}", *row, *compiling, f"{100.0 * m['converged']:.0f} %")
+        errors = f"{100.0 * m['converged']:.0f} %", f"{m['worst']:.1e}", f"{m['rms']:.1e}"
+        table.add_row(str(edges), f"{accuracy:g}", *row, *compiling, *errors)
     Console().print(table)
 
 

@@ -56,10 +56,12 @@ def test_readme_shows_figures_that_exist(name: str) -> None:
 
 def test_speed_of_contact(contact: trb.LineContact) -> None:
     experiment = script("speed_of_contact")
-    cases = experiment.geometries(2, contact, False)
-    assert experiment.geometries(2, contact, True).shape == cases.shape == (2, 4)
-    measured = experiment.measure(contact, cases, False, 1e-2)
+    cases = experiment.geometries(2, contact, 0)
+    assert all(experiment.geometries(2, contact, edges).shape == cases.shape == (2, 4) for edges in (1, 2))
+    truth = experiment.truths(contact, cases[:1], Resolution(16, 12, 6))
+    measured = experiment.measure(contact, cases, 0, 1e-2, truth)
     assert measured["converged"] == 1.0
+    assert measured["worst"] < 1e-2
     assert all(number > 0.0 for number in measured.values())
 
 
