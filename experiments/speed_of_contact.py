@@ -1,4 +1,4 @@
-"""What a contact costs: value, value and all first derivatives, and compiling, at every accuracy; and how far it is off.
+"""What a contact costs: value, value with all slopes, compiling, at every accuracy; and how far it is off.
 
 taskset -c 0 python experiments/speed_of_contact.py [CASES [TRUTHS]]   (default 256, 16)
 
