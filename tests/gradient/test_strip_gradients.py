@@ -35,7 +35,7 @@ def test_gradient_matches_central_differences(point: str) -> None:
         one, two = (float(value(at.at[i].add(k * h), edges) - value(at.at[i].add(-k * h), edges)) for k in (1, 2))
         difference = (8.0 * one - two) / (12.0 * h)
         scale = 1e-6 * float(value(at, edges)) / float(at[i])  # what a derivative of the size of the value would be
-        assert float(found[i]) == pytest.approx(difference, rel=2e-6, abs=scale), name
+        assert float(found[i]) == pytest.approx(difference, rel=1e-6, abs=scale), name
 
 
 def test_forward_and_reverse_agree() -> None:
@@ -53,11 +53,11 @@ def test_edges_out_of_the_contact_do_not_matter(edges: int) -> None:
 
 
 def test_slopes_do_not_ripple_as_an_edge_moves() -> None:
-    """Over a tenth of a half-width the slope by offset follows a cubic within 3e-3; by length over 0.04 mm, 1e-3."""
+    """Slopes by offset and width follow a cubic within 3e-3 over a tenth of a half-width, by length within 1e-3."""
     at = jnp.array([*POINTS["edge in the contact"], 3.623, 13.66, 113794.5, 3000.0])
-    for index, reach, share in ((3, 0.01, 3e-3), (1, 0.02, 1e-3)):
+    for index, reach, share in ((3, 0.01, 3e-3), (2, 0.02, 3e-3), (1, 0.02, 1e-3)):
         steps = np.linspace(-reach, reach, 9)
-        edges = 2 if index == 3 else 0
+        edges = 0 if index == 1 else 2
         found = np.array([float(slopes(at.at[index].add(s), edges)[index]) for s in steps])
         curve = np.polyval(np.polyfit(steps, found, 3), steps)
         assert np.ptp(found - curve) < share * abs(found.mean())
