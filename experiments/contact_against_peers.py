@@ -335,8 +335,12 @@ def note(ax: Axes, row: Row, colour: str) -> None:
     text = row.setting.split(",")[0]
     above = "×" in text
     name = text if above else f"{float(text):.0e}".replace("e-0", "e-")
-    beside = (0, 9) if above else (-7, -4)
-    style = {"ha": "center" if above else "right", "va": "bottom" if above else "top", "fontsize": 8, "color": colour}
+    right = "cells" in row.solver
+    beside = (0, 9) if above else (8, 3) if right else (-7, -4)
+    style = {
+        "ha": "center" if above else "left" if right else "right", "va": "bottom" if above or right else "top",
+        "fontsize": 8, "color": colour,
+    }  # fmt: skip
     ax.annotate(name, (row.milliseconds, row.worst), beside, textcoords="offset points", **style)
 
 
