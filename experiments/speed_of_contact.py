@@ -115,7 +115,7 @@ def main() -> None:
         compiling = f"{m['compile']:.1f}", f"{m['compile with slopes']:.1f}"
         errors = f"{100.0 * m['converged']:.0f} %", f"{m['worst']:.1e}", f"{m['rms']:.1e}"
         table.add_row(str(edges), f"{accuracy:g}", *row, *compiling, *errors)
-    Console().print(table)
+    Console(width=110).print(table)
 
 
 if __name__ == "__main__":
