@@ -107,6 +107,12 @@ def edges_along(contact: LineContact, spall: Spall) -> tuple[jax.Array, jax.Arra
     return low, high
 
 
+def clear_of_spall(contact: LineContact, spall: Spall, offset: jax.Array, approach: jax.Array) -> jax.Array:
+    """Whether a roller over a spall, at this approach [mm], reaches neither its rolling edges nor its bottom."""
+    certain = jnp.sqrt(2.0 * contact.radius * approach)  # beyond it the gap exceeds the approach
+    return (jnp.abs(offset) + certain <= 0.5 * spall.width) & (approach < spall.depth)
+
+
 def extents(
     contact: LineContact, delta: jax.Array, half: Real, tilt: jax.Array | None
 ) -> tuple[jax.Array, jax.Array, jax.Array]:

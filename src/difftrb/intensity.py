@@ -16,9 +16,9 @@ import numpy as np
 
 from difftrb import gap as gaps
 from difftrb import halfspace, hertz, press, rows, status
-from difftrb.domain import domain
-from difftrb.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
-from difftrb.given import is_symmetric
+from difftrb.domain import clear_of_spall, domain
+from difftrb.geometry import LineContact, Real, Spall, as_floats
+from difftrb.given import is_sound, is_symmetric
 from difftrb.halfspace import EDGE_SHIFT, Cells
 
 FIRST = 4  # rows at the edge that are left out: their own error is of the size of the pressure
@@ -115,9 +115,8 @@ def _solve(
     intensity = jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
 
     room = tip - jnp.stack([-ends[0], ends[1]])
-    out_of_reach = jnp.abs(offset) + jnp.sqrt(2.0 * contact.radius * approach) <= 0.5 * spall.width
-    suited = out_of_reach & (approach < spall.depth) & jnp.all(room > LEAST_LAND * scale)
-    sound = contact_is_sound(contact) & spall_is_sound(spall) & (load > 0.0) & jnp.isfinite(offset)
+    suited = clear_of_spall(contact, spall, offset, approach) & jnp.all(room > LEAST_LAND * scale)
+    sound = is_sound((contact, load, spall, offset, None))
     code = jnp.where(residual <= press.TOLERANCE, status.CONVERGED, status.NOT_CONVERGED)
     code = jnp.where(sound, jnp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
     return EdgeIntensity(

@@ -19,9 +19,9 @@ import numpy as np
 
 from difftrb import gap as gaps
 from difftrb import implicit, rows, status
-from difftrb.domain import reach_of_strips
-from difftrb.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
-from difftrb.given import is_symmetric
+from difftrb.domain import clear_of_spall, edges_along, reach_of_strips
+from difftrb.geometry import LineContact, Real, Spall, as_floats
+from difftrb.given import is_sound, is_symmetric
 
 EDGE = 0.062  # python experiments/edge_constant.py: mean of its last row, whose lands differ by 0.004
 AWAY = 3.0  # half-widths from a spall's end to the middle of where its load is taken
@@ -254,10 +254,7 @@ def _solve(
     mirrored: bool,
     panels: int,
 ) -> LineSolution:
-    half = 0.5 * contact.length
-    ends = jnp.zeros(2)
-    if spall is not None:
-        ends = jnp.clip(spall.axial_offset + 0.5 * spall.length * np.array([-1.0, 1.0]), -half, half)
+    ends = jnp.zeros(2) if spall is None else jnp.stack(edges_along(contact, spall))
     tip, mean, unit, estimate = reach_of_strips(contact, load, ends[0], ends[1])
     lows = jnp.maximum(ends[1:], 0.0) if mirrored else ends * np.array([-1.0, 1.0])
     push = np.pi * contact.modulus / mean
@@ -275,12 +272,9 @@ def _solve(
 
     lands = tip - lows
     suited = jnp.all(lands > LEAST_LAND * unit) & (mean * contact.length < LARGEST_LOAD * contact.design_load)
-    sound = contact_is_sound(contact) & (load > 0.0) & jnp.isfinite(offset)
     if spall is not None:
-        suited &= (jnp.abs(offset) + jnp.sqrt(2.0 * contact.radius * approach) <= 0.5 * spall.width) & (
-            approach < spall.depth
-        )
-        sound &= spall_is_sound(spall)
+        suited &= clear_of_spall(contact, spall, offset, approach)
+    sound = is_sound((contact, load, spall, offset, None))
     code = jnp.where(change <= TOLERANCE, status.CONVERGED, status.NOT_CONVERGED)
     code = jnp.where(sound, jnp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
     return LineSolution(

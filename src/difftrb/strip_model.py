@@ -10,7 +10,7 @@ import numpy as np
 
 from difftrb import gap as gaps
 from difftrb import hertz, rows, strips
-from difftrb.domain import reach_of_strips
+from difftrb.domain import edges_along, reach_of_strips
 from difftrb.geometry import LineContact, Spall
 from difftrb.halfspace import Cells
 from difftrb.rows import Rows
@@ -144,11 +144,7 @@ def _reach(
 
 
 def _spall_edges(contact: LineContact, spall: Spall | None) -> tuple[jax.Array, jax.Array]:
-    if spall is None:
-        return jnp.zeros(()), jnp.zeros(())
-    half = 0.5 * contact.length
-    low, high = (jnp.clip(spall.axial_offset + side * 0.5 * spall.length, -half, half) for side in (-1.0, 1.0))
-    return low, high
+    return (jnp.zeros(()), jnp.zeros(())) if spall is None else edges_along(contact, spall)
 
 
 def _groups(
