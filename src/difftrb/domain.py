@@ -79,7 +79,6 @@ def domain(
     spall carries nothing. Extents are differentiated like everything else: the grid breathes with the contact, so the
     free boundary keeps its place among the cells and derivatives by load and radius do not ripple.
     """
-    half = 0.5 * contact.length
     needed = needed_by_slices(contact, load)
     zero = jnp.zeros(())
     delta = _sunk(contact, needed, zero, zero, jnp.ones(2), tilt)
@@ -91,7 +90,7 @@ def domain(
     if spalls:
         depth = jnp.max(jnp.stack([jnp.asarray(spall.depth, float) for spall in spalls]))
         delta = jnp.minimum(sunk, delta + depth)  # at most down to its bottom
-    return extents(contact, delta, half, tilt)
+    return extents(contact, delta, tilt)
 
 
 def needed_by_slices(contact: LineContact, load: jax.Array) -> jax.Array:
@@ -113,11 +112,9 @@ def clear_of_spall(contact: LineContact, spall: Spall, offset: jax.Array, approa
     return (jnp.abs(offset) + certain <= 0.5 * spall.width) & (approach < spall.depth)
 
 
-def extents(
-    contact: LineContact, delta: jax.Array, half: Real, tilt: jax.Array | None
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+def extents(contact: LineContact, delta: jax.Array, tilt: jax.Array | None) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The domain of a contact whose approach is estimated as `delta` [mm]: see `domain`."""
-    scale = gaps.crown_scale(contact)
+    half, scale = 0.5 * contact.length, gaps.crown_scale(contact)
     if tilt is None:
         delta = 1.15 * delta
         unloaded = jnp.where(scale > 0.0, jnp.exp(-delta / jnp.where(scale > 0.0, scale, 1.0)), 0.0)
@@ -135,12 +132,17 @@ def extents(
     return jnp.minimum(certain, widest), bottom, top
 
 
-def _least_rest(contact: LineContact, tilt: jax.Array) -> jax.Array:
-    """The least gap of a tilted, crowned roller along its line [mm], at most 0."""
+def _flattest(contact: LineContact, tilt: jax.Array) -> tuple[Real, jax.Array, jax.Array]:
+    """Crown scale and rise of a tilted roller from its middle to its end [mm], and where its gap is least, as a share
+    of that half."""
     half = 0.5 * contact.length
     scale, rise = gaps.crown_scale(contact), half * tilt
-    root = jnp.sqrt(scale * scale + rise * rise + 1e-30 * half**2)
-    t = -rise / (scale + root)
+    return scale, rise, -rise / (scale + jnp.sqrt(scale * scale + rise * rise + 1e-30 * half**2))
+
+
+def _least_rest(contact: LineContact, tilt: jax.Array) -> jax.Array:
+    """The least gap of a tilted, crowned roller along its line [mm], at most 0."""
+    scale, rise, t = _flattest(contact, tilt)
     crown = scale * jnp.log1p(-jnp.clip(t * t, 0.0, 1.0 - 1e-15))
     return rise * t - crown
 
@@ -148,9 +150,7 @@ def _least_rest(contact: LineContact, tilt: jax.Array) -> jax.Array:
 def _reach(contact: LineContact, delta: jax.Array, tilt: jax.Array, side: float) -> jax.Array:
     """Where on one `side` the gap of a tilted roller along its line exceeds `delta` [mm]; at most at its end."""
     half = 0.5 * contact.length
-    scale, rise = gaps.crown_scale(contact), half * tilt
-    root = jnp.sqrt(scale * scale + rise * rise + 1e-30 * half**2)
-    flat = -rise / (scale + root)  # where the gap is least
+    scale, rise, flat = _flattest(contact, tilt)
 
     def beyond(t: jax.Array) -> tuple[jax.Array, jax.Array]:
         room = jnp.maximum(1.0 - t * t, 1e-15)

@@ -112,10 +112,8 @@ def _along(
     gathered = jnp.where((part == 0) & mirrored, end, both)
     lines = knots[part] + (knots[part + 1] - knots[part]) * (0.05 * s + 0.95 * gathered)
 
-    here, side = (
-        first[1:-1],
-        jnp.asarray(into)[order].astype(int),
-    )  # the discrete edge acts as the true one from within the spall
+    # the discrete edge acts as the true one from within the spall
+    here, side = first[1:-1], jnp.asarray(into)[order].astype(int)
     land, hollow = jnp.abs(lines[here] - lines[here - side]), jnp.abs(lines[here + side] - lines[here])
     lines = lines.at[here].add(side * jnp.minimum(EDGE_SHIFT * land, 0.4 * hollow))
 

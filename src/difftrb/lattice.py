@@ -54,13 +54,13 @@ def influence(cells: Cells, modulus: jax.Array) -> Convolution:
     return Convolution(jnp.fft.rfft2(kernel).real, kernel[:1, :1])
 
 
-Defect = tuple[Spall | HeightMap, ...]
+Defects = tuple[Spall | HeightMap, ...]
 
 
 def fitted(
     contact: LineContact,
     load: jax.Array,
-    defects: Defect,
+    defects: Defects,
     offsets: jax.Array,
     size: tuple[int, int],
     tilt: jax.Array | None,
@@ -94,7 +94,7 @@ def fitted(
     return cells, beyond + depth_at(defects, offsets, cells.x, cells.y)
 
 
-def depth_at(defects: Defect, offsets: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
+def depth_at(defects: Defects, offsets: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
     """Depth below the raceway [mm] at all pairs of `y` and `x`: of the deepest defect there, less the highest rim."""
     deep = high = jnp.zeros((y.shape[0], x.shape[0]))
     for i, each in enumerate(defects):
@@ -109,7 +109,7 @@ def depth_at(defects: Defect, offsets: jax.Array, x: jax.Array, y: jax.Array) ->
 
 
 def _domain(
-    contact: LineContact, load: jax.Array, defects: Defect, offsets: jax.Array, tilt: jax.Array | None
+    contact: LineContact, load: jax.Array, defects: Defects, offsets: jax.Array, tilt: jax.Array | None
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """As `domain.domain`, for surfaces of any shape: slices begin to carry where the gap across them is least."""
     reach, _, _ = domain.domain(contact, load, (), tilt)
@@ -124,7 +124,5 @@ def _domain(
     sunk = domain.carried(needed, weight, rest + lowest, 60)
     healthy = domain.carried(needed, weight, rest, 60)
     delta = jnp.minimum(sunk, healthy + jnp.maximum(jnp.max(lowest), 0.0))
-    first = jnp.min(
-        lowest
-    )  # a raised rim meets the roller before the raceway does; so does a bottom that is all there is
-    return domain.extents(contact, delta - first, half, tilt)
+    # a raised rim meets the roller before the raceway does; so does a bottom that is all there is
+    return domain.extents(contact, delta - jnp.min(lowest), tilt)

@@ -27,7 +27,7 @@ PLACES = (
     ((RIGHT,), 0, True), ((LEFT,), 1, True), ((MIDDLE,), 0, True), ((MIDDLE,), 1, True),
     ((LAND, LEFT), 0, False), ((LAND, RIGHT), 1, False),
 )  # fmt: skip
-SHARE = np.sqrt(np.sqrt(0.75) / 2.0)
+SHARE = np.sqrt(np.sqrt(0.75) / 2.0)  # ∫κ⁻³ of a sharp and a blunt wave by the roots of ∫κ⁻² and ∫κ⁻⁴ is √3/2
 MEETING = ((0, 3), (1, 2))  # places that lie on one rolling edge from either side
 TOLERANCE = 1e-7
 LARGEST = 3.2  # farthest end of a strip; the gap there is larger than any approach
@@ -219,8 +219,8 @@ def _tails(layout: Layout, b: jax.Array) -> tuple[jax.Array, jax.Array]:
 def _coupling(layout: Layout, problem: Problem) -> jax.Array:
     """The rows' products for all pairs of strips and all z, shape (strips, strips, z)."""
     rows = np.asarray(layout.rows)
-    crossed = 2 * len(MEETING)
-    signs = np.ones(1) if layout.even else np.repeat([1.0, -1.0], [len(PLACES) + 4 + crossed, crossed])
+    sharp, crossed = sum(singular for *_, singular in PLACES), 2 * len(MEETING)
+    signs = np.ones(1) if layout.even else np.repeat([1.0, -1.0], [sharp + len(PLACES) + crossed, crossed])
     waves = [problem.products] * (1 if layout.even else 2)
     full = jnp.concatenate([*waves, problem.mass[..., None] * signs[None, None]], axis=-1)
     if np.array_equal(rows, np.arange(full.shape[0])):
