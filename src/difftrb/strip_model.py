@@ -34,6 +34,7 @@ class Fineness:
 THIN = 2  # rows of land at a spall's end that share an outline
 NEAR_HOLLOW = 2  # rows of the hollow at a spall's end that share an outline
 GATHERED = 3.0  # power with which rows grow from an edge and from the contact's end
+REACHED = 2.75  # where the raceway may still be touched, in the unit of length: strips end at LARGEST
 SETTLED = 1e-6  # last change of a free boundary, in Hertz half-widths, at which strips count as converged
 LEAST_LAND = 20.0  # loaded length in Hertz half-widths: below, it is no line contact, and rows are no longer than wide
 LEAST_CROWN = 1e-3  # crown's scale by approach: below, a roller's end acts as an edge, which the strips do not have
@@ -140,7 +141,10 @@ def _reach(
     taken = below[1] - below[0]
     taken = 0.5 * (taken**2 + taken**8)  # what is left of a strip is nearly as stiff until little is left
     tip, line_load, _, approach = (taken * a + (1.0 - taken) * b for a, b in zip(reach, sound, strict=True))
-    return tip, line_load, jnp.asarray(hertz.line_half_width(line_load, contact.radius, contact.modulus)), approach
+    # a light load sinks a roller over a long spall through its crown: then edges far beyond the half-width are in reach
+    farthest = jnp.sqrt(2.0 * contact.radius * reach[3]) / REACHED
+    unit = jnp.maximum(hertz.line_half_width(line_load, contact.radius, contact.modulus), farthest)
+    return tip, 0.25 * jnp.pi * contact.modulus * unit**2 / contact.radius, unit, approach
 
 
 def _spall_edges(contact: LineContact, spall: Spall | None) -> tuple[jax.Array, jax.Array]:

@@ -78,6 +78,17 @@ def test_edges_anywhere_in_the_contact(contact: trb.LineContact, offset: float) 
     assert 8.0e-3 < float(s.approach) < 8.8e-3
 
 
+@pytest.mark.parametrize(("load", "beyond"), [(18.4, 0.0815), (21.7, 0.0801), (18.4, 0.085)])
+def test_an_edge_just_out_of_reach_of_a_light_load_over_a_long_spall(
+    contact: trb.LineContact, load: float, beyond: float
+) -> None:
+    """The roller has sunk through its crown, many half-widths deep: an edge out there must not be taken as nearer."""
+    spall = trb.Spall(7.2468, 2.0)
+    over = trb.solve_contact(contact, load, spall, 0.0, 1e-4).check()
+    beside = trb.solve_contact(contact, load, spall, 1.0 - beyond, 1e-4, "strips").check()
+    assert float(beside.approach) == pytest.approx(float(over.approach), rel=1e-4)
+
+
 def test_spall_over_the_rollers_end(contact: trb.LineContact) -> None:
     inside, over, beyond = (
         float(trb.solve_contact(contact, 2000.0, trb.Spall(3.0, 7.0, axial_offset=a), accuracy=1e-2).check().approach)
