@@ -110,18 +110,23 @@ def load(curve: Curve, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
     touching = above > 0.0
     depth = jnp.where(touching, above, 1.0)
     z = (jnp.log(depth) - curve.middle) / curve.reach
-    log_load, rate = _log_load(curve, z)
+    log_load, rate = straight(curve.coefficients, z)
     Q = jnp.where(touching, jnp.exp(log_load), 0.0)
     return Q, Q * rate / (curve.reach * depth)
 
 
-def _log_load(curve: Curve, z: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """log Q and its derivative by z; straight outside −1…1."""
-    inside = jnp.clip(z, -1.0, 1.0) if curve.coefficients.shape[0] > 2 else z
-    value, rate = curve.coefficients[-1], jnp.zeros_like(z)
-    for c in curve.coefficients[-2::-1]:
+def straight(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Σ cₖ zᵏ, coefficients of shape (degree + 1, …), and its derivative by z; straight outside −1…1."""
+    inside = jnp.clip(z, -1.0, 1.0) if coefficients.shape[0] > 2 else z
+    value, rate = coefficients[-1], jnp.zeros_like(z)
+    for c in coefficients[-2::-1]:
         value, rate = value * inside + c, rate * inside + value
     return value + rate * (z - inside), rate
+
+
+def end(curve: Curve, z: float) -> jax.Array:
+    """δ [mm] at the place z: the last one that the curve was made for is at 1, the first at −1."""
+    return jnp.exp(curve.middle + z * curve.reach) + curve.shift
 
 
 def approach(curve: Curve, loads: jax.Array) -> jax.Array:
@@ -130,10 +135,10 @@ def approach(curve: Curve, loads: jax.Array) -> jax.Array:
     goal = jnp.log(loads)
 
     def step(_: int, z: jax.Array) -> jax.Array:
-        value, rate = _log_load(curve, z)
+        value, rate = straight(curve.coefficients, z)
         return z + (goal - value) / rate
 
-    z = jax.lax.fori_loop(0, 6, step, jnp.zeros_like(curve.middle))
+    z = jax.lax.fori_loop(0, 6, step, jnp.zeros_like(curve.middle + goal))
     return jax.lax.stop_gradient(jnp.exp(curve.middle + curve.reach * z) + curve.shift)
 
 

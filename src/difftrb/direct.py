@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import curve, nodes, status
+from difftrb import curve, nodes, ramp, status
 from difftrb import gap as gaps
 from difftrb.curve import Curve
 from difftrb.geometry import LineContact, Real, Spall, as_floats
-from difftrb.nodes import Case, Progress
+from difftrb.law import spalls_under
+from difftrb.nodes import Case, Node, Progress
+from difftrb.ramp import Carried, Ramp
 
 LOADS = 12
 """Contact solves of one curve: enough for 1e-4 over three decades of load."""
 DECADES = 3.0
-WINDOW, ABOVE = 2.3, 0.8
-"""Of a curve that an edge bends: how far it reaches, and how far above the load that is expected [log N]."""
+EDGE_LOADS = 8
+WINDOW = 0.65, 1.5
+"""Of the approach that is expected of a roller at an edge: between these the contact is solved."""
+EXTENT_DEGREE = 5
+"""Of the polynomials that say where a ramp begins and ends."""
 MARGIN = 1.3
 MOVED = 0.05
 """By how much of itself an approach may be carried along its slopes before a prepared law calls the scene another."""
@@ -32,13 +39,6 @@ def log_loads(top: float) -> np.ndarray:
     return np.asarray(curve.chebyshev(LOADS, np.log(top) - DECADES * np.log(10.0), np.log(top)))
 
 
-def around(load: Real, bottom: Real, top: Real) -> jax.Array:
-    """Logarithms of loads [log N] around `load` [N], for a curve that an edge bends; between `bottom` and `top`, which
-    are logarithms and WINDOW or more apart."""
-    high = jnp.clip(jnp.log(jnp.maximum(load, 1e-300)) + ABOVE, bottom + WINDOW, top)
-    return curve.chebyshev(LOADS, high - WINDOW, high)
-
-
 def shift_over(contact: LineContact, spall: Spall) -> jax.Array:
     """Approach [mm] from which a roller in the middle of a wide and deep spall carries load: the crown at the land."""
     ends = 0.5 * spall.length - spall.axial_offset, 0.5 * spall.length + spall.axial_offset
@@ -47,149 +47,263 @@ def shift_over(contact: LineContact, spall: Spall) -> jax.Array:
     return gaps.crown_at(jnp.minimum(nearest, half * (1.0 - 1e-9)), contact)
 
 
+class Healthy(NamedTuple):
+    """A roller on a healthy raceway: its curve, and what `Ramp` needs of it: half-width, loads, radius."""
+
+    curve: Curve
+    half_width: jax.Array
+    loads: jax.Array
+    radius: Real
+
+    def beside(self, edge: jax.Array, full: Curve, sunk: jax.Array, share: jax.Array) -> Ramp:
+        """The ramp from here to a curve over the middle of a spall."""
+        return Ramp(edge, self.curve, full, self.half_width, sunk, self.loads, self.radius, share)
+
+
+def healthy_level(
+    contact: LineContact, solved: LineContact, log_loads: jax.Array, approaches: jax.Array, half_width: jax.Array
+) -> Healthy:
+    """For `contact`, of solves of a neighbour of it, `solved`, at `log_loads` [log N], shape (loads,): approaches
+    carried to `contact` [mm], shape (loads,), and `Ramp.half_width` as solved."""
+    middle, reach = 0.5 * (log_loads[-1] + log_loads[0]), 0.5 * (log_loads[-1] - log_loads[0])
+    own = curve.through(log_loads, approaches, jnp.zeros(()))
+    wider = 0.5 * jnp.log(contact.radius / solved.radius * solved.modulus / contact.modulus)  # as of a line contact
+    return Healthy(own, half_width.at[0].add(wider), jnp.stack([middle, reach]), contact.radius)
+
+
+def extents(log_loads: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
+    """Coefficients of `Ramp.half_width`, shape (EXTENT_DEGREE + 1, …), of half-widths of shape (loads, …)."""
+    x = (2.0 * log_loads - log_loads[-1] - log_loads[0]) / (log_loads[-1] - log_loads[0])
+    return np.polynomial.polynomial.polyfit(x, np.log(half_widths), EXTENT_DEGREE)
+
+
+def sunk(contact: LineContact, solved: Sequence[Node], log_loads: np.ndarray) -> np.ndarray:
+    """Coefficients of `Ramp.sunk`, of solves over the middle of one spall at `log_loads` [log N]."""
+    depth = [node.approach - node.reach**2 / (2.0 * float(contact.radius)) for node in solved]
+    return extents(log_loads, np.array(depth) / np.exp(log_loads))
+
+
+def carried_by(
+    healthy: Healthy, fulls: Sequence[Curve], ramps: Sequence[Sequence[Ramp]], spalls: tuple[Spall, ...],
+    distances: jax.Array,
+) -> Carried:  # fmt: skip
+    """What rollers carry at `distances` [mm] from `spalls`, shape (spalls, rollers), of the curves over the middle of
+    each spall and the ramps of the two rollers `next_to` its edges."""
+    under = spalls_under(spalls, distances)
+    each = curve.chosen(curve.joined(healthy.curve, *fulls), under)
+    if not spalls:
+        return Carried(each)
+    at = [
+        next_to(spall, distances[i], side) & ((under == 0) | (under == i + 1))
+        for i, spall in enumerate(spalls)
+        for side in (1.0, -1.0)
+    ]
+    every = [ramp for pair in ramps for ramp in pair]
+    loads, radius = healthy.loads, healthy.radius
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves, axis=-1), *every)
+    return Carried(each, dataclasses.replace(stacked, loads=loads, radius=radius), jnp.stack(at).astype(float))
+
+
+def next_to(spall: Spall, distances: jax.Array, side: float) -> jax.Array:
+    """Which roller, of those at `distances` [mm] from the spall's middle, is nearest to its edge on one `side` (±1).
+
+    Only that one can stand on the ramp: rollers are farther apart than it is long.
+    """
+    apart = jnp.abs(distances - side * 0.5 * spall.width)
+    return jnp.argmin(apart) == jnp.arange(distances.size)
+
+
+def over(spall: Spall, distances: jax.Array, side: float) -> jax.Array:
+    """How far the edge stands beyond that roller's middle [mm], positive over the spall."""
+    beyond = 0.5 * spall.width - jnp.abs(distances)
+    return jnp.sum(jnp.where(next_to(spall, distances, side), beyond, 0.0))  # no gather: slow in a batch
+
+
+class Edges(NamedTuple):
+    """Contact solves with a rolling edge of one spall at several places: spall and distance as `nodes.inputs`, shape
+    (places, inputs); loads [N], approaches [mm] and their slopes by the inputs, of shape (places, loads, …)."""
+
+    given: jax.Array
+    loads: jax.Array
+    approaches: jax.Array
+    slopes: jax.Array
+
+
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["contact", "log_loads", "spalls", "distances", "approaches", "slopes", "given", "error",
-                 "status_code"],
-    meta_fields=["states", "index"],
+    data_fields=["contact", "log_loads", "spalls", "given", "healthy", "healthy_slopes", "half_width", "full",
+                 "full_slopes", "sunk", "edges", "error", "status_code"],
+    meta_fields=[],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
 class DirectLaw:
-    """Curves through contact solves for one scene. Exact at the scene it was prepared for; approaches are carried to
-    its neighbours along their exact slopes, so all first derivatives are right.
+    """Contact solves for one scene. Exact at the scene it was prepared for; approaches are carried to its neighbours
+    along their exact slopes, so all first derivatives are right.
 
     Attributes:
-      contact: now. log_loads: of the nodes [log N], shape (states, loads).
-      spalls, distances: as prepared; distances [mm] of shape (spalls, rollers).
-      approaches: [mm], shape (states, loads). slopes: by `nodes.inputs`, shape (states, loads, inputs).
-      given: those inputs as prepared, shape (states, inputs).
+      contact: now. log_loads: of the solves without an edge in reach [log N], shape (loads,).
+      spalls: as prepared. given: `nodes.inputs` of the contact as prepared.
+      healthy, healthy_slopes: approaches [mm], shape (loads,), and by the inputs, (loads, inputs).
+      full, full_slopes: over the middle of every spall, shape (spalls, loads), (spalls, loads, inputs).
+      half_width, sunk: see `Ramp`; `sunk` of shape (spalls, coefficients).
+      edges: of every spall, at the places where rollers stand on its ramps.
       error: of the contact solves [-], as asked for. status_code: worst of all solves.
-      states: (spall, roller) of every state; (-1, -1) is healthy, roller −1 in the middle of a spall. index:
-        the number of every roller's state.
     """
 
     contact: LineContact
     log_loads: jax.Array
     spalls: tuple[Spall, ...]
-    distances: jax.Array
-    approaches: jax.Array
-    slopes: jax.Array
     given: jax.Array
+    healthy: jax.Array
+    healthy_slopes: jax.Array
+    half_width: jax.Array
+    full: jax.Array
+    full_slopes: jax.Array
+    sunk: jax.Array
+    edges: tuple[Edges, ...]
     error: Real
     status_code: Real
-    states: tuple[tuple[int, int], ...]
-    index: tuple[int, ...]
     name = "direct"
     hard = False
 
     @property
     def load_range(self) -> tuple[Real, Real]:
         """Smallest and largest load of the solves [N]."""
-        return jnp.exp(self.log_loads[0, 0]), jnp.exp(self.log_loads[0, -1])
+        return jnp.exp(self.log_loads[0]), jnp.exp(self.log_loads[-1])
 
     def at(self, contact: LineContact) -> DirectLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
         """See `Law`."""
-        healthy = self._moved(0, None, jnp.zeros(()))
-        if not spalls:
-            sound = curve.through(self.log_loads[0], healthy, jnp.zeros(()))
-            return curve.of(curve.joined(sound), jnp.zeros(distances.shape[1], int))
-        full = {i: self._moved(k, spalls[i], jnp.zeros(())) for k, (i, j) in enumerate(self.states) if i >= 0 > j}
-        columns, shifts = [], []
-        for k, (i, j) in enumerate(self.states):
-            if i < 0:
-                columns.append(healthy)
-                shifts.append(jnp.zeros(()))
-                continue
-            state = full[i] if j < 0 else self._moved(k, spalls[i], distances[i, j])
-            at = curve.weights(self.log_loads[0], self.log_loads[k, 0])
-            low, high = (jnp.exp(at @ jnp.log(level)) for level in (healthy, full[i]))
-            share = (state[0] - low) / (high - low)
-            columns.append(state)
-            shifts.append(shift_over(self.contact, spalls[i]) * jnp.clip(share, 0.0, 1.0))
-        curves = curve.through(self.log_loads.T, jnp.stack(columns, axis=1), jnp.stack(shifts))
-        return curve.chosen(curves, jnp.asarray(self.index))
+        healthy = self._level()
+        fulls = [self._over(i, spall) for i, spall in enumerate(spalls)]
+        ramps = [
+            [self._ramp(i, spall, healthy, full, distances[i], side) for side in (1.0, -1.0)]
+            for i, (spall, full) in enumerate(zip(spalls, fulls, strict=True))
+        ]
+        return carried_by(healthy, fulls, ramps, spalls, distances)
 
-    def _moved(self, k: int, spall: Spall | None, distance: jax.Array) -> jax.Array:
-        change = nodes.inputs(self.contact, spall, distance) - self.given[k]
-        return self.approaches[k] + self.slopes[k] @ change
+    def _ramp(self, i: int, spall: Spall, healthy: Healthy, full: Curve, distances: jax.Array, side: float) -> Ramp:
+        """Of the place nearest to where the roller is now."""
+        edges, edge = self.edges[i], over(spall, distances, side)
+        distance = jnp.sum(jnp.where(next_to(spall, distances, side), jnp.abs(distances), 0.0))
+        blank = healthy.beside(edge, full, self.sunk[i], ramp.guess())
+        if not edges.loads.shape[0]:
+            return blank
+        here = jnp.argmin(jnp.abs(edges.given[:, -1] - distance)) == jnp.arange(edges.given.shape[0])
+        chosen = jax.tree.map(lambda leaf: jnp.tensordot(here.astype(float), leaf, 1), edges)
+        apart = jnp.clip(distance - chosen.given[-1], -ASIDE, ASIDE)  # farther off it is on no ramp, or on another's
+        now = nodes.inputs(self.contact, spall, chosen.given[-1] + apart)
+        approaches = chosen.approaches + chosen.slopes @ (now - chosen.given)
+        return dataclasses.replace(blank, share=ramp.through(blank, approaches, chosen.loads))
 
-    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """See `Law`: not known; this law holds for one phase."""
-        return jnp.zeros(()), jnp.zeros(())
+    def levels(self, i: int, spall: Spall) -> tuple[Healthy, Curve]:
+        """A healthy roller and the curve over the middle of the `i`-th spall."""
+        return self._level(), self._over(i, spall)
+
+    def _level(self) -> Healthy:
+        solved = nodes.contact_of(self.given)
+        return healthy_level(self.contact, solved, self.log_loads, self._healthy(), self.half_width)
+
+    def _over(self, i: int, spall: Spall) -> Curve:
+        return curve.through(self.log_loads, self._full(i, spall), shift_over(self.contact, spall))
+
+    def _healthy(self) -> jax.Array:
+        return self.healthy + self.healthy_slopes @ (nodes.inputs(self.contact, None, 0.0) - self.given)
+
+    def _full(self, i: int, spall: Spall) -> jax.Array:
+        change = nodes.inputs(self.contact, wide(spall), 0.0) - nodes.inputs(
+            nodes.contact_of(self.given), wide(self.spalls[i]), 0.0
+        )
+        return self.full[i] + self.full_slopes[i] @ change
+
+    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """See `Law`."""
+        healthy, full = self.levels(number, spall)
+        beside = healthy.beside(jnp.zeros(()), full, self.sunk[number], ramp.guess())
+        _, _, low, high = ramp.between(beside, approach)
+        return low, high
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls."""
-        same = jnp.max(jnp.abs(self._moved(0, None, jnp.zeros(())) / self.approaches[0] - 1.0)) < MOVED
-        if spalls:
-            if len(spalls) != len(self.spalls) or distances.shape != self.distances.shape:
-                return jnp.asarray(status.OTHER_SCENE)
-            same = same & (jnp.max(jnp.abs(distances - self.distances)) < ASIDE)
-            for now, then in zip(spalls, self.spalls, strict=True):
-                same = same & (jnp.abs(now.width - then.width) < ASIDE)
-            for k, (i, j) in enumerate(self.states):
-                if i >= 0:
-                    away = distances[i, j] if j >= 0 else jnp.zeros(())
-                    moved = self._moved(k, spalls[i], away) / self.approaches[k] - 1.0
-                    same = same & (jnp.max(jnp.abs(moved)) < MOVED)
+        same = jnp.max(jnp.abs(self._healthy() / self.healthy - 1.0)) < MOVED
+        if len(spalls) not in (0, len(self.spalls)):
+            return jnp.asarray(status.OTHER_SCENE)
+        for i, spall in enumerate(spalls):
+            same = same & (jnp.max(jnp.abs(self._full(i, spall) / self.full[i] - 1.0)) < MOVED)
+            low, high = self.ramp(i, spall, self.full[i, -1])
+            for side in (1.0, -1.0):
+                edge = over(spall, distances[i], side)
+                apart = jnp.abs(self.edges[i].given[:, -1] - (0.5 * spall.width - edge))
+                same = same & ((jnp.min(apart, initial=jnp.inf) < ASIDE) | (edge < low) | (edge > high))
         return jnp.where(same, status.CONVERGED, status.OTHER_SCENE)
 
 
-def direct_law(
-    contact: LineContact,
-    largest: float,
-    spalls: tuple[Spall, ...],
-    distances: np.ndarray,
-    expected: np.ndarray,
-    accuracy: float = 1e-3,
+def without_edges(
+    contact: LineContact, largest: float, spalls: tuple[Spall, ...], accuracy: float = 1e-3,
     progress: Progress | None = None,
-) -> DirectLaw:
-    """Solve the contact of every distinct state of rollers at `distances` [mm], shape (spalls, rollers), from `spalls`.
+) -> DirectLaw:  # fmt: skip
+    """The law of a healthy roller and of one over the middle of every spall; for rollers at an edge add `with_edges`.
 
     Args:
       contact: from `LineContact.of`.
       largest: estimate of the largest roller load [N]; curves reach 1.3 times it and begin at a thousandth of that.
-      expected: about the rollers' loads [N], shape (rollers,): where curves that an edge bends are made.
-      accuracy: relative accuracy of every contact solve, 1e-2…1e-4.
+      accuracy: relative accuracy of every contact solve, 1e-2…1e-5.
       progress: told how many of how many solves are done.
 
-    Healthy once, the middle of each spall once, and each roller from which an edge is in reach, twelve loads each.
     Needs numbers, not tracers.
     """
-    contact, spalls, top = as_floats(contact), as_floats(spalls), MARGIN * largest
-    loads = log_loads(top)
-    healthy = nodes.solved(contact, Case(top), accuracy)
-    states: list[tuple[int, int]] = [(-1, -1)]
-    index = np.zeros(distances.shape[1], int)
-    for i, spall in enumerate(spalls):
-        full = nodes.solved(contact, Case(top, wide(spall)), accuracy)
-        over = 0.5 * float(spall.width) - np.abs(distances[i])
-        longer = np.array(
-            [index[j] == 0 or spalls[states[index[j]][0]].length < spall.length for j in range(index.size)]
-        )
-        near = longer & (over > -1.05 * healthy.half_width)
-        if near.any():
-            states.append((i, -1))
-            index[near] = len(states) - 1
-            at_edge = near & (np.minimum(over, 0.5 * float(spall.width)) < 1.05 * full.reach)
-            for j in np.flatnonzero(at_edge):
-                states.append((i, int(j)))
-                index[j] = len(states) - 1
-    shapes = [None if i < 0 else (wide(spalls[i]) if j < 0 else spalls[i]) for i, j in states]
-    away = [0.0 if j < 0 else float(distances[i, j]) for i, j in states]
-    at = np.stack([loads if j < 0 else np.asarray(around(expected[j], loads[0], loads[-1])) for _, j in states])
-    cases = [Case(float(np.exp(q)), shape, d) for shape, d, row in zip(shapes, away, at, strict=True) for q in row]
-    solved = nodes.all_solved(contact, cases, accuracy, progress)
-    count = len(states), loads.size
-    approaches = np.array([node.approach for node in solved]).reshape(count)
-    slopes = np.array([node.slopes for node in solved]).reshape(*count, nodes.INPUTS)
-    given = [nodes.inputs(contact, None if i < 0 else spalls[i], d) for (i, _), d in zip(states, away, strict=True)]
+    contact, spalls = as_floats(contact), as_floats(spalls)
+    loads = log_loads(MARGIN * largest)
+    shapes = [None, *(wide(spall) for spall in spalls)]
+    solved = nodes.all_solved(contact, [Case(np.exp(q), shape) for shape in shapes for q in loads], accuracy, progress)
+    levels = [solved[k : k + loads.size] for k in range(0, len(solved), loads.size)]
+    approaches = jnp.asarray([[node.approach for node in level] for level in levels])
+    slopes = jnp.asarray([[node.slopes for node in level] for level in levels])
     return DirectLaw(
-        contact, jnp.asarray(at), spalls, jnp.asarray(distances), jnp.asarray(approaches), jnp.asarray(slopes),
-        jnp.stack(given), accuracy, nodes.worst_status(solved), tuple(states), tuple(index.tolist()),
+        contact, jnp.asarray(loads), spalls, nodes.inputs(contact, None, 0.0), approaches[0], slopes[0],
+        jnp.asarray(extents(loads, np.array([node.half_width for node in levels[0]]))), approaches[1:], slopes[1:],
+        jnp.asarray([sunk(contact, level, loads) for level in levels[1:]]).reshape(len(spalls), EXTENT_DEGREE + 1),
+        tuple(_edges(contact, spall, [], np.zeros((0, EDGE_LOADS)), []) for spall in spalls), accuracy,
+        nodes.worst_status(solved),
+    )  # fmt: skip
+
+
+def with_edges(
+    law: DirectLaw, places: Sequence[Sequence[tuple[float, float]]], progress: Progress | None = None
+) -> DirectLaw:
+    """The law with contacts solved at `places`: for each spall, distances [mm] of rollers from its middle at which an
+    edge may be in reach, each with about the approach [mm] that the roller will have there."""
+    edges, codes = [], [float(law.status_code)]
+    for i, (spall, own) in enumerate(zip(law.spalls, places, strict=True)):
+        healthy, full = law.levels(i, spall)
+        loads = np.zeros((len(own), EDGE_LOADS))
+        for k, (distance, approach) in enumerate(own):
+            beside = healthy.beside(jnp.asarray(0.5 * spall.width - distance), full, law.sunk[i], ramp.guess())
+            at = approach * np.geomspace(*WINDOW, EDGE_LOADS)
+            healthy_loads, full_loads, low, high = ramp.between(beside, jnp.asarray(at))
+            guessed = ramp.guessed(healthy_loads, full_loads, ramp.place(beside.edge, low, high))
+            loads[k] = np.maximum(guessed, np.exp(law.log_loads[0]))
+        distances = [distance for distance, _ in own]
+        cases = [Case(q, spall, d) for d, row in zip(distances, loads, strict=True) for q in row]
+        solved = nodes.all_solved(law.contact, cases, float(law.error), progress)
+        edges.append(_edges(law.contact, spall, distances, loads, solved))
+        codes.append(nodes.worst_status(solved))
+    return dataclasses.replace(law, edges=tuple(edges), status_code=max(codes))
+
+
+def _edges(
+    contact: LineContact, spall: Spall, distances: Sequence[float], loads: np.ndarray, solved: Sequence[Node]
+) -> Edges:
+    def field(name: str, *shape: int) -> jax.Array:
+        return jnp.asarray([getattr(node, name) for node in solved], float).reshape(*loads.shape, *shape)
+
+    given = [nodes.inputs(contact, spall, d) for d in distances]
+    return Edges(
+        jnp.asarray(given, float).reshape(len(distances), nodes.INPUTS), jnp.asarray(loads), field("approach"),
+        field("slopes", nodes.INPUTS),
     )  # fmt: skip
 
 

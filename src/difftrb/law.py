@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb import contact as contacts
-from difftrb import curve, given, hertz, status
-from difftrb.curve import Curve
+from difftrb import curve, given, hertz, ramp, status
 from difftrb.geometry import LineContact, Real, Spall
+from difftrb.ramp import Carried
 
 NAMES = ("palmgren", "power", "liu2018", "table", "direct")
 
@@ -38,13 +38,11 @@ class Law(Protocol):
     """What a law has to answer.
 
     `error` is the largest relative error of Q against what it was fitted to (NaN if unknown), inside `load_range` [N];
-    `hard` says whether a roller is in a spall or not, with nothing in between. `curves` gives the curve Q(δ) of every
-    roller, shape (rollers,), from the distances of their contacts from the spalls' centres in the rolling direction
-    [mm], shape (spalls, rollers), and about the loads that they will have [N], shape (rollers,): a curve that an edge
-    bends is exact around these. `judge` a status: whether the law knows such spalls and distances. `ramp`
-    says between which distances from its rolling edge [mm], positive over the spall, the spall numbered `number` lets a
-    roller of a given load [N] down. `at` is the law
-    for a contact of other numbers: the same law, unless it knows better.
+    `hard` says whether a roller is in a spall or not, with nothing in between. `curves` gives what every roller
+    carries, Q(δ), from the distances of their contacts from the spalls' centres in the rolling direction [mm], shape
+    (spalls, rollers). `judge` a status: whether the law knows such spalls and distances. `ramp` says between which
+    distances from its rolling edge [mm], positive over the spall, the spall numbered `number` lets down a roller whose
+    approach [mm] is given. `at` is the law for a contact of other numbers: the same law, unless it knows better.
     """
 
     @property
@@ -58,18 +56,20 @@ class Law(Protocol):
     @property
     def status_code(self) -> Real: ...
     def at(self, contact: LineContact) -> Law: ...
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve: ...
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried: ...
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array: ...
-    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]: ...
+    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]: ...
 
 
-def curve_over(law: Law, spall: Spall | None = None, distance: Real = 0.0, expected: Real = 1000.0) -> Curve:
-    """The curve of one roller whose contact stands `distance` [mm] from the middle of `spall`, or on a healthy
-    raceway; `expected` is about the load [N] at which it is wanted, as in `Law.curves`."""
-    about = jnp.full(1, expected)
-    if spall is None:
-        return curve.of(law.curves((), jnp.zeros((0, 1)), about), 0)
-    return curve.of(law.curves((spall,), jnp.full((1, 1), distance), about), 0)
+def load_over(
+    law: Law, approach: jax.Array, spall: Spall | None = None, distance: Real = 0.0
+) -> tuple[jax.Array, jax.Array]:
+    """Load [N] and its slope [N/mm] of one roller at an approach [mm], all of shape (), whose contact stands `distance`
+    [mm] from the middle of `spall`, or on a healthy raceway."""
+    spalls = () if spall is None else (spall,)
+    carried = law.curves(spalls, jnp.full((len(spalls), 1), distance))
+    load, slope = ramp.carried(carried, jnp.reshape(approach, (1,)))
+    return load[0], slope[0]
 
 
 def spalls_under(spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
@@ -134,15 +134,16 @@ class PowerLaw:
         """See `Law`: frozen."""
         return self
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
         """See `Law`."""
-        return curve.chosen(curve.power(*self.coefficients(_lengths(spalls))), spalls_under(spalls, distances))
+        under = spalls_under(spalls, distances)
+        return Carried(curve.chosen(curve.power(*self.coefficients(_lengths(spalls))), under))
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`."""
         return known_up_to(self.lengths[-1], spalls)
 
-    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`: a step."""
         return jnp.zeros(()), jnp.zeros(())
 
@@ -167,17 +168,17 @@ class Palmgren:
         """See `Law`: frozen."""
         return self
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
         """See `Law`."""
         n = 10.0 / 9.0
         K = hertz.palmgren_approach(1.0, self.length - _lengths(spalls)) ** -n
-        return curve.chosen(curve.power(K, jnp.full_like(K, n)), spalls_under(spalls, distances))
+        return Carried(curve.chosen(curve.power(K, jnp.full_like(K, n)), spalls_under(spalls, distances)))
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`: up to 99 % of the roller."""
         return known_up_to(0.99 * self.length, spalls)
 
-    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`: a step."""
         return jnp.zeros(()), jnp.zeros(())
 

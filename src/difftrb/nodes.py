@@ -36,9 +36,11 @@ class Case(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Node:
-    """A solved `Case`: approach [mm], its slopes by `inputs`, shape (INPUTS,), the rest as in `ContactSolution`."""
+    """A solved `Case`: approach [mm], by the load [mm/N] and by `inputs`, shape (INPUTS,); the rest as in
+    `ContactSolution`."""
 
     approach: float
+    compliance: float
     slopes: np.ndarray
     status_code: int
     half_width: float
@@ -66,14 +68,15 @@ def spall_of(values: jnp.ndarray) -> Spall:
 def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
     """Solve one case, whichever way does it. `reach` is how far from the middle of a wide spall a rolling edge would
     touch the roller [mm] (0 without a spall)."""
-    solution, (by_contact, _, by_spall, by_distance, _) = contacts.approach_and_gradient(
+    solution, (by_contact, by_load, by_spall, by_distance, _) = contacts.approach_and_gradient(
         contact, case.load, case.spall, case.distance, accuracy
     )
     slopes = np.array(inputs(by_contact, by_spall, by_distance if case.spall is not None else 0.0))
     if is_symmetric(case.spall):  # half the roller was solved
         slopes[INPUTS - 2] = 0.0
     return Node(
-        float(solution.approach), slopes, int(solution.status_code), 0.5 * float(solution.contact_width),
+        float(solution.approach), float(by_load), slopes, int(solution.status_code),
+        0.5 * float(solution.contact_width),
         _reach(contact, solution) if case.spall is not None else 0.0,
     )  # fmt: skip
 

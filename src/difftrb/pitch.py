@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import curve, geometry, ring
+from difftrb import geometry, ring
 from difftrb.geometry import Spall, TaperedBearing
-from difftrb.law import Law, curve_over
+from difftrb.law import Law
 from difftrb.ring import Load
 
 POINTS = 10
@@ -33,7 +33,6 @@ def phases(
     partly = (jnp.abs(cos_end) < 1.0) & (u[0] > 0.0)
     zone = jnp.where(partly, jnp.arccos(jnp.where(partly, cos_end, 0.0)), 0.0)
     kinks: list[jax.Array] = [zone, -zone]
-    sound = curve_over(roller_law)
     for i, spall in enumerate(spalls):
         for side in (1.0, -1.0):
             edge = jnp.asarray(spall.angle + side * 0.5 * spall.width / geometry.arc_radius(bearing))
@@ -41,8 +40,8 @@ def phases(
                 kinks.append(jnp.asarray(edge))
                 continue
             normal = ring.directions(bearing, jnp.reshape(edge, (1,)))[0]
-            carried, _ = curve.load(sound, jnp.dot(normal, u, precision=jax.lax.Precision.HIGHEST))
-            for end in jax.lax.stop_gradient(roller_law.ramp(i, spall, carried)):
+            approach = jnp.dot(normal, u, precision=jax.lax.Precision.HIGHEST)
+            for end in jax.lax.stop_gradient(roller_law.ramp(i, spall, approach)):
                 kinks.append(jnp.asarray(edge - side * end / geometry.arc_radius(bearing)))
     whole = geometry.roller_pitch(bearing)
     starts = jnp.sort(jnp.stack([jnp.mod(kink, whole) for kink in kinks]))

@@ -14,16 +14,14 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import curve, geometry, implicit, status
-from difftrb.curve import Curve
+from difftrb import curve, geometry, implicit, ramp, status
 from difftrb.geometry import FILE_RULES, Real, Spall, TaperedBearing
 from difftrb.law import Law
+from difftrb.ramp import Carried
 
 ITERATIONS = 60
 TOLERANCE = 1e-12
 """Largest unbalanced force, relative to the load, at which an equilibrium counts as found."""
-ROUGHLY = 1e-2
-"""The same for the healthy ring, which only tells where load will be."""
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["radial", "axial"], meta_fields=[])
@@ -132,16 +130,12 @@ def equilibrium(
     away = distances(bearing, spalls, angles)
     known = roller_law.judge(spalls, away)
     extra = jnp.broadcast_to(interference, angles.shape)
-    expected = jnp.zeros_like(angles)
-    sound = Rollers(normals, extra, roller_law.curves((), away[:0], expected))
+    sound = Rollers(normals, extra, roller_law.curves((), away[:0]))
     start = _start(sound, safe)
-    if spalls and not roller_law.hard:  # where load will be, from the healthy ring
-        start, _ = jax.lax.stop_gradient(_newton((sound, safe, start), ROUGHLY))
-        expected, _ = jax.lax.stop_gradient(curve.load(sound.curves, sound.approach(start)))
-    rollers = Rollers(normals, extra, roller_law.curves(spalls, away, expected))
+    rollers = Rollers(normals, extra, roller_law.curves(spalls, away)) if spalls else sound
     u, (residual, iterations) = implicit.root(_unbalanced, _newton, solve_3x3, (rollers, safe, start))
     approach = rollers.approach(u)
-    loads, slopes = curve.load(rollers.curves, approach)
+    loads, slopes = ramp.carried(rollers.curves, approach)
     tangent = _tangent(normals, slopes)
 
     converged = (residual <= TOLERANCE) & jnp.all(jnp.isfinite(u))
@@ -164,12 +158,12 @@ def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
 
 
 class Rollers(NamedTuple):
-    """What equilibrium needs of the rollers: unit normals, shape (rollers, 3), interference [mm] and curves, each of
-    shape (rollers,)."""
+    """What equilibrium needs of the rollers: unit normals, shape (rollers, 3), interference [mm], shape (rollers,), and
+    what they carry."""
 
     normals: jax.Array
     interference: jax.Array
-    curves: Curve
+    curves: Carried
 
     def approach(self, u: jax.Array) -> jax.Array:
         """Approach of every roller at displacement u [mm], shape (rollers,)."""
@@ -193,7 +187,7 @@ def _unbalanced(u: jax.Array, parameters: Ring) -> jax.Array:
 def _system(u: jax.Array, parameters: Ring) -> tuple[jax.Array, jax.Array]:
     """The unbalanced force and its derivative by u, relative to the load."""
     rollers, force, _ = parameters
-    loads, slopes = curve.load(rollers.curves, rollers.approach(u))
+    loads, slopes = ramp.carried(rollers.curves, rollers.approach(u))
     unbalanced = _dot(rollers.normals.T, loads) - force  # Liu et al. 2018, eq. (5)
     return unbalanced / _size(force), _tangent(rollers.normals, slopes) / _size(force)
 
@@ -206,10 +200,10 @@ def _start(rollers: Rollers, force: jax.Array) -> jax.Array:
     """All rollers as loaded as the first one would be, were the load shared equally."""
     axial = rollers.normals[0, 2]
     share = _size(force) / (rollers.normals.shape[0] * axial)
-    return jnp.zeros(3).at[2].set(curve.approach(curve.of(rollers.curves, 0), share) / axial)
+    return jnp.zeros(3).at[2].set(curve.approach(curve.of(rollers.curves.each, 0), share) / axial)
 
 
-def _newton(parameters: Ring, tolerance: float = 0.01 * TOLERANCE) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+def _newton(parameters: Ring) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
     """Newton's method on a convex energy, of which the unbalanced force is the gradient.
 
     A step p is taken unless it climbs again steeply at its end (force·p), else retaken shorter, by damping.
@@ -227,7 +221,7 @@ def _newton(parameters: Ring, tolerance: float = 0.01 * TOLERANCE) -> tuple[jax.
 
     def unfinished(state):
         _, r, _, damping, k = state
-        return (jnp.max(jnp.abs(r)) > tolerance) & (k < ITERATIONS) & (damping < 1e6)
+        return (jnp.max(jnp.abs(r)) > 0.01 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
 
     state = start, *_system(start, parameters), jnp.zeros(()), jnp.asarray(0)
     u, r, _, _, k = jax.lax.while_loop(unfinished, step, state)

@@ -167,24 +167,35 @@ def _by_nodes(scene: Scene, contact: LineContact, largest: Real, progress: Progr
     name = cast(LawName, scene.law).name
     if name == "table" and scene.spalls:
         return table.table_law(contact, float(largest), scene.spalls, scene.accuracy, progress)
+    law = direct.without_edges(contact, float(largest), scene.spalls, scene.accuracy, progress)
+    return direct.with_edges(law, _at_edges(scene, law), progress) if scene.spalls else law
+
+
+def _at_edges(scene: Scene, law: direct.DirectLaw) -> list[list[tuple[float, float]]]:
+    """For every spall the distances [mm] at which rollers stand on its ramps, in any phase, and their approaches [mm]
+    on the healthy ring."""
+    phases = _phases(scene, law)[0]
+
+    def healthy(phase: jax.Array) -> tuple[jax.Array, jax.Array]:
+        angles = ring.roller_angles(scene.bearing, phase)
+        rest = ring.equilibrium(scene.bearing, scene.load, (), law, phase)
+        return ring.distances(scene.bearing, scene.spalls, angles), rest.approach
+
+    distances, approaches = map(np.asarray, jax.jit(jax.vmap(healthy))(phases))
+    return [
+        sorted({(abs(float(d)), max(float(a), 0.1 * float(approaches.max())))  # out of the load zone: as good as any
+                for d, a in zip(distances[:, i].ravel(), approaches.ravel(), strict=True)
+                if low <= 0.5 * float(spall.width) - abs(d) <= high})
+        for i, spall in enumerate(scene.spalls)
+        for low, high in [map(float, law.ramp(i, spall, law.full[i, -1]))]
+    ]  # fmt: skip
+
+
+def _phases(scene: Scene, roller_law: Law) -> tuple[jax.Array, jax.Array]:
+    """The phases to solve at [rad] and their weights."""
     if isinstance(scene.phase, PitchMean):
-        if scene.spalls:
-            raise ValueError("law = 'direct' holds for one phase; with phase = 'mean' use 'table'")
-        phase: Real = 0.0
-    else:
-        phase = cast(Real, scene.phase)
-    angles = ring.roller_angles(scene.bearing, phase)
-    distances = np.asarray(ring.distances(scene.bearing, scene.spalls, angles))
-
-    def law_for(spalls: tuple[Spall, ...], expected: np.ndarray) -> direct.DirectLaw:
-        away = distances[: len(spalls)]
-        return direct.direct_law(contact, float(largest), spalls, away, expected, scene.accuracy, progress)
-
-    sound = law_for((), np.zeros(angles.shape))
-    if not scene.spalls:
-        return sound
-    expected = ring.equilibrium(scene.bearing, scene.load, (), sound, phase).loads
-    return law_for(scene.spalls, np.asarray(expected))
+        return pitch.phases(scene.bearing, scene.load, scene.spalls, roller_law)
+    return jnp.reshape(jnp.asarray(scene.phase, float), (1,)), jnp.ones(1)
 
 
 def _of_one_shape(spalls: tuple[Spall, ...]) -> bool:
@@ -243,7 +254,7 @@ def _solve(scene: Scene) -> Solution:
         load_span, stiffness_span = jnp.stack([rest.loads] * 2), jnp.stack([stiffness] * 2)
         angles = ring.roller_angles(scene.bearing, cast(Real, scene.phase))
     else:
-        phases, weights = pitch.phases(scene.bearing, scene.load, scene.spalls, roller_law)
+        phases, weights = _phases(scene, roller_law)
         every, stiffness = jax.vmap(at)(phases)
         load_span, stiffness_span = (jnp.stack([jnp.min(v, 0), jnp.max(v, 0)]) for v in (every.loads, stiffness))
         rest = ring.Equilibrium(

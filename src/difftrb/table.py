@@ -1,71 +1,68 @@
-"""The smooth roller law: a table of contact solves over load, spall length and the place of a spall's rolling edge.
+"""The smooth roller law: a table of contact solves over load and spall length, with the ramps of spalls' edges.
 
-At a load Q the approach is δ = δₕ + (δₛ − δₕ) S(t): healthy, in the middle of the spall, and the share S of the way
-that an edge at t has let the roller down. t runs from 0, where the edge enters the contact, to 1, where the roller
-leaves the land beyond it; both places are known (the healthy half-width; where the roller over the spall's middle
-stands level with the raceway), so S is smooth, flat at both ends, nearly the same for all loads and lengths, and few
-solves are enough. Beyond 0 and 1 the roller is healthy or over the spall, exactly.
+Healthy, and over the middle of spalls of several lengths, contacts are solved at the same loads; curves go through
+them, and between lengths their coefficients are interpolated. Beside the middle a roller carries what `ramp` says, with
+a share of the land's load fitted to solves at several lengths, loads and places of the edge.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import curve, direct, nodes, status, store
+from difftrb import curve, direct, nodes, ramp, status, store
 from difftrb.curve import Curve
-from difftrb.direct import ASIDE, MOVED
+from difftrb.direct import ASIDE, MOVED, Healthy
 from difftrb.geometry import LineContact, Real, Spall, as_floats
-from difftrb.law import LENGTH_SHARE, curve_over, spalls_under
+from difftrb.law import LENGTH_SHARE, load_over
 from difftrb.nodes import Case, Node, Progress
+from difftrb.ramp import Carried, Ramp
 
 LENGTHS = 10
-EDGE_LOADS = 3
-EDGE_LOAD_RANGE = 60.0
-"""Largest by smallest load at which edges are solved; below, S is as at the smallest: such loads matter little."""
-EDGE_LENGTHS = 4
-EDGE_PLACES = 10
-DEGREE = 6
-"""Of the polynomial that S carries beside its ends: less than there are places, because each has value and slope."""
+EDGE_LENGTHS = 6
+EDGE_LOADS = 4
+EDGE_PLACES = 8
+DEGREE = 3
+"""Of a ramp's share in log Q."""
 SHORTEST = 0.04
-"""Shortest spall whose edges are solved, as a share of the longest; shorter ones follow the curves of the longer."""
+"""Shortest spall whose edges are solved, as a share of the longest; shorter ones have its share."""
 BESIDE = 1.03
 """How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
 CHECKS = 24
 MAKERS = (
     "contact", "curve", "direct", "domain", "edges", "gap", "geometry", "given", "halfspace", "hertz", "implicit",
-    "law", "nodes", "press", "rows", "special", "strip_model", "strips", "table",
+    "law", "nodes", "press", "ramp", "rows", "special", "strip_model", "strips", "table",
 )  # fmt: skip
 """Modules that a table is made by: a change in one makes another table."""
 
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["given", "log_loads", "healthy", "healthy_slopes", "lengths", "full", "full_slopes", "low", "high",
-                 "edge_lengths", "edge_loads", "ramp", "ramp_slopes", "error", "status_code"],
+    data_fields=["given", "log_loads", "healthy", "healthy_slopes", "half_width", "lengths", "full", "full_slopes",
+                 "sunk", "edge_lengths", "share", "share_slopes", "error", "status_code"],
     meta_fields=[],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
 class Atlas:
-    """Approaches [mm] of a roller beside and over spalls of one depth and axial offset.
+    """A roller beside and over spalls of one depth and axial offset.
 
     Attributes:
       given: `nodes.inputs` of contact and spall as solved, length and width 0, shape (inputs,).
       log_loads: of the nodes [log N], shape (loads,).
-      healthy, healthy_slopes: shape (loads,) and, by the inputs, (loads, inputs).
+      healthy, healthy_slopes: approaches [mm], shape (loads,), and by the inputs, (loads, inputs).
+      half_width: see `Ramp`, shape (coefficients,).
       lengths: of spalls [mm], Chebyshev–Lobatto, the first 0, shape (lengths,).
-      full, full_slopes: over a spall's middle, shape (lengths, loads), (lengths, loads, inputs).
-      low: distance of the rolling edge from the roller's middle at which the ramp begins [mm], positive over the spall,
-        shape (loads,). high: that at which it ends, its square by `full` [mm], shape (lengths, loads).
-      edge_lengths: of spalls [mm], shape (edge lengths,). edge_loads: [log N], shape (edge loads,).
-      ramp, ramp_slopes: Chebyshev coefficients of (S − 3t² + 2t³)/(t²(1−t)²) in 2t − 1, shape (edge lengths,
-        coefficients, edge loads) and (…, inputs).
-      error: largest relative error of a load against contact solves at random points that the table was not built from.
+      full, full_slopes: approaches over a spall's middle, shape (lengths, loads), (lengths, loads, inputs).
+      sunk: see `Ramp`, shape (lengths, coefficients).
+      edge_lengths: logarithms of spalls' lengths [log mm], shape (edge lengths,).
+      share, share_slopes: see `Ramp`, shape (edge lengths, powers, terms), and by the inputs, (…, inputs).
+      error: largest error of a load against contact solves at random points that the table was not built from,
+        relative to what a healthy roller carries at the same approach.
       status_code: worst status of all solves.
     """
 
@@ -73,15 +70,14 @@ class Atlas:
     log_loads: jax.Array
     healthy: jax.Array
     healthy_slopes: jax.Array
+    half_width: jax.Array
     lengths: jax.Array
     full: jax.Array
     full_slopes: jax.Array
-    low: jax.Array
-    high: jax.Array
+    sunk: jax.Array
     edge_lengths: jax.Array
-    edge_loads: jax.Array
-    ramp: jax.Array
-    ramp_slopes: jax.Array
+    share: jax.Array
+    share_slopes: jax.Array
     error: Real
     status_code: Real
 
@@ -119,53 +115,15 @@ class TableLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array, expected: jax.Array) -> Curve:
-        """See `Law`. Besides the middle of every spall, only the two rollers next to its edges have curves of their
-        own: rollers are farther apart than a ramp is long."""
-        atlas = self.atlases[0]
-        columns, shifts, log_loads = [self._healthy(atlas)], [jnp.zeros(())], [atlas.log_loads]
-        index = jnp.maximum(3 * spalls_under(spalls, distances) - 2, 0)  # of the middles of spalls: 1, 4, …
-        for i, spall in enumerate(spalls):
-            atlas = self.atlases[self.which[i]]
-            over = 0.5 * spall.width - jnp.abs(distances[i])
-            levels = self._levels(atlas, spall)
-            columns.append(levels.crown + jnp.exp(levels.log_healthy + levels.excess))
-            shifts.append(levels.crown)
-            log_loads.append(atlas.log_loads)
-            for k, side in enumerate((1.0, -1.0)):
-                next_to = jnp.argmin(jnp.abs(distances[i] - side * 0.5 * spall.width)) == jnp.arange(over.size)
-                load = jnp.sum(jnp.where(next_to, expected, 0.0))  # no gather: slow in a batch
-                about = direct.around(load, atlas.log_loads[0], atlas.log_loads[-1])
-                state, shift = _at_edge(atlas, levels, jnp.sum(jnp.where(next_to, over, 0.0)), about)
-                columns.append(state)
-                shifts.append(shift)
-                log_loads.append(about)
-                own = next_to & (over > atlas.low[-1]) & ((index == 0) | (index == 3 * i + 1))
-                index = jnp.where(own, 3 * i + 2 + k, index)
-        curves = curve.through(jnp.stack(log_loads, axis=1), jnp.stack(columns, axis=1), jnp.stack(shifts))
-        return curve.chosen(curves, index)
-
-    def _healthy(self, atlas: Atlas) -> jax.Array:
-        change = nodes.inputs(self.contact, None, 0.0) - atlas.given
-        return atlas.healthy + atlas.healthy_slopes @ change
-
-    def _change(self, atlas: Atlas, spall: Spall) -> jax.Array:
-        return nodes.inputs(self.contact, dataclasses.replace(spall, length=0.0, width=0.0), 0.0) - atlas.given
-
-    def _levels(self, atlas: Atlas, spall: Spall) -> _Levels:
-        change = self._change(atlas, spall)
-        length = jnp.asarray(spall.length, float)
-        at, at_edge = curve.weights(atlas.lengths, length), curve.weights(atlas.edge_lengths, length)
-        healthy = self._healthy(atlas)
-
-        def crown(length: jax.Array) -> jax.Array:
-            return direct.shift_over(self.contact, dataclasses.replace(spall, length=length))
-
-        carried = atlas.full + atlas.full_slopes @ change - jax.vmap(crown)(atlas.lengths)[:, None]
-        return _Levels(
-            jnp.log(healthy), crown(length), at @ jnp.log(carried / healthy[None]), _ramp_end(atlas, length),
-            jnp.tensordot(at_edge, atlas.ramp + atlas.ramp_slopes @ change, 1),
-        )  # fmt: skip
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
+        """See `Law`."""
+        atlases = [self.atlases[which] for which, _ in zip(self.which, spalls, strict=False)]
+        healthy = _healthy(self.atlases[0], self.contact, _change(self.atlases[0], self.contact, None))
+        ramps = [
+            [_ramp(atlas, self.contact, spall, direct.over(spall, distances[i], side)) for side in (1.0, -1.0)]
+            for i, (spall, atlas) in enumerate(zip(spalls, atlases, strict=True))
+        ]
+        return direct.carried_by(healthy, [pair[0].full for pair in ramps], ramps, spalls, distances)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`: spalls up to 85 % of the roller long, wider than the contact, of a depth and axial offset that
@@ -175,72 +133,56 @@ class TableLaw:
             if i >= len(self.which):
                 return jnp.asarray(status.OTHER_SCENE)
             atlas = self.atlases[self.which[i]]
-            change = self._change(atlas, spall)
+            change = _change(atlas, self.contact, spall)
             moved = jnp.max(jnp.abs(atlas.full_slopes @ change / atlas.full))
             deepest = jnp.max(atlas.full)
             deep = (spall.depth > deepest) & (atlas.given[-3] > deepest)
             same = (moved < MOVED) & (deep | (jnp.abs(change[-3]) < MOVED * atlas.given[-3]))
             same = same & (jnp.abs(change[-2]) < ASIDE)
             code = status.worst(code, jnp.where(same, status.CONVERGED, status.OTHER_SCENE))
-            wide = 0.5 * spall.width > _ramp_end(atlas, jnp.asarray(spall.length, float))[-1]
-            code = status.worst(code, jnp.where(wide, status.CONVERGED, status.NARROW))
+            beside = _ramp(atlas, self.contact, spall, jnp.zeros(()))
+            _, _, _, end = ramp.between(beside, curve.end(beside.full, 1.0))
+            code = status.worst(code, jnp.where(0.5 * spall.width > end, status.CONVERGED, status.NARROW))
             known = spall.length <= atlas.lengths[-1]
             code = status.worst(code, jnp.where(known, status.CONVERGED, status.UNKNOWN_LENGTH))
         return code
 
-    def ramp(self, number: int, spall: Spall, load: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`."""
-        atlas = self.atlases[self.which[number]]
-        high = _ramp_end(atlas, jnp.asarray(spall.length, float))
-        at = jnp.log(jnp.maximum(load, 1e-300))
-        return jnp.interp(at, atlas.log_loads, atlas.low), jnp.interp(at, atlas.log_loads, high)
+        beside = _ramp(self.atlases[self.which[number]], self.contact, spall, jnp.zeros(()))
+        _, _, low, high = ramp.between(beside, approach)
+        return low, high
 
 
-def _ramp_end(atlas: Atlas, length: jax.Array) -> jax.Array:
-    """Where the ramp ends beside a spall of this length, at every load [mm]; of the contact as it was solved."""
-    shape = nodes.spall_of(atlas.given)
-    contact = nodes.contact_of(atlas.given)
+def _change(atlas: Atlas, contact: LineContact, spall: Spall | None) -> jax.Array:
+    """Of the inputs that the atlas carries along slopes: all but length, width and distance."""
+    now = None if spall is None else dataclasses.replace(spall, length=0.0, width=0.0)
+    return nodes.inputs(contact, now, 0.0) - atlas.given
 
-    def crown(length: jax.Array) -> jax.Array:
-        return direct.shift_over(contact, dataclasses.replace(shape, length=length))
 
+def _healthy(atlas: Atlas, contact: LineContact, change: jax.Array) -> Healthy:
+    approaches, solved = atlas.healthy + atlas.healthy_slopes @ change, nodes.contact_of(atlas.given)
+    return direct.healthy_level(contact, solved, atlas.log_loads, approaches, atlas.half_width)
+
+
+def _fulls(atlas: Atlas, contact: LineContact, like: Spall, change: jax.Array) -> Curve:
+    """Curves over the middle of spalls of all lengths of the atlas, shape (lengths,)."""
+    crowns = jax.vmap(lambda length: direct.shift_over(contact, dataclasses.replace(like, length=length)))
+    approaches = atlas.full + atlas.full_slopes @ change
+    return curve.through(atlas.log_loads, approaches.T, crowns(atlas.lengths))
+
+
+def _ramp(atlas: Atlas, contact: LineContact, spall: Spall, edge: jax.Array) -> Ramp:
+    """The ramp of this spall with its edge `edge` [mm] beyond the roller."""
+    change = _change(atlas, contact, spall)
+    length = jnp.asarray(spall.length, float)
     at = curve.weights(atlas.lengths, length)
-    excess = (atlas.full - jax.vmap(crown)(atlas.lengths)[:, None]) / atlas.healthy[None]
-    full = crown(length) + atlas.healthy * jnp.exp(at @ jnp.log(excess))
-    return jnp.sqrt((at @ atlas.high) * full)
-
-
-class _Levels(NamedTuple):
-    """One spall in an atlas: logarithms of the healthy approach and, relative to it, of what the approach over the
-    spall's middle exceeds the crown by; the end of the ramp; each of shape (loads,); crown [mm]; ramp's coefficients,
-    shape (coefficients, edge loads)."""
-
-    log_healthy: jax.Array
-    crown: jax.Array
-    excess: jax.Array
-    high: jax.Array
-    ramp: jax.Array
-
-
-def _at_edge(atlas: Atlas, levels: _Levels, over: jax.Array, log_loads: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Approaches at `log_loads` [log N] with an edge `over` [mm] beyond the roller, and their curve's shift."""
-    at = curve.weights(atlas.log_loads, log_loads)
-    healthy = jnp.exp(at @ levels.log_healthy)
-    full = levels.crown + healthy * jnp.exp(at @ levels.excess)
-    low, high = at @ atlas.low, at @ levels.high
-    at_edge = curve.weights(atlas.edge_loads, jnp.maximum(log_loads, atlas.edge_loads[0]))
-    share = _share(levels.ramp @ at_edge.T, jnp.clip((over - low) / (high - low), 0.0, 1.0))
-    return healthy + (full - healthy) * share, levels.crown * jnp.clip(share[0], 0.0, 1.0)
-
-
-def _share(ramp: jax.Array, t: jax.Array) -> jax.Array:
-    """S at places `t` in 0…1, shape (loads,), of coefficients of shape (coefficients, loads)."""
-    x = 2.0 * t - 1.0
-    one, two = jnp.zeros_like(t), jnp.zeros_like(t)
-    for c in ramp[:0:-1]:  # Clenshaw
-        one, two = 2.0 * x * one - two + c, one
-    series = x * one - two + ramp[0]
-    return t * t * (3.0 - 2.0 * t + (1.0 - t) ** 2 * series)
+    fulls = _fulls(atlas, contact, spall, change)
+    full = Curve(fulls.coefficients @ at, at @ fulls.middle, at @ fulls.reach, direct.shift_over(contact, spall))
+    longer = jnp.log(jnp.maximum(length, jnp.exp(atlas.edge_lengths[0])))
+    share = atlas.share + atlas.share_slopes @ change
+    at_edge = curve.weights(atlas.edge_lengths, longer)
+    return _healthy(atlas, contact, change).beside(edge, full, at @ atlas.sunk, jnp.tensordot(at_edge, share, 1))
 
 
 def table_law(
@@ -257,7 +199,7 @@ def table_law(
       largest: estimate of the largest roller load [N]. Tables reach 1.3 times it or more: the design load halved or
         doubled so often, so that neighbouring scenes share one.
       spalls: of each, depth and axial offset are tabulated.
-      accuracy: relative accuracy of every contact solve, 1e-2…1e-4.
+      accuracy: relative accuracy of every contact solve, 1e-2…1e-5.
       progress: told how many of how many solves are done, in each of three rounds.
     """
     contact = as_floats(contact)
@@ -297,7 +239,7 @@ def atlas(
 
     Args:
       contact: from `LineContact.of`. top: the largest load of the table [N]; it begins at a thousandth.
-      accuracy: relative accuracy of every contact solve, 1e-2…1e-4.
+      accuracy: relative accuracy of every contact solve, 1e-2…1e-5.
       progress: told how many of how many solves are done, in each of three rounds.
 
     Needs numbers, not tracers.
@@ -305,140 +247,156 @@ def atlas(
     loads = direct.log_loads(top)
     longest = LENGTH_SHARE * float(contact.length)
     lengths = np.asarray(curve.chebyshev(LENGTHS, 0.0, longest))
-
-    def spall(length: float, width: float = 1000.0) -> Spall:
-        return Spall(length, width, depth, axial_offset=axial_offset)
-
-    shapes = [None, *(spall(length) for length in lengths[1:])]
+    like = Spall(0.0, 1000.0, depth, axial_offset=axial_offset)
+    shapes = [None, *(dataclasses.replace(like, length=float(length)) for length in lengths[1:])]
     solved = nodes.all_solved(contact, [Case(np.exp(q), shape) for shape in shapes for q in loads], accuracy, progress)
-    levels = _grid(solved, LENGTHS, loads.size)
-    low = -np.array([node.half_width for node in levels[0]])
-    high = np.array([[node.reach for node in row] for row in levels])
-    high = high**2 / np.array([[node.approach for node in row] for row in levels])
-    high[0] = high[1] - (high[2] - high[1]) * lengths[1] / (lengths[2] - lengths[1])  # it has no middle to tell it
-
+    levels = [solved[k : k + loads.size] for k in range(0, len(solved), loads.size)]
+    below = np.stack([direct.sunk(contact, level, loads) for level in levels[1:]])
     built = Atlas(
-        given=nodes.inputs(contact, spall(0.0, 0.0), 0.0),
+        given=nodes.inputs(contact, dataclasses.replace(like, width=0.0), 0.0),
         log_loads=jnp.asarray(loads),
-        healthy=_values(levels[0]),
-        healthy_slopes=_slopes(levels[0]),
+        healthy=_values(levels)[0],
+        healthy_slopes=_slopes(levels)[0],
+        half_width=jnp.asarray(direct.extents(loads, np.array([node.half_width for node in levels[0]]))),
         lengths=jnp.asarray(lengths),
-        full=jnp.stack([_values(row) for row in levels]),
-        full_slopes=jnp.stack([_slopes(row) for row in levels]),
-        low=jnp.asarray(low),
-        high=jnp.asarray(high),
-        edge_lengths=curve.chebyshev(EDGE_LENGTHS, SHORTEST * longest, longest),
-        edge_loads=curve.chebyshev(EDGE_LOADS, loads[-1] - np.log(EDGE_LOAD_RANGE), loads[-1]),
-        ramp=jnp.zeros((EDGE_LENGTHS, DEGREE + 1, EDGE_LOADS)),
-        ramp_slopes=jnp.zeros((EDGE_LENGTHS, DEGREE + 1, EDGE_LOADS, nodes.INPUTS)),
+        full=_values(levels),
+        full_slopes=_slopes(levels),
+        sunk=jnp.asarray(np.concatenate([_at_zero(lengths, below)[None], below])),
+        edge_lengths=curve.chebyshev(EDGE_LENGTHS, np.log(SHORTEST * longest), np.log(longest)),
+        share=jnp.broadcast_to(ramp.guess(DEGREE), (EDGE_LENGTHS, DEGREE + 1, ramp.TERMS)),
+        share_slopes=jnp.zeros((EDGE_LENGTHS, DEGREE + 1, ramp.TERMS, nodes.INPUTS)),
         error=np.nan,
         status_code=nodes.worst_status(solved),
     )
-
-    edge_lengths, edge_loads = np.asarray(built.edge_lengths), np.asarray(built.edge_loads)
-    places = np.asarray(curve.chebyshev(EDGE_PLACES, 0.0, 1.0))
-    begins = np.asarray(curve.weights(loads, edge_loads)) @ low
-    onto = np.asarray(curve.weights(loads, edge_loads))
-    ends = np.stack([onto @ np.asarray(_ramp_end(built, length)) for length in jnp.asarray(edge_lengths)])
-    furthest = float(np.max(ends))
-    cases = []
-    for i, length in enumerate(edge_lengths):
-        for j, q in enumerate(edge_loads):
-            edges = begins[j] + (ends[i, j] - begins[j]) * places
-            edges[0], edges[-1] = BESIDE * edges[0], BESIDE * edges[-1]
-            width = 4.0 * furthest
-            cases.extend(Case(float(np.exp(q)), spall(float(length), width), 0.5 * width - e) for e in edges)
-    beside = nodes.all_solved(contact, cases, accuracy, progress)
-    ramp, ramp_slopes = _ramps(_grid(beside, EDGE_LENGTHS, EDGE_LOADS, EDGE_PLACES), places, ends - begins[None, :])
-    built = dataclasses.replace(
-        built,
-        ramp=jnp.asarray(ramp),
-        ramp_slopes=jnp.asarray(ramp_slopes),
-        status_code=max(built.status_code, nodes.worst_status(beside)),
-    )
-    error = _error(contact, built, spall(1.0), accuracy, progress)
-    return dataclasses.replace(built, error=error)
+    built = _with_edges(contact, built, like, accuracy, progress)
+    return dataclasses.replace(built, error=_error(contact, built, like, accuracy, progress))
 
 
-def _grid(solved: list[Node], *shape: int) -> np.ndarray:
-    grid = np.empty(len(solved), object)
-    grid[:] = solved
-    return grid.reshape(shape)
+def _at_zero(lengths: np.ndarray, below: np.ndarray) -> np.ndarray:
+    """What the first two spalls say of none at all: it has no middle to tell it."""
+    return below[0] - (below[1] - below[0]) * lengths[1] / (lengths[2] - lengths[1])
 
 
-def _values(row: np.ndarray) -> jax.Array:
-    return jnp.asarray([node.approach for node in row])
+def _values(levels: list[list[Node]]) -> jax.Array:
+    return jnp.asarray([[node.approach for node in level] for level in levels])
 
 
-def _slopes(row: np.ndarray) -> jax.Array:
+def _slopes(levels: list[list[Node]]) -> jax.Array:
     """By everything but length, width and distance, which the table has as variables."""
-    slopes = np.array([node.slopes for node in row])
-    slopes[:, [4, 5, 8]] = 0.0
+    slopes = np.array([[node.slopes for node in level] for level in levels])
+    slopes[..., [4, 5, 8]] = 0.0
     return jnp.asarray(slopes)
 
 
-def _ramps(solved: np.ndarray, places: np.ndarray, extents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of every ramp and their slopes, shape (lengths, coefficients, loads) and (…, inputs), by least
-    squares over values and slopes of S; solves that stand out are weighed down."""
-    inner = places[1:-1]
-    window = inner**2 * (1.0 - inner) ** 2
-    window_rate = 2.0 * inner * (1.0 - inner) * (1.0 - 2.0 * inner)
-    basis = np.polynomial.chebyshev.chebvander(2.0 * inner - 1.0, DEGREE)
-    rates = np.stack(
-        [2.0 * np.polynomial.chebyshev.chebval(2.0 * inner - 1.0, np.polynomial.chebyshev.chebder(row))
-         for row in np.eye(DEGREE + 1)], axis=1,
-    )  # fmt: skip
-    values = window[:, None] * basis
-    slopes = window_rate[:, None] * basis + window[:, None] * rates
-    scale = 0.1  # a slope's weight beside a value's: about the distance between places
-    matrix = np.concatenate([values, scale * slopes])
-    lengths, loads, _ = solved.shape
-    ramp = np.zeros((lengths, DEGREE + 1, loads))
-    by_inputs = np.zeros((*ramp.shape, nodes.INPUTS))
-    for i, j in np.ndindex(lengths, loads):
-        row = solved[i, j]
-        approach = np.array([node.approach for node in row])
-        by = np.array([node.slopes for node in row])
-        drop = approach[-1] - approach[0]
-        share = (approach[1:-1] - approach[0]) / drop
-        rate = -by[1:-1, -1] * extents[i, j] / drop  # the distance falls as the edge goes over
-        right = np.concatenate([
-            share - inner**2 * (3.0 - 2.0 * inner), scale * (rate - 6.0 * inner * (1.0 - inner))
-        ])  # fmt: skip
-        lost = (inner > 0.3) & (rate < 1e-3)  # the contact beyond the edge, though the roller is below the raceway
-        weight = trusted = np.tile(np.where(lost, 0.0, 1.0), 2)
-        for _ in range(8):
-            ramp[i, :, j] = np.linalg.lstsq(weight[:, None] * matrix, weight * right, rcond=None)[0]
-            off = np.abs(matrix @ ramp[i, :, j] - right)
-            weight = trusted / np.sqrt(1.0 + (off / (3.0 * np.median(off) + 1e-9)) ** 2)
-        change = (by[1:-1] - by[0] - share[:, None] * (by[-1] - by[0])) / drop
-        change[:, [4, 5, 8]] = 0.0
-        few = DEGREE - 1
-        by_inputs[i, :few, j] = np.linalg.lstsq(values[~lost, :few], change[~lost], rcond=None)[0]
-    return ramp, by_inputs
+def _with_edges(contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None) -> Atlas:
+    """The atlas with its ramps fitted to contact solves."""
+    lengths = np.exp(built.edge_lengths)
+    loads, edges = map(np.array, zip(*[_aims(built, contact, length) for length in lengths], strict=True))
+    width = 4.0 * float(edges.max())
+    cases = [
+        Case(float(q), dataclasses.replace(like, length=float(length), width=width), 0.5 * width - float(edge))
+        for length, *aims in zip(lengths, loads, edges, strict=True)
+        for q, edge in zip(*map(np.ravel, aims), strict=True)
+    ]
+    solved = nodes.all_solved(contact, cases, accuracy, progress)
+    approaches, compliances = (
+        np.array([getattr(node, name) for node in solved]).reshape(loads.shape) for name in ("approach", "compliance")
+    )
+    slopes = _slopes([solved]).reshape(*loads.shape, nodes.INPUTS)
+    by_edge = np.array([node.slopes[-1] for node in solved]).reshape(loads.shape) / compliances  # edge = −distance
+    shares, by_inputs = zip(
+        *[_fit(built, contact, *row) for row in zip(lengths, loads, edges, approaches, by_edge, slopes, strict=True)],
+        strict=True,
+    )
+    code = max(float(built.status_code), nodes.worst_status(solved))
+    return dataclasses.replace(built, share=jnp.stack(shares), share_slopes=jnp.stack(by_inputs), status_code=code)
+
+
+@jax.jit
+def _aims(built: Atlas, contact: LineContact, length: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Loads [N] and places of the edge [mm] at which the ramp of spalls of this length is solved, shape (loads,
+    places): the first and the last place lie just beyond the ramp, the others at the same t for all loads, nearly."""
+    beside = _plain(built, contact, length)
+    spread = 0.5 * ramp.LAST * (1.0 - np.cos(np.pi * (np.arange(EDGE_PLACES) + 0.5) / EDGE_PLACES))
+
+    def at(load: jax.Array) -> tuple[jax.Array, jax.Array]:
+        ends = curve.approach(beside.healthy, load), curve.approach(beside.full, load)
+
+        def edge(t: jax.Array) -> jax.Array:
+            def halve(_: int, ends: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+                middle = jnp.sqrt(ends[0] * ends[1])
+                more = ramp.guessed(*ramp.between(beside, middle)[:2], t) > load
+                return jnp.where(more, ends[0], middle), jnp.where(more, middle, ends[1])
+
+            _, _, low, high = ramp.between(beside, jax.lax.fori_loop(0, 40, halve, ends)[0])
+            return low + (high - low) * t
+
+        _, _, low, _ = ramp.between(beside, ends[0])
+        _, _, _, high = ramp.between(beside, ends[1])
+        places = jnp.concatenate([BESIDE * low[None], jax.vmap(edge)(jnp.asarray(spread)), BESIDE * high[None]])
+        return jnp.broadcast_to(load, places.shape), places
+
+    top = built.log_loads[-1]
+    return jax.vmap(at)(jnp.exp(curve.chebyshev(EDGE_LOADS, top - np.log(ramp.LEAST), top)))
+
+
+@jax.jit
+def _fit(
+    built: Atlas, contact: LineContact, length: jax.Array, loads: jax.Array, edges: jax.Array, approaches: jax.Array,
+    by_edge: jax.Array, slopes: jax.Array,
+) -> tuple[jax.Array, jax.Array]:  # fmt: skip
+    """A ramp's share, shape (powers, terms), and its slopes by the inputs, of solves at `_aims`."""
+    beside = _plain(built, contact, length)
+    # the levels that edges join, as these solves have them and as the curves do
+    first = curve.approach(beside.healthy, loads[:, :1]) / approaches[:, :1]
+    last = curve.approach(beside.full, loads[:, :1]) / approaches[:, -1:]
+    way = (approaches - approaches[:, :1]) / (approaches[:, -1:] - approaches[:, :1])
+    approaches = approaches * (first * (1.0 - way) + last * way)
+    load, edge, approach, by_edge = (field[:, 1:-1].ravel() for field in (loads, edges, approaches, by_edge))
+    carried = slopes[:, 1:-1].reshape(-1, nodes.INPUTS)
+    at = dataclasses.replace(beside, edge=edge)
+    share = ramp.fitted(at, approach, load, by_edge, DEGREE)
+
+    def off(change: jax.Array) -> jax.Array:
+        now = built.given + change
+        here = _ramp(built, nodes.contact_of(now), dataclasses.replace(nodes.spall_of(now), length=length), edge)
+        return ramp.residual(dataclasses.replace(here, share=share), approach + carried @ change, load)
+
+    matrix = ramp.equations(at, approach, load, DEGREE)
+    return share, ramp.least_squares(matrix, -jax.jacfwd(off)(jnp.zeros(nodes.INPUTS))).reshape(*share.shape, -1)
+
+
+def _plain(built: Atlas, contact: LineContact, length: jax.Array) -> Ramp:
+    """The ramp beside a spall of this length as the atlas knows it, its edge under the roller's middle."""
+    return _ramp(built, contact, dataclasses.replace(nodes.spall_of(built.given), length=length), jnp.zeros(()))
+
+
+@jax.jit
+def _extent(built: Atlas, contact: LineContact, length: jax.Array, load: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Where the ramp begins and ends [mm] for a roller that carries `load` [N] over the middle of the spall."""
+    beside = _plain(built, contact, length)
+    _, _, low, high = ramp.between(beside, curve.approach(beside.full, load))
+    return low, high
 
 
 def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None) -> float:
-    """Largest relative error of a load at random points: in the middle of spalls, and with an edge on the ramp."""
+    """See `Atlas.error`: at random points in the middle of spalls, and with an edge on the ramp."""
     rng = np.random.default_rng(0)
     table = TableLaw(contact, (built,), (0,))
     top, longest = float(built.log_loads[-1]), float(built.lengths[-1])
     cases = []
     for k in range(CHECKS):
-        length, load = longest * rng.uniform(0.05, 1.0), top - rng.uniform(0.0, np.log(30.0))
-        high = float(_ramp_end(built, jnp.asarray(length))[-1])
-        width = 4.0 * high
-        edge = rng.uniform(float(built.low[-1]), high) if k % 2 else 0.5 * width
-        shape = dataclasses.replace(like, length=length, width=width)
-        cases.append(Case(float(np.exp(load)), shape, 0.5 * width - edge))
+        length, load = longest * rng.uniform(0.05, 1.0), float(np.exp(top - rng.uniform(0.0, np.log(30.0))))
+        low, high = map(float, _extent(built, contact, length, load))
+        shape = dataclasses.replace(like, length=length, width=4.0 * high)
+        cases.append(Case(load, shape, 2.0 * high - rng.uniform(low, high) if k % 2 else 0.0))
     solved = nodes.all_solved(contact, cases, accuracy, progress)
     worst = 0.0
     for case, node in zip(cases, solved, strict=True):
-        assert case.spall is not None
-        own = _one(table, case.spall, jnp.asarray(case.distance), jnp.asarray(case.load))
-        found, _ = curve.load(own, jnp.asarray(node.approach))
-        worst = max(worst, abs(float(found) / case.load - 1.0))
+        found, _ = _one(table, node.approach, case.spall, case.distance)
+        sound, _ = _one(table, node.approach)
+        worst = max(worst, abs(float(found) - case.load) / float(sound))
     return worst
 
 
-_one = jax.jit(curve_over)
+_one = jax.jit(load_over)

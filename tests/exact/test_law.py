@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import curve, law
+from difftrb import law
 
 
 def loads_over(roller_law: law.Law, lengths: jax.Array, approach: float) -> jax.Array:
     """Loads of rollers in the middle of spalls of these lengths."""
 
     def one(length: jax.Array) -> jax.Array:
-        return curve.load(law.curve_over(roller_law, trb.Spall(length, 10.0)), jnp.asarray(approach))[0]
+        return law.load_over(roller_law, jnp.asarray(approach), trb.Spall(length, 10.0))[0]
 
     return jax.vmap(one)(lengths)
 
@@ -66,7 +66,7 @@ def test_palmgren_inverts_its_approach() -> None:
 
 
 def test_load_is_zero_clear_of_the_raceway(power: trb.PowerLaw) -> None:
-    assert [float(v) for v in curve.load(law.curve_over(power), jnp.asarray(-1e-3))] == [0.0, 0.0]
+    assert [float(v) for v in law.load_over(power, jnp.asarray(-1e-3))] == [0.0, 0.0]
 
 
 def test_laws_that_do_not_exist_say_so(contact: trb.LineContact, bearing) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import curve, law, ring
+from difftrb import law, ramp, ring
 
 
 def resized(scene: trb.Scene, length: jax.Array) -> trb.Scene:
@@ -87,7 +87,7 @@ def test_second_derivation_of_the_load_gradient(scene: trb.Scene) -> None:
     h = 1e-5
 
     def at(length: float) -> tuple[jax.Array, jax.Array]:
-        return curve.load(s.law.curves(resized(scene, jnp.asarray(length)).spalls, away, s.loads), s.approach)
+        return ramp.carried(s.law.curves(resized(scene, jnp.asarray(length)).spalls, away), s.approach)
 
     by_length = np.asarray((at(4.0 + h)[0] - at(4.0 - h)[0]) / (2 * h))
     slopes = np.asarray(at(4.0)[1])

@@ -1,0 +1,249 @@
+"""A spall's rolling edge under a roller: what share of the land's load is left.
+
+At an approach δ the roller carries Q = Qₛ + (Qₕ − Qₛ) W(t): what it would over the middle of the spall, and of what the
+land would carry beyond that the share W. t runs from 0, where the edge enters the contact, to 1, where the roller no
+longer meets the land. W is written (1 − t²)/(1 + t² y), in which y is smooth but for a logarithm at t = 1, where the
+contact left on the land is a narrow line; it hardly changes with load and length, so a small polynomial holds it.
+Beyond 0 and 1 the roller is healthy or over the middle of the spall, exactly.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb import curve
+from difftrb.curve import Curve
+from difftrb.geometry import Real
+
+DEGREE = 4
+"""Of the polynomial in t in y, beside the term with a logarithm."""
+TERMS = DEGREE + 2
+GUESS = np.array([0.07, 0.0, 0.0, 0.0, 0.0, 0.23])
+"""y of any roller to about 0.2 % of Qₕ: near enough to choose the loads at which contacts are solved."""
+LEAST = 40.0
+"""Largest by smallest load between which y changes; below, it is as at the smallest: such loads matter little."""
+LAST = 0.985
+"""t beyond which a share is too small to be told from the error of a contact solve."""
+RIDGE = 5e-4
+"""Error of a solve's share by size of a coefficient of y: fits do not follow the one where it takes the other."""
+ROUNDS = 6
+"""Of the fit of a share, in which solves that stand out count less and less."""
+NOISE = 5e-4
+"""Error of a solve's share that is nothing special."""
+SLOPES_COUNT = 0.05
+"""What the derivative of a share by t counts in the fit beside a share: solves give it less exactly."""
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["edge", "healthy", "full", "half_width", "sunk", "loads", "radius", "share"],
+    meta_fields=[],
+)
+@dataclasses.dataclass(frozen=True)
+class Ramp:
+    """One rolling edge or, with the same shape behind every field but `loads` and `radius`, many.
+
+    Attributes:
+      edge: how far beyond the roller's middle it stands, positive over the spall [mm].
+      healthy, full: the curves of a healthy roller and of one over the spall's middle.
+      half_width: of the healthy contact, coefficients of its logarithm [log mm], shape (n, …).
+      sunk: how deep the spall's ends, pressed down, take the land at the ramp's end with them by the load that they
+        carry, coefficients of its logarithm [log mm/N], shape (m, …). Both in powers of log Q, brought to −1…1.
+      loads: middle and reach of that log Q [log N], shape (2,).
+      radius: of the contact [mm].
+      share: y's coefficients: Chebyshev polynomials of log Q, as guessed, by terms of t; shape (k, TERMS, …).
+    """
+
+    edge: jax.Array
+    healthy: Curve
+    full: Curve
+    half_width: jax.Array
+    sunk: jax.Array
+    loads: jax.Array
+    radius: Real
+    share: jax.Array
+
+
+class Carried(NamedTuple):
+    """What every roller of a ring carries: `each` its curve, shape (rollers,), but for those at one of `ramps`, shape
+    (ramps,), of which `at` says with a one in zeros, shape (ramps, rollers), which they are."""
+
+    each: Curve
+    ramps: Ramp | None = None
+    at: jax.Array | None = None
+
+
+def carried(curves: Carried, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Load [N] and its slope [N/mm] of every roller at its approach [mm], all of shape (rollers,)."""
+    loads, slopes = curve.load(curves.each, approach)
+    if curves.ramps is None or curves.at is None:
+        return loads, slopes
+    own = jnp.sum(curves.at * approach[None], axis=1)  # no gather: slow in a batch
+    there = load(curves.ramps, own)
+    for k in range(curves.at.shape[0]):
+        loads, slopes = (
+            jnp.where(curves.at[k] > 0.0, new[k], old) for new, old in zip(there, (loads, slopes), strict=True)
+        )
+    return loads, slopes
+
+
+def load(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Q [N] and dQ/dδ [N/mm] at `approach` δ [mm], in the shape of the ramps."""
+    return jax.jvp(lambda delta: _load(ramp, delta), (approach,), (jnp.ones_like(approach),))
+
+
+def _load(ramp: Ramp, approach: jax.Array) -> jax.Array:
+    healthy, full, low, high = between(ramp, approach)
+    t = place(ramp.edge, low, high)
+    levels = _chebyshev(_level(ramp, healthy, full, t), ramp.share.shape[0] - 1)
+    y = sum(sum(ramp.share[i, k] * level for i, level in enumerate(levels)) * term for k, term in enumerate(_terms(t)))
+    return full + (healthy - full) * _left(t, y)
+
+
+def _left(t: jax.Array, y: jax.Array) -> jax.Array:
+    """W."""
+    return (1.0 - t * t) / jnp.maximum(1.0 + t * t * y, 0.1)
+
+
+def guessed(healthy: jax.Array, full: jax.Array, t: jax.Array) -> jax.Array:
+    """About the load [N], before any solve at the edge."""
+    return full + (healthy - full) * _left(t, sum(c * term for c, term in zip(GUESS, _terms(t), strict=True)))
+
+
+def between(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Healthy load and load over the spall's middle [N]; where a ramp begins and ends [mm], as `Ramp.edge`."""
+    healthy, _ = curve.load(ramp.healthy, approach)
+    full, _ = curve.load(ramp.full, approach)
+    half_width = jnp.exp(curve.straight(ramp.half_width, _of_load(ramp, healthy))[0])
+    free = approach - full * jnp.exp(curve.straight(ramp.sunk, _of_load(ramp, full))[0])
+    above = free > 0.0
+    return healthy, full, -half_width, jnp.where(above, jnp.sqrt(2.0 * ramp.radius * jnp.where(above, free, 1.0)), 0.0)
+
+
+def place(edge: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
+    """t in 0…1."""
+    return jnp.clip((edge - low) / (high - low), 0.0, 1.0)
+
+
+def _of_load(ramp: Ramp, load: jax.Array) -> jax.Array:
+    least = jnp.exp(ramp.loads[0] - ramp.loads[1])
+    return (jnp.log(jnp.maximum(load, least)) - ramp.loads[0]) / ramp.loads[1]
+
+
+def _level(ramp: Ramp, healthy: jax.Array, full: jax.Array, t: jax.Array) -> jax.Array:
+    """log Q as guessed, brought to −1…1."""
+    top = jnp.exp(jnp.sum(ramp.loads))
+    load = jnp.clip(guessed(healthy, full, t), top / LEAST, top)
+    return 1.0 + 2.0 * jnp.log(load / top) / np.log(LEAST)
+
+
+def _terms(t: jax.Array) -> list[jax.Array]:
+    """What y is made of: Chebyshev polynomials and the logarithm."""
+    return [*_chebyshev(2.0 * t - 1.0, DEGREE), -jnp.log(jnp.maximum(1.0 - t, 1e-12))]
+
+
+def _chebyshev(x: jax.Array, degree: int) -> list[jax.Array]:
+    rows = [jnp.ones_like(x), x]
+    for _ in range(degree - 1):
+        rows.append(2.0 * x * rows[-1] - rows[-2])
+    return rows[: degree + 1]
+
+
+def fitted(ramp: Ramp, approach: jax.Array, load: jax.Array, by_edge: jax.Array, degree: int) -> jax.Array:
+    """`Ramp.share` of many contact solves with edges at `ramp.edge` on one and the same spall, else of shape ().
+
+    Args:
+      approach [mm], load [N]: of the solves, shape (n,). by_edge: dQ/d(edge) at fixed approach [N/mm], shape (n,).
+      degree: of y in log Q.
+
+    Solves that stand out count less.
+    """
+    seen = _seen(ramp, approach, load)
+    rows, right, weight = _equations(seen, degree)
+    slope_rows, slope_right = _slope_equations(seen, by_edge, degree)
+    matrix = jnp.concatenate([weight[:, None] * rows, SLOPES_COUNT * weight[:, None] * slope_rows])
+    start = guess(degree)
+    values = jnp.concatenate([weight * right, SLOPES_COUNT * weight * slope_right]) - matrix @ start.ravel()
+    found, count = jnp.zeros(start.size), jnp.ones(values.shape[0])
+    for _ in range(ROUNDS):
+        found = least_squares(count[:, None] * matrix, count * values)
+        off = jnp.abs(matrix @ found - values)
+        count = 1.0 / jnp.sqrt(1.0 + (off / (3.0 * jnp.median(off) + NOISE)) ** 2)
+    return start + found.reshape(start.shape)
+
+
+def through(ramp: Ramp, approach: jax.Array, load: jax.Array) -> jax.Array:
+    """`Ramp.share` of contact solves with one edge at one place, through all of them, nearly; as `fitted`."""
+    rows, right, weight = _equations(_seen(ramp, approach, load), 0)
+    found = least_squares(weight[:, None] * rows, weight * (right - rows @ GUESS), 1e-3 * RIDGE)
+    return guess() + found[None]
+
+
+def guess(degree: int = 0) -> jax.Array:
+    """`Ramp.share` of any roller."""
+    return jnp.zeros((degree + 1, TERMS)).at[0].set(GUESS)
+
+
+def least_squares(matrix: jax.Array, right: jax.Array, ridge: float = RIDGE) -> jax.Array:
+    """x with `matrix` · x nearest to `right`, shape (n,) or (n, k); what the rows do not tell stays small."""
+    q, r = jnp.linalg.qr(jnp.concatenate([matrix, ridge * jnp.eye(matrix.shape[1])]))
+    return jax.scipy.linalg.solve_triangular(r, q[: matrix.shape[0]].T @ right)
+
+
+def residual(ramp: Ramp, approach: jax.Array, load: jax.Array) -> jax.Array:
+    """How far `load`s [N] at `approach`es [mm] are from the ramp's, in the equations that y is fitted by; (n,)."""
+    rows, right, weight = _equations(_seen(ramp, approach, load), ramp.share.shape[0] - 1)
+    return weight * (rows @ ramp.share.ravel() - right)
+
+
+def equations(ramp: Ramp, approach: jax.Array, load: jax.Array, degree: int) -> jax.Array:
+    """The weighted matrix of the same equations, shape (n, (degree + 1)·TERMS)."""
+    rows, _, weight = _equations(_seen(ramp, approach, load), degree)
+    return weight[:, None] * rows
+
+
+def _basis(t: jax.Array, level: jax.Array, degree: int) -> jax.Array:
+    """Shape (n, (degree + 1)·TERMS)."""
+    levels = jnp.stack(_chebyshev(level, degree), axis=1)
+    return (levels[:, :, None] * jnp.stack(_terms(t), axis=1)[:, None]).reshape(t.shape[0], -1)
+
+
+class _Seen(NamedTuple):
+    """A solve as the ramp sees it: t, share W, Qₕ and Qₕ − Qₛ [N], extent of the ramp [mm], level of y."""
+
+    t: jax.Array
+    share: jax.Array
+    healthy: jax.Array
+    loss: jax.Array
+    extent: jax.Array
+    level: jax.Array
+
+
+def _seen(ramp: Ramp, approach: jax.Array, load: jax.Array) -> _Seen:
+    healthy, full, low, high = between(ramp, approach)
+    t, loss = place(ramp.edge, low, high), healthy - full
+    return _Seen(t, (load - full) / loss, healthy, loss, high - low, _level(ramp, healthy, full, t))
+
+
+def _equations(seen: _Seen, degree: int) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """W t² y = 1 − t² − W, one row a solve, and what each counts: such that errors are those of Q by Qₕ."""
+    t, share = seen.t, seen.share
+    known = (t < LAST) & (share > 0.0)
+    weight = jnp.where(known, share / jnp.where(known, 1.0 - t * t, 1.0), 0.0) * seen.loss / seen.healthy
+    rows = (share * t * t)[:, None] * _basis(t, seen.level, degree)
+    return rows, 1.0 - t * t - share, jax.lax.stop_gradient(weight)
+
+
+def _slope_equations(seen: _Seen, by_edge: jax.Array, degree: int) -> tuple[jax.Array, jax.Array]:
+    """The same, differentiated by t."""
+    t, share = seen.t, seen.share
+    basis, rate = jax.jvp(lambda v: _basis(v, seen.level, degree), (t,), (jnp.ones_like(t),))
+    slope = by_edge * seen.extent / seen.loss
+    rows = (slope * t * t + 2.0 * t * share)[:, None] * basis + (share * t * t)[:, None] * rate
+    return rows, -2.0 * t - slope
