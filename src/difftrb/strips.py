@@ -32,10 +32,10 @@ MEETING = ((0, 3), (1, 2))  # places that lie on one rolling edge from either si
 TOLERANCE = 1e-7
 LARGEST = 3.2  # farthest end of a strip; the gap there is larger than any approach
 LEAST = 1e-3  # smallest width of one
-PASSES = 40
+PASSES = 60
 WAITING = 0.35  # size of an outline without load, as a share of its size at first
 NEAR = 0.1  # last change of the ends below which Newton's method takes over
-CLOSE, SHRINKING = 0.02, 0.3  # below this, and this times the one before, it does without a new Jacobian
+CLOSE, SHRINKING = 0.005, 0.1  # below this, and this times the one before, it does without a new Jacobian
 
 
 @dataclasses.dataclass(frozen=True)
