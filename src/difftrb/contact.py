@@ -167,8 +167,10 @@ def solve_contact(
     if traced and method == "auto":
         return _by_either(*arguments[:4], mirrored, accuracy)
 
+    solve = _by if traced else _alone
+
     def by(method: Method, edges: int) -> tuple[ContactSolution]:
-        return (_by(method, arguments, mirrored, edges, accuracy),)
+        return (solve(method, arguments, mirrored, edges, accuracy),)
 
     return by("strips", 2)[0] if traced and method == "strips" else _first_that_does(method, arguments, by)[0]
 
@@ -257,6 +259,17 @@ def _first_that_does(method: Method, arguments: Arguments, by: Callable[[Method,
         if method == "strips" or result[0].status_code == status.CONVERGED:
             return result
     return by("cells", 0)
+
+
+# XLA's newer emitters of CPU code take twice as long to compile as the older, for programs no faster here (jax 0.10.1:
+# strips 14 s → 8 s). Options count at the outermost `jit` only.
+COMPILING = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
+
+
+@partial(jax.jit, static_argnums=(0, 2, 3, 4), compiler_options=COMPILING)
+def _alone(method: Method, arguments: Arguments, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
+    """`_by`, outside any other `jit`."""
+    return _by(method, arguments, mirrored, edges, accuracy)
 
 
 def _by(method: Method, arguments: Arguments, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
@@ -387,11 +400,6 @@ def _by_either(
         lambda _, *a: _by_cells(*a, cells, mirrored, accuracy),
         first, *arguments,
     )  # fmt: skip
-
-
-# XLA's newer emitters of CPU code take twice as long to compile as the older, for programs no faster here (jax 0.10.1:
-# strips 14 s → 8 s). Options count at the outermost `jit` only.
-COMPILING = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
 
 
 @partial(jax.jit, static_argnums=(5, 6, 7, 8), compiler_options=COMPILING)
