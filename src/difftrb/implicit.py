@@ -97,17 +97,18 @@ def _pressed_jvp(apply: Callable, solver: Callable, respond: Callable, primals: 
 def factored_root(residual: Callable, solver: Callable, parameters: Pytree, start: jax.Array) -> tuple[Pytree, Pytree]:
     """x with `residual(x, choice, parameters)` = 0, by a solver that factors the Jacobian itself.
 
-    `solver(parameters, start)` returns x (a pytree), choice (which of the alternatives hold at x), the LU factors of
-    the Jacobian by the raveled x, and a report. Returns x and (choice, *report), which carry no derivative.
+    `solver(parameters, start, exact)` returns x (a pytree), choice (which of the alternatives hold at x), the LU
+    factors of the Jacobian by the raveled x (at x only if `exact`), and a report. Returns x and (choice, *report),
+    which carry no derivative.
     """
-    x, choice, _, report = solver(parameters, start)
+    x, choice, _, report = solver(parameters, start, False)
     return x, (choice, *report)
 
 
 @factored_root.defjvp
 def _factored_root_jvp(residual: Callable, solver: Callable, primals: tuple, tangents: tuple):
     parameters, start = primals
-    x, choice, factors, report = solver(parameters, start)
+    x, choice, factors, report = solver(parameters, start, True)
     x, choice, factors = jax.lax.stop_gradient((x, choice, factors))
     _, change = jax.jvp(lambda p: residual(x, choice, p), (parameters,), (tangents[0],))
     _, unravel = jax.flatten_util.ravel_pytree(x)

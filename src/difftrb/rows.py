@@ -100,42 +100,44 @@ def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax
     """∬ hat(y) hat(y') K₀(κ|y−y'|) dy dy', shape (hats, hats, κ); with y' also mirrored about 0 if asked.
 
     A hat is a second difference: the integral is two of them of K₀'s fourth antiderivative at the lines; half a hat
-    takes its slope at the border too.
+    takes its slope at the border too, which stands as one more point, at which the antiderivative is one order lower.
     """
-    stencil, at_borders = (
+    at_lines, at_borders = (
         jax.scipy.linalg.block_diag(*part) for part in zip(*[_stencil(rows) for rows in groups], strict=True)
     )
-    points = jnp.concatenate([_points(rows) for rows in groups])
-    borders = jnp.concatenate([rows.lines[np.flatnonzero(rows.borders) * -1] for rows in groups])
-    k, from_zero = jnp.asarray(kappa)[:, None], kappa[:, None] < LOW
-    overlap, thin = _overlaps(groups, mirrored), _far_and_thin(groups, mirrored)
+    borders = [rows.lines[np.flatnonzero(rows.borders) * -1] for rows in groups]
+    points = jnp.concatenate([*(_points(rows) for rows in groups), *borders])
+    stencil = jnp.concatenate([at_lines, at_borders], axis=1)
+    later, earlier, images, back = _pairs(points.shape[0], mirrored)
+    slope = np.arange(points.shape[0]) >= at_lines.shape[1]  # whether a point stands for a slope
+    orders = 4 - slope[later].astype(int) - slope[earlier]
+    distance = points[later] - images * points[earlier]
+    sign = jnp.where(orders == 3, jnp.sign(distance), np.where(orders == 2, -images, 1.0))
 
-    def differences(order: int, left: jax.Array, right: jax.Array, at: jax.Array, by: jax.Array) -> jax.Array:
-        pairs, back = _pairs(at.shape[0], by.shape[0], mirrored, at is by)
-        d = (jnp.concatenate([at, by]) @ pairs)[None]
-        sign = jnp.sign(d) if order == 3 else np.sign(pairs[at.shape[0] :].sum(0))[None] if order == 2 else 1.0
-        d = jnp.abs(d)
-
-        def over_hats(f: jax.Array) -> jax.Array:
-            return jnp.einsum("ia,...ab,jb->...ij", left, (sign * f)[..., back], right)
-
-        whole, far = (over_hats(special.integral_k0(order, k * d, zero) / k**order) for zero in (np.True_, from_zero))
-        return jnp.where((overlap | thin)[None], whole, far)
-
-    result = differences(4, stencil, stencil, points, points)
-    if borders.size:
-        slope = differences(3, at_borders, stencil, borders, points)
-        result += slope + slope.swapaxes(-1, -2) + differences(2, at_borders, at_borders, borders, borders)
     # thin hats far from each other would be lost in rounding: then they are points
+    overlap, thin = _overlaps(groups, mirrored), _far_and_thin(groups, mirrored)
     weight = weights(groups)
     image = np.array([1.0, -1.0] if mirrored else [1.0])[:, None, None]
     place = jnp.concatenate([integrals(rows, lambda y: y) for rows in groups]) / weight
-    apart = jnp.abs(place[None, :, None] - image * place[None, None])
     at = np.nonzero(thin)
-    distance, first, second = apart[at], weight[at[1]], weight[at[2]]
-    far = distance > 16.0 * jnp.maximum(first, second)
-    points = special.integral_k0(0, k * jnp.where(far, distance, 1.0)[None], np.True_) * (first * second)[None]
-    result = result.at[:, *at].set(jnp.where(far[None], points, result[:, *at]))
+    apart = jnp.abs(place[None, :, None] - image * place[None, None])[at]
+    first, second = weight[at[1]], weight[at[2]]
+    far = apart > 16.0 * jnp.maximum(first, second)
+
+    k = kappa[:, None]
+    parts = [(n, np.flatnonzero(orders == n)) for n in sorted(set(orders.tolist()))]
+    found = [special.integrals_k0(n, k * jnp.abs(distance[at])[None]) for n, at in parts]
+    order_of_parts = np.argsort(np.concatenate([at for _, at in parts]))[back]
+    per = jnp.concatenate([sign[None, at] / k**n for n, at in parts], axis=1)
+
+    def over_hats(f: jax.Array) -> jax.Array:
+        return jnp.einsum("ia,...ab,jb->...ij", stencil, (per * f)[..., order_of_parts], stencil)
+
+    from_zero, from_infinity = (jnp.concatenate(f, axis=1) for f in zip(*found, strict=True))
+    from_zero_or_infinity = jnp.where(k < LOW, from_zero, from_infinity)
+    result = jnp.where((overlap | thin)[None], over_hats(from_zero), over_hats(from_zero_or_infinity))
+    as_points = special.integrals_k0(0, k * jnp.where(far, apart, 1.0)[None])[0] * (first * second)[None]
+    result = result.at[:, *at].set(jnp.where(far[None], as_points, result[:, *at]))
     return jnp.sum(result, axis=1).transpose(1, 2, 0)
 
 
@@ -159,22 +161,21 @@ def _far_and_thin(groups: tuple[Rows, ...], mirrored: bool) -> np.ndarray:
     return far
 
 
-def _pairs(count: int, others: int, mirrored: bool, same: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The matrix from points to their distances, each once, and where to find that of every pair.
+def _pairs(count: int, mirrored: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of points, each once: the later, the earlier, 1 or (its mirror image) −1; and where to find every pair.
 
-    Shapes (count + others, distances) and (images, count, others).
+    Shapes (pairs,), thrice, and (images, count, count).
     """
-    columns, back, found = [], np.zeros((1 + mirrored, count, others), int), {}
-    for image, a, b in np.ndindex(back.shape):
-        key = (image, *sorted((a, b))) if same else (image, a, b)
-        if key not in found:
-            found[key] = len(columns)
-            column = np.zeros(count + others)
-            column[a] += 1.0
-            column[count + b] += 1.0 if image else -1.0
-            columns.append(column)
-        back[image, a, b] = found[key]
-    return np.stack(columns, axis=1), back
+    later, earlier = np.tril_indices(count)
+    back = np.zeros((count, count), int)
+    back[later, earlier] = back[earlier, later] = np.arange(later.size)
+    images = np.array([1.0, -1.0] if mirrored else [1.0])
+    return (
+        np.tile(later, images.size),
+        np.tile(earlier, images.size),
+        np.repeat(images, later.size),
+        np.stack([back + i * later.size for i in range(images.size)]),
+    )
 
 
 def _points(rows: Rows) -> jax.Array:

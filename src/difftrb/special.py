@@ -40,49 +40,50 @@ def _scaled_fit(n: int) -> np.ndarray:
 
 
 _ORDERS = [0, 1, 2, 3, 4, -1]  # so that order −1 is also the last of each list
-_SERIES = [_series(n) for n in _ORDERS[:-1]]
-_SCALED = [_scaled_fit(n) for n in _ORDERS]
+
+
+def _derivative(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The polynomials of z K₀′ from those of K₀."""
+    twice = 2.0 * np.arange(_TERMS)
+    return twice * a - b, twice * b
+
+
+_SERIES = np.array([*(_series(n) for n in _ORDERS[:-1]), _derivative(*_series(0))])
+_SCALED = np.array([_scaled_fit(n) for n in _ORDERS])
 # ∫…∫ K₀ from 0 = (−1)ⁿ Kiₙ(z) + polynomial, coefficients of z⁰, z¹, …; Kiₙ(0) = ½ √π Γ(n/2)/Γ((n+1)/2)
 _AT_ZERO = [math.inf, math.pi / 2.0, 1.0, math.pi / 4.0, 2.0 / 3.0]
-_POLYNOMIAL = [[*(-((-1) ** (n - j)) * _AT_ZERO[n - j] / math.factorial(j) for j in range(n)), 0.0] for n in _ORDERS]
+_POLYNOMIAL = [
+    np.array([*(-((-1) ** (n - j)) * _AT_ZERO[n - j] / math.factorial(j) for j in range(n)), 0.0]) for n in _ORDERS
+]
 
 
-def _horner(coefficients: np.ndarray | list[float], x: jax.Array) -> jax.Array:
+def _horner(coefficients: np.ndarray, x: jax.Array) -> jax.Array:
     total = jnp.full_like(x, coefficients[-1])
     for c in coefficients[-2::-1]:
         total = total * x + float(c)
     return total
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0, 2))
-def integral_k0(n: int, z: jax.Array, from_zero: np.ndarray) -> jax.Array:
-    """K₀ integrated n = 0…4 times from 0 to z ≥ 0 or, where not `from_zero`, from infinity; n = −1 is its derivative.
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def integrals_k0(n: int, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """K₀ integrated n = 0…4 times from 0 to z ≥ 0, and from infinity; n = −1 is the derivative. Shape of z.
 
-    The latter is (−1)ⁿ Kiₙ(z), Bickley's function; they differ by a polynomial, `between`. Relative error below 1e-10.
+    From infinity it is (−1)ⁿ Kiₙ(z), Bickley's function; they differ by a polynomial. Relative error below 1e-10.
     """
     near = z < SPLIT
     small = jnp.where(near & (z > 0.0), z, 1.0)
-    a, b = _SERIES[max(n, 0)]
     quarter = 0.25 * small * small
-    if n >= 0:
-        below = small**n * (_horner(a, quarter) - jnp.log(0.5 * small) * _horner(b, quarter))
-    else:
-        by_a, by_b = (np.arange(1, _TERMS) * series[1:] for series in (a, b))
-        below = 0.5 * small * (_horner(by_a, quarter) - jnp.log(0.5 * small) * _horner(by_b, quarter))
-        below = below - _horner(b, quarter) / small
+    a, b = _SERIES[n]
+    below = small**n * (_horner(a, quarter) - jnp.log(0.5 * small) * _horner(b, quarter))
+    below = jnp.where(z > 0.0, below, 0.0)
     large = jnp.where(near, SPLIT, z)
     u = SPLIT / large
     above = (-1) ** n * jnp.exp(-large) * jnp.sqrt(u / SPLIT) * _horner(_SCALED[n], 2.0 * u - 1.0)
-    change = jnp.where(near == from_zero, 0.0, jnp.where(near, -1.0, 1.0) * between(n, z))
-    return jnp.where(near, jnp.where(z > 0.0, below, 0.0), above) + change
+    between = _horner(_POLYNOMIAL[n], z)
+    return jnp.where(near, below, above + between), jnp.where(near, below - between, above)
 
 
-@integral_k0.defjvp
-def _(n: int, from_zero: np.ndarray, primals: tuple[jax.Array], tangents: tuple[jax.Array]):
+@integrals_k0.defjvp
+def _(n: int, primals: tuple[jax.Array], tangents: tuple[jax.Array]):
     (z,), (dz,) = primals, tangents
-    return integral_k0(n, z, from_zero), integral_k0(n - 1, z, from_zero) * dz
-
-
-def between(n: int, z: jax.Array) -> jax.Array:
-    """K₀ integrated n times from zero, less that from infinity: a polynomial."""
-    return _horner(_POLYNOMIAL[n], z)
+    return integrals_k0(n, z), tuple(slope * dz for slope in integrals_k0(n - 1, z))

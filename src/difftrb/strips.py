@@ -32,9 +32,10 @@ MEETING = ((0, 3), (1, 2))  # places that lie on one rolling edge from either si
 TOLERANCE = 1e-7
 LARGEST = 3.2  # farthest end of a strip; the gap there is larger than any approach
 LEAST = 1e-3  # smallest width of one
-PASSES = 40
+PASSES = 60
 WAITING = 0.35  # size of an outline without load, as a share of its size at first
 NEAR = 0.1  # last change of the ends below which Newton's method takes over
+CLOSE, SHRINKING = 0.005, 0.1  # below this, and this times the one before, it does without a new Jacobian
 
 
 @dataclasses.dataclass(frozen=True)
@@ -234,57 +235,60 @@ Unknowns = tuple[jax.Array, jax.Array, jax.Array]
 
 def _contact(
     layout: Layout, x: Unknowns, problem: Problem, coupling: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """How far each mode is from lying on the other body, (strips, modes), and its derivative by loads and by ends."""
+) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    """How far each mode is from lying on the other body, (strips, modes); and the waves, their derivatives by the ends,
+    and that of the former by a strip's own ends."""
     loads, outline, approach = x
-    strips, n = loads.shape
-    k = outline.shape[1]
-    rows, member = np.asarray(layout.rows), layout.member
+    rows = np.asarray(layout.rows)
     ends = outline[np.asarray(layout.outlines)]
-    weight = problem.weight[rows]
     wave, by_ends = _waves(layout, ends)
+    field = jnp.einsum("ijz,jz->iz", coupling, jnp.einsum("jm,jmz->jz", loads, wave)) / problem.weight[rows][:, None]
+    gap, gap_by_ends = _gaps(layout, ends, problem.gap[rows])
+    residual = jnp.einsum("iz,imz->im", field, wave) + gap - approach * np.eye(1, layout.modes)
+    return residual, (wave, by_ends, jnp.einsum("iz,iemz->ime", field, by_ends) + gap_by_ends)
+
+
+def _equations(
+    layout: Layout, x: Unknowns, choice: tuple[jax.Array, jax.Array], problem: Problem, residual: jax.Array
+) -> jax.Array:
+    """All equations: contact of loaded strips, no load on others, pressure zero at free ends (those that are not held),
+    the sum of loads."""
+    loads, (active, held) = x[0], choice
+    on, fixed = active[np.asarray(layout.outlines)][:, None], held | ~active[:, None]
+    total = jnp.vdot(problem.weight[np.asarray(layout.rows)], loads[:, 0]) - problem.load
+    at_ends = _shares(layout, problem) @ loads @ _signs(layout).T
+    return jnp.concatenate([
+        jnp.where(on, residual, loads).ravel(), jnp.where(fixed, 0.0, at_ends).ravel(), total[None]
+    ])  # fmt: skip
+
+
+def _jacobian(
+    layout: Layout, loads: jax.Array, choice: tuple[jax.Array, jax.Array], problem: Problem, coupling: jax.Array,
+    parts: tuple[jax.Array, ...],
+) -> jax.Array:  # fmt: skip
+    """Of the equations by all unknowns."""
+    (active, held), (wave, by_ends, own) = choice, parts
+    (strips, n), (outlines, k) = loads.shape, (len(layout.sides), by_ends.shape[1])
+    a, e = strips * n, outlines * k
+    member, weight = layout.member, problem.weight[np.asarray(layout.rows)]
     moved = jnp.einsum("jm,jemz->jez", loads, by_ends)
     pulled = jnp.concatenate([wave, moved], axis=1)  # (strips, modes + ends, z)
-    pushed = (coupling[:, :, None, :] * pulled[None]).reshape(strips, strips * (n + k), -1)
-    matrix = jax.lax.dot_general(wave, pushed, (((2,), (2,)), ((0,), (0,)))) / weight[:, None, None]
-    matrix = matrix.reshape(strips, n, strips, n + k)
-    field = jnp.einsum("ijz,jz->iz", coupling, jnp.einsum("jm,jmz->jz", loads, wave)) / weight[:, None]
-    gap, gap_by_ends = _gaps(layout, ends, problem.gap[rows])
-    residual = jnp.einsum("iz,imz->im", field, wave) + gap - approach * np.eye(1, n)
-    own = jnp.einsum("iz,iemz->ime", field, by_ends) + gap_by_ends
+    pushed = coupling[:, :, None, :] * (wave / weight[:, None, None])[None]
+    matrix = jax.lax.dot_general(pushed.reshape(strips, a, -1), pulled, (((2,), (2,)), ((0,), (0,))))
+    matrix = matrix.reshape(strips, strips, n, n + k).transpose(1, 2, 0, 3)
     by_end = jnp.einsum("imje,jo->imoe", matrix[..., n:], member) + own[:, :, None] * member[:, None, :, None]
-    return residual, matrix[..., :n], by_end
-
-
-def _system(
-    layout: Layout, x: Unknowns, choice: tuple[jax.Array, jax.Array], problem: Problem, parts: tuple
-) -> tuple[jax.Array, jax.Array]:
-    """All equations, and their Jacobian: contact of loaded strips, no load on others, pressure zero at free ends (those
-    that are not held), the sum of loads."""
-    loads, outline, _ = x
-    active, held = choice
-    residual, by_load, by_end = parts
-    (strips, n), (outlines, k) = loads.shape, outline.shape
-    a, e = strips * n, outlines * k
-    on, signs, share = active[np.asarray(layout.outlines)][:, None], _signs(layout), _shares(layout, problem)
-    fixed = held | ~active[:, None]
-    total = (problem.weight[np.asarray(layout.rows)][:, None] * np.eye(1, n)).reshape(1, a)
-    equations = jnp.concatenate([
-        jnp.where(on, residual, loads).ravel(),
-        jnp.where(fixed, 0.0, share @ loads @ signs.T).ravel(),
-        total @ loads.ravel() - problem.load,
-    ])  # fmt: skip
-    same, modes = np.eye(strips)[:, None, :, None], np.eye(n)[None, :, None, :]
-    fixed_ends = np.eye(e).reshape(outlines, k, outlines, k)
-    fixed4 = fixed[:, :, None, None]
-    jacobian = jnp.block([
-        [jnp.where(on[..., None, None], by_load, same * modes).reshape(a, a),
+    on = active[np.asarray(layout.outlines)][:, None]
+    fixed = (held | ~active[:, None])[:, :, None, None]
+    no_load = np.eye(a).reshape(strips, n, strips, n)
+    at_ends = _shares(layout, problem)[:, None, :, None] * _signs(layout)[None, :, None, :]
+    total = (weight[:, None] * np.eye(1, n)).reshape(1, a)
+    return jnp.block([
+        [jnp.where(on[..., None, None], matrix[..., :n], no_load).reshape(a, a),
          jnp.where(on[..., None, None], by_end, 0.0).reshape(a, e), jnp.where(on, -np.eye(1, n), 0.0).reshape(a, 1)],
-        [jnp.where(fixed4, 0.0, share[:, None, :, None] * signs[None, :, None, :]).reshape(e, a),
-         jnp.where(fixed4, fixed_ends, 0.0).reshape(e, e), jnp.zeros((e, 1))],
+        [jnp.where(fixed, 0.0, at_ends).reshape(e, a),
+         jnp.where(fixed, np.eye(e).reshape(outlines, k, outlines, k), 0.0).reshape(e, e), jnp.zeros((e, 1))],
         [total, jnp.zeros((1, e + 1))],
     ])  # fmt: skip
-    return equations, jacobian
 
 
 def _shares(layout: Layout, problem: Problem) -> jax.Array:
@@ -329,8 +333,8 @@ def solve(layout: Layout, problem: Problem, start: jax.Array) -> tuple[Unknowns,
 
 def _residual(layout: Layout, x: Unknowns, choice: tuple[jax.Array, jax.Array], problem: Problem) -> jax.Array:
     """The equations as functions of the problem, with held ends on the spall's edges."""
-    parts = _contact(layout, x, problem, _coupling(layout, problem))
-    equations, _ = _system(layout, x, choice, problem, parts)
+    residual, _ = _contact(layout, x, problem, _coupling(layout, problem))
+    equations = _equations(layout, x, choice, problem, residual)
     if layout.even:
         return equations
     off = jnp.where(choice[1] & choice[0][:, None], x[1] - bounds(layout, problem), 0.0)
@@ -355,11 +359,12 @@ def _beside(layout: Layout) -> np.ndarray:
     return (common & (sides[:, None] == MIDDLE) & np.isin(sides, (LEFT, RIGHT))[None]).astype(float)
 
 
-def _search(layout: Layout, problem: Problem, start: jax.Array):
+def _search(layout: Layout, problem: Problem, start: jax.Array, exact: bool):
     """Find loads, ends and which outlines are loaded.
 
     With the ends held, all else is linear; P = Σ aₘTₘ then tells at each free end how far it is off: it moves to
-    where P would vanish. Close to the solution Newton's method on everything takes over.
+    where P would vanish. Close to the solution Newton's method on everything takes over; closer still the Jacobian is
+    not factored again as long as steps shrink fast, unless at the end, for `exact` factors there.
     """
     ends_at_first = start[:, 1:] if layout.even else start
     coupling = _coupling(layout, problem)
@@ -373,15 +378,21 @@ def _search(layout: Layout, problem: Problem, start: jax.Array):
     small = nearest + WAITING * (ends_at_first - nearest)
 
     def step(carry):
-        (loads, ends, approach), active, held, rest, change, count, *_ = carry
+        (loads, ends, approach), active, held, rest, change, near, count, _, choice, factors = carry
         x = loads, ends, approach
         newton = change < NEAR
-        parts = _contact(layout, x, problem, coupling)
-        called = ~active & (rest <= 0) & (share @ parts[0][:, 0] < 0.0)  # they overlap without load
+        residual, parts = _contact(layout, x, problem, coupling)
+        called = ~active & (rest <= 0) & (share @ residual[:, 0] < 0.0)  # they overlap without load
         active_now = active | called
-        equations, jacobian = _system(layout, x, (active_now, held | ~newton), problem, parts)
-        lu, pivots, _ = jax.lax.linalg.lu(jacobian)
-        found = -jax.scipy.linalg.lu_solve((lu, pivots), equations)
+        chosen = active_now, held | ~newton
+        same = jnp.all(chosen[0] == choice[0]) & jnp.all(chosen[1] == choice[1])
+        fresh = ~(near & same) | (exact & (change <= TOLERANCE))
+        equations = _equations(layout, x, chosen, problem, residual)
+        factors = jax.lax.cond(
+            fresh, lambda: tuple(jax.lax.linalg.lu(_jacobian(layout, loads, chosen, problem, coupling, parts))[:2]),
+            lambda: factors,
+        )  # fmt: skip
+        found = -jax.scipy.linalg.lu_solve(factors, equations)
         loads = loads + found[: strips * n].reshape(strips, n)
         tension = active_now & (share @ loads[:, 0] <= 0.0)
         next_active = active_now & ~tension
@@ -408,17 +419,21 @@ def _search(layout: Layout, problem: Problem, start: jax.Array):
         moved = jnp.where(newton, moved, jnp.maximum(moved, 2.0 * TOLERANCE))
         rest = jnp.where(tension, 2, rest - 1)
         loads = jnp.where(next_active[np.asarray(layout.outlines)][:, None], loads, 0.0)
-        return (loads, new, approach + found[-1]), next_active, held_new, rest, moved, count + 1, lu, pivots
+        near = moved < jnp.minimum(SHRINKING * change, CLOSE)
+        x = loads, new, approach + found[-1]
+        return x, next_active, held_new, rest, moved, near, count + 1, fresh, chosen, factors
 
     def unfinished(carry):
-        change, count = carry[4:6]
-        return (change > TOLERANCE) & (count < PASSES)
+        change, _, count, fresh = carry[4:8]
+        return ((change > TOLERANCE) | (exact & ~fresh)) & (count < PASSES)
 
     size = strips * n + outlines * k + 1
+    held = outward * (bound - ends_at_first) <= 0.0
+    on, no = jnp.ones(outlines, bool), jnp.asarray(False)
     first = (
-        (jnp.zeros((strips, n)).at[:, 0].set(1.0), ends_at_first, jnp.asarray(1.0)), jnp.ones(outlines, bool),
-        outward * (bound - ends_at_first) <= 0.0, jnp.zeros(outlines, int), jnp.asarray(0.5), jnp.asarray(0),
-        jnp.zeros((size, size)), jnp.zeros(size, jnp.int32),
+        (jnp.zeros((strips, n)).at[:, 0].set(1.0), ends_at_first, jnp.asarray(1.0)), on, held,
+        jnp.zeros(outlines, int), jnp.asarray(0.5), no, jnp.asarray(0), no, (on, held),
+        (jnp.zeros((size, size)), jnp.zeros(size, jnp.int32)),
     )  # fmt: skip
-    x, active, held, _, change, count, lu, pivots = jax.lax.while_loop(unfinished, step, first)
-    return x, (active, held), (lu, pivots), (change, count)
+    x, active, held, _, change, _, count, _, _, factors = jax.lax.while_loop(unfinished, step, first)
+    return x, (active, held), factors, (change, count)
