@@ -326,9 +326,10 @@ def _pressed(
     gap: jax.Array, matrix: halfspace.Operator, code: jax.Array, accuracy: float,
 ) -> ContactSolution:  # fmt: skip
     """The solution on cells by their influence `matrix`; `code` says whether the cells do."""
-    level = jax.lax.stop_gradient(0.4 * jnp.max(gaps.curvature(cells, contact.radius)))
     lowest = jax.lax.stop_gradient(jnp.min(gap))
-    force, approach, residual, iterations = press_by(matrix, cells.area, gap - lowest, load, level)
+    force, approach, residual, iterations = press_by(
+        matrix, cells.area, gap - lowest, load, gaps.first_level(cells, contact.radius)
+    )
     approach = approach + lowest
     border = _border(cells, force > 0.0, approach, gap, contact)
     code = status.worst(code, _verdict(approach, residual, TOLERANCE), border)
