@@ -18,8 +18,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from difftrb import geometry, heightmap
 from difftrb import law as laws
-from difftrb.contact import ContactSolution, Defect, solve_contact
+from difftrb.contact import solve_contact
+from difftrb.contact_solution import ContactSolution
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.given import Defect
 from difftrb.heightmap import HeightMap
 from difftrb.ring import Load, needed_axial
 from difftrb.scene import SEVERAL_SHAPES, Accuracy, Definition, DesignLoad, Phase, Scene, Solution
