@@ -7,8 +7,8 @@ import pytest
 
 import difftrb as trb
 
-ROAD = ["status", "geometry", "hertz", "halfspace", "heightmap", "given", "special", "rows", "gap", "domain", "edges",
-        "lattice", "implicit", "press", "strips", "strip_model", "contact_solution",
+ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given", "special", "rows", "gap", "domain",
+        "edges", "lattice", "implicit", "press", "strips", "strip_model", "contact_solution",
         "contact", "contact_slopes", "intensity", "line", "curve", "law",
         "nodes", "direct", "store", "table", "ring", "pitch", "scene",
         "scenefile", "report", "plot", "__main__"]  # fmt: skip
