@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -63,6 +64,12 @@ def test_speed_of_contact(contact: trb.LineContact) -> None:
     assert measured["converged"] == 1.0
     assert measured["worst"] < 1e-2
     assert all(number > 0.0 for number in measured.values())
+
+
+def test_gain_of_two_threads(contact: trb.LineContact) -> None:
+    """Measured at all; how large it is depends on who else computes."""
+    gain = script("speed_of_contact").on_two_threads(lambda case: contact.radius * jnp.sum(case), jnp.ones((4, 2)))
+    assert 0.0 < gain < np.inf
 
 
 def test_iterations_of_contact_meet_their_goals(contact: trb.LineContact) -> None:
