@@ -20,7 +20,7 @@ from difftrb.halfspace import Cells, Operator
 TOLERANCE = 1e-11
 """Largest violation of the contact conditions, relative to the approach, at which a solve counts as converged."""
 GOAL = 1e-12
-"""The violation at which it ends: a step takes the last one down to a third, and derivatives are by differences."""
+"""The violation at which a solve ends: a step or two more than it must, so that differences of answers are smooth."""
 STEPS = 400
 
 
@@ -43,7 +43,7 @@ def press_by(matrix: Operator, area: jax.Array, gap: jax.Array, load: Real, leve
 
 
 def first_guess(area: jax.Array, gap: jax.Array, level: Real) -> jax.Array:
-    """Forces to begin with, in any unit: half-ellipses where the gap is below `level` [mm], even if it nowhere is."""
+    """Forces to begin with, in any unit: half-ellipses where the gap is below `level` [mm], if it anywhere is."""
     force = jnp.sqrt(jnp.maximum(level - gap, 0.0)) * area
     return jax.lax.stop_gradient(jnp.where(jnp.any(force > 0.0), force, area))
 
