@@ -1,6 +1,7 @@
 """What a contact costs: value, value with all slopes, compiling, at every accuracy; and how far it is off.
 
 taskset -c 0 python experiments/speed_of_contact.py [CASES [TRUTHS]]   (default 256, 16)
+taskset -c 0,1 python experiments/speed_of_contact.py --cores [CASES]   (how much faster two threads are; default 64)
 
 Random geometries of 32008J's outer contact in one batch (`lax.map`): load, spall length, width and offset differ. Those
 with the rolling edges out of reach of the contact, with one and with both in it are timed apart. Medians of three runs.
@@ -12,6 +13,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 
@@ -98,8 +100,46 @@ def measure(
     }
 
 
+def on_two_threads(function: Callable[[jax.Array], jax.Array], cases: jax.Array) -> float:
+    """How much faster a batch is as two halves in a thread each than whole in one; medians of nine runs in turns."""
+    batch = jax.jit(lambda c: jax.lax.map(function, c))
+    halves = jnp.split(cases, 2)
+    ways: list[Callable[[], object]] = [
+        lambda: jax.block_until_ready(batch(cases)),
+        lambda: list(pool.map(lambda half: jax.block_until_ready(batch(half)), halves)),
+    ]
+    seconds: list[list[float]] = [[], []]
+    with ThreadPoolExecutor(2) as pool:
+        for run in range(10):
+            for way, times in zip(ways, seconds, strict=True):
+                started = time.perf_counter()
+                way()
+                if run:  # the first compiles
+                    times.append(time.perf_counter() - started)
+    return float(np.median(seconds[0]) / np.median(seconds[1]))
+
+
+def cores(count: int, contact: trb.LineContact, accuracy: float = 1e-3) -> dict[str, float]:
+    """The gain of two threads by the way of solving, rolling edges out of reach."""
+    grid = contacts.grid_for(accuracy).cells
+
+    def arguments(case: jax.Array) -> tuple:
+        return contact, case[0], trb.Spall(case[1], case[2]), case[3]
+
+    ways = {
+        "strips": lambda case: contacts._by_strips(*arguments(case), True, 0, accuracy).approach,
+        "cells": lambda case: contacts._by_cells(*arguments(case), grid, True, accuracy).approach,
+    }
+    return {name: on_two_threads(way, geometries(count, contact, 0)) for name, way in ways.items()}
+
+
 def main() -> None:
     """Measure everything and print the table."""
+    if sys.argv[1:2] == ["--cores"]:
+        count = int(sys.argv[2]) if len(sys.argv) > 2 else 64
+        for way, gain in cores(count, trb.LineContact.of(trb.bearing("32008J"))).items():
+            print(f"{count} contacts by {way} in two threads: {gain:.2f} times as fast as in one")
+        return
     count, known = (int(sys.argv[i]) if len(sys.argv) > i else default for i, default in ((1, 256), (2, 16)))
     contact = trb.LineContact.of(trb.bearing("32008J"))
     table = Table(title=f"{count} contacts by strips, one batch: ms for the value and with all slopes; compile in s")

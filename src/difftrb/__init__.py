@@ -11,7 +11,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from difftrb.contact import ContactSolution, approach_slopes, solve_contact
+    from difftrb.contact import solve_contact
+    from difftrb.contact_slopes import approach_slopes
+    from difftrb.contact_solution import ContactSolution
     from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
     from difftrb.heightmap import HeightMap, HeightMapError, example_map, load_height_map
     from difftrb.intensity import EdgeIntensity, edge_intensity
@@ -23,7 +25,9 @@ if TYPE_CHECKING:
     from difftrb.status import SolveError
 
 _HOMES = {
-    "contact": ("ContactSolution", "approach_slopes", "solve_contact"),
+    "contact": ("solve_contact",),
+    "contact_slopes": ("approach_slopes",),
+    "contact_solution": ("ContactSolution",),
     "intensity": ("EdgeIntensity", "edge_intensity"),
     "geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
     "heightmap": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),

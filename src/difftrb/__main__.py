@@ -161,7 +161,7 @@ def _contact(options: Any) -> int:
     import jax
 
     from difftrb import report, scenefile
-    from difftrb.contact import approach_and_slopes
+    from difftrb.contact_slopes import approach_and_slopes
 
     file, path = _read(options)
     scenefile.check_contact(file, path)

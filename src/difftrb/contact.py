@@ -17,11 +17,11 @@ import jax.numpy as jnp
 
 from difftrb import edges, halfspace, lattice, status, strip_model
 from difftrb import gap as gaps
+from difftrb.contact_solution import ContactSolution, assembled, border, extent, verdict
 from difftrb.domain import Resolution, fitted_cells
 from difftrb.geometry import LineContact, Real, Spall
-from difftrb.given import Arguments, Defect, Method, given, is_sound, listed
+from difftrb.given import Arguments, Defect, Method, given, listed
 from difftrb.halfspace import Cells
-from difftrb.heightmap import HeightMap
 from difftrb.press import TOLERANCE, press_by
 from difftrb.strip_model import Fineness
 from difftrb.strips import Frequencies
@@ -64,67 +64,6 @@ GRIDS = {
         (1024, 64),
     ),
 }
-
-
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "approach", "force", "cells", "load", "spall", "offset", "tilt", "gap", "contact_width", "loaded_fraction",
-        "residual", "iterations", "unknowns", "status_code",
-    ],
-    meta_fields=["accuracy"],
-)  # fmt: skip
-@dataclasses.dataclass(frozen=True)
-class ContactSolution(status.Judged):
-    """A solved contact.
-
-    Attributes:
-      approach: δ of the two bodies, contact alone [mm].
-      force: of every cell [N], shape (rows, columns); a mirrored cell counts both halves.
-      cells: the grid: `cells.x`, `cells.y` centres [mm].
-      load: [N]. spall, offset, tilt: what was given; `offset` one per spall of several, `tilt` None where it is 0.
-      gap: initial gap [mm], shape of `force`.
-      contact_width: longest extent of the contact in the rolling direction [mm].
-      loaded_fraction: share of the roller's length on which some cell is loaded [-].
-      residual: by cells, the largest violation of the contact conditions relative to the approach; by strips, the last
-        change of a free boundary relative to the contact's half-width.
-      iterations: applications of the influence matrix, or passes over the strips.
-      unknowns: of the solve: cells, or modes of all strips.
-      status_code: see `difftrb.status`; `status` is its sentence.
-      accuracy: the relative accuracy of the approach that was asked for.
-    """
-
-    approach: jax.Array
-    force: jax.Array
-    cells: Cells
-    load: jax.Array
-    spall: Defect
-    offset: jax.Array
-    tilt: jax.Array | None
-    gap: jax.Array
-    contact_width: jax.Array
-    loaded_fraction: jax.Array
-    residual: jax.Array
-    iterations: jax.Array
-    unknowns: jax.Array
-    status_code: jax.Array
-    accuracy: float
-
-    @property
-    def pressure(self) -> jax.Array:
-        """Mean pressure of every cell [N/mm²], shape (rows, columns)."""
-        return self.force / self.cells.area
-
-    @property
-    def spalls(self) -> tuple[tuple[Spall | HeightMap, jax.Array], ...]:
-        """Every spall or height map, and its offset [mm]."""
-        spalls = listed(self.spall)
-        return tuple(zip(spalls, jnp.broadcast_to(self.offset, (len(spalls),)), strict=True))
-
-    @property
-    def peak_pressure(self) -> jax.Array:
-        """Largest cell pressure [N/mm²]. Singular at a spall's sharp edge: there it depends on the cell size."""
-        return jnp.max(self.pressure)
 
 
 def solve_contact(
@@ -175,47 +114,6 @@ def solve_contact(
     return by("strips", 2)[0] if traced and method == "strips" else _first_that_does(method, arguments, by)[0]
 
 
-def approach_slopes(
-    contact: LineContact,
-    load: Real,
-    spall: Defect = None,
-    offset: Real | Sequence[Real] = 0.0,
-    accuracy: float = 1e-3,
-    method: Method = "auto",
-    tilt: Real = 0.0,
-) -> dict[str, Real | None]:
-    """Derivatives of the approach [mm] by load [N], length, width, offset, radius [mm] and design_load [N].
-
-    All from one linear solve (reverse mode). None where there is no spall to change, and for length, width and offset
-    of a height map, whose steep walls stand still on the lattice until they cross a line; of several spalls, shape
-    (spalls,), where those are NaN. Arguments as `solve_contact`.
-    """
-    _, slopes = approach_and_slopes(contact, load, spall, offset, accuracy, method, tilt)
-    return slopes
-
-
-def approach_and_slopes(
-    contact: LineContact,
-    load: Real,
-    spall: Defect = None,
-    offset: Real | Sequence[Real] = 0.0,
-    accuracy: float = 1e-3,
-    method: Method = "auto",
-    tilt: Real = 0.0,
-) -> tuple[ContactSolution, dict[str, Real | None]]:
-    """The solved contact and, from the same solve, `approach_slopes`."""
-    solution, slopes = approach_and_gradient(contact, load, spall, offset, accuracy, method, tilt)
-    by_contact, by_load, by_spall, by_offset, _ = slopes
-    return solution, {
-        "load": by_load,
-        "length": _sizes(by_spall, "length"),
-        "width": _sizes(by_spall, "width"),
-        "offset": _offsets(by_spall, by_offset),
-        "radius": by_contact.radius,
-        "design_load": by_contact.design_load,
-    }
-
-
 def approach_and_gradient(
     contact: LineContact,
     load: Real,
@@ -230,20 +128,6 @@ def approach_and_gradient(
     arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
     return _first_that_does(method, arguments, lambda way, edges: _slopes(*arguments, mirrored, edges, accuracy, way))
-
-
-def _sizes(by_spall: Defect, name: str) -> Real | None:
-    """The derivative by one size of the spall, or of all spalls, shape (spalls,)."""
-    if isinstance(by_spall, tuple):
-        return jnp.stack([jnp.asarray(getattr(by, name, jnp.nan)) for by in by_spall])
-    return getattr(by_spall, name, None)
-
-
-def _offsets(by_spall: Defect, by_offset: jax.Array) -> jax.Array | None:
-    """The derivative by the offset, or by all offsets, of spalls."""
-    if isinstance(by_spall, tuple):
-        return jnp.where(jnp.array([isinstance(by, Spall) for by in by_spall]), by_offset, jnp.nan)
-    return by_offset if isinstance(by_spall, Spall) else None
 
 
 def _first_that_does(method: Method, arguments: Arguments, by: Callable[[Method, int], tuple]) -> tuple:
@@ -339,22 +223,17 @@ def _pressed(
     gap: jax.Array, matrix: halfspace.Operator, code: jax.Array, accuracy: float,
 ) -> ContactSolution:  # fmt: skip
     """The solution on cells by their influence `matrix`; `code` says whether the cells do."""
-    level = jax.lax.stop_gradient(0.4 * jnp.max(gaps.curvature(cells, contact.radius)))
     lowest = jax.lax.stop_gradient(jnp.min(gap))
-    force, approach, residual, iterations = press_by(matrix, cells.area, gap - lowest, load, level)
+    force, approach, residual, iterations = press_by(
+        matrix, cells.area, gap - lowest, load, gaps.first_level(cells, contact.radius)
+    )
     approach = approach + lowest
-    border = _border(cells, force > 0.0, approach, gap, contact)
-    code = status.worst(code, _verdict(approach, residual, TOLERANCE), border)
-    return _solution(
+    touched = border(cells, force > 0.0, approach, gap, contact)
+    code = status.worst(code, verdict(approach, residual, TOLERANCE), touched)
+    return assembled(
         contact, load, spall, offset, gap, cells, accuracy, tilt, approach=approach, force=force,
-        width=_extent(cells, force), residual=residual, iterations=iterations, unknowns=force.size, code=code,
+        width=extent(cells, force), residual=residual, iterations=iterations, unknowns=force.size, code=code,
     )  # fmt: skip
-
-
-def _extent(cells: Cells, force: jax.Array) -> jax.Array:
-    """From the first to the last loaded column [mm]."""
-    loaded, borders = jnp.any(force > 0.0, axis=0), cells.borders
-    return jnp.max(jnp.where(loaded, borders[1:], -jnp.inf)) - jnp.min(jnp.where(loaded, borders[:-1], jnp.inf))
 
 
 @partial(jax.jit, static_argnames=("mirrored", "edges", "accuracy"))
@@ -372,8 +251,8 @@ def _by_strips(
     cells, _, gap = _stage(contact, load, spall, offset, grid.cells, mirrored)
     edges = edges if spall is not None else 0
     solved = strip_model.solve(contact, load, spall, offset, mirrored, edges, grid.strips, cells)
-    code = _verdict(solved.approach, solved.change, strip_model.SETTLED)
-    return _solution(
+    code = verdict(solved.approach, solved.change, strip_model.SETTLED)
+    return assembled(
         contact, load, spall, offset, gap, cells, accuracy, None, approach=solved.approach, force=solved.force,
         width=solved.width, residual=solved.change, iterations=solved.passes, unknowns=solved.unknowns,
         code=jnp.where(solved.suited, code, status.UNSUITED),
@@ -435,32 +314,3 @@ def _stage(
         cells, code = fitted_cells(contact, load, spall, offset, resolution, mirrored, tilt)
         depression = jnp.zeros((1, 1)) if spall is None else gaps.depression(cells, spall, offset)
     return cells, code, gaps.undeformed(cells, contact, tilt) + depression
-
-
-def _solution(
-    contact: LineContact, load: jax.Array, spall: Defect, offset: jax.Array, gap: jax.Array, cells: Cells,
-    accuracy: float, tilt: jax.Array | None, *, approach: jax.Array, force: jax.Array, width: jax.Array,
-    residual: jax.Array, iterations: jax.Array, unknowns: int, code: jax.Array,
-) -> ContactSolution:  # fmt: skip
-    sound = is_sound((contact, load, spall, offset, tilt))
-    rows = jnp.where(jnp.any(force > 0.0, axis=1), jnp.sum(cells.area, axis=1), 0.0)
-    fraction = jnp.sum(rows) / (jnp.sum(cells.widths) * contact.length)
-    return ContactSolution(
-        approach, force, cells, load, spall, offset, tilt, gap, jax.lax.stop_gradient(width),
-        jax.lax.stop_gradient(fraction), jax.lax.stop_gradient(residual), iterations.astype(int), jnp.asarray(unknowns),
-        jnp.where(sound, code, status.BAD_INPUT), accuracy,
-    )  # fmt: skip
-
-
-def _verdict(approach: jax.Array, residual: jax.Array, tolerance: float) -> jax.Array:
-    converged = jnp.where(residual <= tolerance, status.CONVERGED, status.NOT_CONVERGED)
-    return jnp.where(jnp.isfinite(approach), converged, status.BAD_INPUT)
-
-
-def _border(cells: Cells, loaded: jax.Array, approach: jax.Array, gap: jax.Array, contact: LineContact) -> jax.Array:
-    """Whether pressure is cut off by the domain's border: not by a roller's end, nor where the gap there rises above
-    the approach, being the crown's beyond the mean of the last row."""
-    rise = gaps.crown_at(cells.lines, contact)[jnp.array([0, -1])] - gaps.crown(cells, contact)[jnp.array([0, -1]), 0]
-    at_ends = loaded[jnp.array([0, -1])] & (gap[jnp.array([0, -1])] + rise[:, None] < approach)
-    touched = jnp.any(loaded[:, 0] | loaded[:, -1]) | jnp.any(at_ends[1 if cells.mirrored else 0 :])
-    return jnp.where(touched, status.TOUCHES_BORDER, status.CONVERGED)

@@ -143,8 +143,7 @@ def _flattest(contact: LineContact, tilt: jax.Array) -> tuple[Real, jax.Array, j
 def _least_rest(contact: LineContact, tilt: jax.Array) -> jax.Array:
     """The least gap of a tilted, crowned roller along its line [mm], at most 0."""
     scale, rise, t = _flattest(contact, tilt)
-    crown = scale * jnp.log1p(-jnp.clip(t * t, 0.0, 1.0 - 1e-15))
-    return rise * t - crown
+    return rise * t + scale * gaps.log_crown(t, 1e-15)
 
 
 def _reach(contact: LineContact, delta: jax.Array, tilt: jax.Array, side: float) -> jax.Array:

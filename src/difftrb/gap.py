@@ -14,6 +14,11 @@ def curvature(cells: Cells, radius: Real) -> jax.Array:
     return ((cells.x**2 + cells.widths**2 / 12.0) / (2.0 * radius))[None, :]
 
 
+def first_level(cells: Cells, radius: Real) -> jax.Array:
+    """The gap up to which a first guess puts pressure [mm]: over six tenths of the cells' reach in x."""
+    return jax.lax.stop_gradient(0.4 * jnp.max(curvature(cells, radius)))
+
+
 def tilt(cells: Cells, slope: Real) -> jax.Array:
     """`slope`·y of a roller turned by `slope` [rad] about its middle, shape (rows, 1)."""
     return (slope * cells.y)[:, None]
@@ -32,12 +37,16 @@ def crown_scale(contact: LineContact) -> Real:
     return contact.design_load / (jnp.pi * contact.modulus * contact.length)  # Liu et al. 2018, eq. (2)
 
 
+def log_crown(t: jax.Array, room: float) -> jax.Array:
+    """ln(1/(1−t²)), the crown in its scale at t = 2y/length; beyond 1−t² = `room` it stays as it is there."""
+    return -jnp.log1p(-jnp.minimum(t * t, 1.0 - room))  # Liu et al. 2018, eq. (2)
+
+
 def crown_at(y: jax.Array, contact: LineContact) -> jax.Array:
     """Logarithmic crown at positions `y` [mm] along the roller; infinite at the roller's ends unless straight."""
     t = 2.0 * y / contact.length
     inside = jnp.abs(t) < 1.0 - 1e-12
-    inner = -crown_scale(contact) * jnp.log1p(-jnp.where(inside, t * t, 0.0))  # Liu et al. 2018, eq. (2)
-    return jnp.where(inside, inner, jnp.inf)
+    return jnp.where(inside, crown_scale(contact) * log_crown(jnp.where(inside, t, 0.0), 1e-13), jnp.inf)
 
 
 def _log_integral(t: jax.Array) -> jax.Array:

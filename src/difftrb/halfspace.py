@@ -19,6 +19,7 @@ import jax.numpy as jnp
 # A sharp edge with a pressure that is singular there acts as if it stood this part of a cell inside the last loaded
 # cell (uniform Galerkin cells, half-plane problem); cells are therefore drawn that much beyond the true edge.
 EDGE_SHIFT = 0.11505
+LOW = 8  # frequencies of the resistance at which rows see one another; 4 or 16 cost as much
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["columns", "borders"], meta_fields=[])
@@ -93,6 +94,11 @@ class Operator(Protocol):
         """`factor` times the operator."""
         ...
 
+    def resistance(self) -> Callable[[jax.Array], jax.Array]:
+        """About the inverse, in which steps of a descent are measured: forces [N] by displacements [mm]; linear,
+        symmetric, positive definite, not exact."""
+        ...
+
 
 @partial(jax.tree_util.register_dataclass, data_fields=["spectrum", "diagonal"], meta_fields=[])
 @dataclasses.dataclass(frozen=True)
@@ -109,13 +115,34 @@ class Influence:
 
     def displacement(self, force: jax.Array) -> jax.Array:
         columns = force.shape[1]
-        transformed = jnp.fft.rfft(force, 2 * columns, axis=1).T
-        parts = jnp.stack([transformed.real, transformed.imag], axis=-1)
-        product = jnp.matmul(self.spectrum, parts)
-        return jnp.fft.irfft((product[..., 0] + 1j * product[..., 1]).T, 2 * columns, axis=1)[:, :columns]
+        product = _along_rows(self.spectrum, jnp.fft.rfft(force, 2 * columns, axis=1))
+        return jnp.fft.irfft(product, 2 * columns, axis=1)[:, :columns]
 
     def scaled(self, factor: jax.Array) -> Influence:
         return Influence(factor * self.spectrum, factor * self.diagonal)
+
+    def resistance(self) -> Callable[[jax.Array], jax.Array]:
+        """The spectrum's inverse, of which rows see one another at the lowest frequencies only: what changes faster
+        across the contact than `LOW` times in its domain is not felt a row away."""
+        low = min(LOW, self.spectrum.shape[0])
+        blocks = jnp.linalg.inv(self.spectrum[:low])
+        rows = 1.0 / jnp.diagonal(self.spectrum, axis1=1, axis2=2).T
+
+        def by(displaced: jax.Array) -> jax.Array:
+            columns = displaced.shape[1]
+            transformed = jnp.fft.rfft(displaced, 2 * columns, axis=1)
+            lowest = _along_rows(blocks, transformed[:, :low])
+            product = jnp.concatenate([lowest, rows[:, low:] * transformed[:, low:]], axis=1)
+            return jnp.fft.irfft(product, 2 * columns, axis=1)[:, :columns]
+
+        return by
+
+
+def _along_rows(blocks: jax.Array, transformed: jax.Array) -> jax.Array:
+    """A real matrix for every frequency, shape (frequencies, rows, rows), on Fourier coefficients of rows."""
+    parts = jnp.stack([transformed.T.real, transformed.T.imag], axis=-1)
+    product = jnp.matmul(blocks, parts)
+    return (product[..., 0] + 1j * product[..., 1]).T
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["even", "patch", "place", "diagonal"], meta_fields=[])
@@ -143,6 +170,10 @@ class PatchedInfluence:
 
     def scaled(self, factor: jax.Array) -> PatchedInfluence:
         return PatchedInfluence(self.even.scaled(factor), factor * self.patch, self.place, factor * self.diagonal)
+
+    def resistance(self) -> Callable[[jax.Array], jax.Array]:
+        """As if all columns were even."""
+        return self.even.resistance()
 
 
 def graded(start: jax.Array, end: jax.Array, count: int, at_start: bool, at_end: bool, even: float = 0.05) -> jax.Array:

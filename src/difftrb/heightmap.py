@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.files import unreadable
 from difftrb.geometry import Real
 
 PITCH = (1e-5, 10.0)
@@ -72,7 +73,8 @@ def height_at(measured: HeightMap, offset: Real, x: jax.Array, y: jax.Array) -> 
 def _hats(distance: jax.Array, count: int, pitch: Real) -> jax.Array:
     """Weights of `count` points about 0 at a `distance` from it: shape (distances, count)."""
     place = distance / pitch + 0.5 * (count - 1)
-    return jnp.maximum(1.0 - jnp.abs(place[:, None] - jnp.arange(count)[None, :]), 0.0)
+    away = place[:, None] - jnp.arange(count)[None, :]
+    return jnp.maximum(jnp.minimum(1.0 - away, 1.0 + away), 0.0)  # not by |away|, whose slope at 0 is 1 in JAX
 
 
 def height_map_is_sound(measured: HeightMap) -> jax.Array:
@@ -100,14 +102,8 @@ def load_height_map(
         raise HeightMapError(f"{path}: must be a file .npz or .csv")
     try:
         content = readers[path.suffix.lower()](path)
-    except FileNotFoundError:
-        raise HeightMapError(f"{path}: there is no such file") from None
-    except IsADirectoryError:
-        raise HeightMapError(f"{path}: is a directory, not a height map") from None
-    except UnicodeDecodeError:
-        raise HeightMapError(f"{path}: is not a text file in UTF-8") from None
-    except OSError as error:
-        raise HeightMapError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise HeightMapError(f"{path}: {unreadable(error, 'a height map')}") from None
     height, pitch_x, pitch_y = _checked(content, path)
     return HeightMap(jnp.asarray(height), pitch_x, pitch_y, axial_offset, angle, surface)
 

@@ -100,7 +100,7 @@ def _solve(
     gap = gaps.undeformed(cells, contact, None)
     if not mirrored:
         gap = gap.at[land].add(spall.depth)  # one row over the spall: it carries nothing
-    level = jax.lax.stop_gradient(0.4 * jnp.max(gaps.curvature(cells, contact.radius)))
+    level = gaps.first_level(cells, contact.radius)
     force, approach, residual, _ = press.press(cells, contact.modulus, gap, load, level)
 
     line_loads = force / pitch

@@ -7,6 +7,7 @@ edges is followed: a wall elsewhere stands where the nearest line does, so error
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -38,6 +39,10 @@ class Convolution:
 
     def scaled(self, factor: jax.Array) -> Convolution:
         return Convolution(factor * self.spectrum, factor * self.diagonal)
+
+    def resistance(self) -> Callable[[jax.Array], jax.Array]:
+        """The inverse of the spectrum, which is positive."""
+        return Convolution(1.0 / self.spectrum, 1.0 / self.diagonal).displacement
 
 
 def influence(cells: Cells, modulus: jax.Array) -> Convolution:

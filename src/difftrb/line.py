@@ -168,8 +168,7 @@ def _panels(setting: _Setting, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def _crown(setting: _Setting, y: jax.Array) -> jax.Array:
-    t = 2.0 * y / setting.length
-    return -setting.scale * jnp.log1p(-jnp.minimum(t * t, 1.0 - 1e-9))  # Liu et al. 2018, eq. (2)
+    return setting.scale * gaps.log_crown(2.0 * y / setting.length, 1e-9)
 
 
 def _misfit(setting: _Setting, x: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from difftrb.contact import ContactSolution
+from difftrb.contact_solution import ContactSolution
 from difftrb.geometry import arc_radius
 from difftrb.heightmap import HeightMap
 from difftrb.scene import Assessment, Scene

@@ -1,7 +1,8 @@
-"""Pressing a gap together: the projected-gradient fixed point on cell forces, and its exact finish.
+"""Pressing a gap together: projected gradient on cell forces, in the half-space's own metric.
 
-Minimise ½ f·W f + f·gap over f ≥ 0 with Σf = load. Projected gradient finds which cells carry load; conjugate
-gradients give the exact forces on those; the two alternate until no cell is in tension and no two surfaces overlap.
+Minimise ½ f·W f + f·gap over f ≥ 0 with Σf = load. A gradient is the displaced gap over its mean; measured in forces
+by about the inverse of W it points almost at the answer, on any grid. Steps along it, conjugate to the one before, are
+as long as pays and end projected on f ≥ 0, Σf = load (Polonsky & Keer 1999; Bertsekas 1982 for the two metrics).
 """
 
 from __future__ import annotations
@@ -18,9 +19,8 @@ from difftrb.halfspace import Cells, Operator
 
 TOLERANCE = 1e-11
 """Largest violation of the contact conditions, relative to the approach, at which a solve counts as converged."""
-HANDOVER = 1e-3
-"""Violation at which projected gradient first hands over to the exact finish."""
-ROUNDS = 12
+GOAL = 1e-12
+"""The violation at which a solve ends: a step or two more than it must, so that differences of answers are smooth."""
 STEPS = 400
 
 
@@ -39,71 +39,43 @@ def press(cells: Cells, modulus: Real, gap: jax.Array, load: Real, level: Real) 
 def press_by(matrix: Operator, area: jax.Array, gap: jax.Array, load: Real, level: Real) -> implicit.Pressed:
     """The same by any operator of a half-space; `area` of the cells [mm²], shape (rows, columns)."""
     guess = first_guess(area, gap, level)
-    return implicit.pressed(halfspace.displacement, _press, _respond, guess, matrix, gap, jnp.asarray(load))
+    return implicit.pressed(halfspace.displacement, press_from, _respond, guess, matrix, gap, jnp.asarray(load))
 
 
-class Guess(NamedTuple):
-    """Forces to begin with, and how much force to expect of every cell, nowhere 0; both in any unit.
-
-    They change the path, not the answer. What is expected shapes the metric of the projected gradient.
-    """
-
-    force: jax.Array
-    expected: jax.Array
-
-
-def first_guess(area: jax.Array, gap: jax.Array, level: Real) -> Guess:
-    """A half-ellipse where the gap is below `level` [mm], everywhere if it nowhere is; a bell about it is expected."""
+def first_guess(area: jax.Array, gap: jax.Array, level: Real) -> jax.Array:
+    """Forces to begin with, in any unit: half-ellipses where the gap is below `level` [mm], if it anywhere is."""
     force = jnp.sqrt(jnp.maximum(level - gap, 0.0)) * area
-    higher = (gap - jnp.min(gap, axis=1, keepdims=True)) / level
-    bell = area * jnp.exp(-(jnp.minimum(higher, 1.5) ** 2))
-    return jax.lax.stop_gradient(Guess(jnp.where(jnp.any(force > 0.0), force, area), bell))
+    return jax.lax.stop_gradient(jnp.where(jnp.any(force > 0.0), force, area))
 
 
-def _press(guess: Guess, matrix: Operator, gap: jax.Array, load: jax.Array) -> implicit.Pressed:
-    share, length, W, g, metric, reachable = scaled(guess, matrix, gap, load)
+def press_from(guess: jax.Array, matrix: Operator, gap: jax.Array, load: jax.Array) -> implicit.Pressed:
+    """The same from given forces, without derivatives."""
+    share, length, W, g = scaled(guess, matrix, gap, load)
+    step, start = descent(W, g, share)
 
-    def attempt(state):
-        force, _, count, rounds, goal = state
-        force, used = project_gradient(W, metric, reachable, force, goal)
-        exact, more = _exact(W, g, force)
-        before = violation(force, halfspace.displacement(W, force) + g)[1]
-        after = violation(exact, halfspace.displacement(W, exact) + g)[1]
-        better = after < before
-        residual = jnp.where(better, after, before)
-        return jnp.where(better, exact, force), residual, count + used + more + 2, rounds + 1, 0.1 * residual
+    def unfinished(state: Descent):
+        return (state.residual > GOAL) & (state.count < STEPS)
 
-    def unfinished(state):
-        _, residual, _, rounds, _ = state
-        return (residual > TOLERANCE) & (rounds < ROUNDS)
-
-    start = (share, jnp.asarray(jnp.inf), jnp.asarray(2), 0, jnp.asarray(HANDOVER))
-    force, residual, count, _, _ = jax.lax.while_loop(unfinished, attempt, start)
-    approach = violation(force, halfspace.displacement(W, force) + g)[0]
-    return force * load, approach * length, residual, count.astype(float)
+    end = jax.lax.while_loop(unfinished, step, start)
+    approach, residual = violation(end.force, halfspace.displacement(W, end.force) + g)
+    return end.force * load, approach * length, residual, (end.products + 2).astype(float)
 
 
 class Scaled(NamedTuple):
     """A contact whose forces sum to 1 and whose approach is about 1: first forces, what a unit of displacement is in
-    [mm], influence, gap, metric of the projected gradient, and the gap with cells out of reach removed from it."""
+    [mm], influence, gap."""
 
     share: jax.Array
     length: jax.Array
     W: Operator
     gap: jax.Array
-    metric: jax.Array
-    reachable: jax.Array
 
 
-def scaled(guess: Guess, matrix: Operator, gap: jax.Array, load: jax.Array) -> Scaled:
+def scaled(guess: jax.Array, matrix: Operator, gap: jax.Array, load: jax.Array) -> Scaled:
     """The contact in units of its own."""
-    share = guess.force / jnp.sum(guess.force)
+    share = guess / jnp.sum(guess)
     length = jnp.vdot(share, load * halfspace.displacement(matrix, share) + gap)
-    W = matrix.scaled(load / length)
-    g = gap / length
-    near = g < 1.5
-    expected = jnp.where(near, guess.expected * jnp.maximum(1.15 - g, 0.05), 0.0)
-    return Scaled(share, length, W, g, metric_for(W, expected), jnp.where(near, g, 1e6))
+    return Scaled(share, length, matrix.scaled(load / length), gap / length)
 
 
 def violation(force: jax.Array, displaced: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -139,116 +111,123 @@ def project(trial: jax.Array, weight: jax.Array) -> jax.Array:
     return jnp.maximum(trial + shift / weight, 0.0)
 
 
-def metric_for(W: Operator, expected: jax.Array) -> jax.Array:
-    """A diagonal metric in which a full step of projected gradient is safe, for cells expected to carry force.
-
-    With any v > 0, diag(W v/v) − W has v in its null space and no positive entry off the diagonal: it is positive
-    semi-definite, and a step never overshoots (Schur's test). The closer v is to the forces that come out, the longer
-    the steps where force is; `expected` is v, and 0 on cells out of reach.
-    """
-    there = expected > 0.0
-    return jnp.where(there, halfspace.displacement(W, expected) / jnp.where(there, expected, 1.0), W.diagonal)
-
-
-def project_gradient(
-    W: Operator, metric: jax.Array, gap: jax.Array, force: jax.Array, goal: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Accelerated projected gradient until the violation meets `goal`; the forces and the number of steps.
-
-    The fixed point of f → project(f − (W f + gap)/metric).
-    """
-
-    def unfinished(state: Descent):
-        return (state.residual > goal) & (state.count < STEPS)
-
-    step, start = descent(W, metric, gap, force)
-    end = jax.lax.while_loop(unfinished, step, start)
-    return end.force, end.count + 1
-
-
 class Descent(NamedTuple):
-    """Where accelerated projected gradient is: forces, W forces, the same of the extrapolated point, momentum's age,
-    violation, steps so far."""
+    """Where projected gradient is: forces, W forces, the cells that may change, gradient and direction there, the
+    gradient's square in the metric (0: begin anew), violation, steps and applications of W so far."""
 
     force: jax.Array
     lifted: jax.Array
-    ahead: jax.Array
-    lifted_ahead: jax.Array
-    age: jax.Array
+    free: jax.Array
+    gradient: jax.Array
+    direction: jax.Array
+    square: jax.Array
     residual: jax.Array
     count: jax.Array
+    products: jax.Array
 
 
-def descent(
-    W: Operator, metric: jax.Array, gap: jax.Array, force: jax.Array
-) -> tuple[Callable[[Descent], Descent], Descent]:
-    """One step of accelerated projected gradient, and the state it begins with at `force`.
+def descent(W: Operator, gap: jax.Array, force: jax.Array) -> tuple[Callable[[Descent], Descent], Descent]:
+    """One step of projected gradient, and the state it begins with at `force`.
 
-    Momentum restarts when it points uphill (O'Donoghue & Candès 2015).
+    Loaded cells and those that overlap are free. The direction is conjugate to the last one unless that ended on
+    f ≥ 0 or other cells were free.
     """
+    even = jnp.broadcast_to(1.0 / W.diagonal, force.shape)
+    measure = W.resistance()
 
     def step(state: Descent) -> Descent:
-        f, Wf, y, Wy, t, _, k = state
-        new = project(y - (Wy + gap) / metric, metric)
-        W_new = halfspace.displacement(W, new)
-        uphill = jnp.sum(metric * (y - new) * (new - f)) > 0.0
-        t_new = jnp.where(uphill, 1.0, 0.5 * (1.0 + jnp.sqrt(1.0 + 4.0 * t * t)))
-        momentum = jnp.where(uphill, 0.0, (t - 1.0) / t_new)
-        y_new, Wy_new = new + momentum * (new - f), W_new + momentum * (W_new - Wf)
-        return Descent(new, W_new, y_new, Wy_new, t_new, violation(new, W_new + gap)[1], k + 1)
+        f, lifted = state.force, state.lifted
+        displaced = lifted + gap
+        free = (f > 0.0) | (displaced < mean(displaced, jnp.where(f > 0.0, even, 0.0)))
+        balance, answer = balanced(measure, free, even)
+        r = balance(displaced)
+        z = answer(r)
+        square = jnp.vdot(r, z)
+        again = jnp.all(free == state.free) & (state.square > 0.0)
+        turn = jnp.maximum(square - jnp.vdot(z, state.gradient), 0.0) / jnp.where(again, state.square, 1.0)
+        p = z + jnp.where(again, turn, 0.0) * state.direction
+        Wp = halfspace.displacement(W, p)
+        length = jnp.vdot(r, p) / jnp.vdot(p, Wp)
+        trial = f - length * p
+        clipped = jnp.any(trial < 0.0)
 
-    Wf = halfspace.displacement(W, force)
-    start = Descent(force, Wf, force, Wf, jnp.ones(()), violation(force, Wf + gap)[1], jnp.asarray(0))
-    return step, start
+        def bent():
+            new = project(trial, 1.0 / even)
+            return new, halfspace.displacement(W, new)
+
+        new, lifted = jax.lax.cond(clipped, bent, lambda: (trial, lifted - length * Wp))
+        residual = violation(new, lifted + gap)[1]
+        square = jnp.where(clipped, 0.0, square)
+        return Descent(new, lifted, free, r, p, square, residual, state.count + 1, state.products + 1 + clipped)
+
+    lifted, none = halfspace.displacement(W, force), jnp.zeros_like(force)
+    residual = violation(force, lifted + gap)[1]
+    return step, Descent(
+        force, lifted, force > 0.0, none, none, jnp.zeros(()), residual, jnp.asarray(0), jnp.asarray(1)
+    )
 
 
-# ------------------------------------------------------------------------------------------- exact forces
+def mean(value: jax.Array, weight: jax.Array) -> jax.Array:
+    """Weighted mean."""
+    return jnp.sum(weight * value) / jnp.sum(weight)
 
 
-def _exact(W: Operator, gap: jax.Array, force: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Forces that meet the contact conditions on the loaded and the overlapping cells; tension is cut off."""
-    displaced = halfspace.displacement(W, force) + gap
-    approach = jnp.vdot(force, displaced) / jnp.sum(force)
-    loaded = (force > 0.0) | (displaced < approach)
-    correction, _, used = _conjugate_gradient(W, loaded, -displaced)
-    new = jnp.maximum(force + correction, 0.0)
-    return new / jnp.sum(new), used + 1
+Linear = Callable[[jax.Array], jax.Array]
 
 
-def _conjugate_gradient(W: Operator, loaded: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """(w, μ, iterations) with W w = right + μ on the loaded cells and Σw = 0: projected preconditioned CG."""
-    inverse = jnp.where(loaded, 1.0 / W.diagonal, 0.0)
+def balanced(measure: Linear, free: jax.Array, even: jax.Array) -> tuple[Linear, Linear]:
+    """On the `free` cells: displacements less their mean, and the force, without a sum, that answers such.
 
-    def balanced(r: jax.Array) -> tuple[jax.Array, jax.Array]:
-        level = jnp.sum(inverse * r) / jnp.sum(inverse)
-        return level, jnp.where(loaded, r - level, 0.0)
+    Both means weigh by `even`: what is left of the symmetric `measure` is symmetric.
+    """
+    even = jnp.where(free, even, 0.0)
+    even = even / jnp.sum(even)
+
+    def balance(displaced: jax.Array) -> jax.Array:
+        return jnp.where(free, displaced - jnp.sum(even * displaced), 0.0)
+
+    def answer(balanced: jax.Array) -> jax.Array:
+        force = jnp.where(free, measure(balanced), 0.0)
+        return force - even * jnp.sum(force)
+
+    return balance, answer
+
+
+# ------------------------------------------------------------------------------------------- linear answer
+
+
+def _conjugate_gradient(W: Operator, loaded: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """(w, μ) with W w = right + μ on the loaded cells and Σw = 0: conjugate gradients in the same metric."""
+    even = jnp.broadcast_to(1.0 / W.diagonal, right.shape)
+    balance, answer = balanced(W.resistance(), loaded, even)
 
     def step(state):
-        w, r, mu, p, rz, k = state
+        w, r, p, square, k = state
         Wp = halfspace.displacement(W, p)
-        a = rz / jnp.vdot(p, Wp)
-        level, r = balanced(r - a * Wp)
-        rz_new = jnp.vdot(r, inverse * r)
-        return w + a * p, r, mu + level, inverse * r + (rz_new / rz) * p, rz_new, k + 1
+        length = square / jnp.vdot(p, Wp)
+        r = balance(r - length * Wp)
+        z = answer(r)
+        new = jnp.vdot(r, z)
+        return w + length * p, r, z + (new / square) * p, new, k + 1
 
     def unfinished(state):
-        *_, rz, k = state
-        return (rz > 1e-24 * first) & (rz > 1e-30 * jnp.sum(inverse)) & (k < STEPS)
+        *_, square, k = state
+        return (square > 1e-24 * first) & (square > 1e-30 * jnp.sum(jnp.where(loaded, even, 0.0))) & (k < STEPS)
 
-    level, r = balanced(right)
-    first = jnp.vdot(r, inverse * r)
-    start = (jnp.zeros_like(r), r, level, inverse * r, first, jnp.asarray(0))
-    w, _, mu, *_, k = jax.lax.while_loop(unfinished, step, start)
-    return w, -mu, k
+    r = balance(right)
+    p = answer(r)
+    first = jnp.vdot(r, p)
+    w, *_ = jax.lax.while_loop(unfinished, step, (jnp.zeros_like(r), r, p, first, jnp.asarray(0)))
+    return w, mean(halfspace.displacement(W, w) - right, jnp.where(loaded, even, 0.0))
 
 
 def _respond(W: Operator, loaded: jax.Array, right: jax.Array | None) -> tuple[jax.Array, jax.Array]:
     """The linear answer of the loaded cells, as `implicit.pressed` asks for it."""
     if right is not None:
-        return _conjugate_gradient(W, loaded, right)[:2]
+        return _conjugate_gradient(W, loaded, right)
     even = jnp.where(loaded, 1.0 / W.diagonal, 0.0)
     even = even / jnp.sum(even)
     displaced = halfspace.displacement(W, even)
-    correction, _, _ = _conjugate_gradient(W, loaded, -displaced)
+    correction, _ = _conjugate_gradient(W, loaded, -displaced)
     per_load = even + correction
     return per_load, jnp.vdot(per_load, halfspace.displacement(W, per_load))

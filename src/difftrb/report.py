@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from difftrb import status
-from difftrb.contact import ContactSolution
+from difftrb.contact_solution import ContactSolution
 from difftrb.law import Law
 from difftrb.scene import Assessment, PitchMean, Scene
 

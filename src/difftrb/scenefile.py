@@ -18,8 +18,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from difftrb import geometry, heightmap
 from difftrb import law as laws
-from difftrb.contact import ContactSolution, Defect, solve_contact
+from difftrb.contact import solve_contact
+from difftrb.contact_solution import ContactSolution
+from difftrb.files import unreadable
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.given import Defect
 from difftrb.heightmap import HeightMap
 from difftrb.ring import Load, needed_axial
 from difftrb.scene import SEVERAL_SHAPES, Accuracy, Definition, DesignLoad, Phase, Scene, Solution
@@ -44,7 +47,7 @@ class ContactTable:
 
     law: Literal["power", "liu2018", "palmgren", "table", "direct"] = "power"
     design_load: DesignLoad = 6500.0
-    accuracy: Accuracy = 1e-3
+    accuracy: Annotated[float, Interval(ge=1e-5, le=1e-2)] = 1e-3
     load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
     offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
     tilt: Annotated[Real, Interval(ge=-0.1, le=0.1), Unit("rad")] = 0.0
@@ -139,14 +142,8 @@ def read(path: str | Path) -> SceneFile:
     """Read and check a scene file, table by table and across tables; raises `SceneError`."""
     try:
         text = Path(path).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise SceneError(f"{path}: there is no such file") from None
-    except IsADirectoryError:
-        raise SceneError(f"{path}: is a directory, not a scene file") from None
-    except UnicodeDecodeError:
-        raise SceneError(f"{path}: is not a text file in UTF-8") from None
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read ({error.strerror})") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: {unreadable(error, 'a scene file')}") from None
     return parse(text, path)
 
 
@@ -280,6 +277,12 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
                 f"{path}: spall.{i}.height_map: the ring takes rectangular spalls; give length and width, or use "
                 "`difftrb contact`, which takes height maps"
             )
+    limits = get_args(Accuracy)[1]
+    if file.contact.accuracy < limits.ge:
+        raise SceneError(
+            f"{path}: contact.accuracy = {file.contact.accuracy:g}: must be a number in {limits.ge:g} … {limits.le:g} "
+            "for the ring; `difftrb contact` goes further"
+        )
     law = file.contact.law
     roller = file.bearing.roller_length
     longest = {"power": laws.LENGTH_SHARE * roller, "table": laws.LENGTH_SHARE * roller, "palmgren": 0.99 * roller,

@@ -1,11 +1,14 @@
 """The solver on problems with closed answers: sphere, ellipse, long cylinder; and what any answer must obey."""
 
+import dataclasses
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from difftrb import halfspace, hertz, press
+from difftrb import halfspace, hertz, lattice, press
 from difftrb.halfspace import Cells
 
 MODULUS = 113794.0
@@ -91,30 +94,43 @@ def test_projection_is_the_nearest_point_of_the_simplex() -> None:
     assert (shift[f == 0.0] >= level - 1e-12).all()
 
 
-def test_projected_gradient_alone_reaches_the_same_forces() -> None:
-    """The fixed point needs no exact finish; the finish saves steps."""
+def test_any_start_leads_to_the_same_forces() -> None:
     radius = 8.0
     truth = hertz.sphere(50.0, radius, MODULUS)
     cells = square_grid(1.3 * float(truth.semi_x), 16)
     gap = parabola(cells, radius, radius)
-    level = truth.approach / 2
-    force, *_ = pressing(cells, MODULUS, gap, 50.0, level)
-    guess, W = press.first_guess(cells.area, gap, level), halfspace.influence(cells, jnp.asarray(MODULUS))
-    s = press.scaled(guess, W, gap, jnp.asarray(50.0))
-    start = jnp.full_like(gap, 1.0 / gap.size)
-    alone, steps = press.project_gradient(s.W, s.metric, s.gap, start, jnp.asarray(1e-8))
-    assert steps < press.STEPS
-    np.testing.assert_allclose(50.0 * alone, force, atol=1e-5 * float(force.max()))
+    force, *_ = pressing(cells, MODULUS, gap, 50.0, truth.approach / 2)
+    matrix = halfspace.influence(cells, jnp.asarray(MODULUS))
+    pressed = jax.jit(press.press_from)
+    corner = jnp.zeros_like(gap).at[-1, -1].set(1.0)  # where no force will be
+    for guess in (jnp.ones_like(gap), corner, jnp.asarray(np.random.default_rng(0).random(gap.shape))):
+        again, _, residual, _ = pressed(guess, matrix, gap, jnp.asarray(50.0))
+        assert residual < press.TOLERANCE
+        np.testing.assert_allclose(again, force, atol=1e-9 * float(force.max()))
 
 
-def test_metric_bounds_the_influence_from_above() -> None:
-    cells = square_grid(1.0, 8, 3.0)
-    W = halfspace.influence(cells, jnp.asarray(MODULUS))
+def by_columns(linear: Callable[[jax.Array], jax.Array], shape: tuple[int, int]) -> np.ndarray:
+    """The matrix of a linear map of cells."""
+    columns = jnp.eye(shape[0] * shape[1]).reshape(-1, *shape)
+    return np.asarray(jax.vmap(lambda e: linear(e).ravel())(columns)).T
+
+
+@pytest.mark.parametrize("of", ["rows", "uneven", "lattice"])
+def test_resistance_is_about_the_inverse(of: str) -> None:
+    """Symmetric, and of W's square root on either side it leaves eigenvalues far closer than W's own."""
+    cells = square_grid(1.0, 12, 20.0)
+    if of == "uneven":
+        borders = cells.borders.at[4].add(0.3 * cells.pitch)
+        cells = dataclasses.replace(cells, uneven=halfspace.Uneven(jnp.array([3, 4]), borders))
+    if of == "lattice":
+        cells = dataclasses.replace(cells, mirrored=False)
+    W = (lattice if of == "lattice" else halfspace).influence(cells, jnp.asarray(MODULUS))
     shape = (cells.y.size, cells.x.size)
-    columns = jnp.eye(cells.y.size * cells.x.size).reshape(-1, *shape)
-    matrix = np.asarray(jax.vmap(lambda e: halfspace.displacement(W, e).ravel())(columns))
-    expected = jnp.asarray(np.random.default_rng(1).uniform(0.1, 3.0, shape))
-    metric = np.asarray(press.metric_for(W, expected)).ravel()
-    spectrum = np.linalg.eigvalsh(matrix / np.sqrt(metric[:, None] * metric[None, :]))
-    assert spectrum.max() == pytest.approx(1.0, rel=1e-9)  # the least multiple of this metric that is safe
-    assert spectrum.min() > 0.0
+    influence, resistance = by_columns(W.displacement, shape), by_columns(jax.jit(W.resistance()), shape)
+    np.testing.assert_allclose(resistance, resistance.T, atol=1e-9 * resistance.max())
+    values, vectors = np.linalg.eigh(influence)
+    root = vectors * np.sqrt(values) @ vectors.T
+    spread = np.linalg.eigvalsh(root @ resistance @ root)
+    assert spread.min() > 0.2
+    assert spread.max() < 5.0
+    assert values.max() / values.min() > 50.0

@@ -84,6 +84,25 @@ def test_approach_slopes_are_the_gradient(contact: LineContact) -> None:
     assert healthy["length"] is healthy["width"] is healthy["offset"] is None
 
 
+def test_approach_and_gradient_is_by_every_input(contact: LineContact) -> None:
+    """Each in the form of the input itself, against central differences; a tilt that is not there has none."""
+    at = inputs_at("edge", contact)
+    load, length, width, offset, axial_offset, depth = (float(v) for v in at[:6])
+    spall = Spall(length, width, depth, 0.0, axial_offset)
+    solution, (by_contact, by_load, by_spall, by_offset, by_tilt) = contacts.approach_and_gradient(
+        contact, load, spall, offset, 1e-2, "cells"
+    )
+    assert by_tilt is None
+    found = [by_load, by_spall.length, by_spall.width, by_offset, by_spall.axial_offset, by_spall.depth]
+    found += [by_contact.radius, by_contact.design_load, by_contact.modulus, by_contact.length]
+    assert float(solution.approach) == pytest.approx(float(approach(at)), rel=1e-12)
+    for i, name in enumerate(NAMES):
+        size = float(at[i])
+        ahead, behind = (float(approach(at.at[i].multiply(1.0 + side * 1e-5))) for side in (1.0, -1.0))
+        rounding = 1e-9 * float(solution.approach) / size
+        assert float(found[i]) == pytest.approx((ahead - behind) / (2e-5 * size), rel=1e-6, abs=rounding), name
+
+
 def test_second_derivation_dense_linear_algebra(contact: LineContact) -> None:
     """The same derivative from the dense contact equations of the loaded cells, differentiated by hand in numpy."""
     spall, load, offset = Spall(2.1, 1.0), 2900.0, 0.47

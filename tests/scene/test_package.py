@@ -7,8 +7,9 @@ import pytest
 
 import difftrb as trb
 
-ROAD = ["status", "geometry", "hertz", "halfspace", "heightmap", "given", "special", "rows", "gap", "domain", "edges",
-        "lattice", "implicit", "press", "strips", "strip_model", "contact", "intensity", "line", "curve", "ramp", "law",
+ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given", "special", "rows", "gap", "domain",
+        "edges", "lattice", "implicit", "press", "strips", "strip_model", "contact_solution",
+        "contact", "contact_slopes", "intensity", "line", "curve", "ramp", "law",
         "nodes", "direct", "store", "table", "ring", "pitch", "scene",
         "scenefile", "report", "plot", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
