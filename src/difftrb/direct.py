@@ -176,7 +176,8 @@ class DirectLaw:
         return dataclasses.replace(self, contact=contact)
 
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
-        """See `Law`."""
+        """See `Law`. Spalls beyond those it was prepared for are for `judge` to refuse."""
+        spalls, distances = spalls[: len(self.spalls)], distances[: len(self.spalls)]
         healthy = self._level()
         fulls = [self._over(i, spall) for i, spall in enumerate(spalls)]
         ramps = [

@@ -35,8 +35,8 @@ BESIDE = 1.03
 """How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
 CHECKS = 24
 MAKERS = (
-    "contact", "curve", "direct", "domain", "edges", "gap", "geometry", "given", "halfspace", "hertz", "implicit",
-    "law", "nodes", "press", "ramp", "rows", "special", "strip_model", "strips", "table",
+    "contact", "contact_solution", "curve", "direct", "domain", "edges", "gap", "geometry", "given", "halfspace",
+    "hertz", "implicit", "law", "nodes", "press", "ramp", "rows", "special", "strip_model", "strips", "table",
 )  # fmt: skip
 """Modules that a table is made by: a change in one makes another table."""
 
@@ -116,8 +116,9 @@ class TableLaw:
         return dataclasses.replace(self, contact=contact)
 
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
-        """See `Law`."""
-        atlases = [self.atlases[which] for which, _ in zip(self.which, spalls, strict=False)]
+        """See `Law`. Spalls beyond those it was prepared for are for `judge` to refuse."""
+        spalls, distances = spalls[: len(self.which)], distances[: len(self.which)]
+        atlases = [self.atlases[which] for which in self.which[: len(spalls)]]
         healthy = _healthy(self.atlases[0], self.contact, _change(self.atlases[0], self.contact, None))
         ramps = [
             [_ramp(atlas, self.contact, spall, direct.over(spall, distances[i], side)) for side in (1.0, -1.0)]

@@ -84,9 +84,6 @@ def test_pure_axial_load_and_no_spall_have_a_mean(bearing) -> None:
     np.testing.assert_allclose(r.stiffness, one.stiffness, atol=1e-9 * float(one.stiffness.max()))
 
 
-def test_direct_law_holds_for_one_phase(bearing) -> None:
-    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law="direct", phase="mean")
-    with pytest.raises(ValueError, match="holds for one phase"):
-        trb.prepare(scene)
+def test_another_word_for_the_mean_is_refused(scene) -> None:
     with pytest.raises(ValueError, match="give an angle"):
         dataclasses.replace(scene, phase="average")
