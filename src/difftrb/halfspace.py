@@ -125,7 +125,9 @@ class Influence:
         """The spectrum's inverse, of which rows see one another at the lowest frequencies only: what changes faster
         across the contact than `LOW` times in its domain is not felt a row away."""
         low = min(LOW, self.spectrum.shape[0])
-        blocks = jnp.linalg.inv(self.spectrum[:low])
+        blocks = jax.lax.map(
+            jnp.linalg.inv, self.spectrum[:low]
+        )  # all at once, two threads wait for each other forever
         rows = 1.0 / jnp.diagonal(self.spectrum, axis1=1, axis2=2).T
 
         def by(displaced: jax.Array) -> jax.Array:

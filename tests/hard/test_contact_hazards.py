@@ -1,5 +1,7 @@
 """Contacts where geometry degenerates, and where a grid could cut something off."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 import difftrb as trb
 from difftrb import contact as contacts
 from difftrb import domain as domains
-from difftrb import press, status
+from difftrb import nodes, press, status
 
 LENGTH = 13.66
 
@@ -145,3 +147,15 @@ def test_an_unknown_method_is_refused(contact: trb.LineContact) -> None:
     for function in (trb.solve_contact, trb.approach_slopes):
         with pytest.raises(ValueError, match="method = 'sieve' is unknown; use 'auto', 'strips', 'cells', 'lattice'"):
             function(contact, 1000.0, method="sieve")  # type: ignore[arg-type]
+
+
+def test_cells_are_solved_by_threads_side_by_side(contact: trb.LineContact) -> None:
+    """Batched LAPACK calls of two programs that run at once (jax 0.10.1) wait for each other forever."""
+    spall = trb.Spall(11.6, 1000.0)
+    cases = [nodes.Case(load, spall) for load in np.geomspace(500.0, 5000.0, 12)]
+    alone = nodes.solved(contact, cases[0], 1e-4)
+    with ThreadPoolExecutor(2) as pool:
+        together = [pool.submit(nodes.solved, contact, case, 1e-4) for case in cases]
+        approaches = [one.result(timeout=120.0).approach for one in together]
+    assert approaches[0] == alone.approach
+    assert (np.diff(approaches) > 0.0).all()
