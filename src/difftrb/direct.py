@@ -93,11 +93,13 @@ def carried_by(
     each = curve.chosen(curve.joined(healthy.curve, *fulls), under)
     if not spalls:
         return Carried(each)
-    at = [
-        next_to(spall, distances[i], side) & ((under == 0) | (under == i + 1))
-        for i, spall in enumerate(spalls)
-        for side in (1.0, -1.0)
-    ]
+    at: list[jax.Array] = []
+    for i, spall in enumerate(spalls):
+        for side in (1.0, -1.0):
+            here = next_to(spall, distances[i], side) & ((under == 0) | (under == i + 1))
+            for taken in at:  # no roller twice: it may be the nearest to both edges
+                here = here & ~taken
+            at.append(here)
     every = [ramp for pair in ramps for ramp in pair]
     loads, radius = healthy.loads, healthy.radius
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves, axis=-1), *every)

@@ -85,12 +85,11 @@ def carried(curves: Carried, approach: jax.Array) -> tuple[jax.Array, jax.Array]
     loads, slopes = curve.load(curves.each, approach)
     if curves.ramps is None or curves.at is None:
         return loads, slopes
-    own = jnp.sum(curves.at * approach[None], axis=1)  # no gather: slow in a batch
-    there = load(curves.ramps, own)
-    for k in range(curves.at.shape[0]):
-        loads, slopes = (
-            jnp.where(curves.at[k] > 0.0, new[k], old) for new, old in zip(there, (loads, slopes), strict=True)
-        )
+    # products of matrices, for what one of them takes is computed once and not for every roller
+    to_ramps = partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
+    there = jnp.stack(load(curves.ramps, to_ramps(curves.at, approach)))
+    elsewhere = 1.0 - jnp.sum(curves.at, axis=0)
+    loads, slopes = jnp.stack([loads, slopes]) * elsewhere[None] + to_ramps(there, curves.at)
     return loads, slopes
 
 
