@@ -413,7 +413,8 @@ def _search(layout: Layout, problem: Problem, start: jax.Array, exact: bool):
             leftward = (sides == LEFT) | ((sides == MIDDLE) & held_new[:, 1] & ~held_new[:, 0])
             low = jnp.where(short & leftward, new[:, 1] - LEAST, new[:, 0])
             new = jnp.stack([low, jnp.where(short & ~leftward, new[:, 0] + LEAST, new[:, 1])], axis=1)
-        settled = jnp.all(next_active == active) & jnp.all((held_new == held) | ~next_active[:, None])
+        overlap = jnp.any(~next_active & (share @ residual[:, 0] < 0.0))  # one that still rests is not done with
+        settled = jnp.all(next_active == active) & jnp.all((held_new == held) | ~next_active[:, None]) & ~overlap
         moved = jnp.max(jnp.where(next_active[:, None], jnp.abs(new - ends), 0.0))
         moved = jnp.where(settled, moved, 0.5)
         moved = jnp.where(newton, moved, jnp.maximum(moved, 2.0 * TOLERANCE))

@@ -91,6 +91,18 @@ def test_an_edge_just_out_of_reach_of_a_light_load_over_a_long_spall(
     assert float(beside.approach) == pytest.approx(float(over.approach), rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("load", "length", "beyond", "approach"),
+    [(1370.6, 7.545, 0.13929, 0.0060478), (1002.0, 7.9888, 0.15497, 0.0054289)],
+)
+def test_a_sliver_of_land_beyond_an_edge(
+    contact: trb.LineContact, load: float, length: float, beyond: float, approach: float
+) -> None:
+    """Against cells of 96 columns, 80 + 24 rows: where strips rested without load they once ended 0.6 % off."""
+    beside = trb.solve_contact(contact, load, trb.Spall(length, 2.0), 1.0 - beyond, 1e-4, "strips").check()
+    assert float(beside.approach) == pytest.approx(approach, rel=4e-4)
+
+
 def test_spall_over_the_rollers_end(contact: trb.LineContact) -> None:
     inside, over, beyond = (
         float(trb.solve_contact(contact, 2000.0, trb.Spall(3.0, 7.0, axial_offset=a), accuracy=1e-2).check().approach)
