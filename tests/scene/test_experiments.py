@@ -182,9 +182,9 @@ def test_width_and_phase(tmp_path: Path) -> None:
     step, same, mean, _ = lines.values()
     np.testing.assert_array_equal(step, same)
     assert (np.diff(mean) < 0.0).all()
-    value, slope = experiment.brute_force(scene, 200)
-    assert value == pytest.approx(mean[1], rel=1e-3)
-    assert slope == 0.0  # no ramp: equal steps see no width
+    value, slope = experiment.brute_force(scene, 2000)
+    assert value == pytest.approx(mean[1], rel=1e-4)
+    assert slope == pytest.approx((mean[2] - mean[0]) / (widths[2] - widths[0]), rel=0.1)  # steps of 2.5 %
     experiment.draw(lines, widths, tmp_path)
     assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
 
