@@ -226,8 +226,7 @@ class DirectLaw:
         """See `Law`."""
         healthy, full = self.levels(number, spall)
         beside = healthy.beside(jnp.zeros(()), full, self.sunk[number], ramp.guess())
-        _, _, low, high = ramp.between(beside, approach)
-        return low, high
+        return ramp.extent(beside, approach)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls."""
@@ -260,9 +259,7 @@ def without_edges(
     """
     contact, spalls = as_floats(contact), as_floats(spalls)
     loads = log_loads(MARGIN * largest)
-    shapes = [None, *(wide(spall) for spall in spalls)]
-    solved = nodes.all_solved(contact, [Case(np.exp(q), shape) for shape in shapes for q in loads], accuracy, progress)
-    levels = [solved[k : k + loads.size] for k in range(0, len(solved), loads.size)]
+    levels = solved_levels(contact, [wide(spall) for spall in spalls], loads, accuracy, progress)
     approaches = jnp.asarray([[node.approach for node in level] for level in levels])
     slopes = jnp.asarray([[node.slopes for node in level] for level in levels])
     return DirectLaw(
@@ -270,8 +267,17 @@ def without_edges(
         jnp.asarray(extents(loads, np.array([node.half_width for node in levels[0]]))), approaches[1:], slopes[1:],
         jnp.asarray([sunk(contact, level, loads) for level in levels[1:]]).reshape(len(spalls), EXTENT_DEGREE + 1),
         tuple(_edges(contact, spall, [], np.zeros((0, EDGE_LOADS)), []) for spall in spalls), accuracy,
-        nodes.worst_status(solved),
+        nodes.worst_status([node for level in levels for node in level]),
     )  # fmt: skip
+
+
+def solved_levels(
+    contact: LineContact, spalls: Sequence[Spall], log_loads: np.ndarray, accuracy: float, progress: Progress | None
+) -> list[list[Node]]:
+    """Contacts at all `log_loads` [log N], healthy and then over the middle of every spall."""
+    shapes, loads = [None, *spalls], np.exp(log_loads)
+    solved = nodes.all_solved(contact, [Case(q, shape) for shape in shapes for q in loads], accuracy, progress)
+    return [solved[k : k + loads.size] for k in range(0, len(solved), loads.size)]
 
 
 def with_edges(

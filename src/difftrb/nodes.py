@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb import contact as contacts
-from difftrb import hertz, status
+from difftrb import status
 from difftrb.contact import ContactSolution
 from difftrb.geometry import LineContact, Real, Spall
 from difftrb.given import is_symmetric
@@ -118,8 +118,3 @@ def all_solved(
 def worst_status(nodes: Sequence[Node]) -> float:
     """The status that matters most of all solves."""
     return float(max((node.status_code for node in nodes), default=status.CONVERGED))
-
-
-def half_width(contact: LineContact, load: float) -> float:
-    """A rough half-width of the healthy contact [mm]: a line contact of the whole roller."""
-    return float(hertz.line_half_width(load / float(contact.length), float(contact.radius), float(contact.modulus)))

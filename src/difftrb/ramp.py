@@ -86,10 +86,10 @@ def carried(curves: Carried, approach: jax.Array) -> tuple[jax.Array, jax.Array]
     if curves.ramps is None or curves.at is None:
         return loads, slopes
     # products of matrices, for what one of them takes is computed once and not for every roller
-    to_ramps = partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
-    there = jnp.stack(load(curves.ramps, to_ramps(curves.at, approach)))
+    product = partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
+    there = jnp.stack(load(curves.ramps, product(curves.at, approach)))
     elsewhere = 1.0 - jnp.sum(curves.at, axis=0)
-    loads, slopes = jnp.stack([loads, slopes]) * elsewhere[None] + to_ramps(there, curves.at)
+    loads, slopes = jnp.stack([loads, slopes]) * elsewhere[None] + product(there, curves.at)
     return loads, slopes
 
 
@@ -130,6 +130,11 @@ def between(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array, jax.
     free = approach - full * jnp.exp(curve.straight(ramp.sunk, _of_load(ramp, full))[0])
     above = free > 0.0
     return healthy, full, -half_width, jnp.where(above, jnp.sqrt(2.0 * ramp.radius * jnp.where(above, free, 1.0)), 0.0)
+
+
+def extent(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Where a ramp begins and ends [mm], as `Ramp.edge`."""
+    return between(ramp, approach)[2:]
 
 
 def place(edge: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:

@@ -142,7 +142,7 @@ class TableLaw:
             same = same & (jnp.abs(change[-2]) < ASIDE)
             code = status.worst(code, jnp.where(same, status.CONVERGED, status.OTHER_SCENE))
             beside = _ramp(atlas, self.contact, spall, jnp.zeros(()))
-            _, _, _, end = ramp.between(beside, curve.end(beside.full, 1.0))
+            _, end = ramp.extent(beside, curve.end(beside.full, 1.0))
             code = status.worst(code, jnp.where(0.5 * spall.width > end, status.CONVERGED, status.NARROW))
             known = spall.length <= atlas.lengths[-1]
             code = status.worst(code, jnp.where(known, status.CONVERGED, status.UNKNOWN_LENGTH))
@@ -151,8 +151,7 @@ class TableLaw:
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`."""
         beside = _ramp(self.atlases[self.which[number]], self.contact, spall, jnp.zeros(()))
-        _, _, low, high = ramp.between(beside, approach)
-        return low, high
+        return ramp.extent(beside, approach)
 
 
 def _change(atlas: Atlas, contact: LineContact, spall: Spall | None) -> jax.Array:
@@ -248,10 +247,9 @@ def atlas(
     loads = direct.log_loads(top)
     longest = LENGTH_SHARE * float(contact.length)
     lengths = np.asarray(curve.chebyshev(LENGTHS, 0.0, longest))
-    like = Spall(0.0, 1000.0, depth, axial_offset=axial_offset)
-    shapes = [None, *(dataclasses.replace(like, length=float(length)) for length in lengths[1:])]
-    solved = nodes.all_solved(contact, [Case(np.exp(q), shape) for shape in shapes for q in loads], accuracy, progress)
-    levels = [solved[k : k + loads.size] for k in range(0, len(solved), loads.size)]
+    like = direct.wide(Spall(0.0, 0.0, depth, axial_offset=axial_offset))
+    shapes = [dataclasses.replace(like, length=float(length)) for length in lengths[1:]]
+    levels = direct.solved_levels(contact, shapes, loads, accuracy, progress)
     below = np.stack([direct.sunk(contact, level, loads) for level in levels[1:]])
     built = Atlas(
         given=nodes.inputs(contact, dataclasses.replace(like, width=0.0), 0.0),
@@ -267,7 +265,7 @@ def atlas(
         share=jnp.broadcast_to(ramp.guess(DEGREE), (EDGE_LENGTHS, DEGREE + 1, ramp.TERMS)),
         share_slopes=jnp.zeros((EDGE_LENGTHS, DEGREE + 1, ramp.TERMS, nodes.INPUTS)),
         error=np.nan,
-        status_code=nodes.worst_status(solved),
+        status_code=nodes.worst_status([node for level in levels for node in level]),
     )
     built = _with_edges(contact, built, like, accuracy, progress)
     return dataclasses.replace(built, error=_error(contact, built, like, accuracy, progress))
@@ -329,11 +327,10 @@ def _aims(built: Atlas, contact: LineContact, length: jax.Array) -> tuple[jax.Ar
                 more = ramp.guessed(*ramp.between(beside, middle)[:2], t) > load
                 return jnp.where(more, ends[0], middle), jnp.where(more, middle, ends[1])
 
-            _, _, low, high = ramp.between(beside, jax.lax.fori_loop(0, 40, halve, ends)[0])
+            low, high = ramp.extent(beside, jax.lax.fori_loop(0, 40, halve, ends)[0])
             return low + (high - low) * t
 
-        _, _, low, _ = ramp.between(beside, ends[0])
-        _, _, _, high = ramp.between(beside, ends[1])
+        (low, _), (_, high) = (ramp.extent(beside, end) for end in ends)
         places = jnp.concatenate([BESIDE * low[None], jax.vmap(edge)(jnp.asarray(spread)), BESIDE * high[None]])
         return jnp.broadcast_to(load, places.shape), places
 
@@ -376,8 +373,7 @@ def _plain(built: Atlas, contact: LineContact, length: jax.Array) -> Ramp:
 def _extent(built: Atlas, contact: LineContact, length: jax.Array, load: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Where the ramp begins and ends [mm] for a roller that carries `load` [N] over the middle of the spall."""
     beside = _plain(built, contact, length)
-    _, _, low, high = ramp.between(beside, curve.approach(beside.full, load))
-    return low, high
+    return ramp.extent(beside, curve.approach(beside.full, load))
 
 
 def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None) -> float:
