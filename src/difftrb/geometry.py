@@ -190,11 +190,15 @@ def outer_raceway_radius(bearing: TaperedBearing, along_roller: Real = 0.0) -> R
     return (slant_distance(bearing) + along_roller) * jnp.sin(bearing.outer_angle)
 
 
-def arc_radius(bearing: TaperedBearing) -> Real:
-    """Radius that turns a spall's width into an angle [mm]: see `TaperedBearing.arc_radius`."""
-    if bearing.arc_radius is not None:
-        return bearing.arc_radius
-    return outer_raceway_radius(bearing, -bearing.roller_length / 2.0)
+def arc_radius(bearing: TaperedBearing, raceway: Raceway = "outer") -> Real:
+    """Radius that turns a spall's width into an angle [mm]: see `TaperedBearing.arc_radius`; on the inner raceway at
+    the same place along the roller."""
+    outer = bearing.arc_radius
+    if outer is None:
+        outer = outer_raceway_radius(bearing, -bearing.roller_length / 2.0)
+    return (
+        outer * jnp.sin(_cone_angle(bearing, raceway)) / jnp.sin(bearing.outer_angle) if raceway == "inner" else outer
+    )
 
 
 def flange_force_angle(bearing: TaperedBearing) -> Real:

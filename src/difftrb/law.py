@@ -183,6 +183,55 @@ class Palmgren:
         return jnp.zeros(()), jnp.zeros(())
 
 
+@partial(jax.tree_util.register_dataclass, data_fields=["base"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class Through:
+    """Spalls as long as the rollers, by the healthy curve of another law: over one a roller carries nothing until it
+    meets the bottom, and what a healthy one would beyond. A hard window."""
+
+    base: Law
+    hard = True
+
+    @property
+    def name(self) -> str:
+        """The other law's."""
+        return self.base.name
+
+    @property
+    def load_range(self) -> tuple[Real, Real]:
+        """The other law's."""
+        return self.base.load_range
+
+    @property
+    def error(self) -> Real:
+        """The other law's."""
+        return self.base.error
+
+    @property
+    def status_code(self) -> Real:
+        """The other law's."""
+        return self.base.status_code
+
+    def at(self, contact: LineContact) -> Through:
+        """See `Law`."""
+        return Through(self.base.at(contact))
+
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
+        """See `Law`."""
+        each = self.base.curves((), distances[:0]).each
+        under = spalls_under(spalls, distances)
+        depth = sum((jnp.where(under == i + 1, spall.depth, 0.0) for i, spall in enumerate(spalls)), jnp.zeros(()))
+        return Carried(dataclasses.replace(each, shift=each.shift + depth))
+
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+        """See `Law`."""
+        return self.base.judge((), distances[:0])
+
+    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """See `Law`: a step."""
+        return jnp.zeros(()), jnp.zeros(())
+
+
 def named(name: str, contact: LineContact, load_range: tuple[Real, Real], spall: Spall | None, accuracy: float) -> Law:
     """The law called `name`: "power" (fitted now: see `power_law`), "liu2018" or "palmgren"."""
     if name == "power":

@@ -19,13 +19,16 @@ from difftrb.law import Law
 from difftrb.scene import Assessment, PitchMean, Scene
 
 BAR = 28
+DIRECTIONS = ("radial", "lateral", "axial", "about_radial", "about_lateral")
+UNITS = {"centrifugal_force": "N", "axial_force": "N", "load_rating": "N", "flange_angle": "rad", "tightened": "mm",
+         "basic_life": "million revolutions", "reference_life": "million revolutions"}  # fmt: skip
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
 def run_json(scene: Scene, result: Assessment, seconds: float) -> dict[str, Any]:
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
-    `sensitivity` is by the first spall's size; None for a healthy scene.
+    `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`.
     """
     spalled, sound = result.spalled, result.healthy
     verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
@@ -40,7 +43,7 @@ def run_json(scene: Scene, result: Assessment, seconds: float) -> dict[str, Any]
         "converged": bool(spalled.converged & sound.converged),
         "angles": spalled.angles,
         "loads": spalled.loads,
-        "displacement": dict(zip(("radial", "lateral", "axial"), spalled.displacement, strict=True)),
+        "displacement": dict(zip(DIRECTIONS, spalled.displacement, strict=False)),
         "stiffness": {
             "definition": scene.definition,
             "phase": "mean" if isinstance(scene.phase, PitchMean) else scene.phase,
@@ -53,6 +56,7 @@ def run_json(scene: Scene, result: Assessment, seconds: float) -> dict[str, Any]
         "sensitivity": {"radial": slope(0), "axial": slope(1)},
         "residual": spalled.residual,
         "iterations": spalled.iterations,
+        **({"effects": spalled.effects} if scene.effects else {}),
         "seconds": seconds,
     })  # fmt: skip
 
@@ -103,30 +107,37 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
         stiffness.add_row(name, *(_number(v, ",.0f") for v in values), _number(result.loss[row], ".3f"), *slopes)
 
     loads = _table("Load distribution")
-    for heading in ("roller", "angle [rad]", "load [N]", "against healthy"):
+    more = {name.removesuffix("_loads"): values for name, values in spalled.effects.items() if values.ndim}
+    for heading in ("roller", "angle [rad]", "load [N]", "against healthy", *(f"on {name} [N]" for name in more)):
         loads.add_column(heading, justify="right")
-    loads.add_column("", no_wrap=True)
+    if not more:
+        loads.add_column("", no_wrap=True)
     top = float(jnp.max(spalled.loads))
     for j, (angle, load, sound) in enumerate(zip(spalled.angles, spalled.loads, result.healthy.loads, strict=True)):
         bar = "█" * round(BAR * float(load) / top) if top > 0.0 else ""
-        loads.add_row(str(j), f"{angle:.4f}", f"{load:.1f}", f"{load - sound:+.1f}", Text(bar, style="cyan"))
+        last = [f"{values[j]:.1f}" for values in more.values()] if more else [Text(bar, style="cyan")]
+        loads.add_row(str(j), f"{angle:.4f}", f"{load:.1f}", f"{load - sound:+.1f}", *last)
 
     u = np.round(1e3 * np.asarray(spalled.displacement), 4) + 0.0  # no −0
-    lines = [
-        f"displacement: radial {u[0]:.3f} µm, lateral {u[1]:.3f} µm, axial {u[2]:.3f} µm",
-        law_text(spalled.law, spalled.loads),
-        f"{spalled.status}; unbalanced force {spalled.residual:.1e} of the load after {spalled.iterations} steps",
-    ]
-    if scene.spalls and spalled.law.hard and not isinstance(scene.phase, PitchMean):
-        lines.insert(
-            2, "width: the window is hard, so stiffness changes with width only where a roller enters or leaves"
-        )
+    lines = []
     if isinstance(scene.phase, PitchMean):
         low, high = spalled.stiffness_span
-        lines.insert(
-            0, f"means over one roller pitch; stiffness radial {low[0, 0]:,.0f} … {high[0, 0]:,.0f}, axial "
+        lines.append(
+            f"means over one roller pitch; stiffness radial {low[0, 0]:,.0f} … {high[0, 0]:,.0f}, axial "
             f"{low[2, 2]:,.0f} … {high[2, 2]:,.0f} N/mm"
-        )  # fmt: skip
+        )
+    lines.append(f"displacement: radial {u[0]:.3f} µm, lateral {u[1]:.3f} µm, axial {u[2]:.3f} µm")
+    if u.size > 3:
+        lines.append(f"tilt: about the radial axis {u[3]:.4f} mrad, about the lateral axis {u[4]:.4f} mrad")
+    for name, value in spalled.effects.items():
+        if not value.ndim:
+            lines.append(f"{name.replace('_', ' ')}: {value:,.5g} {UNITS[name]}")
+    lines.append(law_text(spalled.law, spalled.loads))
+    if scene.spalls and spalled.law.hard and not isinstance(scene.phase, PitchMean):
+        lines.append("width: the window is hard, so stiffness changes with width only where a roller enters or leaves")
+    lines.append(
+        f"{spalled.status}; unbalanced force {spalled.residual:.1e} of the load after {spalled.iterations} steps"
+    )
     return Group(stiffness, loads, *(Text(line) for line in lines))
 
 

@@ -1,12 +1,14 @@
 """The ring on its rollers: equilibrium, load distribution and stiffness of the plain bearing.
 
 Three degrees of freedom of one ring against the other: radial (along the load line, angle 0), lateral (a quarter turn
-on) and axial (pressing the rings together). One contact per roller, the outer raceway's.
+on) and axial (pressing the rings together). One contact per roller, the outer raceway's. What effects add to that are
+`Terms`; those that are None leave nothing in the compiled program.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import partial
 from typing import Annotated, NamedTuple
 
@@ -14,10 +16,12 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import curve, geometry, implicit, ramp, status
-from difftrb.geometry import FILE_RULES, Real, Spall, TaperedBearing
+from difftrb import curve, geometry, implicit, ramp, roller, status
+from difftrb.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
 from difftrb.law import Law
 from difftrb.ramp import Carried
+from difftrb.roller import Seat
+from difftrb.slices import Slices
 
 ITERATIONS = 60
 TOLERANCE = 1e-12
@@ -50,10 +54,11 @@ class Equilibrium:
     """A ring at rest.
 
     Attributes:
-      displacement: radial, lateral, axial [mm], shape (3,).
+      displacement: radial, lateral, axial [mm], shape (3,); with tilt also about the radial and the lateral axis [rad],
+        shape (5,).
       approach: of every roller [mm], shape (rollers,), negative where it is clear of the raceway.
-      loads: of every roller [N], shape (rollers,).
-      tangent: dF/du [N/mm], shape (3, 3).
+      loads: of every roller on the outer raceway [N], shape (rollers,).
+      tangent: dF/du [N/mm], shape (3, 3); with tilt [N/mm, N/rad, N mm/rad], shape (5, 5).
       residual: largest unbalanced force relative to the load. iterations: Newton steps. status_code: `difftrb.status`.
     """
 
@@ -78,11 +83,37 @@ def directions(bearing: TaperedBearing, angles: jax.Array) -> jax.Array:
     return jnp.stack([cos * jnp.cos(angles), cos * jnp.sin(angles), axial], axis=-1)  # Liu et al. 2018, eq. (5)
 
 
-def distances(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array) -> jax.Array:
-    """From every spall's centre to every roller's contact, along the raceway [mm], shape (spalls, rollers)."""
-    centres = jnp.stack([jnp.asarray(spall.angle, float) for spall in spalls]) if spalls else jnp.zeros(0)
-    away = jnp.mod(angles[None, :] - centres[:, None] + jnp.pi, 2.0 * jnp.pi) - jnp.pi
-    return geometry.arc_radius(bearing) * away
+def spalls_on(spalls: tuple[Spall, ...], raceway: Raceway) -> tuple[Spall, ...]:
+    """The spalls that rollers meet on a raceway: its own, and a roller's, which meets both."""
+    return tuple(spall for spall in spalls if spall.surface in (raceway, "roller"))
+
+
+def distances(
+    bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array, raceway: Raceway = "outer"
+) -> jax.Array:
+    """From the centre of every spall met on a raceway to every roller's contact with it, along the raceway [mm], shape
+    (spalls, rollers). A spall on a roller is on roller 0, its angle counted from the outer contact; to the others it is
+    as far as can be."""
+    met = [spall for spall in spalls if spall.surface != "roller"]
+    centres = jnp.stack([jnp.asarray(spall.angle, float) for spall in met]) if met else jnp.zeros(0)
+    away = geometry.arc_radius(bearing, raceway) * _turned(angles[None, :] - centres[:, None])
+    if len(met) == len(spalls):
+        return away
+    rows = iter(away)
+    facing = jnp.pi if raceway == "inner" else 0.0
+    return jnp.stack([
+        jnp.where(
+            jnp.arange(angles.size) == 0,
+            geometry.mean_roller_radius(bearing) * _turned(jnp.asarray(facing - spall.angle)),
+            jnp.pi * geometry.arc_radius(bearing, raceway),
+        ) if spall.surface == "roller" else next(rows)
+        for spall in spalls
+    ])  # fmt: skip
+
+
+def _turned(angle: jax.Array) -> jax.Array:
+    """The same angle within −π…π [rad]."""
+    return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
 
 
 def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real) -> jax.Array:
@@ -104,39 +135,77 @@ def largest_load(bearing: TaperedBearing, load: Load) -> Real:
     return jnp.maximum(half_zone, all_loaded)
 
 
+class Terms(NamedTuple):
+    """What effects add to the plain ring.
+
+    Attributes:
+      interference: what rollers are too thick, added to their approach [mm], one number or shape (rollers,).
+      seat: what holds rollers besides the outer raceway; None: an inner ring that does not give way.
+      axial: axial displacement [mm] at which the rings are held, whatever axial force that takes; None: the load's.
+      slices: rollers in slices, for rings that tilt; None: rings that stay parallel.
+      extra: force on the ring beside the load [N], shape (3,).
+      known: status: whether further laws know the spalls they meet; None: there are no further laws.
+    """
+
+    interference: Real | None = None
+    seat: Seat | None = None
+    axial: Real | None = None
+    slices: Slices | None = None
+    extra: jax.Array | None = None
+    known: jax.Array | None = None
+
+
+PLAIN = Terms()
+
+
 def equilibrium(
-    bearing: TaperedBearing,
-    load: Load,
-    spalls: tuple[Spall, ...],
-    roller_law: Law,
-    phase: Real,
-    interference: Real = 0.0,
+    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], roller_law: Law, phase: Real, terms: Terms = PLAIN
 ) -> Equilibrium:
     """The ring's rest position under `load`, its roller loads and tangent stiffness.
 
-    `phase` is the angle of roller 0 from the load line [rad]; `interference` what every roller is too thick, added to
-    its approach [mm], one number or shape (rollers,). Differentiable by everything, forward and reverse, at
-    the solution. Where there is no equilibrium the numbers are NaN and the status says so.
+    `spalls` are those met on the outer raceway (`spalls_on`); `phase` is the angle of roller 0 from the load line
+    [rad]. Differentiable by everything, forward and reverse, at the solution. Where there is no equilibrium the numbers
+    are NaN and the status says so.
     """
     angles = roller_angles(bearing, phase)
     normals = directions(bearing, angles)
     valid = (load.radial >= 0.0) & (load.axial >= 0.0) & jnp.isfinite(load.radial + load.axial + phase)
     for spall in spalls:
         valid = valid & geometry.spall_is_sound(spall)
-    held = load.axial > needed_axial(bearing, load.radial, phase) * (1.0 + 1e-6)
+    spare = load.axial
+    if terms.seat is not None and terms.seat.centrifugal is not None:  # thrown rollers push the rings apart
+        spare = spare - bearing.rollers * terms.seat.least * jnp.sin(bearing.outer_angle)
+    held = spare > needed_axial(bearing, load.radial, phase) * (1.0 + 1e-6)
+    if terms.axial is not None:
+        held = jnp.asarray(True)
     force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
+    if terms.extra is not None:
+        force = force + terms.extra
     safe = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
 
     away = distances(bearing, spalls, angles)
     known = roller_law.judge(spalls, away)
-    extra = jnp.broadcast_to(interference, angles.shape)
-    sound = Rollers(normals, extra, roller_law.curves((), away[:0]))
-    start = _start(sound, safe)
-    rollers = Rollers(normals, extra, roller_law.curves(spalls, away)) if spalls else sound
-    u, (residual, iterations) = implicit.root(_unbalanced, _newton, solve_3x3, (rollers, safe, start))
+    if terms.known is not None:
+        known = status.worst(known, terms.known)
+    extra = jnp.broadcast_to(0.0 if terms.interference is None else terms.interference, angles.shape)
+    healthy = roller_law.curves((), away[:0])
+    start = _start(normals, healthy, safe, terms)
+    rollers = Rollers(normals, extra, roller_law.curves(spalls, away) if spalls else healthy, terms.seat)
+    if terms.slices is not None:
+        rollers, safe, start = _sliced(terms.slices, rollers, angles, safe, start)
+    solve = solve_3x3 if start.size == 3 else jnp.linalg.solve
+    size = _norm(safe)
+    if terms.axial is not None:
+        size = jnp.maximum(size, jax.lax.stop_gradient(jnp.sum(rollers.carried(rollers.approach(start))[0])))
+    system = rollers, safe, start, size, terms.axial
+    u, (residual, iterations) = implicit.root(_unbalanced, partial(_newton, solve), solve, system)
     approach = rollers.approach(u)
-    loads, slopes = ramp.carried(rollers.curves, approach)
-    tangent = _tangent(normals, slopes)
+    loads, slopes = rollers.carried(approach)
+    tangent = _tangent(rollers.normals, slopes)
+    if terms.slices is not None:
+        approach, loads = approach.reshape(angles.size, -1), loads.reshape(angles.size, -1)
+        approach, loads = jnp.mean(approach, axis=1), jnp.sum(loads, axis=1)
+        u, tangent = terms.slices.in_radians(u, tangent)
 
     converged = (residual <= TOLERANCE) & jnp.all(jnp.isfinite(u))
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
@@ -158,16 +227,34 @@ def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
 
 
 class Rollers(NamedTuple):
-    """What equilibrium needs of the rollers: unit normals, shape (rollers, 3), interference [mm], shape (rollers,), and
-    what they carry."""
+    """What equilibrium needs of the rollers (or their slices): unit normals, shape (rollers, 3), interference [mm],
+    shape (rollers,), what the outer raceway carries, and what else holds them."""
 
     normals: jax.Array
     interference: jax.Array
     curves: Carried
+    seat: Seat | None = None
 
     def approach(self, u: jax.Array) -> jax.Array:
-        """Approach of every roller at displacement u [mm], shape (rollers,)."""
+        """Approach of the ring to every roller at displacement u [mm], shape (rollers,)."""
         return _dot(self.normals, u) + self.interference
+
+    def carried(self, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Load [N] and its slope [N/mm] of every roller at that, both of shape (rollers,)."""
+        if self.seat is None:
+            return ramp.carried(self.curves, approach)
+        return roller.carried(self.seat, self.curves, approach)
+
+
+def _sliced(
+    slices: Slices, rollers: Rollers, angles: jax.Array, force: jax.Array, start: jax.Array
+) -> tuple[Rollers, jax.Array, jax.Array]:
+    """The same ring with every roller in slices, and with two more degrees of freedom if its rings tilt."""
+    normals, curves = slices.normals(rollers.normals, angles), slices.curves
+    extra = jnp.repeat(rollers.interference, normals.shape[0] // angles.size)
+    more = normals.shape[1] - 3
+    force = jnp.concatenate([force, slices.moments[:more]])
+    return Rollers(normals, extra, curves), force, jnp.concatenate([start, jnp.zeros(more)])
 
 
 def _tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:
@@ -175,8 +262,9 @@ def _tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:
     return _dot(normals.T * slopes[None, :], normals)
 
 
-Ring = tuple[Rollers, jax.Array, jax.Array]
-"""Rollers, force [N] and a displacement to start from [mm], both of shape (3,)."""
+Ring = tuple[Rollers, jax.Array, jax.Array, jax.Array, Real | None]
+"""Rollers, force [N] and a displacement to start from [mm], both of shape (3,), what forces are measured by [N], and
+the axial displacement [mm] if that is held."""
 
 
 def _unbalanced(u: jax.Array, parameters: Ring) -> jax.Array:
@@ -186,33 +274,41 @@ def _unbalanced(u: jax.Array, parameters: Ring) -> jax.Array:
 
 def _system(u: jax.Array, parameters: Ring) -> tuple[jax.Array, jax.Array]:
     """The unbalanced force and its derivative by u, relative to the load."""
-    rollers, force, _ = parameters
-    loads, slopes = ramp.carried(rollers.curves, rollers.approach(u))
-    unbalanced = _dot(rollers.normals.T, loads) - force  # Liu et al. 2018, eq. (5)
-    return unbalanced / _size(force), _tangent(rollers.normals, slopes) / _size(force)
+    rollers, force, start, size, axial = parameters
+    loads, slopes = rollers.carried(rollers.approach(u))
+    unbalanced = (_dot(rollers.normals.T, loads) - force) / size  # Liu et al. 2018, eq. (5)
+    tangent = _tangent(rollers.normals, slopes) / size
+    if axial is None:
+        return unbalanced, tangent
+    free = jnp.arange(u.size) != 2
+    scale = 1.0 / jax.lax.stop_gradient(jnp.maximum(jnp.abs(start[2]), 1e-9))  # forces and [mm] in one size
+    unbalanced = jnp.where(free, unbalanced, (u - axial) * scale)
+    return unbalanced, jnp.where(free[:, None] & free[None, :], tangent, jnp.diag(jnp.where(free, 0.0, scale)))
 
 
-def _size(force: jax.Array) -> jax.Array:
+def _norm(force: jax.Array) -> jax.Array:
     return jnp.linalg.norm(jax.lax.stop_gradient(force))
 
 
-def _start(rollers: Rollers, force: jax.Array) -> jax.Array:
+def _start(normals: jax.Array, healthy: Carried, force: jax.Array, terms: Terms) -> jax.Array:
     """All rollers as loaded as the first one would be, were the load shared equally."""
-    axial = rollers.normals[0, 2]
-    share = _size(force) / (rollers.normals.shape[0] * axial)
-    return jnp.zeros(3).at[2].set(curve.approach(curve.of(rollers.curves.each, 0), share) / axial)
+    if terms.axial is not None:
+        return jnp.zeros(3).at[2].set(terms.axial)
+    axial = normals[0, 2]
+    share = _norm(force) / (normals.shape[0] * axial)
+    return jnp.zeros(3).at[2].set(curve.approach(curve.of(healthy.each, 0), share) / axial)
 
 
-def _newton(parameters: Ring) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+def _newton(solve: Callable, parameters: Ring) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
     """Newton's method on a convex energy, of which the unbalanced force is the gradient.
 
     A step p is taken unless it climbs again steeply at its end (force·p), else retaken shorter, by damping.
     """
-    *_, start = parameters
+    start = parameters[2]
 
     def step(state):
         u, r, J, damping, k = state
-        p = -solve_3x3(J + damping * jnp.trace(J) * jnp.eye(3), r)
+        p = -solve(J + damping * jnp.trace(J) * jnp.eye(start.size), r)
         r_new, J_new = _system(u + p, parameters)
         better = jnp.vdot(r_new, p) <= 0.5 * jnp.abs(jnp.vdot(r, p))
         relaxed, stiffened = jnp.where(damping > 1e-9, 0.1 * damping, 0.0), jnp.maximum(10.0 * damping, 1e-4)

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import json
+import re
 import tomllib
-import types
-from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args
 
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb import geometry, heightmap
+from difftrb import effects, geometry, heightmap
 from difftrb import law as laws
 from difftrb.contact import solve_contact
 from difftrb.contact_solution import ContactSolution
@@ -25,10 +23,10 @@ from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearin
 from difftrb.given import Defect
 from difftrb.heightmap import HeightMap
 from difftrb.ring import Load, needed_axial
-from difftrb.scene import SEVERAL_SHAPES, Accuracy, Definition, DesignLoad, Phase, Scene, Solution
+from difftrb.scene import SEVERAL_SHAPES, Accuracy, Definition, DesignLoad, Phase, Scene, Solution, unmet
+from difftrb.sentences import UNKNOWN_KEY, in_one_sentence
 
 PACKAGED_MAPS = ("spall_map.npz",)
-UNKNOWN_KEY = ("unexpected_keyword_argument", "extra_forbidden")  # pydantic's names
 
 
 class SceneError(ValueError):
@@ -64,6 +62,27 @@ class StiffnessTable:
 
 
 @dataclasses.dataclass(frozen=True)
+class EffectsTable:
+    """`[effects]`: what acts beyond the plain ring, each only when it is named."""
+
+    __pydantic_config__ = FILE_RULES
+
+    raceways: effects.Raceways | None = None
+    flange: effects.Flange | None = None
+    diameters: effects.Diameters | None = None
+    mounting: effects.Mounting | None = None
+    centrifugal: effects.Centrifugal | None = None
+    through: effects.Through | None = None
+    tilt: effects.Tilt | None = None
+    life: effects.Life | None = None
+
+    def named(self) -> tuple[effects.Effect, ...]:
+        """Those that are."""
+        every = (getattr(self, field.name) for field in dataclasses.fields(self))
+        return tuple(effect for effect in every if effect is not None)
+
+
+@dataclasses.dataclass(frozen=True)
 class SceneFile:
     """A whole scene file, table by table. After `parse`, a `HeightMap` may stand among the spalls."""
 
@@ -74,6 +93,7 @@ class SceneFile:
     spall: tuple[Spall, ...] = ()
     contact: ContactTable = ContactTable()
     stiffness: StiffnessTable = StiffnessTable()
+    effects: EffectsTable = EffectsTable()
 
     def scene(self) -> Scene:
         """The scene this file describes."""
@@ -86,6 +106,7 @@ class SceneFile:
             accuracy=self.contact.accuracy,
             definition=self.stiffness.definition,
             phase=self.stiffness.phase,
+            effects=self.effects.named(),
         )
 
     def line_contact(self) -> LineContact:
@@ -153,6 +174,11 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
         content: dict[str, Any] = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so are numbers without end
         reason = str(error).splitlines()[0][:200]
+        twice = re.match(r"Cannot overwrite a value \(at line (\d+)", reason)
+        if twice:
+            number = int(twice[1])
+            key = text.splitlines()[number - 1].split("=")[0].strip()
+            raise SceneError(f"{path}: line {number}: {key!r} is named twice; name it once") from None
         raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
     _not_yet(content, path)
     if isinstance(content.get("bearing"), str):
@@ -168,7 +194,7 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
         file = TypeAdapter(SceneFile).validate_json(json.dumps(content, default=str))
     except ValidationError as error:
         worst = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY)  # a misspelt key explains a missing one
-        raise SceneError(f"{path}: {_sentence(worst)}") from None
+        raise SceneError(f"{path}: {in_one_sentence(worst, SceneFile)}") from None
     except RecursionError:
         raise SceneError(f"{path}: is nested too deeply for a scene") from None
     _across(file, path)
@@ -215,10 +241,6 @@ def _not_yet(content: dict[str, Any], path: str | Path) -> None:
     law = contact.get("law") if isinstance(contact, dict) else None
     if isinstance(law, str) and law not in laws.NAMES:
         raise SceneError(f"{path}: contact.{laws.unknown(law)}")
-    effects = content.pop("effects", {})
-    if effects != {}:
-        keys = ", ".join(f"effects.{key}" for key in effects) if isinstance(effects, dict) else "effects"
-        raise SceneError(f"{path}: {keys}: this version has no effects beyond the plain ring; leave [effects] out")
 
 
 def _across(file: SceneFile, path: str | Path) -> None:
@@ -288,11 +310,6 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
     longest = {"power": laws.LENGTH_SHARE * roller, "table": laws.LENGTH_SHARE * roller, "palmgren": 0.99 * roller,
                "liu2018": laws.TABLE_2[-1, 0], "direct": laws.LENGTH_SHARE * roller}[law]  # fmt: skip
     for i, spall in enumerate(file.spall):
-        if spall.surface != "outer":
-            raise SceneError(
-                f"{path}: spall.{i}.surface = {spall.surface!r}: the ring of this version takes spalls on the 'outer' "
-                "raceway; `difftrb contact` takes all"
-            )
         if spall.length > longest * (1.0 + 1e-12):
             raise SceneError(
                 f"{path}: spall.{i}.length = {spall.length:g}: contact.law = {law!r} knows 0 … {longest:g} "
@@ -300,13 +317,19 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
             )
     if law == "power" and len({(s.width, s.depth, s.axial_offset) for s in file.spall}) > 1:
         raise SceneError(f"{path}: spall: contact.{SEVERAL_SHAPES}")
+    try:
+        sentence = unmet(file.scene())
+    except ValueError as error:  # effects that exclude each other
+        sentence = str(error)
+    if sentence is not None:
+        raise SceneError(f"{path}: {sentence}")
+    if file.effects.mounting is not None:
+        return
     if file.load.axial == file.load.radial == 0.0:
         raise NoEquilibriumError(
             f"{path}: load.axial = 0 N and load.radial = 0 N: there is nothing to hold; give a load"
         )
     phase = file.stiffness.phase
-    if law == "direct" and phase == "mean" and file.spall:
-        raise SceneError(f"{path}: stiffness.phase = 'mean': contact.law = 'direct' holds for one phase; use 'table'")
     # of all phases the worst has the load line in the middle between two rollers
     worst = 0.5 * geometry.roller_pitch(file.bearing) if phase == "mean" else phase
     needed = float(needed_axial(file.bearing, file.load.radial, worst))
@@ -315,63 +338,3 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
             f"{path}: load.axial = {file.load.axial:g} N is too small for an equilibrium: with load.radial = "
             f"{file.load.radial:g} N it must exceed {needed:.6g} N (about radial × tan(outer_angle))"
         )
-
-
-# ------------------------------------------------------------------------------------------------ sentences
-
-
-def _sentence(error: Any) -> str:
-    """One pydantic error as a sentence: key, value, allowed range, what to do."""
-    where = list(error["loc"])
-    if where[:2] == ["stiffness", "phase"]:  # behind a key of two kinds the kind is named, too
-        where = where[:2]
-    key = ".".join(str(part) for part in where)
-    key = key if key.isprintable() else repr(key)
-    value = repr(error["input"])
-    value = value if len(value) <= 60 else f"{value[:57]}..."
-    if error["type"] in UNKNOWN_KEY:
-        known = [f.name for f in dataclasses.fields(_owner(where[:-1]))]
-        close = difflib.get_close_matches(str(where[-1]), known, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
-        return f"{key} is not a known key; {hint}"
-    allowed = _allowed(where)
-    if key == "bearing":
-        allowed = f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a [bearing] table"
-    if error["type"] == "missing":
-        return f"{key} is missing: give {allowed}"
-    if where[0] == "spall" and len(where) < 3:
-        return f"{key} = {value}: spalls are tables, each under a heading [[spall]]"
-    return f"{key} = {value}: must be {allowed}"
-
-
-def _owner(where: Iterable[str | int]) -> type:
-    """The dataclass in which the key at `where` lives."""
-    owner: Any = SceneFile
-    for part in where:
-        owner = get_args(owner)[0] if isinstance(part, int) else get_type_hints(owner)[part]
-    return owner
-
-
-def _allowed(where: list[str | int]) -> str:
-    """What a key takes, in words, from its annotation."""
-    hint = (
-        get_type_hints(_owner(where[:-1]), include_extras=True)[str(where[-1])] if isinstance(where[-1], str) else None
-    )
-    if get_origin(hint) in (Union, types.UnionType):
-        return " or ".join(_in_words(h) for h in get_args(hint) if h is not type(None))
-    return _in_words(hint)
-
-
-def _in_words(hint: Any) -> str:
-    """What one kind of value is, in words."""
-    if get_origin(hint) is Literal and len(get_args(hint)) == 1:
-        return repr(get_args(hint)[0])
-    if get_origin(hint) is Literal:
-        return "one of " + ", ".join(repr(v) for v in get_args(hint))
-    if get_origin(hint) is not Annotated:
-        return "a table"
-    kind, *metadata = get_args(hint)
-    unit = next((f" {m.unit}" for m in metadata if isinstance(m, Unit)), "")
-    limits = next(m for m in metadata if isinstance(m, Interval))
-    word = "a whole number" if kind is int else "a number"
-    return f"{word} in {limits.ge:g} … {limits.le:g}{unit}"

@@ -26,7 +26,7 @@ def brute(scene: trb.Scene, values) -> jax.Array:
 
 
 def test_weights_are_a_mean(scene) -> None:
-    phases, weights = pitch.phases(scene.bearing, scene.load, scene.spalls, trb.liu2018())
+    phases, weights = pitch.phases(scene.bearing, scene.load, (pitch.Met("outer", scene.spalls, trb.liu2018()),))
     whole = float(geometry.roller_pitch(scene.bearing))
     assert phases.shape == weights.shape == (40,)
     assert float(weights.sum()) == pytest.approx(1.0, abs=1e-12)

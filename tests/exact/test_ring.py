@@ -14,7 +14,7 @@ LIU = trb.liu2018()
 
 
 def rest(bearing, radial, axial, spalls=(), roller_law=LIU, phase=0.0, interference=0.0):
-    return ring.equilibrium(bearing, trb.Load(radial, axial), spalls, roller_law, phase, interference)
+    return ring.equilibrium(bearing, trb.Load(radial, axial), spalls, roller_law, phase, ring.Terms(interference))
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.05, 0.13])

@@ -134,8 +134,8 @@ def test_phase_on_a_window_edge(bearing) -> None:
     assert at in (pytest.approx(inside, rel=1e-6), pytest.approx(outside, rel=1e-6))
 
 
-def test_spalls_on_other_surfaces_are_refused(bearing) -> None:
-    with pytest.raises(ValueError, match="outer raceway only"):
+def test_spalls_on_other_surfaces_are_refused_by_the_plain_ring(bearing) -> None:
+    with pytest.raises(ValueError, match="'outer' raceway only"):
         trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0, surface="inner"),)))
 
 

@@ -29,7 +29,7 @@ S1 = [
 def test_roller_diameter_deviations(bearing, deviations: list[float], largest: float, variance: float) -> None:
     """Liu et al. 2022 use their own roller law; with Table 2's healthy one the maximum agrees to 0.1 %."""
     extra = 1e-3 * jnp.array(deviations)
-    r = ring.equilibrium(bearing, trb.Load(0.0, 10000.0), (), trb.liu2018(), 0.0, extra)
+    r = ring.equilibrium(bearing, trb.Load(0.0, 10000.0), (), trb.liu2018(), 0.0, ring.Terms(extra))
     kilonewton = np.asarray(r.loads) / 1e3
     assert kilonewton.max() == pytest.approx(largest, rel=1e-3)
     assert kilonewton.var(ddof=1) == pytest.approx(variance, rel=5e-2)

@@ -1,0 +1,400 @@
+"""What a scene may ask for beyond the plain ring: each effect one small class, nothing paid for when it is absent.
+
+An effect adds `Terms` to the ring's equilibrium and names what more comes out. Scenes name effects in any order; they
+act in the order of `EFFECTS`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, cast
+
+import jax
+import jax.core
+import jax.numpy as jnp
+from annotated_types import Interval, Unit
+
+from difftrb import geometry, life, ring, roller, slices, status
+from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.law import Law
+from difftrb.ring import Equilibrium, Load, Terms
+
+Results = dict[str, jax.Array]
+"""What an effect adds to a solution, by name."""
+Length = Annotated[Real, Interval(ge=-1.0, le=1.0), Unit("mm")]
+Diameter = Annotated[Real, Interval(ge=0.1, le=5000.0), Unit("mm")]
+Moment = Annotated[Real, Interval(ge=-1e9, le=1e9), Unit("N mm")]
+
+
+class Ring(NamedTuple):
+    """What effects act on: a ring at one cage phase. `law` and `contact` are the outer raceway's."""
+
+    bearing: TaperedBearing
+    load: Load
+    spalls: tuple[Spall, ...]
+    law: Law
+    contact: LineContact
+    phase: Real
+
+    @property
+    def angles(self) -> jax.Array:
+        """Of the rollers [rad]."""
+        return ring.roller_angles(self.bearing, self.phase)
+
+    def distances(self, raceway: geometry.Raceway) -> jax.Array:
+        """See `ring.distances`."""
+        return ring.distances(self.bearing, ring.spalls_on(self.spalls, raceway), self.angles, raceway)
+
+    def equilibrium(self, terms: Terms) -> Equilibrium:
+        """At rest with these terms."""
+        outer = ring.spalls_on(self.spalls, "outer")
+        return ring.equilibrium(self.bearing, self.load, outer, self.law, self.phase, terms)
+
+
+class Effect:
+    """Of all effects: `key` names it in a scene file. What is not overridden adds nothing."""
+
+    __pydantic_config__ = FILE_RULES
+    key: ClassVar[str]
+    excludes: ClassVar[dict[str, str]] = {}
+    """Keys of effects that cannot be had together with this one, and why."""
+
+    def check(self, bearing: TaperedBearing, load: Load) -> None:
+        """Raise ValueError, in one sentence, if this effect cannot be had so. Outside jit only."""
+
+    def terms(self, terms: Terms, of: Ring) -> Terms:
+        """The terms with this effect's added."""
+        return terms
+
+    def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
+        """What comes out beside the loads."""
+        return {}
+
+
+@dataclasses.dataclass(frozen=True)
+class Raceways(Effect):
+    """Outer and inner raceway in series, each with its own radius, crown and spalls, and the flange between.
+
+    Without it the inner ring does not give way, as in Liu et al. 2018. Law "palmgren" holds both contacts already and
+    "liu2018" knows the outer one only: both are refused.
+
+    Attributes:
+      inner_design_load: Q_d of the crown against the inner raceway [N], 0…1e7. Default: the scene's.
+    """
+
+    key = "raceways"
+
+    inner_design_load: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")] | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class SeriesRaceways(Raceways):
+    """`Raceways` prepared: with the inner raceway's law."""
+
+    law: Law | None = None
+
+    def terms(self, terms: Terms, of: Ring) -> Terms:
+        """Inner contacts that give way."""
+        law, spalls, away = cast(Law, self.law), ring.spalls_on(of.spalls, "inner"), of.distances("inner")
+        known = status.worst(law.judge(spalls, away), jnp.asarray(law.status_code).astype(int))
+        return terms._replace(seat=_seat(terms, of)._replace(inner_curves=law.curves(spalls, away)), known=known)
+
+    def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
+        """`inner_loads`, `flange_loads` [N], shape (rollers,)."""
+        return _on_the_inner_ring(rest, terms)
+
+
+@dataclasses.dataclass(frozen=True)
+class Flange(Effect):
+    """The flange of the inner ring, against which the raceways wedge the rollers' large ends.
+
+    Attributes:
+      compliance: "rigid" (default) or "hertz": ball on plane.
+      end_radius: radius of the rollers' spherical large ends [mm], 0.1…5000; needed for "hertz".
+    """
+
+    key = "flange"
+
+    compliance: Literal["rigid", "hertz"] = dataclasses.field(default="rigid", metadata={"static": True})
+    end_radius: Diameter | None = None
+
+    def check(self, bearing: TaperedBearing, load: Load) -> None:
+        """A radius to be soft by."""
+        if self.compliance == "hertz" and self.end_radius is None:
+            raise ValueError("effects.flange.end_radius is missing: compliance = 'hertz' needs it; give a number in mm")
+
+    def terms(self, terms: Terms, of: Ring) -> Terms:
+        """A flange that gives way, if asked."""
+        if self.end_radius is None or self.compliance == "rigid":
+            return terms._replace(seat=_seat(terms, of))
+        modulus = geometry.contact_modulus(of.bearing.modulus, of.bearing.poisson)
+        soft = (9.0 / (16.0 * self.end_radius * modulus**2)) ** (1.0 / 3.0)  # Johnson 1985, eq. (4.23)
+        return terms._replace(seat=_seat(terms, of)._replace(flange_compliance=soft))
+
+    def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
+        """`inner_loads`, `flange_loads` [N], shape (rollers,); `flange_angle` of the force from the axis [rad]."""
+        return {**_on_the_inner_ring(rest, terms), "flange_angle": jnp.asarray(_seat(terms, of).flange)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Centrifugal(Effect):
+    """Centrifugal force on the rollers: outer loads stay, inner ones fall and flange loads rise at a given axial load;
+    at a given axial position outer loads rise.
+
+    Attributes:
+      speed_rpm: of the inner ring, the outer one at rest [rev/min], 0…1e5.
+      control: "force" (default): the axial load is given. "position": the rings keep the axial position that they have
+        under it at rest.
+      convention: "balance" (default): every roller is at rest between outer raceway, inner raceway and flange (Liu et
+        al. 2022, eq. 5). "printed": the forces are added to the ring's, as in Liu et al. 2018, eq. (5); they cancel.
+    """
+
+    key = "centrifugal"
+
+    speed_rpm: Annotated[Real, Interval(ge=0.0, le=1e5), Unit("rev/min")]
+    control: Literal["force", "position"] = dataclasses.field(default="force", metadata={"static": True})
+    convention: Literal["balance", "printed"] = dataclasses.field(default="balance", metadata={"static": True})
+
+    def force(self, bearing: TaperedBearing) -> jax.Array:
+        """On one roller [N]."""
+        turning = self.speed_rpm * jnp.pi / 30.0
+        inner, outer = jnp.sin(bearing.inner_angle), jnp.sin(bearing.outer_angle)
+        cage = turning * inner / (inner + outer)  # rolling without slip on both raceways
+        metres = 1e-3 * geometry.pitch_radius(bearing)
+        return jnp.asarray(geometry.roller_mass(bearing) * metres * cage**2)
+
+    def terms(self, terms: Terms, of: Ring) -> Terms:
+        """Rollers thrown outwards; the ring held where it is at rest if asked."""
+        if self.control == "position" and terms.axial is None:
+            terms = terms._replace(axial=of.equilibrium(terms).displacement[2])
+        if self.convention == "printed":
+            thrown = self.force(of.bearing) * jnp.stack([jnp.sum(jnp.cos(of.angles)), jnp.sum(jnp.sin(of.angles))])
+            return terms._replace(extra=-jnp.append(thrown, 0.0))  # Liu et al. 2018, eq. (5)
+        return terms._replace(seat=_seat(terms, of)._replace(centrifugal=self.force(of.bearing)))
+
+    def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
+        """`centrifugal_force` on one roller [N]; loads of inner ring and flange unless "printed"."""
+        return {
+            **_on_the_inner_ring(rest, terms),
+            "centrifugal_force": self.force(of.bearing),
+            **_axial(rest, terms, of),
+        }
+
+
+@dataclasses.dataclass(frozen=True)
+class Mounting(Effect):
+    """Rings held at an axial position in place of an axial load (which has to be 0): preload or end play, changed by
+    interference fits and by warmth.
+
+    Attributes:
+      preload: how far the rings are pressed together beyond touching, without fits and warmth [mm], −1…1; negative is
+        axial clearance (end play).
+      shaft_interference, housing_interference: of the diameters [mm], −1…1. Default 0.
+      bore, outside: of the bearing [mm], 0.1…5000; needed for the interferences.
+      shaft_bore, housing_outside: of a hollow shaft and of the housing [mm]; defaults: solid and infinite.
+      warmer: temperature of inner ring and rollers above the outer ring's [K], −500…500. Default 0.
+      expansion: coefficient of thermal expansion [1/K], 0…1e-3. Default 1.25e-5 (NSK E728g, bearing steel).
+    """
+
+    key = "mounting"
+
+    preload: Length = 0.0
+    shaft_interference: Length = 0.0
+    housing_interference: Length = 0.0
+    bore: Diameter | None = None
+    outside: Diameter | None = None
+    shaft_bore: Annotated[Real, Interval(ge=0.0, le=5000.0), Unit("mm")] = 0.0
+    housing_outside: Diameter | None = None
+    warmer: Annotated[Real, Interval(ge=-500.0, le=500.0), Unit("K")] = 0.0
+    expansion: Annotated[Real, Interval(ge=0.0, le=1e-3), Unit("1/K")] = 1.25e-5
+
+    def check(self, bearing: TaperedBearing, load: Load) -> None:
+        """Diameters to fit by, and no axial load beside the position."""
+        for fit, size in (("shaft_interference", "bore"), ("housing_interference", "outside")):
+            if _is_given(getattr(self, fit)) and getattr(self, size) is None:
+                raise ValueError(f"effects.mounting.{size} is missing: {fit} needs it; give a number in mm")
+        if _is_given(load.axial):
+            raise ValueError(
+                "load.axial must be 0 with effects.mounting, which holds the rings at a position: the axial force is "
+                "what comes out; set it to 0"
+            )
+
+    def tightened(self, bearing: TaperedBearing) -> Real:
+        """What inner raceway and rollers grow into the outer raceway by, in diameter [mm]: fits and warmth."""
+        outer = 2.0 * geometry.outer_raceway_radius(bearing)
+        inner = outer * jnp.sin(bearing.inner_angle) / jnp.sin(bearing.outer_angle)
+        grown = self.expansion * self.warmer * outer  # NSK E728g: inner ring and rollers together
+        if self.bore is not None:
+            k, hollow = self.bore / inner, self.shaft_bore / self.bore
+            grown += self.shaft_interference * k * (1.0 - hollow**2) / (1.0 - k**2 * hollow**2)  # NSK E728g
+        if self.outside is not None:
+            h = outer / self.outside
+            thin = 0.0 if self.housing_outside is None else self.outside / self.housing_outside
+            grown += self.housing_interference * h * (1.0 - thin**2) / (1.0 - h**2 * thin**2)  # NSK E728g
+        return grown
+
+    def terms(self, terms: Terms, of: Ring) -> Terms:
+        """The axial position, and rollers that are too thick."""
+        normal = 0.5 * self.tightened(of.bearing) * jnp.cos(of.bearing.outer_angle)
+        extra = normal if terms.interference is None else terms.interference + normal
+        return terms._replace(axial=jnp.asarray(self.preload, float), interference=extra)
+
+    def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
+        """`axial_force` that holds the rings [N]; `tightened`: growth of inner raceway and rollers [mm]."""
+        return {**_axial(rest, terms, of), "tightened": jnp.asarray(self.tightened(of.bearing), float)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Diameters(Effect):
+    """Rollers of different diameters (Liu et al. 2022).
+
+    Attributes:
+      deviations: of every roller's diameter from the nominal [mm], −1…1, as many as there are rollers.
+    """
+
+    key = "diameters"
+
+    deviations: tuple[Length, ...]
+
+    def check(self, bearing: TaperedBearing, load: Load) -> None:
+        """One for every roller."""
+        if len(self.deviations) != bearing.rollers:
+            raise ValueError(
+                f"effects.diameters.deviations has {len(self.deviations)} entries for {bearing.rollers} rollers; give "
+                "one for each"
+            )
+
+    def terms(self, terms: Terms, of: Ring) -> Terms:
+        """Added to the rollers' approach."""
+        extra = jnp.stack([jnp.asarray(deviation, float) for deviation in self.deviations])
+        return terms._replace(interference=extra if terms.interference is None else terms.interference + extra)
+
+
+@dataclasses.dataclass(frozen=True)
+class Through(Effect):
+    """Spalls on the outer raceway as long as the rollers, the assumption before Liu et al. 2018: a roller drops in and
+    carries nothing until it meets the bottom. To compare with."""
+
+    key = "through"
+
+
+@dataclasses.dataclass(frozen=True)
+class Tilt(Effect):
+    """Rings that tilt, rollers loaded unevenly along their length: five degrees of freedom, stiffness 5 × 5.
+
+    Rollers are cut into slices by ISO/TS 16281 (see `slices`), both contacts together; the scene's law is then
+    "palmgren", of which only the start is used.
+
+    Attributes:
+      moment_radial, moment_lateral: about the radial and the lateral axis [N mm], −1e9…1e9. Default 0.
+      reach: how far the tilting centre lies along the rollers from the middle of the contacts, towards their small
+        ends [mm], −1000…1000. Default 0: where the contacts' normals meet the axis, the bearing's load centre.
+      slices: of every roller, 1…200. Default 30, which ISO/TS 16281 asks for at least.
+      rings: "free" to tilt (default), or "parallel": three degrees of freedom, slices alone.
+    """
+
+    key = "tilt"
+    excludes = dict.fromkeys(("raceways", "flange", "centrifugal", "through"), "slices hold both contacts together")
+
+    moment_radial: Moment = 0.0
+    moment_lateral: Moment = 0.0
+    reach: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
+    slices: Annotated[int, Interval(ge=1, le=200)] = dataclasses.field(default=30, metadata={"static": True})
+    rings: Literal["free", "parallel"] = dataclasses.field(default="free", metadata={"static": True})
+
+    def terms(self, terms: Terms, of: Ring) -> Terms:
+        """Rollers in slices."""
+        outer = ring.spalls_on(of.spalls, "outer")
+        moments = jnp.stack([jnp.asarray(m, float) for m in (self.moment_radial, self.moment_lateral)])
+        moments = moments if self.rings == "free" else moments[:0]
+        away = of.distances("outer")
+        return terms._replace(slices=slices.sliced(of.contact, outer, away, self.slices, self.reach, moments))
+
+
+@dataclasses.dataclass(frozen=True)
+class Life(Effect):
+    """Rating life: basic, of a catalogue's load rating (ISO 281), and reference, of the loads of every roller
+    (ISO/TS 16281). With phase "mean" the mean of lives.
+
+    Attributes:
+      load_rating: basic dynamic load rating C [N], 1…1e9. Default: by ISO 281 from the bearing's numbers.
+    """
+
+    key = "life"
+
+    load_rating: Annotated[Real, Interval(ge=1.0, le=1e9), Unit("N")] | None = None
+
+    def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
+        """`load_rating` [N], `basic_life`, `reference_life` [million revolutions]."""
+        rating = life.load_rating(of.bearing) if self.load_rating is None else jnp.asarray(self.load_rating, float)
+        axial = of.load.axial if terms.axial is None else _axial(rest, terms, of)["axial_force"]
+        inner = rest.loads if terms.seat is None else roller.inner_load(terms.seat, rest.loads)
+        return {
+            "load_rating": rating,
+            "basic_life": life.basic(of.bearing, rating, of.load.radial, axial),
+            "reference_life": life.reference(of.bearing, rating, inner, rest.loads),
+        }
+
+
+EFFECTS: tuple[type[Effect], ...] = (Raceways, Flange, Diameters, Mounting, Centrifugal, Through, Tilt, Life)
+"""All there are, in the order in which they act."""
+
+for _cls in (*EFFECTS, SeriesRaceways):
+    jax.tree_util.register_dataclass(_cls)
+
+
+def in_order(effects: tuple[Any, ...]) -> tuple[Effect, ...]:
+    """The effects in the order in which they act; ValueError for one named twice, or two that exclude each other."""
+    keys = [effect.key for effect in effects]
+    for effect in effects:
+        if keys.count(effect.key) > 1:
+            raise ValueError(f"effects.{effect.key} is named twice; name it once")
+        for key in effect.excludes:
+            if key in keys:
+                raise ValueError(
+                    f"effects.{effect.key} and effects.{key} exclude each other: {effect.excludes[key]}; name one"
+                )
+    order = [kind.key for kind in EFFECTS]
+    return tuple(sorted(effects, key=lambda effect: order.index(effect.key)))
+
+
+def terms(effects: tuple[Effect, ...], of: Ring) -> Terms:
+    """What all effects add to the ring's equilibrium."""
+    total = ring.PLAIN
+    for effect in effects:
+        total = effect.terms(total, of)
+    return total
+
+
+def results(effects: tuple[Effect, ...], rest: Equilibrium, total: Terms, of: Ring) -> Results:
+    """What all effects add to the solution."""
+    found: Results = {}
+    for effect in effects:
+        found |= effect.results(rest, total, of)
+    return found
+
+
+def _seat(terms: Terms, of: Ring) -> roller.Seat:
+    return roller.seat(of.bearing) if terms.seat is None else terms.seat
+
+
+def _on_the_inner_ring(rest: Equilibrium, terms: Terms) -> Results:
+    """Loads of inner raceway and flange [N], shape (rollers,)."""
+    if terms.seat is None:
+        return {}
+    return {
+        "inner_loads": roller.inner_load(terms.seat, rest.loads),
+        "flange_loads": roller.flange_load(terms.seat, rest.loads),
+    }
+
+
+def _axial(rest: Equilibrium, terms: Terms, of: Ring) -> Results:
+    """The axial force [N] that holds the rings where they are, if they are held."""
+    if terms.axial is None:
+        return {}
+    return {"axial_force": jnp.sum(rest.loads) * jnp.sin(of.bearing.outer_angle)}
+
+
+def _is_given(number: Real) -> bool:
+    """Whether a number is known not to be 0."""
+    return not isinstance(number, jax.core.Tracer) and float(number) != 0.0
