@@ -122,7 +122,8 @@ def compare(batch: int, loads: dict[str, trb.Load] = LOADS, names: Sequence[str]
         found, seconds, microseconds, size = measure(name, acting, roller_law, list(loads.values()), batch)
         plain = found if plain is None else plain
         changes = 100.0 * (found / plain - 1.0)
-        rows.append(Row(name, *(list(map(float, column)) for column in changes.T), seconds, microseconds, size))
+        stiffness, load, slope = (list(map(float, column)) for column in changes.T)
+        rows.append(Row(name, stiffness, load, slope, seconds, microseconds, size))
     return rows
 
 

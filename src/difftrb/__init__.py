@@ -11,6 +11,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from difftrb import effects
     from difftrb.contact import solve_contact
     from difftrb.contact_slopes import approach_slopes
     from difftrb.contact_solution import ContactSolution
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
     from difftrb.intensity import EdgeIntensity, edge_intensity
     from difftrb.law import PowerLaw, liu2018, power_law
     from difftrb.line import LineSolution, line_contact
+    from difftrb.preparation import prepare
     from difftrb.ring import Load
-    from difftrb.scene import Assessment, Scene, Solution, assess, healthy, prepare, solve
+    from difftrb.scene import Scene, healthy
     from difftrb.scenefile import SceneError, load_scene
+    from difftrb.solution import Assessment, Solution, assess, solve
     from difftrb.status import SolveError
 
 _HOMES = {
@@ -34,16 +37,20 @@ _HOMES = {
     "law": ("PowerLaw", "liu2018", "power_law"),
     "line": ("LineSolution", "line_contact"),
     "ring": ("Load",),
-    "scene": ("Assessment", "Scene", "Solution", "assess", "healthy", "prepare", "solve"),
+    "preparation": ("prepare",),
+    "scene": ("Scene", "healthy"),
     "scenefile": ("SceneError", "load_scene"),
+    "solution": ("Assessment", "Solution", "assess", "solve"),
     "status": ("SolveError",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-__all__ = sorted(_HOME_OF)  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = sorted([*_HOME_OF, "effects"])  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "effects":
+        return importlib.import_module("difftrb.effects")
     if name not in _HOME_OF:
         raise AttributeError(f"module 'difftrb' has no attribute {name!r}")
     return getattr(importlib.import_module(f"difftrb.{_HOME_OF[name]}"), name)

@@ -128,7 +128,8 @@ def _run(options: Any) -> int:
     import jax
 
     from difftrb import report, scenefile
-    from difftrb.scene import assess, prepare
+    from difftrb.preparation import prepare
+    from difftrb.solution import assess
 
     file, path = _read(options)
     scenefile.check_ring(file, path)

@@ -7,7 +7,7 @@ act in the order of `EFFECTS`.
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, cast
+from typing import Annotated, Any, Literal, cast
 
 import jax
 import jax.core
@@ -15,60 +15,14 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 from difftrb import geometry, life, ring, roller, slices, status
-from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.effect import Effect, Results, Ring, held_by, is_given, on_the_inner_ring, seat
+from difftrb.geometry import Real, TaperedBearing
 from difftrb.law import Law
 from difftrb.ring import Equilibrium, Load, Terms
 
-Results = dict[str, jax.Array]
-"""What an effect adds to a solution, by name."""
 Length = Annotated[Real, Interval(ge=-1.0, le=1.0), Unit("mm")]
 Diameter = Annotated[Real, Interval(ge=0.1, le=5000.0), Unit("mm")]
 Moment = Annotated[Real, Interval(ge=-1e9, le=1e9), Unit("N mm")]
-
-
-class Ring(NamedTuple):
-    """What effects act on: a ring at one cage phase. `law` and `contact` are the outer raceway's."""
-
-    bearing: TaperedBearing
-    load: Load
-    spalls: tuple[Spall, ...]
-    law: Law
-    contact: LineContact
-    phase: Real
-
-    @property
-    def angles(self) -> jax.Array:
-        """Of the rollers [rad]."""
-        return ring.roller_angles(self.bearing, self.phase)
-
-    def distances(self, raceway: geometry.Raceway) -> jax.Array:
-        """See `ring.distances`."""
-        return ring.distances(self.bearing, ring.spalls_on(self.spalls, raceway), self.angles, raceway)
-
-    def equilibrium(self, terms: Terms) -> Equilibrium:
-        """At rest with these terms."""
-        outer = ring.spalls_on(self.spalls, "outer")
-        return ring.equilibrium(self.bearing, self.load, outer, self.law, self.phase, terms)
-
-
-class Effect:
-    """Of all effects: `key` names it in a scene file. What is not overridden adds nothing."""
-
-    __pydantic_config__ = FILE_RULES
-    key: ClassVar[str]
-    excludes: ClassVar[dict[str, str]] = {}
-    """Keys of effects that cannot be had together with this one, and why."""
-
-    def check(self, bearing: TaperedBearing, load: Load) -> None:
-        """Raise ValueError, in one sentence, if this effect cannot be had so. Outside jit only."""
-
-    def terms(self, terms: Terms, of: Ring) -> Terms:
-        """The terms with this effect's added."""
-        return terms
-
-    def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
-        """What comes out beside the loads."""
-        return {}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,11 +51,11 @@ class SeriesRaceways(Raceways):
         """Inner contacts that give way."""
         law, spalls, away = cast(Law, self.law), ring.spalls_on(of.spalls, "inner"), of.distances("inner")
         known = status.worst(law.judge(spalls, away), jnp.asarray(law.status_code).astype(int))
-        return terms._replace(seat=_seat(terms, of)._replace(inner_curves=law.curves(spalls, away)), known=known)
+        return terms._replace(seat=seat(terms, of)._replace(inner_curves=law.curves(spalls, away)), known=known)
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`inner_loads`, `flange_loads` [N], shape (rollers,)."""
-        return _on_the_inner_ring(rest, terms)
+        return on_the_inner_ring(rest, terms)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,14 +80,14 @@ class Flange(Effect):
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """A flange that gives way, if asked."""
         if self.end_radius is None or self.compliance == "rigid":
-            return terms._replace(seat=_seat(terms, of))
+            return terms._replace(seat=seat(terms, of))
         modulus = geometry.contact_modulus(of.bearing.modulus, of.bearing.poisson)
         soft = (9.0 / (16.0 * self.end_radius * modulus**2)) ** (1.0 / 3.0)  # Johnson 1985, eq. (4.23)
-        return terms._replace(seat=_seat(terms, of)._replace(flange_compliance=soft))
+        return terms._replace(seat=seat(terms, of)._replace(flange_compliance=soft))
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`inner_loads`, `flange_loads` [N], shape (rollers,); `flange_angle` of the force from the axis [rad]."""
-        return {**_on_the_inner_ring(rest, terms), "flange_angle": jnp.asarray(_seat(terms, of).flange)}
+        return {**on_the_inner_ring(rest, terms), "flange_angle": jnp.asarray(seat(terms, of).flange)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,14 +124,14 @@ class Centrifugal(Effect):
         if self.convention == "printed":
             thrown = self.force(of.bearing) * jnp.stack([jnp.sum(jnp.cos(of.angles)), jnp.sum(jnp.sin(of.angles))])
             return terms._replace(extra=-jnp.append(thrown, 0.0))  # Liu et al. 2018, eq. (5)
-        return terms._replace(seat=_seat(terms, of)._replace(centrifugal=self.force(of.bearing)))
+        return terms._replace(seat=seat(terms, of)._replace(centrifugal=self.force(of.bearing)))
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`centrifugal_force` on one roller [N]; loads of inner ring and flange unless "printed"."""
         return {
-            **_on_the_inner_ring(rest, terms),
+            **on_the_inner_ring(rest, terms),
             "centrifugal_force": self.force(of.bearing),
-            **_axial(rest, terms, of),
+            **held_by(rest, terms, of),
         }
 
 
@@ -211,9 +165,9 @@ class Mounting(Effect):
     def check(self, bearing: TaperedBearing, load: Load) -> None:
         """Diameters to fit by, and no axial load beside the position."""
         for fit, size in (("shaft_interference", "bore"), ("housing_interference", "outside")):
-            if _is_given(getattr(self, fit)) and getattr(self, size) is None:
+            if is_given(getattr(self, fit)) and getattr(self, size) is None:
                 raise ValueError(f"effects.mounting.{size} is missing: {fit} needs it; give a number in mm")
-        if _is_given(load.axial):
+        if is_given(load.axial):
             raise ValueError(
                 "load.axial must be 0 with effects.mounting, which holds the rings at a position: the axial force is "
                 "what comes out; set it to 0"
@@ -241,7 +195,7 @@ class Mounting(Effect):
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`axial_force` that holds the rings [N]; `tightened`: growth of inner raceway and rollers [mm]."""
-        return {**_axial(rest, terms, of), "tightened": jnp.asarray(self.tightened(of.bearing), float)}
+        return {**held_by(rest, terms, of), "tightened": jnp.asarray(self.tightened(of.bearing), float)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -327,7 +281,7 @@ class Life(Effect):
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`load_rating` [N], `basic_life`, `reference_life` [million revolutions]."""
         rating = life.load_rating(of.bearing) if self.load_rating is None else jnp.asarray(self.load_rating, float)
-        axial = of.load.axial if terms.axial is None else _axial(rest, terms, of)["axial_force"]
+        axial = of.load.axial if terms.axial is None else held_by(rest, terms, of)["axial_force"]
         inner = rest.loads if terms.seat is None else roller.inner_load(terms.seat, rest.loads)
         return {
             "load_rating": rating,
@@ -372,29 +326,3 @@ def results(effects: tuple[Effect, ...], rest: Equilibrium, total: Terms, of: Ri
     for effect in effects:
         found |= effect.results(rest, total, of)
     return found
-
-
-def _seat(terms: Terms, of: Ring) -> roller.Seat:
-    return roller.seat(of.bearing) if terms.seat is None else terms.seat
-
-
-def _on_the_inner_ring(rest: Equilibrium, terms: Terms) -> Results:
-    """Loads of inner raceway and flange [N], shape (rollers,)."""
-    if terms.seat is None:
-        return {}
-    return {
-        "inner_loads": roller.inner_load(terms.seat, rest.loads),
-        "flange_loads": roller.flange_load(terms.seat, rest.loads),
-    }
-
-
-def _axial(rest: Equilibrium, terms: Terms, of: Ring) -> Results:
-    """The axial force [N] that holds the rings where they are, if they are held."""
-    if terms.axial is None:
-        return {}
-    return {"axial_force": jnp.sum(rest.loads) * jnp.sin(of.bearing.outer_angle)}
-
-
-def _is_given(number: Real) -> bool:
-    """Whether a number is known not to be 0."""
-    return not isinstance(number, jax.core.Tracer) and float(number) != 0.0

@@ -18,7 +18,8 @@ from matplotlib.ticker import MaxNLocator
 from difftrb.contact_solution import ContactSolution
 from difftrb.geometry import arc_radius
 from difftrb.heightmap import HeightMap
-from difftrb.scene import Assessment, Scene
+from difftrb.scene import Scene
+from difftrb.solution import Assessment
 
 HEALTHY, SPALLED, ACCENT = "#4477AA", "#EE6677", "#BBBBBB"  # colour-blind safe (Tol, bright)
 

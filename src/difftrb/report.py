@@ -16,7 +16,8 @@ from rich.text import Text
 from difftrb import status
 from difftrb.contact_solution import ContactSolution
 from difftrb.law import Law
-from difftrb.scene import Assessment, PitchMean, Scene
+from difftrb.scene import PitchMean, Scene
+from difftrb.solution import Assessment
 
 BAR = 28
 DIRECTIONS = ("radial", "lateral", "axial", "about_radial", "about_lateral")

@@ -22,9 +22,11 @@ from difftrb.files import unreadable
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.given import Defect
 from difftrb.heightmap import HeightMap
+from difftrb.preparation import SEVERAL_SHAPES
 from difftrb.ring import Load, needed_axial
-from difftrb.scene import SEVERAL_SHAPES, Accuracy, Definition, DesignLoad, Phase, Scene, Solution, unmet
+from difftrb.scene import Accuracy, Definition, DesignLoad, Phase, Scene, unmet
 from difftrb.sentences import UNKNOWN_KEY, in_one_sentence
+from difftrb.solution import Solution
 
 PACKAGED_MAPS = ("spall_map.npz",)
 

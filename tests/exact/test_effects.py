@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import curve, effects, geometry, law, life, ramp, ring, roller, scene, status
+from difftrb import curve, effects, geometry, law, life, ramp, ring, roller, solution, status
 
 LIU = trb.liu2018()
 SOLID = law.PowerLaw(jnp.zeros(1), jnp.log(jnp.array([1e24])), jnp.array([1.2]), (0.0, np.inf), np.nan, 0.0, "given")
@@ -265,12 +265,12 @@ def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
 
 def test_absent_effects_leave_no_trace(bearing, monkeypatch: pytest.MonkeyPatch) -> None:
     """The traced program is the one of a package in which effects do nothing at all."""
-    prepared = scene.prepare(plain(bearing))
-    ours = str(jax.make_jaxpr(scene._solve.__wrapped__)(prepared))
+    prepared = trb.prepare(plain(bearing))
+    ours = str(jax.make_jaxpr(solution._solve.__wrapped__)(prepared))
     monkeypatch.setattr(effects, "terms", lambda *_: ring.PLAIN)
     monkeypatch.setattr(effects, "results", lambda *_: {})
-    monkeypatch.setattr(scene, "law_in_effect", lambda _, roller_law: roller_law)
-    assert str(jax.make_jaxpr(scene._solve.__wrapped__)(prepared)) == ours
+    monkeypatch.setattr(solution, "law_in_effect", lambda _, roller_law: roller_law)
+    assert str(jax.make_jaxpr(solution._solve.__wrapped__)(prepared)) == ours
     assert trb.solve(plain(bearing)).effects == {}
 
 

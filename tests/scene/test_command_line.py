@@ -69,6 +69,35 @@ def test_run_prints_text_for_people(capsys, paper: Path) -> None:
     assert max(len(line) for line in out.splitlines()) <= 80
 
 
+def test_run_with_effects(capsys, tmp_path: Path) -> None:
+    """A scene that names some: their results in both kinds of output, within the width of a page."""
+    path = tmp_path / "effects.toml"
+    path.write_text(
+        PAPER + "\n[effects]\nflange = {}\nlife = {}\ncentrifugal = { speed_rpm = 3000 }\n", encoding="utf-8"
+    )
+    code, out, _ = call(capsys, "run", str(path), "--json")
+    record = json.loads(out)
+    assert code == 0
+    assert set(record) == RUN_KEYS | {"effects"}
+    assert set(record["effects"]) == {
+        "inner_loads", "flange_loads", "flange_angle", "centrifugal_force", "load_rating", "basic_life",
+        "reference_life",
+    }  # fmt: skip
+    code, out, _ = call(capsys, "run", str(path))
+    assert code == 0
+    for words in ("on flange [N]", "centrifugal force: 1.8", "reference life: ", "million revolutions"):
+        assert words in out
+    assert max(len(line) for line in out.splitlines()) <= 80
+
+
+def test_every_packaged_scene_is_in_order(capsys, tmp_path: Path) -> None:
+    for name in scenefile.example_names():
+        path = tmp_path / f"{name}.toml"
+        path.write_text(scenefile.example(name), encoding="utf-8")
+        code, _, err = call(capsys, "check", str(path))
+        assert (code, "ring takes rectangular" in err) == ((2, True) if name == "map" else (0, False)), err
+
+
 def test_run_of_a_healthy_bearing(capsys, tmp_path: Path) -> None:
     path = tmp_path / "healthy.toml"
     path.write_text(scenefile.example("healthy") + '[contact]\nlaw = "liu2018"\n', encoding="utf-8")
@@ -300,4 +329,4 @@ def test_check_and_example(capsys, paper: Path) -> None:
     assert call(capsys, "example", "paper")[1] == PAPER
     code, _, err = call(capsys, "example", "none")
     assert code == 2
-    assert "there are contact, healthy" in err
+    assert "there are contact, diameters, flange, healthy" in err

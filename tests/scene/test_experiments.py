@@ -191,3 +191,16 @@ def test_width_and_phase(tmp_path: Path) -> None:
 
 def test_scipy_solves_the_same_ring() -> None:
     assert script("speed_of_ring").by_scipy(trb.liu2018(), 2) > 0.0
+
+
+def test_effects_and_their_cost(tmp_path: Path) -> None:
+    """A rigid flange changes nothing; a through spall takes all dependence on length away."""
+    experiment = script("effects_and_their_cost")
+    rows = experiment.compare(2, {"combined": trb.Load(9000.0, 4500.0)}, ("none", "flange, rigid", "through"))
+    plain, flange, through = rows
+    assert flange.stiffness == flange.load == flange.slope == [0.0]
+    assert plain.program < flange.program
+    assert through.slope == [-100.0]
+    assert through.stiffness[0] < -10.0
+    experiment.draw(rows, ["combined"], tmp_path)
+    assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}

@@ -1,0 +1,153 @@
+"""A scene made ready to be solved: its roller laws built, from contact solves if they are only named."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import cast, get_args
+
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb import direct, pitch, ring, status, table
+from difftrb import law as laws
+from difftrb.effects import Raceways, SeriesRaceways, Through
+from difftrb.geometry import LineContact, Raceway, Real, Spall, as_floats
+from difftrb.law import Law
+from difftrb.nodes import Progress
+from difftrb.scene import Definition, LawName, PitchMean, Scene, unmet
+
+SEVERAL_SHAPES = (
+    "law = 'power' is fitted for spalls of one width, depth and axial offset; make them equal, use another law, "
+    "or give the scene a law prepared with power_law"
+)
+
+
+BY_NODES = ("table", "direct")
+TRACED = (
+    "law = 'table' and law = 'direct' need numbers: prepare the scene first, difftrb.prepare(scene), and "
+    "differentiate, jit or batch what comes out; derivatives stay complete"
+)
+
+
+def prepared_law(scene: Scene, progress: Progress | None = None, raceway: Raceway = "outer") -> Law:
+    """The roller law on one of the scene's raceways, built from contact solves if it is only named.
+
+    The power law is fitted from a sixth of the largest roller load that the scene lets expect to 1.2 times it, with
+    the spalls' width, depth and axial offset, which must be one for all (else ValueError).
+    """
+    contact = raceway_contact(scene, raceway)
+    if not isinstance(scene.law, LawName):
+        return cast(Law, scene.law).at(contact)
+    spalls = ring.spalls_on(scene.spalls, raceway)
+    if scene.law.name == "power" and not _of_one_shape(spalls):
+        raise ValueError(SEVERAL_SHAPES)
+    largest = ring.largest_load(scene.bearing, scene.load)
+    if scene.law.name in BY_NODES:
+        return _by_nodes(scene, raceway, largest, progress)
+    spall = spalls[0] if spalls else None
+    return laws.named(scene.law.name, contact, (largest / 6.0, 1.2 * largest), spall, scene.accuracy)
+
+
+def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
+    """Of the rollers with one raceway."""
+    design_load = scene.design_load
+    for effect in scene.effects:
+        if raceway == "inner" and isinstance(effect, Raceways) and effect.inner_design_load is not None:
+            design_load = effect.inner_design_load
+    return LineContact.of(scene.bearing, raceway, design_load)
+
+
+def _by_nodes(scene: Scene, raceway: Raceway, largest: Real, progress: Progress | None) -> Law:
+    """A law from contact solves that are made one by one, outside of jit."""
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+        raise ValueError(TRACED)
+    name = cast(LawName, scene.law).name
+    contact, spalls = raceway_contact(scene, raceway), ring.spalls_on(scene.spalls, raceway)
+    if name == "table" and spalls:
+        return table.table_law(contact, float(largest), spalls, scene.accuracy, progress)
+    law = direct.without_edges(contact, float(largest), spalls, scene.accuracy, progress)
+    return direct.with_edges(law, _at_edges(scene, raceway, law), progress) if spalls else law
+
+
+def _at_edges(scene: Scene, raceway: Raceway, law: direct.DirectLaw) -> list[list[tuple[float, float]]]:
+    """For every spall the distances [mm] at which rollers stand on its ramps, in any phase, and their approaches [mm]
+    on the healthy ring."""
+    phases = phases_of(scene, (pitch.Met(raceway, ring.spalls_on(scene.spalls, raceway), law),))[0]
+
+    def healthy(phase: jax.Array) -> tuple[jax.Array, jax.Array]:
+        angles = ring.roller_angles(scene.bearing, phase)
+        rest = ring.equilibrium(scene.bearing, scene.load, (), law, phase)
+        return ring.distances(scene.bearing, law.spalls, angles, raceway), rest.approach
+
+    distances, approaches = map(np.asarray, jax.jit(jax.vmap(healthy))(phases))
+    return [
+        sorted({(abs(float(d)), max(float(a), 0.1 * float(approaches.max())))  # out of the load zone: as good as any
+                for d, a in zip(distances[:, i].ravel(), approaches.ravel(), strict=True)
+                if low <= 0.5 * float(spall.width) - abs(d) <= high})
+        for i, spall in enumerate(law.spalls)
+        for low, high in [map(float, law.ramp(i, spall, law.full[i, -1]))]
+    ]  # fmt: skip
+
+
+def phases_of(scene: Scene, met: tuple[pitch.Met, ...], terms: ring.Terms = ring.PLAIN) -> tuple[jax.Array, jax.Array]:
+    """The phases to solve at [rad] and their weights."""
+    if isinstance(scene.phase, PitchMean):
+        return pitch.phases(scene.bearing, scene.load, met, terms)
+    return jnp.reshape(jnp.asarray(scene.phase, float), (1,)), jnp.ones(1)
+
+
+def _of_one_shape(spalls: tuple[Spall, ...]) -> bool:
+    """Whether all spalls are known to have one width, depth and axial offset; traced numbers are not known."""
+    shapes = [(spall.width, spall.depth, spall.axial_offset) for spall in spalls]
+    if len(shapes) < 2 or any(isinstance(value, jax.core.Tracer) for shape in shapes for value in shape):
+        return len(shapes) < 2
+    return len({tuple(float(value) for value in shape) for shape in shapes}) == 1
+
+
+def prepare(scene: Scene, progress: Progress | None = None) -> Scene:
+    """The scene with its law built, so that solving it again costs microseconds. Errors as in `solve`.
+
+    A prepared "power" law is frozen: bearing, crown, and a spall's width, depth and axial offset no longer act through
+    it; for complete derivatives by those, differentiate the scene with its law by name. "table" and "direct" stay
+    complete, and hold for neighbours of the scene. `progress` is told how many of how many contacts are solved.
+    """
+    status.require_float64()
+    scene = as_floats(scene)
+    if scene.definition not in get_args(Definition):
+        raise ValueError(f"definition = {scene.definition!r} is unknown; use one of {', '.join(get_args(Definition))}")
+    if (sentence := unmet(scene)) is not None:
+        raise ValueError(sentence)
+    acting = tuple(
+        SeriesRaceways(effect.inner_design_load, _inner_law(scene, effect, progress))
+        if isinstance(effect, Raceways) else effect
+        for effect in scene.effects
+    )  # fmt: skip
+    return dataclasses.replace(scene, law=prepared_law(scene, progress), effects=acting)
+
+
+def _inner_law(scene: Scene, effect: Raceways, progress: Progress | None) -> Law:
+    """Of the inner raceway: as prepared before, or named as the outer one's."""
+    if isinstance(effect, SeriesRaceways):
+        return cast(Law, effect.law).at(raceway_contact(scene, "inner"))
+    if not isinstance(scene.law, LawName):
+        raise ValueError(
+            "effects.raceways needs a law for the inner raceway: give the scene its law by name, or the effect as "
+            "difftrb.effects.SeriesRaceways(law=...)"
+        )
+    return prepared_law(scene, progress, "inner")
+
+
+def law_in_effect(scene: Scene, roller_law: Law) -> Law:
+    """The outer raceway's law as the scene's effects have it."""
+    return laws.Through(roller_law) if any(isinstance(effect, Through) for effect in scene.effects) else roller_law
+
+
+def met(scene: Scene, outer: Law) -> tuple[pitch.Met, ...]:
+    """The spalls on every raceway, with the laws of rollers there."""
+    met = [pitch.Met("outer", ring.spalls_on(scene.spalls, "outer"), outer)]
+    for effect in scene.effects:
+        if isinstance(effect, SeriesRaceways):
+            met.append(pitch.Met("inner", ring.spalls_on(scene.spalls, "inner"), cast(Law, effect.law)))
+    return tuple(met)

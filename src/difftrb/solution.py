@@ -1,0 +1,178 @@
+"""What comes out of a scene: loads, stiffness, and what a spall takes of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import NamedTuple, cast
+
+import jax
+import jax.core
+import jax.numpy as jnp
+
+from difftrb import effects, geometry, ring, status
+from difftrb.effects import Results
+from difftrb.geometry import Real, Spall
+from difftrb.law import Law
+from difftrb.preparation import law_in_effect, met, phases_of, prepare, prepared_law, raceway_contact
+from difftrb.ring import Load
+from difftrb.scene import Definition, PitchMean, Scene, healthy
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["angles", "displacement", "approach", "loads", "stiffness", "load_span", "stiffness_span", "law",
+                 "residual", "iterations", "status_code", "effects"],
+    meta_fields=["definition"],
+)  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class Solution(status.Judged):
+    """A solved scene.
+
+    Attributes:
+      angles: of the rollers from the load line [rad], shape (rollers,); with phase "mean" at its middle, half a pitch
+        on. All else is then the mean over the phases: of one roller as it rolls on to the next one's place.
+      displacement: radial, lateral, axial [mm], shape (3,); with the effect `Tilt` also about the radial and the
+        lateral axis [rad], shape (5,), and stiffness of shape (5, 5).
+      approach: of every roller [mm], shape (rollers,). loads: on the outer raceway [N], shape (rollers,).
+      stiffness: [N/mm], shape (3, 3) over radial, lateral, axial: dF/du if `definition` is "tangent"; the diagonal of
+        F/u if "secant" (0 for the lateral direction, which has no load; NaN for a direction without load).
+      load_span, stiffness_span: least and largest over the phases, shapes (2, rollers) and (2, 3, 3); the same twice
+        at one phase.
+      law: the roller law that was used, with its range and error.
+      residual: largest unbalanced force relative to the load. iterations: Newton steps.
+      status_code: see `difftrb.status`; `status` is its sentence.
+      effects: what the scene's effects add, by name; empty without.
+      definition: "tangent" or "secant".
+    """
+
+    angles: jax.Array
+    displacement: jax.Array
+    approach: jax.Array
+    loads: jax.Array
+    stiffness: jax.Array
+    load_span: jax.Array
+    stiffness_span: jax.Array
+    law: Law
+    residual: jax.Array
+    iterations: jax.Array
+    status_code: jax.Array
+    effects: Results
+    definition: Definition
+
+    @property
+    def radial_stiffness(self) -> jax.Array:
+        """Radial force per radial displacement [N/mm]."""
+        return self.stiffness[0, 0]
+
+    @property
+    def axial_stiffness(self) -> jax.Array:
+        """Axial force per axial displacement [N/mm]."""
+        return self.stiffness[2, 2]
+
+
+def solve(scene: Scene) -> Solution:
+    """Load distribution and stiffness of a scene.
+
+    Differentiable by every leaf of the scene: `jax.grad(lambda s: solve(s).stiffness[0, 0])(scene)` is a scene of
+    gradients. `jit` and `vmap` as you like. Raises SolveError without float64 and ValueError for spalls, effects or a
+    law that cannot be had (together); everything else ends as a status in the result.
+    """
+    return _solve(prepare(scene))
+
+
+@jax.jit
+def _solve(scene: Scene) -> Solution:
+    roller_law = prepared_law(scene)
+    acting = law_in_effect(scene, roller_law)
+
+    def there(spalls: tuple[Spall, ...], phase: Real) -> effects.Ring:
+        return effects.Ring(scene.bearing, scene.load, spalls, acting, raceway_contact(scene, "outer"), phase)
+
+    def at(phase: Real) -> tuple[ring.Equilibrium, jax.Array, Results]:
+        here = there(scene.spalls, phase)
+        terms = effects.terms(scene.effects, here)
+        rest = here.equilibrium(terms)
+        more = effects.results(scene.effects, rest, terms, here)
+        if scene.definition == "tangent":
+            return rest, rest.tangent, more
+        axial = more["axial_force"] if terms.axial is not None else scene.load.axial
+        return rest, _secant(dataclasses.replace(scene.load, axial=axial), rest.displacement), more
+
+    if not isinstance(scene.phase, PitchMean):
+        rest, stiffness, more = at(cast(Real, scene.phase))
+        load_span, stiffness_span = jnp.stack([rest.loads] * 2), jnp.stack([stiffness] * 2)
+        angles = ring.roller_angles(scene.bearing, cast(Real, scene.phase))
+    else:
+        phases, weights = phases_of(scene, met(scene, acting), effects.terms(scene.effects, there((), 0.0)))
+        every, stiffness, more = jax.vmap(at)(phases)
+        load_span, stiffness_span = (jnp.stack([jnp.min(v, 0), jnp.max(v, 0)]) for v in (every.loads, stiffness))
+        rest = ring.Equilibrium(
+            *(jnp.tensordot(weights, v, 1) for v in (every.displacement, every.approach, every.loads, every.tangent)),
+            residual=jnp.max(every.residual),
+            iterations=jnp.max(every.iterations),
+            status_code=jnp.max(every.status_code),
+        )
+        stiffness, more = jax.tree.map(lambda v: jnp.tensordot(weights, v, 1), (stiffness, more))
+        angles = ring.roller_angles(scene.bearing, 0.5 * geometry.roller_pitch(scene.bearing))
+    return Solution(
+        angles, rest.displacement, rest.approach, rest.loads, stiffness, load_span, stiffness_span, roller_law,
+        rest.residual, rest.iterations, rest.status_code, more, scene.definition,
+    )  # fmt: skip
+
+
+def _secant(load: Load, displacement: jax.Array) -> jax.Array:
+    """Force over displacement [N/mm] on a diagonal of the displacement's size; 0 and NaN as in `Solution`."""
+    force = jnp.zeros_like(displacement).at[0].set(load.radial).at[2].set(load.axial)
+    loaded = jnp.arange(displacement.size) % 2 == 0
+    defined = loaded & (force > 0.0) & (displacement != 0.0)
+    secant = force / jnp.where(defined, displacement, 1.0)
+    return jnp.diag(jnp.where(defined, secant, jnp.where(jnp.arange(displacement.size) == 1, 0.0, jnp.nan)))
+
+
+class Assessment(NamedTuple):
+    """A spalled bearing beside its healthy self.
+
+    Attributes:
+      spalled, healthy: the two solutions.
+      loss: of radial and axial stiffness by the spalls [%], shape (2,).
+      by_length, by_width: derivatives of radial and axial stiffness by every spall's length and width, the roller law
+        held as prepared [N/mm per mm], shape (2, number of spalls); NaN where the stiffness is.
+    """
+
+    spalled: Solution
+    healthy: Solution
+    loss: jax.Array
+    by_length: jax.Array
+    by_width: jax.Array
+
+
+def assess(scene: Scene) -> Assessment:
+    """Solve a scene with and without its spalls, and how stiffness changes with their sizes.
+
+    As differentiable as `solve`, and the same errors.
+    """
+    return _assess(prepare(scene))
+
+
+@jax.jit
+def _assess(scene: Scene) -> Assessment:
+    sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
+
+    def sized(sizes: jax.Array) -> Scene:
+        spalls = (dataclasses.replace(s, length=v[0], width=v[1]) for s, v in zip(scene.spalls, sizes, strict=True))
+        return dataclasses.replace(scene, spalls=tuple(spalls))
+
+    def both(sizes: jax.Array) -> tuple[jax.Array, Solution]:
+        solution = _solve(sized(sizes))
+        return _stiffness(solution), solution
+
+    slopes, spalled = jax.jacfwd(both, has_aux=True)(sizes)
+    slopes = jnp.where(jnp.isnan(_stiffness(spalled))[:, None, None], jnp.nan, slopes)
+    sound = _solve(healthy(scene))
+    loss = 1.0 - _stiffness(spalled) / _stiffness(sound)
+    return Assessment(spalled, sound, 100.0 * loss, slopes[..., 0], slopes[..., 1])
+
+
+def _stiffness(solution: Solution) -> jax.Array:
+    return jnp.stack([solution.radial_stiffness, solution.axial_stiffness])
