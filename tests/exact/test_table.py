@@ -201,20 +201,21 @@ def test_mean_by_table_is_the_mean_by_direct(closed, bearing) -> None:
     agree(*(prepared(bearing, name, phase="mean") for name in ("table", "direct")))
 
 
-@pytest.mark.parametrize("leaf", ["length", "width", "angle", "radial", "design_load", "phase", "modulus"])
+STEPS = {"length": 1e-3, "width": 1e-4, "angle": 1e-6, "axial_offset": 1e-3, "radial": 1.0, "design_load": 5.0,
+         "phase": 1e-6, "modulus": 20.0, "preload": 1e-6}  # fmt: skip
+
+
+@pytest.mark.parametrize("leaf", STEPS)
 def test_direct_scene_derivatives_are_differences_of_direct_scenes(closed, bearing, leaf: str) -> None:
     """Both ends of the difference prepared afresh: nothing of the law is held."""
-    h = {
-        "length": 1e-3,
-        "width": 1e-4,
-        "angle": 1e-6,
-        "radial": 1.0,
-        "design_load": 5.0,
-        "phase": 1e-6,
-        "modulus": 20.0,
-    }[leaf]
+    h = STEPS[leaf]
+    aside = trb.Spall(4.0, 7.0, axial_offset=0.5)
 
     def moved(step: float) -> dict:
+        if leaf == "axial_offset":
+            return {"spalls": (dataclasses.replace(aside, axial_offset=0.5 + step),)}
+        if leaf == "preload":  # where the rings stand decides, not the axial load
+            return {"load": trb.Load(9000.0, 0.0), "effects": (trb.effects.Mounting(0.012 + step),)}
         if leaf in ("length", "width", "angle"):
             return {"spalls": (dataclasses.replace(SPALL, **{leaf: getattr(SPALL, leaf) + step}),)}
         if leaf == "radial":
@@ -227,10 +228,15 @@ def test_direct_scene_derivatives_are_differences_of_direct_scenes(closed, beari
         scene = {"bearing": bearing} | moved(step)
         return float(trb.solve(prepared(scene.pop("bearing"), "direct", **scene)).stiffness[0, 0])
 
-    slopes = jax.grad(lambda s: trb.solve(s).stiffness[0, 0])(prepared(bearing, "direct"))
-    got = {"length": slopes.spalls[0].length, "width": slopes.spalls[0].width, "angle": slopes.spalls[0].angle,
-           "radial": slopes.load.radial, "design_load": slopes.design_load, "phase": slopes.phase,
-           "modulus": slopes.bearing.modulus}[leaf]  # fmt: skip
+    scene = {"bearing": bearing} | moved(0.0)
+    slopes = jax.grad(lambda s: trb.solve(s).stiffness[0, 0])(prepared(scene.pop("bearing"), "direct", **scene))
+    if leaf in ("radial", "modulus", "preload"):
+        owner = {"radial": slopes.load, "modulus": slopes.bearing, "preload": slopes.effects and slopes.effects[0]}[
+            leaf
+        ]
+    else:
+        owner = slopes.spalls[0] if hasattr(SPALL, leaf) else slopes
+    got = getattr(owner, leaf)
     assert float(got) == pytest.approx((stiffness(h) - stiffness(-h)) / (2 * h), rel=2e-3)
 
 
