@@ -181,8 +181,9 @@ def run(out: Path, progress: Progress) -> Result:
         common.picture(pictures[1], "Worst miss of Table 2 over the half width of the domain and the design load"),
         "Table 2 comes out whole, K, n and error of all five rows together, only if the domain ends inside the "
         f"contact, at {found[0]['reach']:.2f} (outer) or {found[2]['reach']:.2f} (inner) of Hertz's half width to each "
-        "side: 1.4 to 1.6 half widths in total. The published laws are those of a clipped contact; no domain that holds the "
-        "contact comes near. Both raceways' radii do equally well, so Table 2 does not say which one it is for.",
+        "side: 1.4 to 1.6 half widths in total. The published laws are those of a clipped contact; no domain that "
+        "holds the contact comes near. Both raceways' radii do equally well, so Table 2 does not say which one it is "
+        "for.",
     )  # fmt: skip
     numbers = {
         "paper": TABLE_2, "clipped": fits["ours, clipped domain"]._asdict(), "half_space": whole._asdict(),

@@ -77,8 +77,8 @@ def run(out: Path, progress: Progress) -> Result:
         ),
         common.picture(picture, "Approach by clipping, and losses of stiffness over spall length with four laws"),
         f"Two errors nearly cancel. Clipping takes the radial loss from {power[0]:.2f} % to {cut_off[0]:.2f} % "
-        "(secant, power laws fitted to the same loads). The power law itself, fitted to loads above those that the rollers "
-        f"carry here, takes it from {truth[0]:.2f} % to {power[0]:.2f} %; axially from {truth[1]:.2f} % to "
+        "(secant, power laws fitted to the same loads). The power law itself, fitted to loads above those that the "
+        f"rollers carry here, takes it from {truth[0]:.2f} % to {power[0]:.2f} %; axially from {truth[1]:.2f} % to "
         f"{power[1]:.2f} %. The smooth table of half-space contacts has neither; its error is "
         f"{100 * float(laws['ours, half-space, table'].error):.2g} % of a load.",
     )  # fmt: skip
@@ -92,6 +92,6 @@ def run(out: Path, progress: Progress) -> Result:
     numbers = {
         "loads": LOADS, "lengths": LENGTHS, "softer": softer.T, "load_in_spall": in_spall,
         "loss_at_8mm": {d: {name: v[-1] for name, v in each.items()} for d, each in loss.items()},
-        "laws": {name: common.numbers(laws[name]) for name in list(laws)[:3]},
+        "laws": {name: common.numbers(law) for name, law in laws.items()},
     }  # fmt: skip
     return Result("What the clipped domain does further down", text, numbers, (claim,))

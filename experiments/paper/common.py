@@ -249,8 +249,10 @@ def losses_over(law: Law, lengths: Any, widths: Any, **options: Any) -> np.ndarr
     return np.asarray(jax.jit(lambda s: jax.lax.map(at, s))(jnp.stack([jnp.asarray(lengths), jnp.asarray(widths)], 1)))
 
 
-def numbers(law: trb.PowerLaw) -> dict[str, list[float]]:
-    """K and n of a power law."""
+def numbers(law: Law) -> dict[str, list[float]]:
+    """K and n of a power law, nothing of another."""
+    if not isinstance(law, trb.PowerLaw):
+        return {}
     return {"K": np.exp(np.asarray(law.log_stiffness)).tolist(), "n": np.asarray(law.exponent).tolist()}
 
 
