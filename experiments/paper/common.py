@@ -237,16 +237,26 @@ def losses(one: trb.Scene) -> jax.Array:
     return 100.0 * share[jnp.array([0, 2])]
 
 
-def losses_over(law: Law, lengths: Any, widths: Any, **options: Any) -> np.ndarray:
-    """`losses` of spalls of these lengths and widths (broadcast, shape (n,)): shape (n, 2)."""
-    lengths, widths = np.broadcast_arrays(np.asarray(lengths, float), np.asarray(widths, float))
-    one = scene(law, 1.0, 1.0, **options)
+BATCH = 8
+"""Scenes of one program: batches of any size are made of these, for compiling takes longer than solving."""
 
-    def at(sizes: jax.Array) -> jax.Array:
-        spall = dataclasses.replace(one.spalls[0], length=sizes[0], width=sizes[1])
+
+@jax.jit
+def _losses_over(one: trb.Scene, sizes: jax.Array) -> jax.Array:
+    def at(size: jax.Array) -> jax.Array:
+        spall = dataclasses.replace(one.spalls[0], length=size[0], width=size[1])
         return losses(dataclasses.replace(one, spalls=(spall,)))
 
-    return np.asarray(jax.jit(lambda s: jax.lax.map(at, s))(jnp.stack([jnp.asarray(lengths), jnp.asarray(widths)], 1)))
+    return jax.lax.map(at, sizes)
+
+
+def losses_over(law: Law, lengths: Any, widths: Any, **options: Any) -> np.ndarray:
+    """`losses` of spalls of these lengths and widths (broadcast, shape (n,)): shape (n, 2). `options`: of `scene`."""
+    lengths, widths = np.broadcast_arrays(np.asarray(lengths, float), np.asarray(widths, float))
+    sizes = np.stack([lengths, widths], axis=1)
+    filled = np.concatenate([sizes, np.repeat(sizes[-1:], -len(sizes) % BATCH, axis=0)]).reshape(-1, BATCH, 2)
+    one = jax.tree.map(jnp.asarray, scene(law, 1.0, 1.0, **options))  # numbers as arrays: one program for all of them
+    return np.concatenate([_losses_over(one, jnp.asarray(batch)) for batch in filled])[: len(sizes)]
 
 
 def numbers(law: Law) -> dict[str, list[float]]:
