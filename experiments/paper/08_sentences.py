@@ -85,7 +85,7 @@ def run(out: Path, progress: Progress) -> Result:
     for load, row in zip(ROLLERS[::3], deep.T[::3], strict=True):
         panels[0].semilogx(1e3 * np.array(DEPTHS), row, "o-", ms=3, lw=1.2, label=f"{load:.0f} N")
     panels[0].set_xlabel("depth of the spall [µm]")
-    panels[0].set_ylabel("approach by healthy, spall 4 mm long")
+    panels[0].set_ylabel("approach by healthy (4 mm long)")
     panels[0].legend(title="roller load")
     for i, (name, values) in enumerate((("outer", outer), ("inner", inner))):
         for k, style in ((0, "--"), (-1, "-")):

@@ -40,7 +40,7 @@ COLOURS = (
     "#AA3377",
     "#BBBBBB",
 )  # Tol, bright: colour-blind safe
-PAPER = {"marker": "x", "linestyle": "none", "color": "black", "ms": 6, "mew": 1.4, "zorder": 5}
+PAPER: dict[str, Any] = {"marker": "x", "linestyle": "none", "color": "black", "ms": 6, "mew": 1.4, "zorder": 5}
 """How the paper's printed points are drawn."""
 HOLDS, ONLY_IF, FAILS, OPEN = "holds", "holds only if", "does not hold", "cannot be told"
 
