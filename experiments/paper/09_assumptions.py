@@ -87,7 +87,7 @@ def run(out: Path, progress: Progress) -> Result:
         float(trb.solve_contact(contact, LOAD, trb.Spall(float(length), 100.0), accuracy=1e-4).check().approach)
         for length in NEAR
     ])  # fmt: skip
-    slope = float(trb.approach_slopes(contact, LOAD, trb.Spall(2.0, 100.0), 0.0)["length"])
+    slope = float(np.asarray(trb.approach_slopes(contact, LOAD, trb.Spall(2.0, 100.0), 0.0)["length"]))
     progress(3, 4)
     figure, (left, right) = common.axes(1, 2, height=3.3)
     left.plot(NEAR, 1e3 * stairs, ".", ms=4, label="400 uniform rows")

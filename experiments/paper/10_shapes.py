@@ -68,7 +68,7 @@ def run(out: Path, progress: Progress) -> Result:
     rows_of = {(count, step): [k * step for k in range(count)] for count in (2, 3) for step in (1, 2, 4)}
     together = {row: around(pitches) for row, pitches in rows_of.items()}
     progress(5, 6)
-    figure, (left, middle, right) = common.axes(1, 3, height=2.9, width=7.4)
+    figure, (left, middle, right) = common.axes(1, 3, height=2.8, width=8.0)
     height = np.asarray(measured.height) * 1e3
     reach_y, reach_x = (0.5 * float(v) for v in measured.extent)
     shown = left.imshow(
@@ -82,18 +82,18 @@ def run(out: Path, progress: Progress) -> Result:
     for (name, values), style in zip(ratio.items(), ("o-", "s--", "^:"), strict=True):
         middle.plot(PLACES, values, style, ms=3, lw=1.2, label=name)
     middle.set_xlabel("place of its middle [mm]")
-    middle.set_ylabel("approach by healthy, 3 kN")
+    middle.set_ylabel("approach by healthy")
     middle.legend(fontsize=7)
     right.plot(APART, pairs, "o-", ms=4, lw=1.2, label="two of 2 mm")
     for value, name, style in ((one, "one of 2 mm", ":"), (two, "one of 4 mm", "--")):
         right.axhline(value, color="black", lw=0.9, ls=style, label=name)
-    right.set_xlabel("distance of their middles [mm]")
-    right.set_ylabel("approach by healthy, 3 kN")
+    right.set_xlabel("middles apart [mm]")
+    right.set_ylabel("approach by healthy")
     right.legend(fontsize=7)
     picture = common.save(figure, out, "shapes")
     rows = [
         [f"{row[0]} spalls, {row[1]} rollers apart", *(f"{v:.2f}" for v in loss),
-         *(f"{v:.2f}" for v in sum(alone[k] for k in rows_of[row]))]
+         *(f"{v:.2f}" for v in np.sum([alone[k] for k in rows_of[row]], axis=0))]
         for row, loss in together.items()
     ]  # fmt: skip
     half = int(np.argmin(np.abs(PLACES - 0.5)))

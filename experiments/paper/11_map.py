@@ -58,7 +58,7 @@ def draw(ax: Axes, loss: np.ndarray, slopes: np.ndarray, name: str, levels: list
     )  # fmt: skip
     ax.plot(WIDTHS, np.where(LENGTHS.max() > 9.0 / WIDTHS, 9.0 / WIDTHS, np.nan), "--", color=common.HUES[1], lw=1.2)
     ax.text(16.5, 0.75, "9 mm²", color=common.HUES[1], fontsize=8)
-    ax.plot([3.0, 7.0], [3.0, 8.0], **common.PAPER | {"color": common.HUES[1]})
+    ax.plot([3.0, 7.0], [3.0, 8.0], "x", color=common.HUES[1], ms=6, mew=1.4)
     ax.set_ylim(LENGTHS[0], LENGTHS[-1])
     ax.set_xlabel("spall width [mm]")
     ax.set_title(f"{name} tangent loss, mean over cage phases [%]")

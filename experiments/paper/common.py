@@ -42,7 +42,7 @@ COLOURS = (
 )  # Tol, bright: colour-blind safe
 PAPER: dict[str, Any] = {"marker": "x", "linestyle": "none", "color": "black", "ms": 6, "mew": 1.4, "zorder": 5}
 """How the paper's printed points are drawn."""
-HOLDS, ONLY_IF, FAILS, OPEN = "holds", "holds only if", "does not hold", "cannot be told"
+HOLDS, ONLY_IF, FAILS = "holds", "holds only if", "does not hold"
 
 Progress = Callable[[int, int], None]
 """Told how many of how many steps are done."""
