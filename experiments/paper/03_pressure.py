@@ -132,7 +132,7 @@ def run(out: Path, progress: Progress) -> Result:
     paper, whole, finer = seen.values()
     rows = [
         [
-            f"±{place:g}", f"{p.peak:.2f}", f"{w.peak:.2f}", f"{f.peak:.2f}", f"{w.axial_peak:.2f}",
+            f"±{place:g}" if place else "0", f"{p.peak:.2f}", f"{w.peak:.2f}", f"{f.peak:.2f}", f"{w.axial_peak:.2f}",
             f"{w.rolling_peak:.2f}", f"{p.area:.3f}", f"{w.area:.3f}", f"{p.approach:.4f}", f"{w.approach:.4f}",
         ]
         for place, p, w, f in zip(PLACES, paper, whole, finer, strict=True)

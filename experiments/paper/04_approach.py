@@ -134,7 +134,7 @@ def run(out: Path, progress: Progress) -> Result:
         ),
         f"From 1.5 kN on, straight lines miss δ(Q) by up to {100 * max(straight):.1f} % of its largest value. No one "
         f"power holds for all "
-        f"loads: d log δ/d log Q falls from {rise.max():.3f} to {rise.min():.3f}, 1/n of Table 2 is "
+        f"loads: d log δ/d log Q lies between {rise.min():.3f} and {rise.max():.3f}, 1/n of Table 2 is "
         f"{1 / n.max():.3f}…{1 / n.min():.3f}. The smooth table meets these contacts to {100 * off_table:.2g} % of "
         "the load.",
     )  # fmt: skip

@@ -23,7 +23,8 @@ def scripts() -> list[str]:
 
 def write_page(out: Path, page: Path) -> None:
     """The page from the results in `out`."""
-    results = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(out.glob("[0-9][0-9]_*.json"))]
+    files = sorted(out.glob("[0-9][0-9]_*.json"))
+    results = [json.loads(path.read_text(encoding="utf-8")) for path in files]
     folder = out.relative_to(page.parent).as_posix() if out.is_relative_to(page.parent) else out.as_posix()
     claims = [[c["sentence"], f"**{c['verdict']}**", c["ours"]] for result in results for c in result["claims"]]
     parts = [
@@ -37,8 +38,9 @@ def write_page(out: Path, page: Path) -> None:
         "## Its sentences",
         common.grid(["the paper says", "", "ours"], claims),
     ]
-    for number, result in enumerate(results, 1):
-        parts += [f"## {number}. {result['title']}", result["page"].replace("{folder}", folder)]
+    for path, result in zip(files, results, strict=True):
+        source = f"(`experiments/paper/{path.stem}.py`)"
+        parts += [f"## {int(path.stem[:2])}. {result['title']}", source, result["page"].replace("{folder}", folder)]
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 

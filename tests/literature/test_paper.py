@@ -121,7 +121,7 @@ def test_page_is_made_of_all_results(tmp_path: Path) -> None:
     paper.write_page(out, tmp_path / "page.md")
     text = (tmp_path / "page.md").read_text(encoding="utf-8")
     assert "| the moon is round | **holds** | nearly |" in text
-    assert "## 1. A title\n\n![the moon](pictures/moon.png)" in text
+    assert "## 1. A title\n\n(`experiments/paper/01_moon.py`)\n\n![the moon](pictures/moon.png)" in text
 
 
 def test_page_is_complete() -> None:
