@@ -57,7 +57,7 @@ def run(out: Path, progress: Progress) -> Result:
             ax.set_ylabel(f"roller load [{'N' if load is LIGHT else 'kN'}]")
             ax.set_title(f"{load.radial:g}/{load.axial:g} N at rest, then held")
         progress(done + 1, len(cases))
-    panels[1].legend(fontsize=7, loc="upper left")
+    panels[1].legend(fontsize=7, loc="lower center")
     picture = common.save(figure, out, "speed")
     light = numbers[f"120/60 N, {CONTROLS['position']}, 7100 rev/min"]["axial"]
     heavy = numbers[f"9000/4500 N, {CONTROLS['position']}, 7100 rev/min"]["axial"]
