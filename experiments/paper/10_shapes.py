@@ -48,8 +48,8 @@ def run(out: Path, progress: Progress) -> Result:
     share = float(deep.sum()) * float(measured.pitch_x) * float(measured.pitch_y) / (length * width)
     shapes = {
         "measured map": measured,
-        "rectangle around it": trb.Spall(length, width, common.DEPTH),
-        "rectangle of its area": trb.Spall(np.sqrt(share) * length, np.sqrt(share) * width, common.DEPTH),
+        "box around it": trb.Spall(length, width, common.DEPTH),
+        "box of its area": trb.Spall(np.sqrt(share) * length, np.sqrt(share) * width, common.DEPTH),
     }
     healthy = {"lattice": approach(None, method="lattice"), "auto": approach(None)}
     ratio = {}
@@ -83,7 +83,7 @@ def run(out: Path, progress: Progress) -> Result:
         middle.plot(PLACES, values, style, ms=3, lw=1.2, label=name)
     middle.set_xlabel("place of its middle [mm]")
     middle.set_ylabel("approach by healthy")
-    middle.legend(fontsize=7, loc="lower left")
+    middle.legend(fontsize=6.5, loc="lower left", handlelength=1.2)
     right.plot(APART, pairs, "o-", ms=4, lw=1.2, label="two of 2 mm")
     for value, name, style in ((one, "one of 2 mm", ":"), (two, "one of 4 mm", "--")):
         right.axhline(value, color="black", lw=0.9, ls=style, label=name)
