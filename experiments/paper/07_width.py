@@ -13,6 +13,7 @@ from experiments.paper import common
 from experiments.paper.common import FAILS, HOLDS, ONLY_IF, Claim, Progress, Result
 
 LENGTH = 4.0
+OTHER_LOADS = ((2000.0, 1000.0), (20000.0, 10000.0))
 ENTRIES = (15.5, 31.0, 46.8)
 """Widths [mm] at about which rollers come in."""
 WIDTHS = tuple(7.0 * k for k in range(1, 8))
@@ -44,6 +45,11 @@ def run(out: Path, progress: Progress) -> Result:
     losses = {}
     for name, (law, phase) in ways.items():
         losses[name] = common.losses_over(law, LENGTH, STEPS, phase=phase)
+    swept = {
+        (load, name): common.losses_over(law, LENGTH, WIDTHS, phase=phase, load=trb.Load(*load))
+        for load in OTHER_LOADS
+        for name, (law, phase) in ways.items()
+    }
     progress(2, 4)
     figure, panels = common.axes(1, 3, height=3.1)
     angles = np.degrees(np.asarray(trb.solve(common.scene(hard, LENGTH, 7.0)).angles))
@@ -82,6 +88,15 @@ def run(out: Path, progress: Progress) -> Result:
         f"{loads['Table 2'][0, 0]:.0f} by Table 2, {loads['table'][0, 0]:.0f} by the table), and secant loss radial / "
         "axial [%]:",
         common.grid(["b_d [mm]", "inside", "load, Table 2", "table", *ways], rows),
+        "The paper does not print its load; the same at other loads, radial / axial [%]:",
+        common.grid(
+            ["load [N]", "b_d [mm]", *ways],
+            [
+                [f"{r:g}/{a:g}", f"{width:g}", *(" / ".join(f"{v:.2f}" for v in swept[(r, a), n][k]) for n in ways)]
+                for r, a in OTHER_LOADS
+                for k, width in list(enumerate(WIDTHS))[::3]
+            ],
+        ),
         common.picture(picture, "Load distribution for five widths, and losses over width four ways"),
         "The paper's figure 19 cannot be compared number by number; this is it, computed. With the paper's hard window "
         "and a centred roller stiffness is a staircase: its derivative by width is zero between the steps, "
@@ -102,7 +117,7 @@ def run(out: Path, progress: Progress) -> Result:
     )  # fmt: skip
     numbers = {
         "widths": WIDTHS, "loads": loads, "steps": STEPS, "loss": losses,
-        "recovered": recovered,
+        "recovered": recovered, "loss_at_loads": {f"{r:g}/{a:g} N; {n}": v for ((r, a), n), v in swept.items()},
     }  # fmt: skip
     progress(4, 4)
     return Result("Figures 18 and 19: width", text, numbers, claims)

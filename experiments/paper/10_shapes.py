@@ -48,8 +48,8 @@ def run(out: Path, progress: Progress) -> Result:
     share = float(deep.sum()) * float(measured.pitch_x) * float(measured.pitch_y) / (length * width)
     shapes = {
         "measured map": measured,
-        "rectangle around it": trb.Spall(length, width, common.DEPTH),
-        "rectangle of its area": trb.Spall(np.sqrt(share) * length, np.sqrt(share) * width, common.DEPTH),
+        "box around it": trb.Spall(length, width, common.DEPTH),
+        "box of its area": trb.Spall(np.sqrt(share) * length, np.sqrt(share) * width, common.DEPTH),
     }
     healthy = {"lattice": approach(None, method="lattice"), "auto": approach(None)}
     ratio = {}
@@ -74,7 +74,7 @@ def run(out: Path, progress: Progress) -> Result:
     shown = left.imshow(
         height.T, extent=(-reach_y, reach_y, -reach_x, reach_x), aspect="auto", cmap="cividis", origin="lower"
     )
-    figure.colorbar(shown, ax=left, label="height [µm]", orientation="horizontal")
+    figure.colorbar(shown, ax=left, label="height [µm]")
     left.set_xlabel("along the roller [mm]")
     left.set_ylabel("rolling direction [mm]")
     left.set_title("the packaged map")
@@ -83,13 +83,13 @@ def run(out: Path, progress: Progress) -> Result:
         middle.plot(PLACES, values, style, ms=3, lw=1.2, label=name)
     middle.set_xlabel("place of its middle [mm]")
     middle.set_ylabel("approach by healthy")
-    middle.legend(fontsize=7)
+    middle.legend(fontsize=6.5, loc="lower left", handlelength=1.2)
     right.plot(APART, pairs, "o-", ms=4, lw=1.2, label="two of 2 mm")
     for value, name, style in ((one, "one of 2 mm", ":"), (two, "one of 4 mm", "--")):
         right.axhline(value, color="black", lw=0.9, ls=style, label=name)
     right.set_xlabel("middles apart [mm]")
     right.set_ylabel("approach by healthy")
-    right.legend(fontsize=7)
+    right.legend(fontsize=7, loc="center right")
     picture = common.save(figure, out, "shapes")
     rows = [
         [f"{row[0]} spalls, {row[1]} rollers apart", *(f"{v:.2f}" for v in loss),

@@ -125,11 +125,20 @@ def write(result: Result, out: Path, name: str) -> None:
     """The numbers of a result, and its part of the page, as `name`.json."""
     out.mkdir(parents=True, exist_ok=True)
     content = {
-        "title": result.title, "numbers": report.plain(result.numbers),
+        "title": result.title, "numbers": _rounded(report.plain(result.numbers)),
         "claims": [dataclasses.asdict(claim) for claim in result.claims], "page": result.page,
     }  # fmt: skip
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False, default=_number)
     (out / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _rounded(value: Any) -> Any:
+    """Nine digits, so that a second run writes the same file."""
+    if isinstance(value, dict):
+        return {key: _rounded(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_rounded(entry) for entry in value]
+    return float(f"{value:.9g}") if isinstance(value, float) else value
 
 
 def _number(value: Any) -> Any:
