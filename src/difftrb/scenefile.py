@@ -358,11 +358,11 @@ def _allowed(where: list[str | int]) -> str:
         get_type_hints(_owner(where[:-1]), include_extras=True)[str(where[-1])] if isinstance(where[-1], str) else None
     )
     if get_origin(hint) in (Union, types.UnionType):
-        return " or ".join(_in_words(h) for h in get_args(hint) if h is not type(None))
-    return _in_words(hint)
+        return " or ".join(in_words(h) for h in get_args(hint) if h is not type(None))
+    return in_words(hint)
 
 
-def _in_words(hint: Any) -> str:
+def in_words(hint: Any) -> str:
     """What one kind of value is, in words."""
     if get_origin(hint) is Literal and len(get_args(hint)) == 1:
         return repr(get_args(hint)[0])
