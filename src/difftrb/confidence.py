@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -60,32 +60,29 @@ def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.where(both, inverted / np.outer(size, size), 0.0)
 
 
-@jax.jit
+Solve = Callable[[Problem, np.ndarray, np.ndarray, int, int], least_squares.Least]
+"""Least squares from places, shape (cases, unknowns), of which those `free` move, same shape; steps of the search, and
+of Levenberg–Marquardt: `fit.solved`."""
+
+
 def held(
-    problem: Problem, u: jax.Array, normal: jax.Array, which: jax.Array, at: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Least cost and its place with the unknown numbered `which` held at the coordinate `at`, both of shape (cases,);
-    started where the quadratic about u with the normal matrix expects it. All cases are one batch."""
-    count = len(u)
-    others = jnp.array([[k for k in range(count) if k != i] for i in range(count)], int).reshape(count, count - 1)
-
-    def one(i: jax.Array, at: jax.Array) -> tuple[jax.Array, jax.Array]:
-        rest = others[i]
-
-        def joined(v: jax.Array) -> jax.Array:
-            return jnp.zeros(count).at[rest].set(v).at[i].set(at)
-
-        within = normal[rest][:, rest]
-        damped = within + jnp.diag(1e-9 * jnp.diag(within) + 1e-300)
-        follow = -jnp.linalg.solve(damped, normal[rest, i]) * (at - u[i])
-        start = jnp.clip(u[rest] + jnp.clip(follow, -3.0, 3.0), -FARTHEST, FARTHEST)
-        found = least_squares.minimum(lambda v: observed.residual(problem, joined(v)), start, FARTHEST, STEPS)
-        return found.cost, joined(found.place)
-
-    return jax.vmap(one)(which, at)
+    solve: Solve, problem: Problem, u: np.ndarray, normal: np.ndarray, free: np.ndarray, at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Least costs, shape (cases,), and their places, with the unknowns that are not `free`, shape (cases, unknowns),
+    held where `at`, same shape, has them; started where the quadratic about u expects the others."""
+    start = at.copy()
+    for case, (moves, place) in enumerate(zip(free, at, strict=True)):
+        if moves.any():
+            within = normal[np.ix_(moves, moves)]
+            damped = within + np.diag(1e-9 * np.diag(within) + 1e-300)
+            follow = -np.linalg.solve(damped, normal[np.ix_(moves, ~moves)] @ (place - u)[~moves])
+            start[case, moves] = np.clip(u[moves] + np.clip(follow, -3.0, 3.0), -EDGE, EDGE)
+    found = solve(problem, start, free, 0, STEPS if free.any() else 0)
+    cost = np.asarray(found.cost)
+    return np.where(np.isfinite(cost), cost, np.inf), np.asarray(found.place)
 
 
-def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limit: float) -> Profiles:
+def profiles(solve: Solve, problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limit: float) -> Profiles:
     """Profiles about the least place u, shape (unknowns,), with its cost and normal matrix, and where they have risen
     by `limit`: once over the whole range, once between the places that an interval's ends lie between."""
     count, half = len(u), len(NEAR) + 3
@@ -98,13 +95,11 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
             far = near[-1] + (room - near[-1]) * np.array([0.15, 0.45, 1.0])
             even = room * np.arange(1, half + 1) / half
             places[i, k] = u[i] + side * (np.concatenate([near, far]) if near[-1] < 0.7 * room else even)
-    which = jnp.asarray(np.repeat(np.arange(count), 2 * half))
+    which = np.repeat(np.arange(count), 2 * half)
+    free = which[:, None] != np.arange(count)[None, :]
 
     def risen(at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        costs, where = map(
-            np.asarray, held(problem, jnp.asarray(u), jnp.asarray(normal), which, jnp.asarray(at.ravel()))
-        )
-        costs = np.where(np.isfinite(costs), costs, np.inf)
+        costs, where = held(solve, problem, u, normal, free, np.where(free, u[None, :], at.ravel()[:, None]))
         return 2.0 * (costs - cost).reshape(at.shape), costs, where
 
     rise, costs, where = risen(places)
@@ -139,24 +134,17 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
     )
 
 
-@partial(jax.jit, static_argnames="points")
-def ridge(problem: Problem, u: jax.Array, cost: jax.Array, box: jax.Array, points: int = 21) -> jax.Array:
+def ridge(
+    solve: Solve, problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, box: np.ndarray, points: int = 21
+) -> np.ndarray:
     """Rise of twice the cost over a grid of the first two unknowns, all others free: shape (points, points), the first
     along rows. `box` are coordinates: (first low, high), (second low, high), shape (2, 2)."""
-    first, second = (jnp.linspace(box[k, 0], box[k, 1], points) for k in (0, 1))
-
-    def at(a: jax.Array, b: jax.Array) -> jax.Array:
-        head = jnp.stack([a, b])
-
-        def left(rest: jax.Array) -> jax.Array:
-            return observed.residual(problem, jnp.concatenate([head, rest]))
-
-        if len(u) == 2:
-            r = left(jnp.zeros(0))
-            return 2.0 * (0.5 * jnp.vdot(r, r) - cost)
-        return 2.0 * (least_squares.minimum(left, u[2:], FARTHEST, STEPS).cost - cost)
-
-    return jax.lax.map(lambda a: jax.vmap(lambda b: at(a, b))(second), first)
+    grid = np.meshgrid(*(np.linspace(low, high, points) for low, high in box), indexing="ij")
+    at = np.tile(u, (points * points, 1))
+    at[:, 0], at[:, 1] = (axis.ravel() for axis in grid)
+    free = np.tile(np.arange(len(u)) > 1, (len(at), 1))
+    costs, _ = held(solve, problem, u, normal, free, at)
+    return 2.0 * (costs - cost).reshape(points, points)
 
 
 @jax.jit
@@ -168,8 +156,7 @@ def by_data(problem: Problem, u: jax.Array) -> jax.Array:
 
     def gradient(v: jax.Array, measured: jax.Array) -> jax.Array:
         own = dataclasses.replace(problem, measured=measured)
-        J, r = jax.jacfwd(lambda w: (observed.residual(own, w),) * 2, has_aux=True)(v)
-        return J.T @ r
+        return jax.jacfwd(lambda w: 0.5 * jnp.sum(observed.residual(own, w) ** 2))(v)
 
     curvature = jax.jacfwd(gradient)(u, problem.measured)
     moved = -jnp.linalg.solve(curvature, jax.jacfwd(gradient, 1)(u, problem.measured))

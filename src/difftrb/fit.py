@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -20,14 +19,17 @@ from difftrb import scene as scenes
 from difftrb import unknowns as unknown
 from difftrb.confidence import Profiles
 from difftrb.fitted import Fit, History
+from difftrb.least_squares import Least
 from difftrb.measured import MeasuredError, Measurement, check
 from difftrb.nodes import Progress
-from difftrb.observed import ROBUST, Evaluated, Problem
+from difftrb.observed import ROBUST, Problem
 from difftrb.ring import Load, largest_load
 from difftrb.scene import LawName, Scene
 from difftrb.unknowns import FARTHEST, Unknowns
 
 STARTS = 16
+BATCH = 16
+"""Cases of a batch: all work of a fit goes through one program of this size."""
 SEARCH = 12
 """Steps of Adam before Levenberg–Marquardt takes over."""
 RATE = 0.25
@@ -102,44 +104,43 @@ def fit(
     measured = np.array([float(row.value) for row in rows])
     sigma = _own_size(rows, measured) if estimate else np.array([float(row.sigma) for row in rows])  # type: ignore[arg-type]
     todo = observed.plan(scene, rows)
-    problem = Problem(unknowns, scene, todo, jnp.asarray(measured), jnp.asarray(sigma), robust)
+    sound = None if set(names) & {"crown", "preload"} else observed.healthy_stiffness(scene, todo)
+    problem = Problem(unknowns, scene, todo, jnp.asarray(measured), jnp.asarray(sigma), sound, robust)
     places = start_places(unknowns, scene, starts)
-    first = observed.evaluated(problem, places)
-    _check_effects(names, np.asarray(first.slopes))
+    every = np.ones_like(places, bool)
+    first = solved(problem, places, every, 0, 0)
+    _check_effects(names, np.asarray(first.normal))
 
     freedom = len(rows) - len(names)
     limit = confidence.limit_of(freedom if estimate else None)
     for _ in range(ROUNDS if estimate and robust != "squares" else 1):
-        found = solve_starts(problem, places)
+        found = solved(problem, places, every, SEARCH, least_squares.STEPS)
         if estimate:
-            told = observed.evaluated(problem, found.place).told[int(jnp.argmin(found.cost))]
-            off = (np.asarray(told) - measured) / np.asarray(problem.sigma)
+            off = (found.told[0][np.nanargmin(found.cost)] - measured) / np.asarray(problem.sigma)
             problem = dataclasses.replace(problem, sigma=problem.sigma * _scatter(off, robust, freedom))
+            found = solved(problem, np.asarray(found.place), every, 0, 1)  # the same places in the new unit
     tried = _judged(problem, places, found, limit)
-    if tried.profiles.lowest_cost < tried.at.cost[tried.best] * (1.0 - 1e-6) - 1e-9:  # a profile has found more
-        places = jnp.concatenate([jnp.asarray(tried.profiles.lowest)[None], places[1:]])
-        tried = _judged(problem, places, solve_starts(problem, places, 0), limit)
-    return _result(rows, problem, tried, first, limit, estimate)
+    if tried.profiles.lowest_cost < found.cost[tried.best] * (1.0 - 1e-6) - 1e-9:  # a profile has found more
+        again = np.concatenate([tried.profiles.lowest[None], found.place[1:]])
+        tried = _judged(problem, places, solved(problem, again, every, 0, least_squares.STEPS), limit)
+    return _result(rows, problem, tried, first.told[0], limit, estimate)
 
 
 class Tried(NamedTuple):
-    """All starts, where they went, the model there, the best one's number, normal matrix and profiles."""
+    """All starts, where they went, the best one's number and profiles."""
 
-    starts: jax.Array
-    found: least_squares.Least
-    at: Evaluated
+    starts: np.ndarray
+    found: Least
     best: int
-    normal: np.ndarray
     profiles: Profiles
 
 
-def _judged(problem: Problem, starts: jax.Array, found: least_squares.Least, limit: float) -> Tried:
-    at = observed.evaluated(problem, found.place)
-    best = int(np.argmin(np.where(np.isfinite(at.cost), at.cost, np.inf)))
-    slopes = np.asarray(at.slopes[best])
-    normal = slopes.T @ slopes
-    profiles = confidence.profiles(problem, np.asarray(found.place[best]), float(at.cost[best]), normal, limit)
-    return Tried(starts, found, at, best, normal, profiles)
+def _judged(problem: Problem, starts: np.ndarray, found: Least, limit: float) -> Tried:
+    best = int(np.nanargmin(found.cost))
+    profiles = confidence.profiles(
+        solved, problem, np.asarray(found.place[best]), float(found.cost[best]), np.asarray(found.normal[best]), limit
+    )
+    return Tried(starts, found, best, profiles)
 
 
 def _own_size(rows: Sequence[Measurement], measured: np.ndarray) -> np.ndarray:
@@ -156,7 +157,7 @@ def _own_size(rows: Sequence[Measurement], measured: np.ndarray) -> np.ndarray:
     return sigma
 
 
-def start_places(unknowns: Unknowns, scene: Scene, count: int) -> jax.Array:
+def start_places(unknowns: Unknowns, scene: Scene, count: int) -> np.ndarray:
     """Coordinates of the starts, shape (count, unknowns): the scene's own values, then an even spread of the range."""
     n = len(unknowns.names)
     golden = 2.0
@@ -166,37 +167,42 @@ def start_places(unknowns: Unknowns, scene: Scene, count: int) -> jax.Array:
     shares = np.mod(0.5 + np.arange(1, count)[:, None] * steps[None, :], 1.0)
     shares = SPREAD[0] + (SPREAD[1] - SPREAD[0]) * shares
     own = unknowns.coordinates(jnp.array([[unknown.own(scene, name) for name in unknowns.names]]))
-    return jnp.concatenate([jnp.clip(own, -4.0, 4.0), jnp.asarray(np.log(shares / (1.0 - shares)))])
+    return np.concatenate([np.clip(np.asarray(own), -4.0, 4.0), np.log(shares / (1.0 - shares))])
 
 
-def _check_effects(names: tuple[str, ...], slopes: np.ndarray) -> None:
-    """Refuse unknowns on which no row depends at any start."""
-    for i, name in enumerate(names):
-        if not np.any(np.abs(slopes[..., i]) > 1e-12 * np.max(np.abs(slopes))):
+def _check_effects(names: tuple[str, ...], normals: np.ndarray) -> None:
+    """Refuse unknowns on which no row depends at any start; `normals` of shape (starts, unknowns, unknowns)."""
+    size = np.sqrt(np.max(np.einsum("kii->ki", normals), axis=0))
+    for name, own in zip(names, size, strict=True):
+        if own <= 1e-12 * np.max(size):
             raise MeasuredError(f"parameters: {name} cannot be fitted to these rows: {unknown.NO_EFFECT[name]}")
 
 
-@partial(jax.jit, static_argnames="search")
-def solve_starts(problem: Problem, starts: jax.Array, search: int = SEARCH) -> least_squares.Least:
-    """Least squares from all starts, shape (starts, unknowns), in one batch."""
-    return jax.vmap(partial(_from, problem, search))(starts)
+def solved(problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int) -> Least:
+    """Least squares from `places`, shape (cases, unknowns), moving those coordinates that are `free`, same shape: first
+    `search` steps of Adam, then `steps` of Levenberg–Marquardt at most. In batches of one size, by one program."""
+    rest = -len(places) % BATCH
+    places, free = (np.concatenate([a, a[:1].repeat(rest, 0)]) for a in (places, free))
+    parts = [
+        _solved(problem, jnp.asarray(places[k : k + BATCH]), jnp.asarray(free[k : k + BATCH]), search, steps)
+        for k in range(0, len(places), BATCH)
+    ]
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[: len(places) - rest], *parts)
 
 
-def _from(problem: Problem, search: int, start: jax.Array) -> least_squares.Least:
+@jax.jit
+def _solved(problem: Problem, places: jax.Array, free: jax.Array, search: int, steps: int) -> Least:
     adam = optax.adam(RATE)
 
-    def slope(u: jax.Array) -> jax.Array:
-        J, r = jax.jacfwd(lambda v: (observed.residual(problem, v),) * 2, has_aux=True)(u)
-        return J.T @ r
+    def misfit(u: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        told, code = observed.predictions(problem, u)
+        return observed.counted(problem, told), (told, code)
 
-    def step(state, _):
-        u, memory = state
-        change, memory = adam.update(slope(u), memory)
-        return (jnp.clip(u + jnp.asarray(change), -4.0, 4.0), memory), None
+    def one(place: jax.Array, moves: jax.Array) -> Least:
+        memory = adam.init(place)
+        return least_squares.minimum(misfit, place, moves, FARTHEST, adam.update, memory, search, steps)  # type: ignore[arg-type]
 
-    if search:
-        start = jax.lax.scan(step, (start, adam.init(start)), None, length=search)[0][0]
-    return least_squares.minimum(partial(observed.residual, problem), start, FARTHEST)
+    return jax.vmap(one)(places, free)
 
 
 def _scatter(off: np.ndarray, robust: str, freedom: int) -> float:
@@ -209,18 +215,18 @@ def _scatter(off: np.ndarray, robust: str, freedom: int) -> float:
 
 
 def _result(
-    rows: tuple[Measurement, ...], problem: Problem, tried: Tried, first: Evaluated, limit: float, estimated: bool
+    rows: tuple[Measurement, ...], problem: Problem, tried: Tried, first: np.ndarray, limit: float, estimated: bool
 ) -> Fit:
     best, unknowns = tried.best, problem.unknowns
     u = np.asarray(tried.found.place[best])
     values = unknowns.values(jnp.asarray(u))
-    known = confidence.covariance(tried.normal, u)
+    known = confidence.covariance(np.asarray(tried.found.normal[best]), u)
     variance = np.diag(known)
     slope = confidence.natural_slope(problem, u) * np.where(unknowns.logarithmic, np.asarray(values), 1.0)
     spread = np.sqrt(np.where(variance > 0.0, variance, 1.0))
     correlation = known / np.outer(spread, spread)
     profiles = tried.profiles
-    predicted = np.asarray(tried.at.told[best])
+    predicted = np.asarray(tried.found.told[0][best])
     result = Fit(
         parameters=unknowns.names,
         values=np.asarray(values),
@@ -233,23 +239,24 @@ def _result(
         sigma=np.asarray(problem.sigma),
         sigma_estimated=estimated,
         residuals=(np.asarray(problem.measured) - predicted) / np.asarray(problem.sigma),
-        chi2=2.0 * float(tried.at.cost[best]),
+        chi2=2.0 * float(tried.found.cost[best]),
         freedom=len(rows) - len(unknowns.names),
         remarks=(),
         determined=False,
         scene=unknown.apply(unknowns, problem.scene, values).scene,
         history=History(
-            *(np.asarray(jax.vmap(unknowns.values)(places)) for places in (tried.starts, tried.found.place)),
-            chi2=2.0 * tried.at.cost,
+            *(np.asarray(jax.vmap(unknowns.values)(jnp.asarray(v))) for v in (tried.starts, tried.found.place)),
+            chi2=2.0 * np.asarray(tried.found.cost),
             steps=np.asarray(tried.found.steps),
         ),
         profiles=profiles,
         problem=problem,
         place=u,
-        normal=tried.normal,
+        normal=np.asarray(tried.found.normal[best]),
         limit=limit,
+        solve=solved,
         status_code=status.worst(
-            tried.at.code[best], jnp.where(tried.found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
+            tried.found.told[1][best], jnp.where(tried.found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
         ),
     )  # fmt: skip
-    return dataclasses.replace(result, **remarks.of(result, np.asarray(first.told)))
+    return dataclasses.replace(result, **remarks.of(result, first))

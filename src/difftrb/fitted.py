@@ -11,7 +11,7 @@ import numpy as np
 
 from difftrb import confidence, status
 from difftrb import unknowns as unknown
-from difftrb.confidence import Profiles
+from difftrb.confidence import Profiles, Solve
 from difftrb.measured import Measurement
 from difftrb.observed import Problem
 from difftrb.scene import Scene
@@ -43,7 +43,8 @@ class Fit(status.Judged):
       remarks: what is worth knowing, in sentences. `determined`: whether every parameter has a closed interval less
         than a factor of 1.5 wide (angle: 0.5 rad).
       scene: prepared, with the fitted spall. history: of all starts. profiles, problem, place (coordinates) and normal
-        (matrix, by coordinates): for figures and designs. limit: rise of χ² at an interval's ends.
+        (matrix, by coordinates): for figures and designs. limit: rise of χ² at an interval's ends; solve: the
+        program that fitted.
       status_code: see `difftrb.status`.
     """
 
@@ -69,6 +70,7 @@ class Fit(status.Judged):
     place: np.ndarray
     normal: np.ndarray
     limit: float
+    solve: Solve
     status_code: jax.Array
 
     @property
@@ -88,8 +90,7 @@ class Fit(status.Judged):
 
     def ridge(self, box: np.ndarray) -> np.ndarray:
         """See `confidence.ridge`: over coordinates of the first two parameters, (low, high) of each, shape (2, 2)."""
-        place = jnp.asarray(self.place)
-        return np.asarray(confidence.ridge(self.problem, place, jnp.asarray(0.5 * self.chi2), jnp.asarray(box)))
+        return confidence.ridge(self.solve, self.problem, self.place, 0.5 * self.chi2, self.normal, box)
 
     def by_data(self) -> np.ndarray:
         """Derivative of the values by what was measured, shape (parameters, rows): see `confidence.by_data`."""

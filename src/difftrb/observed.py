@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +13,7 @@ import numpy as np
 from difftrb import scene as scenes
 from difftrb import status
 from difftrb import unknowns as unknown
+from difftrb.geometry import Real
 from difftrb.measured import Measurement
 from difftrb.ring import Load
 from difftrb.scene import Definition, PitchMean, Scene
@@ -69,33 +69,48 @@ def plan(scene: Scene, rows: Sequence[Measurement]) -> Plan:
     )
 
 
-def predicted(unknowns: Unknowns, scene: Scene, todo: Plan, values: jax.Array) -> tuple[jax.Array, jax.Array]:
+def predicted(
+    unknowns: Unknowns, scene: Scene, todo: Plan, values: jax.Array, sound: jax.Array | None = None
+) -> tuple[jax.Array, jax.Array]:
     """What the model says of every row [% or N/mm], shape (rows,), and the worst status of all solves.
 
-    `scene` is prepared; `values` of shape (unknowns,). Differentiable by all of it.
+    `scene` is prepared; `values` of shape (unknowns,); `sound` from `healthy_stiffness` where no unknown changes it.
+    Differentiable by all of it.
 
     A `scale` s is the share that the bearing has in the healthy compliance that is measured, the rest being housing and
     shaft: 1/K = 1/K_bearing + (1/s − 1)/K_healthy. So it multiplies all healthy stiffness, and makes losses smaller.
     """
     at, preload, scale = unknown.apply(unknowns, scene, values)
+    stiffness, code = _stiffness(at, todo, preload)
+    if sound is None:
+        sound, other = _stiffness(scenes.healthy(at), todo, preload)
+        code = status.worst(code, other)
+    spalled, sound = (pair[todo.place, todo.axis] for pair in (stiffness, sound))
+    left = 1.0 / (1.0 + scale * (sound / spalled - 1.0))
+    return jnp.where(todo.loss, 100.0 * (1.0 - left), scale * sound * left), code
+
+
+@jax.jit
+def healthy_stiffness(scene: Scene, todo: Plan) -> jax.Array:
+    """Of the prepared scene without spalls, radial and axial, of every condition [N/mm], shape (conditions, 2)."""
+    return _stiffness(scenes.healthy(scene), todo, 0.0)[0]
+
+
+def _stiffness(scene: Scene, todo: Plan, preload: Real) -> tuple[jax.Array, jax.Array]:
+    """Radial and axial stiffness of every condition [N/mm], shape (conditions, 2), and the worst status."""
     every, codes = [], []
     for (definition, mean), conditions in zip(todo.kinds, todo.conditions, strict=True):
 
         def one(condition: jax.Array, definition: Definition = definition, mean: bool = mean):
             load = Load(condition[0], condition[1] + preload)
             phase = PitchMean() if mean else condition[2]
-            own = dataclasses.replace(at, load=load, definition=definition, phase=phase)
-            spalled, sound = scenes.solve(own), scenes.solve(scenes.healthy(own))
-            pair = jnp.stack([jnp.stack([s.radial_stiffness, s.axial_stiffness]) for s in (spalled, sound)])
-            return pair, status.worst(spalled.status_code, sound.status_code)
+            solved = scenes.solve(dataclasses.replace(scene, load=load, definition=definition, phase=phase))
+            return jnp.stack([solved.radial_stiffness, solved.axial_stiffness]), solved.status_code
 
         stiffness, code = jax.vmap(one)(conditions)
         every.append(stiffness)
         codes.append(jnp.max(code))
-    stiffness = jnp.concatenate(every)[todo.place, :, todo.axis]
-    spalled, sound = stiffness[:, 0], stiffness[:, 1]
-    left = 1.0 / (1.0 + scale * (sound / spalled - 1.0))
-    return jnp.where(todo.loss, 100.0 * (1.0 - left), scale * sound * left), status.worst(*codes)
+    return jnp.concatenate(every), status.worst(*codes)
 
 
 ROBUST = ("squares", "huber", "student")
@@ -109,25 +124,31 @@ LOST = 1e3
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["unknowns", "scene", "todo", "measured", "sigma"],
+    data_fields=["unknowns", "scene", "todo", "measured", "sigma", "sound"],
     meta_fields=["robust"],
 )
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """Measurements against the model: unknowns, prepared scene, plan, values and their sigma, shape (rows,) each, and
-    how deviations count: "squares", "huber" or "student"."""
+    """Measurements against the model: unknowns, prepared scene, plan, values and their sigma, shape (rows,) each,
+    `healthy_stiffness` unless an unknown changes it, and how deviations count: "squares", "huber" or "student"."""
 
     unknowns: Unknowns
     scene: Scene
     todo: Plan
     measured: jax.Array
     sigma: jax.Array
+    sound: jax.Array | None
     robust: str
 
 
 def residual(problem: Problem, u: jax.Array) -> jax.Array:
     """What least squares is made of, shape (rows,), at coordinates u: see `counted`."""
-    return counted(problem, predicted(problem.unknowns, problem.scene, problem.todo, problem.unknowns.values(u))[0])
+    return counted(problem, predictions(problem, u)[0])
+
+
+def predictions(problem: Problem, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """See `predicted`, at coordinates u."""
+    return predicted(problem.unknowns, problem.scene, problem.todo, problem.unknowns.values(u), problem.sound)
 
 
 def counted(problem: Problem, told: jax.Array) -> jax.Array:
@@ -145,34 +166,3 @@ def counted(problem: Problem, told: jax.Array) -> jax.Array:
         counted = jnp.sqrt((FREEDOM + 1.0) * jnp.log1p(safe**2 / FREEDOM))
         return jnp.where(far, jnp.sign(r) * counted, r * np.sqrt((FREEDOM + 1.0) / FREEDOM))
     return r
-
-
-class Evaluated(NamedTuple):
-    """The model at many places: predictions [% or N/mm], shape (places, rows); `residual` and its slopes by
-    coordinates, shapes (places, rows) and (places, rows, unknowns); worst status of each place."""
-
-    told: jax.Array
-    residual: jax.Array
-    slopes: jax.Array
-    code: jax.Array
-
-    @property
-    def cost(self) -> np.ndarray:
-        """Half the sums of squares, shape (places,)."""
-        return 0.5 * np.sum(np.asarray(self.residual) ** 2, axis=1)
-
-
-@jax.jit
-def evaluated(problem: Problem, places: jax.Array) -> Evaluated:
-    """Everything about rows of coordinates, shape (places, unknowns), in one batch."""
-
-    def at(u: jax.Array) -> Evaluated:
-        def both(v: jax.Array):
-            told, code = predicted(problem.unknowns, problem.scene, problem.todo, problem.unknowns.values(v))
-            r = counted(problem, told)
-            return r, (told, r, code)
-
-        slopes, (told, r, code) = jax.jacfwd(both, has_aux=True)(u)
-        return Evaluated(told, r, slopes, code)
-
-    return jax.vmap(at)(places)
