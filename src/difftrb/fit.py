@@ -65,6 +65,7 @@ def fit(
     parameters: Sequence[str] = ("length", "width"),
     robust: str = "squares",
     starts: int = STARTS,
+    model_error: float | None = None,
     progress: Progress | None = None,
 ) -> Fit:
     """Fit a scene's first spall to measurements, and say how far they determine it.
@@ -79,12 +80,16 @@ def fit(
         and shaft). All others stay as in the scene.
       robust: "squares"; "huber" or "student" where single rows may be far off.
       starts: how many, at least 1. More where the widths may hold many rollers.
+      model_error: relative error of the model that all losses share, and all stiffnesses, ≥ 0; it widens intervals
+        (not of robust fits). None: that of the roller law, if it is known.
       progress: told how many of how many contacts are solved for the law.
 
     Rows without sigma: its size, relative to each value, is estimated from how the fit misses them. Raises
     `MeasuredError` for what cannot be fitted; what the data do not determine is said in `remarks`.
     """
     status.require_float64()
+    if model_error is not None and not 0.0 <= model_error < np.inf:
+        raise MeasuredError(f"model_error = {model_error!r}: must be 0 or a positive number; None takes the law's own")
     if robust not in ROBUST:
         raise MeasuredError(f"robust = {robust!r} is not known; use one of {', '.join(ROBUST)}")
     rows, names = tuple(rows), tuple(parameters)
@@ -104,8 +109,12 @@ def fit(
     measured = np.array([float(row.value) for row in rows])
     sigma = _own_size(rows, measured) if estimate else np.array([float(row.sigma) for row in rows])  # type: ignore[arg-type]
     todo = observed.plan(scene, rows)
+    own_error = float(scene.law.error)  # type: ignore[union-attr]  # it is prepared
+    common = model_error if model_error is not None else own_error if np.isfinite(own_error) else 0.0
     sound = None if set(names) & {"crown", "preload"} else observed.healthy_stiffness(scene, todo)
-    problem = Problem(unknowns, scene, todo, jnp.asarray(measured), jnp.asarray(sigma), sound, robust)
+    problem = Problem(
+        unknowns, scene, todo, jnp.asarray(measured), jnp.asarray(sigma), sound, common, ROBUST.index(robust)
+    )
     places = start_places(unknowns, scene, starts)
     every = np.ones_like(places, bool)
     first = solved(problem, places, every, 0, 0)
@@ -118,7 +127,7 @@ def fit(
         if estimate:
             off = (found.told[0][np.nanargmin(found.cost)] - measured) / np.asarray(problem.sigma)
             problem = dataclasses.replace(problem, sigma=problem.sigma * _scatter(off, robust, freedom))
-            found = solved(problem, np.asarray(found.place), every, 0, 1)  # the same places in the new unit
+            found = solved(problem, np.asarray(found.place), every, 0, least_squares.STEPS)
     tried = _judged(problem, places, found, limit)
     if tried.profiles.lowest_cost < found.cost[tried.best] * (1.0 - 1e-6) - 1e-9:  # a profile has found more
         again = np.concatenate([tried.profiles.lowest[None], found.place[1:]])
@@ -251,6 +260,7 @@ def _result(
         ),
         profiles=profiles,
         problem=problem,
+        robust=ROBUST[int(problem.robust)],
         place=u,
         normal=np.asarray(tried.found.normal[best]),
         limit=limit,

@@ -43,7 +43,7 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
         "chi2": fit.chi2,
         "degrees_of_freedom": fit.freedom,
         "sigma_estimated": fit.sigma_estimated,
-        "robust": fit.problem.robust,
+        "robust": fit.robust,
         "rows": rows,
         "next_measurements": [
             {"radial": s.row.radial, "axial": s.row.axial, "quantity": s.row.quantity, "phase": s.row.phase,

@@ -42,9 +42,9 @@ class Fit(status.Judged):
       chi2: sum of squared residuals (of how they count, if robust). freedom: rows less parameters.
       remarks: what is worth knowing, in sentences. `determined`: whether every parameter has a closed interval less
         than a factor of 1.5 wide (angle: 0.5 rad).
-      scene: prepared, with the fitted spall. history: of all starts. profiles, problem, place (coordinates) and normal
-        (matrix, by coordinates): for figures and designs. limit: rise of χ² at an interval's ends; solve: the
-        program that fitted.
+      robust: how deviations counted. scene: prepared, with the fitted spall. history: of all starts.
+      profiles, problem, place (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends),
+        solve (the program that fitted): for figures and designs.
       status_code: see `difftrb.status`.
     """
 
@@ -67,6 +67,7 @@ class Fit(status.Judged):
     history: History
     profiles: Profiles
     problem: Problem
+    robust: str
     place: np.ndarray
     normal: np.ndarray
     limit: float

@@ -124,13 +124,14 @@ LOST = 1e3
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["unknowns", "scene", "todo", "measured", "sigma", "sound"],
-    meta_fields=["robust"],
+    data_fields=["unknowns", "scene", "todo", "measured", "sigma", "sound", "common", "robust"],
+    meta_fields=[],
 )
 @dataclasses.dataclass(frozen=True)
 class Problem:
     """Measurements against the model: unknowns, prepared scene, plan, values and their sigma, shape (rows,) each,
-    `healthy_stiffness` unless an unknown changes it, and how deviations count: "squares", "huber" or "student"."""
+    `healthy_stiffness` unless an unknown changes it, the model's own relative error, common to all losses and to all
+    stiffnesses, and how deviations count: the number of a name in `ROBUST`."""
 
     unknowns: Unknowns
     scene: Scene
@@ -138,7 +139,8 @@ class Problem:
     measured: jax.Array
     sigma: jax.Array
     sound: jax.Array | None
-    robust: str
+    common: Real
+    robust: int | jax.Array
 
 
 def residual(problem: Problem, u: jax.Array) -> jax.Array:
@@ -151,18 +153,28 @@ def predictions(problem: Problem, u: jax.Array) -> tuple[jax.Array, jax.Array]:
     return predicted(problem.unknowns, problem.scene, problem.todo, problem.unknowns.values(u), problem.sound)
 
 
+def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
+    """Deviations r whose errors are independent but for one of size `common` in the direction `along`, all of shape
+    (rows,), turned into independent ones: by the root of the inverse of 1 + common² along alongᵀ."""
+    size = jnp.vdot(along, along)
+    share = (1.0 - 1.0 / jnp.sqrt(1.0 + common**2 * size)) / jnp.where(size > 0.0, size, 1.0)
+    return r - share * jnp.vdot(along, r) * along
+
+
 def counted(problem: Problem, told: jax.Array) -> jax.Array:
     """Predicted minus measured in sigma as it counts, shape (rows,): half the sum of squares is the negative log
     likelihood up to a constant."""
     r = jnp.where(jnp.isfinite(told), (told - problem.measured) / problem.sigma, LOST)
-    size = jnp.abs(r)
-    far = size > 1e-6
-    safe = jnp.where(far, size, 1.0)
-    if problem.robust == "huber":
-        beyond = size > HUBER
-        counted = jnp.sqrt(HUBER * (2.0 * jnp.where(beyond, size, HUBER) - HUBER))
-        return jnp.where(beyond, jnp.sign(r) * counted, r)
-    if problem.robust == "student":
-        counted = jnp.sqrt((FREEDOM + 1.0) * jnp.log1p(safe**2 / FREEDOM))
-        return jnp.where(far, jnp.sign(r) * counted, r * np.sqrt((FREEDOM + 1.0) / FREEDOM))
-    return r
+    common = jnp.where(problem.robust == ROBUST.index("squares"), problem.common, 0.0)
+    for kind in (problem.todo.loss, ~problem.todo.loss):
+        r = _without_common(r, jnp.where(kind, problem.measured / problem.sigma, 0.0), common)
+    size, sign = jnp.abs(r), jnp.sign(r)
+    beyond, far = size > HUBER, size > 1e-6
+    huber = jnp.sqrt(HUBER * (2.0 * jnp.where(beyond, size, HUBER) - HUBER))
+    student = jnp.sqrt((FREEDOM + 1.0) * jnp.log1p(jnp.where(far, size, 1.0) ** 2 / FREEDOM))
+    ways = {
+        "squares": r,
+        "huber": jnp.where(beyond, sign * huber, r),
+        "student": jnp.where(far, sign * student, r * np.sqrt((FREEDOM + 1.0) / FREEDOM)),
+    }
+    return jnp.select([problem.robust == k for k in range(len(ROBUST))], [ways[name] for name in ROBUST], r)

@@ -81,7 +81,7 @@ def _about_rows(fit: Fit) -> list[str]:
 def _about_misfit(fit: Fit) -> list[str]:
     """Whether the model meets the data as well as sigma promises."""
     said = []
-    if not fit.sigma_estimated and fit.freedom > 0 and fit.problem.robust == "squares":
+    if not fit.sigma_estimated and fit.freedom > 0 and fit.robust == "squares":
         chance = confidence.tail(fit.chi2, fit.freedom)
         if chance < UNLIKELY:
             worst = int(np.argmax(np.abs(fit.residuals)))
@@ -93,7 +93,7 @@ def _about_misfit(fit: Fit) -> list[str]:
                 "are too narrow"
             )
     for k, off in enumerate(fit.residuals):
-        if abs(off) > FAR and fit.problem.robust != "squares":
+        if abs(off) > FAR and fit.robust != "squares":
             said.append(f"row {k + 1} stands {off:+.1f} sigma from the fit and counts for little")
     return said
 

@@ -133,43 +133,58 @@ def bounded(scene: Scene, rows: Sequence[Measurement], names: Sequence[str]) -> 
 
 
 def _ranges(scene: Scene, rows: Sequence[Measurement], names: Sequence[str]) -> dict[str, tuple[float, float]]:
-    contact = LineContact.of(scene.bearing, "outer", scene.design_load)
-    law: Law = scene.law  # type: ignore[assignment]  # it is prepared
-    half_way = float(jnp.pi * geometry.arc_radius(scene.bearing))
-    spall = dataclasses.replace(scene.spalls[0], width=0.5 * half_way)
-
-    def known(length: Real, width: Real, depth: Real, crown: Real) -> jax.Array:
-        one = dataclasses.replace(spall, length=length, width=width, depth=depth)
-        at = law.at(dataclasses.replace(contact, design_load=crown))
-        others = scene.spalls[1:]
-        return at.judge((one, *others), jnp.zeros((1 + len(others), 1))) == status.CONVERGED
-
-    small, own_depth, own_crown = 0.02 * float(contact.length), float(spall.depth), float(scene.design_load)
-    longest = limit(lambda v: known(v, spall.width, own_depth, own_crown), small, float(contact.length))
-    narrowest = limit(lambda v: known(longest, v, own_depth, own_crown), half_way, 0.01)
+    longest, narrowest = map(float, _size_limits(scene))
     ranges = {
         "length": (SHORTEST * longest, longest),
-        "width": (max(1.01 * narrowest, NARROWEST), half_way),
+        "width": (max(1.01 * narrowest, NARROWEST), float(_half_way(scene))),
         "angle": (-np.pi, np.pi),
-        "preload": (0.0, max(row.axial for row in rows) or 1.0),
+        "preload": (0.0, max(float(row.axial) for row in rows) or 1.0),
         "scale": SCALE,
     }
-    for name, value, factor in (("depth", own_depth, 10.0), ("crown", own_crown, CROWN)):
-        if name not in names:
-            continue
-
-        def takes(v: Real, name: str = name) -> jax.Array:
-            depth, crown = (v, own_crown) if name == "depth" else (own_depth, v)
-            return known(longest, spall.width, depth, crown) & known(small, spall.width, depth, crown)
-
-        ends = limit(takes, value, value / factor), limit(takes, value, value * factor)
-        if not ends[1] > ends[0] * (1.0 + 1e-6):
-            raise MeasuredError(f"parameters: {name} cannot be fitted: {NO_EFFECT[name]}")
-        ranges[name] = float(ends[0]), float(ends[1])
+    for name, factor in (("depth", 10.0), ("crown", CROWN)):
+        if name in names:
+            low, high = map(float, _other_limits(scene, jnp.asarray(longest), factor, name))
+            if not high > low * (1.0 + 1e-6):
+                raise MeasuredError(f"parameters: {name} cannot be fitted: {NO_EFFECT[name]}")
+            ranges[name] = low, high
     return ranges
 
 
-def limit(holds: Callable[[jax.Array], jax.Array], inside: float, outside: float) -> float:
+def _half_way(scene: Scene) -> Real:
+    """Half way round the raceway [mm]."""
+    return jnp.pi * geometry.arc_radius(scene.bearing)
+
+
+def _known(scene: Scene, **changed: Real) -> jax.Array:
+    """Whether the law knows the scene's spalls, the first one changed; `crown` changes the rollers."""
+    crown = changed.pop("crown", scene.design_load)
+    law: Law = scene.law  # type: ignore[assignment]  # it is prepared
+    at = law.at(LineContact.of(scene.bearing, "outer", crown))
+    spalls = (dataclasses.replace(scene.spalls[0], **changed), *scene.spalls[1:])
+    return at.judge(spalls, jnp.zeros((len(spalls), 1))) == status.CONVERGED
+
+
+@jax.jit
+def _size_limits(scene: Scene) -> tuple[jax.Array, jax.Array]:
+    """The longest spall that the law takes and, of those, the narrowest [mm]."""
+    length, half_way = scene.bearing.roller_length, _half_way(scene)
+    longest = limit(lambda v: _known(scene, length=v, width=0.5 * half_way), 0.02 * length, length)
+    return longest, limit(lambda v: _known(scene, length=longest, width=v), 0.5 * half_way, 0.01)
+
+
+@partial(jax.jit, static_argnames="name")
+def _other_limits(scene: Scene, longest: jax.Array, factor: float, name: str) -> tuple[jax.Array, jax.Array]:
+    """Between which depths [mm] or crowns [N] the law knows the shortest and the longest spalls."""
+    value = {"depth": scene.spalls[0].depth, "crown": scene.design_load}[name]
+
+    def takes(v: jax.Array) -> jax.Array:
+        each = [_known(scene, width=0.5 * _half_way(scene), length=l, **{name: v}) for l in (0.02 * longest, longest)]
+        return each[0] & each[1]
+
+    return limit(takes, value, value / factor), limit(takes, value, value * factor)
+
+
+def limit(holds: Callable[[jax.Array], jax.Array], inside: Real, outside: Real) -> jax.Array:
     """How far from `inside`, where it holds, towards `outside` it keeps holding."""
 
     def halve(_: int, ends: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
@@ -177,12 +192,10 @@ def limit(holds: Callable[[jax.Array], jax.Array], inside: float, outside: float
         good = holds(middle)
         return jnp.where(good, middle, ends[0]), jnp.where(good, ends[1], middle)
 
-    @jax.jit
-    def search() -> jax.Array:
-        end = jax.lax.fori_loop(0, 50, halve, (jnp.asarray(inside, float), jnp.asarray(outside, float)))[0]
-        return jnp.where(holds(jnp.asarray(outside, float)), outside, end)
-
-    return float(search())
+    # one step beyond, so that an end where it holds is found, too
+    beyond = inside + (outside - inside) * (1.0 + 1e-9)
+    end = jax.lax.fori_loop(0, 50, halve, (jnp.asarray(inside, float), jnp.asarray(beyond, float)))[0]
+    return jnp.where(outside > inside, jnp.minimum(end, outside), jnp.maximum(end, outside))
 
 
 def check_loads(scene: Scene, rows: Sequence[Measurement], path: str = "measurements") -> None:
