@@ -227,11 +227,14 @@ def _check(options: Any) -> int:
 
 
 def _example(options: Any) -> int:
-    from difftrb import scenefile
+    from difftrb import measured, scenefile
 
     if options.name is None:
         for name in scenefile.example_names():
             print(f"{name:16s} {scenefile.example(name).splitlines()[0].removeprefix('# ')}")
+        print(f"{'measured':16s} {measured.example().splitlines()[0].removeprefix('# ')}")
+    elif options.name == "measured":
+        print(measured.example(), end="")
     else:
         print(scenefile.example(options.name), end="")
     return EXIT_OK

@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import difflib
 import json
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -87,6 +88,11 @@ def load_measured(path: str | Path) -> tuple[Measurement, ...]:
     except (OSError, UnicodeDecodeError) as error:
         raise MeasuredError(f"{path}: {unreadable(error, 'a table of measurements')}") from None
     return parse(text, path)
+
+
+def example() -> str:
+    """The text of the packaged measurements."""
+    return (resources.files("difftrb") / "scenes" / "measured.csv").read_text(encoding="utf-8")
 
 
 def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:

@@ -194,4 +194,4 @@ def ridge(fit: Fit, ax: Axes) -> Axes:
 def _wider(fit: Fit, i: int) -> np.ndarray:
     """Coordinates somewhat beyond an interval."""
     low, high = fit.profiles.ends[i]
-    return np.array([fit.place[i] - 1.7 * (fit.place[i] - low), fit.place[i] + 1.7 * (high - fit.place[i])])
+    return np.array([fit.place[i] - 2.1 * (fit.place[i] - low), fit.place[i] + 2.1 * (high - fit.place[i])])

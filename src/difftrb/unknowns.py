@@ -143,6 +143,8 @@ def _ranges(scene: Scene, rows: Sequence[Measurement], names: Sequence[str]) -> 
     }
     for name, factor in (("depth", 10.0), ("crown", CROWN)):
         if name in names:
+            if scene.law.hard:  # type: ignore[union-attr]  # such laws are frozen
+                raise MeasuredError(f"parameters: {name} cannot be fitted: {NO_EFFECT[name]}")
             low, high = map(float, _other_limits(scene, jnp.asarray(longest), factor, name))
             if not high > low * (1.0 + 1e-6):
                 raise MeasuredError(f"parameters: {name} cannot be fitted: {NO_EFFECT[name]}")
