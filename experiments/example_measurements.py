@@ -1,5 +1,5 @@
-"""The packaged example of measurements: made by contact solves at 1e-4 for exactly the states of the rollers ("direct"),
-with noise of 1 %. It is a measured table in form only; no bearing was measured.
+"""The packaged example of measurements: made by contact solves at 1e-4 for exactly the states of the rollers (law
+"direct"), with noise of 1 %. It is a measured table in form only; no bearing was measured.
 
 python experiments/example_measurements.py [FILE]   (default src/difftrb/scenes/measured.csv)
 """

@@ -1,6 +1,8 @@
 """The road backwards: what was put in comes out, what cannot come out is said."""
 
 import dataclasses
+import json
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -9,9 +11,10 @@ import pytest
 from scipy import optimize
 
 import difftrb as trb
+from difftrb import __main__ as cli
 from difftrb import confidence, fit_report, least_squares, optimal_design, unknowns
 from difftrb.fit import fit, solved, start_places
-from difftrb.measured import MeasuredError, Measurement
+from difftrb.measured import MeasuredError, Measurement, example, parse
 
 TRUTH = {"length": 5.0, "width": 9.0}
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))
@@ -243,3 +246,40 @@ def test_rows_that_do_not_fit_together_are_refused(rig: trb.Scene, exact: np.nda
         fit(dataclasses.replace(rig, spalls=()), rows)
     with pytest.raises(MeasuredError, match="'direct'"):
         fit(dataclasses.replace(rig, law="direct"), rows)
+
+
+SCENE = """bearing = "32008J"
+[load]
+radial = 9000.0
+axial = 4500.0
+[[spall]]
+length = 4.0
+width = 7.0
+[contact]
+law = "liu2018"
+"""
+
+
+def test_the_command_line_fits(exact: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, table = tmp_path / "s.toml", tmp_path / "m.csv"
+    scene.write_text(SCENE, encoding="utf-8")
+    rows = [f"{r.radial},{r.axial},{r.quantity},{r.value},{r.sigma},{r.phase}" for r in measured(exact)]
+    table.write_text("\n".join(["radial,axial,quantity,value,sigma,phase", *rows]), encoding="utf-8")
+    folder = tmp_path / "out"
+    assert cli.main(["--no-cache", "fit", str(scene), str(table), "--json", "--out", str(folder)]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["converged"]
+    assert record["parameters"]["length"]["value"] == pytest.approx(5.0, rel=1e-6)
+    assert record["next_measurements"][0]["gain"] > 1.0
+    assert {p.name for p in folder.iterdir()} == {"fit.png", "fit.svg", "result.json"}
+    assert cli.main(["--no-cache", "fit", str(scene), str(table), "--parameters", "size"]) == 2
+    assert "'size' is not known" in capsys.readouterr().err
+    table.write_text("radial,axial\n", encoding="utf-8")
+    assert cli.main(["--no-cache", "fit", str(scene), str(table)]) == 2
+    assert f"{table}: column quantity is missing" in capsys.readouterr().err
+
+
+def test_the_packaged_measurements_are_in_order() -> None:
+    rows = parse(example())
+    assert len(rows) == 8
+    assert all(row.sigma is not None for row in rows)
