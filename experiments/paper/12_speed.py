@@ -68,9 +68,9 @@ def run(out: Path, progress: Progress) -> Result:
         "Table 2's law on each. Largest loads [N]:",
         common.grid(["", "F_c [N]", "axial force [N]", "outer", "inner", "flange"], rows),
         common.picture(picture, "Loads of outer (solid) and inner raceway (dotted) at four speeds, rings held"),
-        "With a given axial force the sum of the outer loads stays and so, nearly, does each of a fully loaded ring; the "
-        "inner ones fall and the flange takes more. With a given position the outer loads rise. Rollers that carry nothing are thrown "
-        "against the outer raceway, and their forces press the rings apart: "
+        "With a given axial force the sum of the outer loads stays and so, nearly, does each of a fully loaded ring; "
+        "the inner ones fall and the flange takes more. With a given position the outer loads rise. Rollers that carry "
+        "nothing are thrown against the outer raceway, and their forces press the rings apart: "
         + (f"no equilibrium for {'; '.join(refused)}." if refused else "here there is an equilibrium in every case."),
     )
     claim = Claim(

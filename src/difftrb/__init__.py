@@ -15,11 +15,15 @@ if TYPE_CHECKING:
     from difftrb.contact import solve_contact
     from difftrb.contact_slopes import approach_slopes
     from difftrb.contact_solution import ContactSolution
+    from difftrb.fit import fit
+    from difftrb.fitted import Fit
     from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
     from difftrb.heightmap import HeightMap, HeightMapError, example_map, load_height_map
     from difftrb.intensity import EdgeIntensity, edge_intensity
     from difftrb.law import PowerLaw, liu2018, power_law
     from difftrb.line import LineSolution, line_contact
+    from difftrb.measured import MeasuredError, Measurement, load_measured
+    from difftrb.optimal_design import Suggestion, next_measurements
     from difftrb.preparation import prepare
     from difftrb.ring import Load
     from difftrb.scene import Scene, healthy
@@ -31,11 +35,15 @@ _HOMES = {
     "contact": ("solve_contact",),
     "contact_slopes": ("approach_slopes",),
     "contact_solution": ("ContactSolution",),
+    "fit": ("fit",),
+    "fitted": ("Fit",),
     "intensity": ("EdgeIntensity", "edge_intensity"),
     "geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
     "heightmap": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),
     "law": ("PowerLaw", "liu2018", "power_law"),
     "line": ("LineSolution", "line_contact"),
+    "measured": ("MeasuredError", "Measurement", "load_measured"),
+    "optimal_design": ("Suggestion", "next_measurements"),
     "ring": ("Load",),
     "preparation": ("prepare",),
     "scene": ("Scene", "healthy"),

@@ -1,4 +1,4 @@
-"""The command line: `difftrb run | contact | check | example`."""
+"""The command line: `difftrb run | contact | fit | check | example`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal without µ and █ gets question marks, not a traceback
     _set_up_jax(options.cache)
-    from difftrb import scenefile, store
+    from difftrb import measured, scenefile, store
     from difftrb.status import SolveError
 
     store.keeping = options.cache
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(error, EXIT_NO_SOLUTION)
     except SolveError as error:
         return _refuse(error, EXIT_NO_SOLUTION)
-    except scenefile.SceneError as error:
+    except (scenefile.SceneError, measured.MeasuredError) as error:
         return _refuse(error, EXIT_BAD_FILE)
     except KeyboardInterrupt:
         return _refuse("interrupted", EXIT_INTERRUPTED)
@@ -67,15 +67,25 @@ def _parser() -> argparse.ArgumentParser:
     ):
         sub = command(name, function, text)
         sub.add_argument("scene", nargs="?", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
-        sub.add_argument("--json", action="store_true", help="print one JSON object instead of text")
-        sub.add_argument(
-            "--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there"
-        )
+        _add_output(sub)
+    sub = command("fit", _fit, "From measured stiffness, or its loss, to the spall's size, with its uncertainty.")
+    sub.add_argument(
+        "scene", metavar="SCENE", help="a scene file with a first guess of the spall; `difftrb example fit`"
+    )
+    sub.add_argument("measured", metavar="MEASURED", help="rows of measurements (CSV); see `difftrb example measured`")
+    sub.add_argument("--parameters", default="length,width", metavar="NAMES", help="what to fit (default length,width)")
+    sub.add_argument("--robust", default="squares", help="huber or student where single rows may be far off")
+    _add_output(sub)
     sub = command("check", _check, "Check a scene file without computing anything.")
     sub.add_argument("scene", metavar="SCENE")
     sub = command("example", _example, "Print a packaged scene file; without a NAME, list them.")
     sub.add_argument("name", nargs="?", metavar="NAME")
     return parser
+
+
+def _add_output(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+    sub.add_argument("--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there")
 
 
 def _set_up_jax(cache: bool) -> None:
@@ -181,6 +191,31 @@ def _contact(options: Any) -> int:
     return _deliver(options, path, record, lambda: report.contact_text(solution, slopes), figures)
 
 
+def _fit(options: Any) -> int:
+    from difftrb import fit_report, measured, scenefile
+    from difftrb.fit import fit, prepare_fit
+    from difftrb.optimal_design import next_measurements
+
+    file, path = _read(options)
+    scenefile.check_ring(file, path)
+    rows = measured.load_measured(options.measured)
+    names = [name.strip() for name in options.parameters.split(",")]
+    started = time.perf_counter()
+    with _bar("solving contacts for the roller law") as progress:
+        scene = prepare_fit(file.scene(), rows, progress)
+    with _busy("fitting"):
+        result = fit(scene, rows, names, options.robust)
+        suggestions = next_measurements(result) if bool(result.converged) else ()
+    record = fit_report.fit_json(result, suggestions, time.perf_counter() - started)
+
+    def figures(folder: Path) -> None:
+        from difftrb import plot
+
+        plot.save(plot.fit_panels(result), folder, "fit")
+
+    return _deliver(options, path, record, lambda: fit_report.fit_text(result, suggestions), figures)
+
+
 def _check(options: Any) -> int:
     from difftrb import scenefile
 
@@ -193,11 +228,14 @@ def _check(options: Any) -> int:
 
 
 def _example(options: Any) -> int:
-    from difftrb import scenefile
+    from difftrb import measured, scenefile
 
     if options.name is None:
         for name in scenefile.example_names():
             print(f"{name:16s} {scenefile.example(name).splitlines()[0].removeprefix('# ')}")
+        print(f"{'measured':16s} {measured.example().splitlines()[0].removeprefix('# ')}")
+    elif options.name == "measured":
+        print(measured.example(), end="")
     else:
         print(scenefile.example(options.name), end="")
     return EXIT_OK

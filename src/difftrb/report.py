@@ -98,7 +98,7 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
     """The main job's result for people: stiffness and its losses, sensitivities, a bar of load for every roller."""
     spalled = result.spalled
     kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
-    stiffness = _table(f"Stiffness, {kind} [N/mm]")
+    stiffness = house_table(f"Stiffness, {kind} [N/mm]")
     columns = ["by length [/mm]", "by width [/mm]"] if scene.spalls else []
     for heading in ("", "healthy", "spalled", "loss [%]", *columns):
         stiffness.add_column(heading, justify="right" if heading else "left")
@@ -107,7 +107,7 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
         slopes = [_number(v[row, 0], ",.1f") for v in (result.by_length, result.by_width)] if scene.spalls else []
         stiffness.add_row(name, *(_number(v, ",.0f") for v in values), _number(result.loss[row], ".3f"), *slopes)
 
-    loads = _table("Load distribution")
+    loads = house_table("Load distribution")
     more = {name.removesuffix("_loads"): values for name, values in spalled.effects.items() if values.ndim}
     for heading in ("roller", "angle [rad]", "load [N]", "against healthy", *(f"on {name} [N]" for name in more)):
         loads.add_column(heading, justify="right")
@@ -159,7 +159,7 @@ def law_text(law: Law, loads: jax.Array) -> str:
 
 def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> RenderableType:
     """A single contact's result for people."""
-    table = _table("Contact")
+    table = house_table("Contact")
     table.show_header = False
     table.add_row("load", f"{solution.load:,.1f} N")
     table.add_row("approach", f"{1e3 * solution.approach:.4f} µm")
@@ -167,7 +167,7 @@ def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> Renderabl
     table.add_row("contact width", f"{solution.contact_width:.4f} mm")
     table.add_row("loaded length", f"{100.0 * solution.loaded_fraction:.1f} % of the roller")
     units = {"load": "N"} | dict.fromkeys(CONTACT_INPUTS[1:5], "mm") | {"design_load": "N"}
-    derivatives = _table("Derivative of the approach")
+    derivatives = house_table("Derivative of the approach")
     derivatives.add_column("by")
     derivatives.add_column("", justify="right")
     for name, value in slopes.items():
@@ -185,5 +185,6 @@ def _slope(value: float) -> str:
     return f"{1e3 * value:+.5g}" if math.isfinite(value) else "–"
 
 
-def _table(title: str) -> Table:
+def house_table(title: str) -> Table:
+    """An empty table of the house."""
     return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)

@@ -58,18 +58,18 @@ def _allowed(root: type, where: list[str | int]) -> str:
     owner, last = _owner(root, where[:-1]), where[-1]
     hint = get_args(owner)[0] if isinstance(last, int) else get_type_hints(owner, include_extras=True)[last]
     if get_origin(hint) in (Union, types.UnionType):
-        return " or ".join(_in_words(h) for h in get_args(hint) if h is not type(None))
-    return _in_words(hint)
+        return " or ".join(in_words(h) for h in get_args(hint) if h is not type(None))
+    return in_words(hint)
 
 
-def _in_words(hint: Any) -> str:
+def in_words(hint: Any) -> str:
     """What one kind of value is, in words."""
     if get_origin(hint) is Literal and len(get_args(hint)) == 1:
         return repr(get_args(hint)[0])
     if get_origin(hint) is Literal:
         return "one of " + ", ".join(repr(v) for v in get_args(hint))
     if get_origin(hint) is tuple and get_origin(get_args(hint)[0]) is Annotated:
-        return f"a list, each {_in_words(get_args(hint)[0])}"
+        return f"a list, each {in_words(get_args(hint)[0])}"
     if get_origin(hint) is not Annotated:
         return "a table"
     kind, *metadata = get_args(hint)

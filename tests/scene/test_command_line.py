@@ -325,7 +325,7 @@ def test_check_and_example(capsys, paper: Path) -> None:
     assert "in order: 23 rollers, 1 spall, radial 9000 N" in out
     code, out, _ = call(capsys, "example")
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()] == scenefile.example_names()
+    assert [line.split()[0] for line in out.splitlines()] == [*scenefile.example_names(), "measured"]
     assert call(capsys, "example", "paper")[1] == PAPER
     code, _, err = call(capsys, "example", "none")
     assert code == 2
