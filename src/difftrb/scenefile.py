@@ -154,6 +154,12 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so are numbers without end
         reason = str(error).splitlines()[0][:200]
         raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
+    content.pop("sweep", None)  # for `sweepfile`
+    return from_content(content, path)
+
+
+def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
+    """Check a scene file's tables, which are changed by it, as `parse` does its text."""
     _not_yet(content, path)
     if isinstance(content.get("bearing"), str):
         name = content["bearing"]

@@ -1,0 +1,396 @@
+"""Many scenes at once: the program for a chunk of members, laid out over devices, and results with labels.
+
+Blocks of members (`axes.Layout`) are computed one after another by `lax.map`, the members of one by `vmap` along one
+axis after another, so that what an axis does not change is computed once. A chunk, which ends up in one file, is some
+blocks; its blocks are shared among the devices of a mesh. Neither chunks nor devices change a bit of the numbers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, PartitionSpec
+
+from difftrb import axes as axes_
+from difftrb import outputs, status
+from difftrb.axes import Axis, Layout, SweepError
+from difftrb.nodes import Progress
+from difftrb.outputs import STATUS
+from difftrb.scene import Scene
+
+BATCH = {"cpu": 1024, "gpu": 65536}
+"""Members computed at once: on two cores 256 … 1024 are fastest (experiments/sweep_at_scale.py --batch); a GPU wants
+more."""
+LEAST_BLOCKS, SHARE, MOST_MEMBERS = 8, 64, 2**17
+"""Of a chunk: at least so many blocks, to share among devices; else this part of the sweep; not many more members."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What is swept.
+
+    Attributes:
+      base: the scene, or any other tree of dataclasses, dicts and tuples, that members differ from at the axes' keys.
+      axes: see `Axis`. function: from a member to its results by name, arrays of any shape; `STATUS` among them is its
+        status. gradients: keys by which every result is differentiated.
+      units: of keys and results; results and keys that it does not have are numbers without unit. dims: names of the
+        results' own dimensions.
+      batch: members of a block, at most.
+      title: what makes this sweep another than others, beside the attributes here: the scene file's text, say.
+    """
+
+    base: Any
+    axes: tuple[Axis, ...]
+    function: Callable[[Any], dict[str, jax.Array]]
+    gradients: tuple[str, ...]
+    units: dict[str, str]
+    dims: dict[str, tuple[str, ...]]
+    batch: int
+    title: str = ""
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Of its members."""
+        return Layout(tuple(axis.count for axis in self.axes), self.batch)
+
+    @cached_property
+    def shapes(self) -> dict[str, jax.ShapeDtypeStruct]:
+        """Of one member's results by column."""
+        return jax.eval_shape(lambda: _member(self, self.base, [jnp.asarray(axis.values[:, 0]) for axis in self.axes]))
+
+    @property
+    def names(self) -> list[str]:
+        """Of the results."""
+        columns = {column_of(name, key) for name in self.shapes for key in self.gradients}
+        return [name for name in self.shapes if name != STATUS and name not in columns]
+
+    @property
+    def chunk(self) -> int:
+        """Blocks of a chunk."""
+        blocks, size = self.layout.blocks, self.layout.size
+        return min(blocks, max(LEAST_BLOCKS, min(blocks // SHARE, MOST_MEMBERS // size)))
+
+    @property
+    def chunks(self) -> int:
+        """How many there are."""
+        return -(-self.layout.blocks // self.chunk)
+
+    def members(self, chunk: int) -> tuple[int, int]:
+        """The first member of a chunk and the one behind its last."""
+        ends = chunk * self.chunk, min((chunk + 1) * self.chunk, self.layout.blocks)
+        return self.layout.first(ends[0]), self.layout.first(ends[1])
+
+    def unit(self, name: str, by: str | None = None) -> str:
+        """Of a result or, with the key `by`, of its derivative."""
+        own = self.units.get(name, "")
+        if by is None:
+            return own
+        return f"{own or '1'} per {self.units.get(by, '') or '1'}"
+
+
+def column_of(name: str, by: str | None = None) -> str:
+    """Name under which a result, or its derivative by a key, is stored."""
+    return name if by is None else f"{name}_by_{by}"
+
+
+def _member(plan: Plan, base: Any, at: Sequence[jax.Array]) -> dict[str, jax.Array]:
+    """Everything of one member by column; `at` holds the values of every axis's keys, each of shape (keys,)."""
+    tree = base
+    for axis, values in zip(plan.axes, at, strict=True):
+        for key, value in zip(axis.keys, values, strict=True):
+            tree = axes_.replaced(tree, key, value)
+
+    def both(numbers: jax.Array) -> tuple[dict[str, jax.Array], dict[str, jax.Array]]:
+        moved = tree
+        for key, number in zip(plan.gradients, numbers, strict=True):
+            moved = axes_.replaced(moved, key, number)
+        found = {name: jnp.asarray(value) for name, value in plan.function(moved).items()}
+        return {name: value.astype(float) for name, value in found.items() if name != STATUS}, found
+
+    by: dict[str, jax.Array] = {}
+    if plan.gradients:
+        numbers = jnp.stack([jnp.asarray(axes_.number_at(tree, key), float) for key in plan.gradients])
+        by, found = jax.jacfwd(both, has_aux=True)(numbers)
+    else:
+        found = both(jnp.zeros(0))[1]
+    values = {name: value for name, value in found.items() if name != STATUS}
+    whole = jnp.all(jnp.stack([jnp.all(jnp.isfinite(value)) for value in values.values()]))
+    code = found.get(STATUS, jnp.where(whole, status.CONVERGED, status.UNDEFINED))
+    columns = {column_of(name): value for name, value in values.items()}
+    for i, key in enumerate(plan.gradients):
+        columns |= {column_of(name, key): value[..., i] for name, value in by.items()}
+    known = {name: jnp.where(code == status.CONVERGED, value, jnp.nan) for name, value in columns.items()}
+    return known | {STATUS: code.astype(jnp.int8)}
+
+
+class Program:
+    """The program of a plan on some devices of this process, compiled when first used."""
+
+    def __init__(self, plan: Plan, devices: Sequence[jax.Device]) -> None:
+        self.plan = plan
+        self.devices = list(devices)
+        mesh = Mesh(np.array(self.devices), ("members",))
+        spread, everywhere = PartitionSpec("members"), PartitionSpec()
+        leaves, tree = jax.tree.flatten(plan.base)
+        self._variable = [isinstance(leaf, jax.Array | np.ndarray | float | int) for leaf in leaves]
+        self._leaves = leaves
+
+        def several(blocks: jax.Array, numbers: list, values: list[jax.Array]) -> dict[str, jax.Array]:
+            rest = iter(numbers)
+            base = jax.tree.unflatten(
+                tree, [next(rest) if v else leaf for v, leaf in zip(self._variable, leaves, strict=True)]
+            )
+            return jax.lax.map(lambda block: _block(plan, base, values, block), blocks)
+
+        self._run = jax.jit(
+            jax.shard_map(
+                several, mesh=mesh, in_specs=(spread, everywhere, everywhere), out_specs=spread, check_vma=False
+            )
+        )
+
+    def _arguments(self, blocks: np.ndarray) -> tuple:
+        numbers = [leaf for leaf, v in zip(self._leaves, self._variable, strict=True) if v]
+        return blocks, numbers, [axis.values for axis in self.plan.axes]
+
+    def lowered(self, chunk: int = 0) -> Any:
+        """The program, traced but not compiled."""
+        return self._run.lower(*self._arguments(self._blocks(chunk)))
+
+    def _blocks(self, chunk: int) -> np.ndarray:
+        """A chunk's blocks, filled up with its last one so that every device has equally many, every chunk as many."""
+        plan, share = self.plan, -(-self.plan.chunk // len(self.devices))
+        return np.minimum(chunk * plan.chunk + np.arange(share * len(self.devices)), plan.layout.blocks - 1)
+
+    def start(self, chunk: int) -> Callable[[], dict[str, np.ndarray]]:
+        """Begin to compute a chunk; what is returned waits for it, and gives its columns, shape (members, …)."""
+        running = self._run(*self._arguments(self._blocks(chunk)))
+        layout = self.plan.layout
+        first = chunk * self.plan.chunk
+        count = min(self.plan.chunk, layout.blocks - first)
+        sizes = [layout.first(first + i + 1) - layout.first(first + i) for i in range(count)]
+
+        def finish() -> dict[str, np.ndarray]:
+            found = {name: np.asarray(array) for name, array in running.items()}
+            if min(sizes) == layout.size:
+                return {name: array[:count].reshape(-1, *array.shape[2:]) for name, array in found.items()}
+            return {
+                name: np.concatenate([array[i, :size] for i, size in enumerate(sizes)])
+                for name, array in found.items()
+            }
+
+        return finish
+
+    def all(self, chunks: Sequence[int]) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+        """Columns chunk by chunk; the next one is computed while this one is dealt with."""
+        before: tuple[int, Callable[[], dict[str, np.ndarray]]] | None = None
+        for chunk in chunks:
+            started = chunk, self.start(chunk)
+            if before is not None:
+                yield before[0], before[1]()
+            before = started
+        if before is not None:
+            yield before[0], before[1]()
+
+
+def _block(plan: Plan, base: Any, values: list[jax.Array], block: jax.Array) -> dict[str, jax.Array]:
+    """All members of one block, shape (size, …)."""
+    layout = plan.layout
+    at = [value[:, place] for value, place in zip(values, layout.places(block), strict=True)]
+    if layout.size == 1:  # without vmap, under which both ways of a choice are computed
+        one = _member(plan, base, [a.reshape(a.shape[:1]) for a in at])
+        return {name: value[None] for name, value in one.items()}
+
+    def member(at: list[jax.Array]) -> dict[str, jax.Array]:
+        return _member(plan, base, at)
+
+    for axis in reversed(range(layout.split, len(at))):
+        member = jax.vmap(member, in_axes=([1 if i == axis else None for i in range(len(at))],))
+    depth = len(at) - layout.split
+    return {name: value.reshape(layout.size, *value.shape[depth:]) for name, value in member(at).items()}
+
+
+def devices_of(count: int | None = None) -> list[jax.Device]:
+    """The first `count` devices of this process (None: all). Raises `SweepError` if there are fewer."""
+    here = jax.local_devices()
+    if count is not None and not 1 <= count <= len(here):
+        raise SweepError(f"devices = {count}: this process has {len(here)}; on a CPU, set jax_num_cpu_devices before "
+                         "the first computation (the command line's --devices does)")  # fmt: skip
+    return here[:count]
+
+
+# ------------------------------------------------------------------------------------------------ results
+
+
+@dataclasses.dataclass(frozen=True)
+class Swept:
+    """Results of a sweep, with labels.
+
+    Attributes:
+      dims: names of the dimensions of all arrays: the axes' keys, or "member" for zipped axes.
+      coordinates: values by key, shape (count,) each; those of zipped axes all lie along "member".
+      values: by name, shape (counts of all axes…, own dimensions…); NaN where the member's status is not 0.
+      gradients: derivatives of every value by name and then by key, of the same shape.
+      status_code: of every member, see `difftrb.status`.
+      units: by name and key. own_dims: names of the values' own dimensions.
+      about: what was swept and with which versions, as in `manifest.json`.
+    """
+
+    dims: tuple[str, ...]
+    coordinates: dict[str, np.ndarray]
+    values: dict[str, np.ndarray]
+    gradients: dict[str, dict[str, np.ndarray]]
+    status_code: np.ndarray
+    units: dict[str, str]
+    own_dims: dict[str, tuple[str, ...]]
+    about: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many members ended with which status, by its sentence."""
+        return counted(Counter(self.status_code.ravel().tolist()))
+
+    def to_xarray(self) -> Any:
+        """An `xarray.Dataset` with units, coordinates and status. Needs xarray: `pip install 'difftrb[io]'`."""
+        import xarray
+
+        dim = {key: key if key in self.dims else self.dims[0] for key in self.coordinates}
+        variables = {}
+        for name, value in self.values.items():
+            own = (*self.dims, *self.own_dims[name])
+            variables[name] = own, value, {"units": self.units.get(name, "")}
+            for key, slope in self.gradients[name].items():
+                unit = {"units": self.units.get(column_of(name, key), "")}
+                variables[column_of(name, key)] = own, slope, unit
+        variables[STATUS] = self.dims, self.status_code
+        coordinates = {key: (dim[key], values, {"units": self.units.get(key, "")})
+                       for key, values in self.coordinates.items()}  # fmt: skip
+        return xarray.Dataset(variables, coordinates)
+
+
+def counted(codes: Mapping[int, int]) -> dict[str, int]:
+    """Counts by the sentence of the status, the most frequent first."""
+    return {status.describe(code): count for code, count in sorted(codes.items(), key=lambda item: -item[1])}
+
+
+def labelled(plan: Plan, columns: Mapping[str, np.ndarray], about: dict[str, Any] | None = None) -> Swept:
+    """`Swept` of columns of all members, in their order."""
+    counts = plan.layout.counts
+
+    def shaped(name: str) -> np.ndarray:
+        return columns[name].reshape(*counts, *columns[name].shape[1:])
+
+    units = dict(plan.units) | {
+        column_of(name, key): plan.unit(name, key) for name in plan.names for key in plan.gradients
+    }
+    return Swept(
+        tuple(axis.name for axis in plan.axes),
+        {key: values for axis in plan.axes for key, values in zip(axis.keys, axis.values, strict=True)},
+        {name: shaped(name) for name in plan.names},
+        {name: {key: shaped(column_of(name, key)) for key in plan.gradients} for name in plan.names},
+        shaped(STATUS),
+        units,
+        own_dims(plan),
+        about or {},
+    )
+
+
+def own_dims(plan: Plan) -> dict[str, tuple[str, ...]]:
+    """Names of the results' own dimensions."""
+    return {
+        name: plan.dims.get(name) or tuple(f"{name}_{i}" for i in range(len(plan.shapes[name].shape)))
+        for name in plan.names
+    }
+
+
+def planned(
+    what: Callable[[Any], Any] | Sequence[str],
+    base: Any,
+    given: Mapping[str, Any],
+    gradients: Sequence[str] = (),
+    mode: str = "product",
+    batch: int | None = None,
+    progress: Progress | None = None,
+) -> Plan:
+    """A plan, checked, the roller law of a scene made once for all members; arguments and errors as in `sweep`."""
+    status.require_float64()
+    made = axes_.axes_of(given, mode)
+    units = axes_.check(base, made, gradients)
+    dims: dict[str, tuple[str, ...]] = {}
+    if isinstance(base, Scene):
+        base = outputs.prepared(base, made, gradients, progress)
+    if callable(what):
+        function, title = _by_name(what), getattr(what, "__qualname__", repr(what))
+    else:
+        names = [what] if isinstance(what, str) else list(what)
+        function, title = outputs.of_scene(names), " ".join(names)
+        units |= {name: outputs.RING[name].unit for name in names}
+        dims = {name: outputs.RING[name].dims for name in names}
+    return Plan(base, made, function, tuple(gradients), units, dims, _batch(made, batch), title)
+
+
+def _by_name(function: Callable[[Any], Any]) -> Callable[[Any], dict[str, jax.Array]]:
+    """The function with its result in a dict: "value", unless it is one."""
+
+    def named(tree: Any) -> dict[str, jax.Array]:
+        found = function(tree)
+        return dict(found) if isinstance(found, Mapping) else {"value": found}
+
+    return named
+
+
+def _batch(made: Sequence[Axis], batch: int | None) -> int:
+    """Members of a block: small sweeps have small ones, so that there are enough to share among devices."""
+    if batch is None:
+        members = Layout(tuple(axis.count for axis in made), 1).members
+        return min(BATCH.get(jax.default_backend(), BATCH["gpu"]), max(1, members // SHARE))
+    if not isinstance(batch, int) or batch < 1:
+        raise SweepError(f"batch = {batch!r}: must be a whole number of at least 1")
+    return batch
+
+
+def sweep(
+    what: Callable[[Any], Any] | Sequence[str],
+    base: Any,
+    axes: Mapping[str, Any],
+    gradients: Sequence[str] = (),
+    *,
+    mode: str = "product",
+    batch: int | None = None,
+    devices: int | None = None,
+    progress: Progress | None = None,
+) -> Swept:
+    """Compute a function of many scenes, all in memory; `difftrb.chunks.run` does the same into files.
+
+    Args:
+      what: names of results (`difftrb.outputs.RING`), or any function of a member that `jit` takes, returning an array
+        or a dict of arrays; one called "status_code" is the member's status.
+      base: a `Scene`; or, with a function, any tree of dataclasses, dicts and tuples.
+      axes: values by dotted key, as in a scene file: {"spall.0.length": [1.0, 2.0], "load.axial": {"from": 4000.0,
+        "to": 9000.0, "count": 64, "spacing": "log"}}.
+      gradients: keys by which every result is differentiated, whether an axis or not; forward mode.
+      mode: "product", all combinations, the last axis changing fastest; "zip", side by side.
+      batch: members computed at once. Default: by the number of members and the platform. Give 1 for a function that
+        chooses by `lax.cond` or iterates very differently from member to member, such as `solve_contact`.
+      devices: how many of this process. Default all.
+      progress: told how many of how many members are done.
+
+    The law of a scene is made once for all members. A member without a solution is NaN, its status says why. Raises
+    `SweepError` for axes, keys or names that cannot be.
+    """
+    plan = planned(what, base, axes, gradients, mode, batch)
+    columns: dict[str, list[np.ndarray]] = {}
+    done = 0
+    for _, found in Program(plan, devices_of(devices)).all(range(plan.chunks)):
+        for name, array in found.items():
+            columns.setdefault(name, []).append(array)
+        done += len(found[STATUS])
+        if progress is not None:
+            progress(done, plan.layout.members)
+    return labelled(plan, {name: np.concatenate(arrays) for name, arrays in columns.items()})
