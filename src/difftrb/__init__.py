@@ -11,9 +11,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from difftrb.axes import SweepError
+    from difftrb.chunks import write_sweep
     from difftrb.contact import solve_contact
     from difftrb.contact_slopes import approach_slopes
     from difftrb.contact_solution import ContactSolution
+    from difftrb.gathered import load_sweep
     from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
     from difftrb.heightmap import HeightMap, HeightMapError, example_map, load_height_map
     from difftrb.intensity import EdgeIntensity, edge_intensity
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
     from difftrb.scene import Assessment, Scene, Solution, assess, healthy, prepare, solve
     from difftrb.scenefile import SceneError, load_scene
     from difftrb.status import SolveError
+    from difftrb.sweeping import Swept, sweep
 
 _HOMES = {
     "contact": ("solve_contact",),
@@ -37,6 +41,10 @@ _HOMES = {
     "scene": ("Assessment", "Scene", "Solution", "assess", "healthy", "prepare", "solve"),
     "scenefile": ("SceneError", "load_scene"),
     "status": ("SolveError",),
+    "axes": ("SweepError",),
+    "chunks": ("write_sweep",),
+    "gathered": ("load_sweep",),
+    "sweeping": ("Swept", "sweep"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -64,7 +64,9 @@ def axes_of(given: Mapping[str, Any], mode: str = "product") -> tuple[Axis, ...]
     if mode not in get_args(Mode):
         raise SweepError(f"mode = {mode!r}: must be 'product' (all combinations) or 'zip' (side by side)")
     if not given:
-        raise SweepError("there are no axes; name at least one key, say spall.0.length = {from = 0.5, to = 8, count = 64}")
+        raise SweepError(
+            "there are no axes; name at least one key, say spall.0.length = {from = 0.5, to = 8, count = 64}"
+        )
     values = {key: _values(key, spec) for key, spec in given.items()}
     if mode == "product" or len(values) == 1:
         return tuple(Axis((key,), value[None]) for key, value in values.items())
@@ -296,7 +298,10 @@ class Layout:
     def first(self, block: int) -> int:
         """The first member of a block; the end of all for the block behind the last."""
         before, part = divmod(block, self.parts)
-        return before * self.counts[self.split] * self.behind + min(part * self.part, self.counts[self.split]) * self.behind
+        return (
+            before * self.counts[self.split] * self.behind
+            + min(part * self.part, self.counts[self.split]) * self.behind
+        )
 
     def places(self, block: jax.Array) -> list[jax.Array]:
         """Places on every axis: of the axes before the split one, shape (); of the others, shape (values,). Inside

@@ -17,7 +17,7 @@ from difftrb.axes import Axis, SweepError, number_at, replaced
 from difftrb.contact_solution import ContactSolution
 from difftrb.geometry import LineContact, Spall
 from difftrb.nodes import Progress
-from difftrb.scene import BY_NODES, LawName, PitchMean, Scene, Solution
+from difftrb.scene import LawName, PitchMean, Scene, Solution
 
 STATUS = "status_code"
 """Name under which a function of a member may give its status (`difftrb.status`), an integer of shape ()."""
@@ -84,9 +84,7 @@ def of_scene(names: Sequence[str]) -> Callable[[Scene], dict[str, jax.Array]]:
     return function
 
 
-def of_contact(
-    names: Sequence[str], solved: Callable[[Any], ContactSolution]
-) -> Callable[[Any], dict[str, jax.Array]]:
+def of_contact(names: Sequence[str], solved: Callable[[Any], ContactSolution]) -> Callable[[Any], dict[str, jax.Array]]:
     """The function that gives the results `names` of `CONTACT` of what `solved` returns. Raises `SweepError`."""
     chosen = {name: CONTACT[name] for name in known(names, CONTACT)}
 
@@ -116,27 +114,32 @@ FITTED_FOR = {"power": ("width", "depth", "axial_offset"), "liu2018": ("depth", 
 """Of a spall, what a law by this name is made for one value of, or does not know at all."""
 
 
-def prepared(scene: Scene, axes: Sequence[Axis], gradients: Sequence[str] = (), progress: Progress | None = None) -> Scene:
+def prepared(
+    scene: Scene, axes: Sequence[Axis], gradients: Sequence[str] = (), progress: Progress | None = None
+) -> Scene:
     """The scene with one law for all members: made once, for the largest and smallest loads and longest spalls on the
     axes. A law that the scene brings prepared is kept.
 
     Raises `SweepError` for a key through which a law by name does not act, or would have to be made for every member.
     """
-    ends = {key: (float(v.min()), float(v.max())) for axis in axes for key, v in zip(axis.keys, axis.values, strict=True)}
+    ends = {
+        key: (float(v.min()), float(v.max())) for axis in axes for key, v in zip(axis.keys, axis.values, strict=True)
+    }
     if isinstance(scene.phase, PitchMean) and "stiffness.phase" in gradients and "stiffness.phase" not in ends:
-        raise SweepError("gradients: stiffness.phase = 'mean' has no derivative by the phase; give one phase, or leave it out")
+        raise SweepError(
+            "gradients: stiffness.phase = 'mean' has no derivative by the phase; give one phase, or leave it out"
+        )
     if not isinstance(scene.law, LawName):
         return scenes.prepare(scene)
     name = scene.law.name
     for key in (*ends, *gradients):
         _refuse_frozen(name, key, "gradients: " if key not in ends else "")
     if name == "direct" and scene.spalls:
-        raise SweepError("contact.law = 'direct' holds for one scene and would be made anew for every member; use 'table'")
+        raise SweepError(
+            "contact.law = 'direct' holds for one scene and would be made anew for every member; use 'table'"
+        )
     low, high = (_with_ends(scene, ends, side) for side in (0, 1))
-    if name == "power":
-        law = _power(scene, low, high)
-    else:
-        law = scenes.prepare(high, progress).law
+    law = _power(scene, low, high) if name == "power" else scenes.prepare(high, progress).law
     ready = dataclasses.replace(scenes.prepare(dataclasses.replace(scene, law="palmgren")), law=law)
     for key in ends:
         _refuse_other(ready, key, ends[key])
@@ -149,10 +152,14 @@ def _refuse_frozen(name: str, key: str, where: str) -> None:
         field = key.split(".")[-1]
     if name in FITTED_FOR and owner == "spall" and field in FITTED_FOR[name]:
         made = "is fitted for one" if name == "power" else "does not know the"
-        raise SweepError(f"{where}{key}: contact.law = {name!r} {made} {field.replace('_', ' ')} of a spall; use 'table'")
+        raise SweepError(
+            f"{where}{key}: contact.law = {name!r} {made} {field.replace('_', ' ')} of a spall; use 'table'"
+        )
     crown = key == "contact.design_load"
     if name in FITTED_FOR and (crown or (owner == "bearing" and field not in ("arc_radius", "outer_angle"))):
-        raise SweepError(f"{where}{key}: contact.law = {name!r} would have to be made anew for every member; use 'table'")
+        raise SweepError(
+            f"{where}{key}: contact.law = {name!r} would have to be made anew for every member; use 'table'"
+        )
     if name == "liu2018" and key == "bearing.outer_angle":
         raise SweepError(f"{where}{key}: contact.law = 'liu2018' holds for the bearing 32008J only; use 'table'")
 
@@ -186,6 +193,5 @@ def _refuse_other(ready: Scene, key: str, ends: tuple[float, float]) -> None:
         away = jnp.zeros((len(scene.spalls), int(scene.bearing.rollers)))
         if int(law.judge(scene.spalls, away)) == status.OTHER_SCENE:
             at = float(np.asarray(number_at(ready, key)))
-            raise SweepError(f"{key} = {value:g}: too far from the scene's {at:g}, for which contact.law = {law.name!r} was "
-                             "made once for the whole sweep; stay near it, or run one sweep for each")  # fmt: skip
-
+            raise SweepError(f"{key} = {value:g}: too far from the scene's {at:g}, for which contact.law = {law.name!r} "
+                             "was made once for the whole sweep; stay near it, or run one sweep for each")  # fmt: skip

@@ -2,25 +2,28 @@
 
 Blocks of members (`axes.Layout`) are computed one after another by `lax.map`, the members of one by `vmap` along one
 axis after another, so that what an axis does not change is computed once. A chunk, which ends up in one file, is some
-blocks; its blocks are shared among the devices of a mesh. Neither chunks nor devices change a bit of the numbers.
+blocks in parts of equal size, which devices or threads take as they are free. Their number changes no bit of a number.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import queue
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import SingleDeviceSharding
 
 from difftrb import axes as axes_
 from difftrb import outputs, status
 from difftrb.axes import Axis, Layout, SweepError
+from difftrb.devices import lanes_of
 from difftrb.nodes import Progress
 from difftrb.outputs import STATUS
 from difftrb.scene import Scene
@@ -28,8 +31,10 @@ from difftrb.scene import Scene
 BATCH = {"cpu": 1024, "gpu": 65536}
 """Members computed at once: on two cores 256 … 1024 are fastest (experiments/sweep_at_scale.py --batch); a GPU wants
 more."""
-LEAST_BLOCKS, SHARE, MOST_MEMBERS = 8, 64, 2**17
-"""Of a chunk: at least so many blocks, to share among devices; else this part of the sweep; not many more members."""
+PARTS, SHARE, MOST_MEMBERS = 16, 64, 2**17
+"""Of a chunk: the parts it is computed in; which share of the sweep it is; members, at most (or so many blocks)."""
+AHEAD = 2
+"""Chunks that are computed while one is dealt with: none of the lanes waits for the last part of a chunk."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +80,13 @@ class Plan:
     def chunk(self) -> int:
         """Blocks of a chunk."""
         blocks, size = self.layout.blocks, self.layout.size
-        return min(blocks, max(LEAST_BLOCKS, min(blocks // SHARE, MOST_MEMBERS // size)))
+        chunk = min(blocks, max(PARTS, min(blocks // SHARE, MOST_MEMBERS // size)))
+        return -(-chunk // PARTS) * PARTS if chunk > PARTS else chunk
+
+    @property
+    def part(self) -> int:
+        """Blocks of a part of a chunk, computed by one call."""
+        return -(-self.chunk // PARTS)
 
     @property
     def chunks(self) -> int:
@@ -131,72 +142,87 @@ def _member(plan: Plan, base: Any, at: Sequence[jax.Array]) -> dict[str, jax.Arr
 
 
 class Program:
-    """The program of a plan on some devices of this process, compiled when first used."""
+    """The program of a plan, compiled when first used, and the lanes it runs in: devices, or threads of one of them.
 
-    def __init__(self, plan: Plan, devices: Sequence[jax.Device]) -> None:
+    Every call computes the same number of blocks, whatever the number of lanes, by one and the same executable: XLA
+    makes another one, with other last bits, of a program for several devices than of that for one.
+    """
+
+    def __init__(self, plan: Plan, lanes: Sequence[jax.Device]) -> None:
         self.plan = plan
-        self.devices = list(devices)
-        mesh = Mesh(np.array(self.devices), ("members",))
-        spread, everywhere = PartitionSpec("members"), PartitionSpec()
         leaves, tree = jax.tree.flatten(plan.base)
-        self._variable = [isinstance(leaf, jax.Array | np.ndarray | float | int) for leaf in leaves]
-        self._leaves = leaves
+        numeric = [isinstance(leaf, jax.Array | np.ndarray | float | int) for leaf in leaves]
+        numbers = [leaf for leaf, is_number in zip(leaves, numeric, strict=True) if is_number]
 
         def several(blocks: jax.Array, numbers: list, values: list[jax.Array]) -> dict[str, jax.Array]:
             rest = iter(numbers)
-            base = jax.tree.unflatten(
-                tree, [next(rest) if v else leaf for v, leaf in zip(self._variable, leaves, strict=True)]
-            )
+            base = tree.unflatten(next(rest) if n else leaf for n, leaf in zip(numeric, leaves, strict=True))
             return jax.lax.map(lambda block: _block(plan, base, values, block), blocks)
 
-        self._run = jax.jit(
-            jax.shard_map(
-                several, mesh=mesh, in_specs=(spread, everywhere, everywhere), out_specs=spread, check_vma=False
-            )
-        )
+        self._run = jax.jit(several)
+        there = {lane: jax.device_put((numbers, [axis.values for axis in plan.axes]), SingleDeviceSharding(lane))
+                 for lane in set(lanes)}  # fmt: skip
+        self._free: queue.SimpleQueue[tuple[jax.Device, tuple]] = queue.SimpleQueue()
+        for lane in lanes:
+            self._free.put((lane, there[lane]))
+        self._pool = ThreadPoolExecutor(len(lanes))
 
-    def _arguments(self, blocks: np.ndarray) -> tuple:
-        numbers = [leaf for leaf, v in zip(self._leaves, self._variable, strict=True) if v]
-        return blocks, numbers, [axis.values for axis in self.plan.axes]
+    def _call(self, part: int) -> dict[str, np.ndarray]:
+        """The columns of one part of a chunk, numbered through all chunks, shape (blocks, size, …)."""
+        plan = self.plan
+        blocks = np.minimum(part * plan.part + np.arange(plan.part), plan.layout.blocks - 1)
+        lane, arguments = self._free.get()
+        try:
+            found = self._run(jax.device_put(blocks, SingleDeviceSharding(lane)), *arguments)
+            return {name: np.asarray(array) for name, array in found.items()}
+        finally:
+            self._free.put((lane, arguments))
 
-    def lowered(self, chunk: int = 0) -> Any:
-        """The program, traced but not compiled."""
-        return self._run.lower(*self._arguments(self._blocks(chunk)))
+    def parts(self, numbers: Sequence[int]) -> None:
+        """Compute some parts, on trial."""
+        for running in [self._pool.submit(self._call, part) for part in numbers]:
+            running.result()
 
-    def _blocks(self, chunk: int) -> np.ndarray:
-        """A chunk's blocks, filled up with its last one so that every device has equally many, every chunk as many."""
-        plan, share = self.plan, -(-self.plan.chunk // len(self.devices))
-        return np.minimum(chunk * plan.chunk + np.arange(share * len(self.devices)), plan.layout.blocks - 1)
+    def scratch(self) -> int:
+        """Bytes that a call takes while it runs, with its results."""
+        lane, arguments = self._free.get()
+        self._free.put((lane, arguments))
+        needed = self._run.lower(np.arange(self.plan.part), *arguments).compile().memory_analysis()
+        return int(needed.temp_size_in_bytes + needed.output_size_in_bytes) if needed is not None else 0
 
     def start(self, chunk: int) -> Callable[[], dict[str, np.ndarray]]:
         """Begin to compute a chunk; what is returned waits for it, and gives its columns, shape (members, …)."""
-        running = self._run(*self._arguments(self._blocks(chunk)))
-        layout = self.plan.layout
-        first = chunk * self.plan.chunk
-        count = min(self.plan.chunk, layout.blocks - first)
-        sizes = [layout.first(first + i + 1) - layout.first(first + i) for i in range(count)]
+        plan, layout = self.plan, self.plan.layout
+        first = chunk * plan.chunk
+        last = min(first + plan.chunk, layout.blocks)
+        parts = range(first // plan.part, -(-last // plan.part))
+        running = [self._pool.submit(self._call, part) for part in parts]
+        sizes = [layout.first(block + 1) - layout.first(block) for block in range(first, last)]
 
         def finish() -> dict[str, np.ndarray]:
-            found = {name: np.asarray(array) for name, array in running.items()}
+            found = [part.result() for part in running]
+            columns = {name: np.concatenate([part[name] for part in found])[: len(sizes)] for name in found[0]}
             if min(sizes) == layout.size:
-                return {name: array[:count].reshape(-1, *array.shape[2:]) for name, array in found.items()}
-            return {
-                name: np.concatenate([array[i, :size] for i, size in enumerate(sizes)])
-                for name, array in found.items()
-            }
+                return {name: array.reshape(-1, *array.shape[2:]) for name, array in columns.items()}
+            return {name: np.concatenate([array[i, :size] for i, size in enumerate(sizes)])
+                    for name, array in columns.items()}  # fmt: skip
 
         return finish
 
     def all(self, chunks: Sequence[int]) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
         """Columns chunk by chunk; the next one is computed while this one is dealt with."""
-        before: tuple[int, Callable[[], dict[str, np.ndarray]]] | None = None
-        for chunk in chunks:
-            started = chunk, self.start(chunk)
-            if before is not None:
-                yield before[0], before[1]()
-            before = started
-        if before is not None:
-            yield before[0], before[1]()
+        waiting: list[tuple[int, Callable[[], dict[str, np.ndarray]]]] = []
+        try:
+            for chunk in chunks:
+                waiting.append((chunk, self.start(chunk)))
+                if len(waiting) > AHEAD:
+                    number, finish = waiting.pop(0)
+                    yield number, finish()
+            while waiting:
+                number, finish = waiting.pop(0)
+                yield number, finish()
+        finally:
+            self._pool.shutdown(cancel_futures=True)
 
 
 def _block(plan: Plan, base: Any, values: list[jax.Array], block: jax.Array) -> dict[str, jax.Array]:
@@ -214,15 +240,6 @@ def _block(plan: Plan, base: Any, values: list[jax.Array], block: jax.Array) -> 
         member = jax.vmap(member, in_axes=([1 if i == axis else None for i in range(len(at))],))
     depth = len(at) - layout.split
     return {name: value.reshape(layout.size, *value.shape[depth:]) for name, value in member(at).items()}
-
-
-def devices_of(count: int | None = None) -> list[jax.Device]:
-    """The first `count` devices of this process (None: all). Raises `SweepError` if there are fewer."""
-    here = jax.local_devices()
-    if count is not None and not 1 <= count <= len(here):
-        raise SweepError(f"devices = {count}: this process has {len(here)}; on a CPU, set jax_num_cpu_devices before "
-                         "the first computation (the command line's --devices does)")  # fmt: skip
-    return here[:count]
 
 
 # ------------------------------------------------------------------------------------------------ results
@@ -301,6 +318,19 @@ def labelled(plan: Plan, columns: Mapping[str, np.ndarray], about: dict[str, Any
     )
 
 
+def front(plan: Plan) -> tuple[Plan, np.ndarray]:
+    """The plan of the first one or two axes with several values, all others at their middle, and the numbers of its
+    members in the whole plan, rising."""
+    many = [i for i, axis in enumerate(plan.axes) if axis.count > 1][:2] or [0]
+    counts = plan.layout.counts
+    places = [np.arange(n) if i in many else np.array([n // 2]) for i, n in enumerate(counts)]
+    members = np.ravel_multi_index(np.ix_(*places), counts).ravel()
+    kept = tuple(
+        dataclasses.replace(axis, values=axis.values[:, place]) for axis, place in zip(plan.axes, places, strict=True)
+    )
+    return dataclasses.replace(plan, axes=kept), members
+
+
 def own_dims(plan: Plan) -> dict[str, tuple[str, ...]]:
     """Names of the results' own dimensions."""
     return {
@@ -366,7 +396,7 @@ def sweep(
     devices: int | None = None,
     progress: Progress | None = None,
 ) -> Swept:
-    """Compute a function of many scenes, all in memory; `difftrb.chunks.run` does the same into files.
+    """Compute a function of many scenes, all in memory; `difftrb.write_sweep` does the same into files.
 
     Args:
       what: names of results (`difftrb.outputs.RING`), or any function of a member that `jit` takes, returning an array
@@ -378,7 +408,7 @@ def sweep(
       mode: "product", all combinations, the last axis changing fastest; "zip", side by side.
       batch: members computed at once. Default: by the number of members and the platform. Give 1 for a function that
         chooses by `lax.cond` or iterates very differently from member to member, such as `solve_contact`.
-      devices: how many of this process. Default all.
+      devices: how many of this process, or on a CPU how many threads. Default all.
       progress: told how many of how many members are done.
 
     The law of a scene is made once for all members. A member without a solution is NaN, its status says why. Raises
@@ -387,7 +417,7 @@ def sweep(
     plan = planned(what, base, axes, gradients, mode, batch)
     columns: dict[str, list[np.ndarray]] = {}
     done = 0
-    for _, found in Program(plan, devices_of(devices)).all(range(plan.chunks)):
+    for _, found in Program(plan, lanes_of(devices)).all(range(plan.chunks)):
         for name, array in found.items():
             columns.setdefault(name, []).append(array)
         done += len(found[STATUS])

@@ -10,8 +10,9 @@ import difftrb as trb
 ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given", "special", "rows", "gap", "domain",
         "edges", "lattice", "implicit", "press", "strips", "strip_model", "contact_solution",
         "contact", "contact_slopes", "intensity", "line", "curve", "ramp", "law",
-        "nodes", "direct", "store", "table", "ring", "pitch", "scene",
-        "scenefile", "report", "plot", "__main__"]  # fmt: skip
+        "nodes", "direct", "store", "table", "ring", "pitch", "scene", "axes", "outputs", "devices",
+        "sweeping", "gathered", "chunks", "forecast", "scenefile", "sweepfile", "report", "plot", "terminal",
+        "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {"jaxopt": "implicit", "optax": "fit", "matplotlib": "plot", "pydantic": "scenefile"}
 
