@@ -196,7 +196,8 @@ def _contact(options: Any) -> int:
 def _sweep(options: Any) -> int:
     from difftrb import chunks, devices, forecast, report, sweepfile
 
-    if options.out is None and not options.dry_run:
+    folder: Path = options.out
+    if folder is None and not options.dry_run:
         return _refuse("sweep needs --out DIR, or --dry-run", EXIT_BAD_FILE)
     file = sweepfile.read(options.scene)
     devices.join(options.coordinator, options.processes, options.process)
@@ -207,11 +208,11 @@ def _sweep(options: Any) -> int:
             print(forecast.text(plan, options.devices))
         return EXIT_OK
     with terminal.members("sweeping") as progress:
-        ended = chunks.run(plan, options.out, file.text, options.resume, options.devices, progress, _say)
+        ended = chunks.run(plan, folder, file.text, options.resume, options.devices, progress, _say)
     if ended.file is not None:
         with terminal.busy("drawing"):
-            write_folder(options.out, lambda folder: _draw_sweep(ended.shown, folder))
-        print(report.sweep_text(ended, options.out))
+            write_folder(folder, lambda scratch: _draw_sweep(ended.shown, scratch))
+        print(report.sweep_text(ended, folder))
     return EXIT_OK if ended.failed == 0 else EXIT_NO_SOLUTION
 
 

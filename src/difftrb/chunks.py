@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -23,6 +23,7 @@ from difftrb import gathered, status, store
 from difftrb.axes import SweepError
 from difftrb.devices import lanes_of, wait
 from difftrb.gathered import MANIFEST, RESUME
+from difftrb.law import Law
 from difftrb.outputs import STATUS
 from difftrb.scene import Scene
 from difftrb.sweeping import Plan, Program, Swept, column_of, counted, front, labelled, own_dims, planned
@@ -54,7 +55,7 @@ class Ended:
 def manifest_of(plan: Plan, text: str = "") -> dict[str, Any]:
     """All about a sweep but its results, the same in every process: axes, units, versions, law, chunks; its identity is
     a digest of all the rest and of every number that goes in. `text` is the scene file's."""
-    law = plan.base.law if isinstance(plan.base, Scene) else None
+    law = cast(Law, plan.base.law) if isinstance(plan.base, Scene) else None
     names = plan.names
     about: dict[str, Any] = {
         "format": FORMAT,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 
@@ -13,7 +14,7 @@ COORDINATOR, PROCESSES, PROCESS = "JAX_COORDINATOR_ADDRESS", "JAX_NUM_PROCESSES"
 """Environment variables for `join`."""
 
 
-def lanes_of(count: int | None = None) -> list[jax.Device]:
+def lanes_of(count: int | None = None) -> list[Any]:
     """Where to compute at once: `count` devices of this process or, on a CPU that JAX sees as fewer, threads of them.
 
     Default: all devices; on a CPU one lane for every processor. Raises `SweepError` where there are fewer.

@@ -55,7 +55,7 @@ def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> It
 
 
 def _netcdf(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, store.Arrays]]:
-    import h5netcdf
+    import h5netcdf  # pyright: ignore[reportMissingImports]
 
     units = manifest["units"]
     with h5netcdf.File(path, "w") as file:
@@ -119,7 +119,7 @@ def load_sweep(folder: str | Path) -> Swept:
     if (folder / "sweep.npz").exists():
         found = store.read(folder / "sweep.npz")
     elif (folder / "sweep.nc").exists():
-        import h5netcdf
+        import h5netcdf  # pyright: ignore[reportMissingImports]
 
         with h5netcdf.File(folder / "sweep.nc", "r") as file:
             found = {name: variable[...] for name, variable in file.variables.items()}

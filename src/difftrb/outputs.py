@@ -193,5 +193,7 @@ def _refuse_other(ready: Scene, key: str, ends: tuple[float, float]) -> None:
         away = jnp.zeros((len(scene.spalls), int(scene.bearing.rollers)))
         if int(law.judge(scene.spalls, away)) == status.OTHER_SCENE:
             at = float(np.asarray(number_at(ready, key)))
-            raise SweepError(f"{key} = {value:g}: too far from the scene's {at:g}, for which contact.law = {law.name!r} "
-                             "was made once for the whole sweep; stay near it, or run one sweep for each")  # fmt: skip
+            made = f"for which contact.law = {law.name!r} was made once for the whole sweep"
+            raise SweepError(
+                f"{key} = {value:g}: too far from the scene's {at:g}, {made}; stay near it, or run one sweep for each"
+            )

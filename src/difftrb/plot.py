@@ -114,11 +114,11 @@ def sweep_curves(result: Swept, name: str, ax: Any = None, along: str | None = N
     along = along or _several(result)[0]
     if ax is None:
         _, ax = plt.subplots(figsize=(4.8, 3.4), layout="constrained")
-    places = [None] if over is None else np.unique(np.linspace(0, len(result.coordinates[over]) - 1, 5).astype(int))
+    places = [0] if over is None else np.unique(np.linspace(0, len(result.coordinates[over]) - 1, 5).astype(int))
     colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(places)))
     for place, colour in zip(places, colours, strict=True):
         x, (y, slope) = _cut(result, name, (along,), {} if over is None else {over: int(place)})
-        label = None if over is None else f"{_label(result, over, result.coordinates[over][place])}"
+        label = None if over is None else _label(result, over, float(result.coordinates[over][place]))
         ax.plot(x[0], y, color=colour if over else HEALTHY, lw=1.6, label=label, marker="." if len(y) < 40 else None)
         if along in slope:
             step = max(1, len(y) // 8)
@@ -150,7 +150,7 @@ def sweep_map(result: Swept, name: str, ax: Any = None, x: str | None = None, y:
         ax.clabel(lines, fontsize=7, fmt="%.4g")
     ax.figure.colorbar(mesh, ax=ax, label=_label(result, name))
     if x in slope and y in slope:
-        shown = np.ix_(*(np.unique(np.linspace(0, n - 1, 12).astype(int)) for n in values.shape))
+        shown = np.ix_(*(np.arange(n // 12 // 2, n, max(1, n // 12)) for n in values.shape))
         rise = [slope[x][shown] * np.ptp(across), slope[y][shown] * np.ptp(up)]
         places = np.meshgrid(across[shown[0].ravel()], up[shown[1].ravel()], indexing="ij")
         ax.quiver(*places, *rise, color="black", angles="uv", width=0.004, pivot="mid")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import queue
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any
@@ -148,7 +148,7 @@ class Program:
     makes another one, with other last bits, of a program for several devices than of that for one.
     """
 
-    def __init__(self, plan: Plan, lanes: Sequence[jax.Device]) -> None:
+    def __init__(self, plan: Plan, lanes: Sequence[Any]) -> None:
         self.plan = plan
         leaves, tree = jax.tree.flatten(plan.base)
         numeric = [isinstance(leaf, jax.Array | np.ndarray | float | int) for leaf in leaves]
@@ -162,7 +162,7 @@ class Program:
         self._run = jax.jit(several)
         there = {lane: jax.device_put((numbers, [axis.values for axis in plan.axes]), SingleDeviceSharding(lane))
                  for lane in set(lanes)}  # fmt: skip
-        self._free: queue.SimpleQueue[tuple[jax.Device, tuple]] = queue.SimpleQueue()
+        self._free: queue.SimpleQueue[tuple[Any, tuple]] = queue.SimpleQueue()
         for lane in lanes:
             self._free.put((lane, there[lane]))
         self._pool = ThreadPoolExecutor(len(lanes))
@@ -209,7 +209,7 @@ class Program:
 
         return finish
 
-    def all(self, chunks: Sequence[int]) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+    def all(self, chunks: Sequence[int]) -> Generator[tuple[int, dict[str, np.ndarray]]]:
         """Columns chunk by chunk; the next one is computed while this one is dealt with."""
         waiting: list[tuple[int, Callable[[], dict[str, np.ndarray]]]] = []
         try:
@@ -275,7 +275,7 @@ class Swept:
 
     def to_xarray(self) -> Any:
         """An `xarray.Dataset` with units, coordinates and status. Needs xarray: `pip install 'difftrb[io]'`."""
-        import xarray
+        import xarray  # pyright: ignore[reportMissingImports]
 
         dim = {key: key if key in self.dims else self.dims[0] for key in self.coordinates}
         variables = {}
