@@ -199,8 +199,8 @@ def _sweep(options: Any) -> int:
     folder: Path = options.out
     if folder is None and not options.dry_run:
         return _refuse("sweep needs --out DIR, or --dry-run", EXIT_BAD_FILE)
+    devices.join(options.coordinator, options.processes, options.process)  # before anything is computed
     file = sweepfile.read(options.scene)
-    devices.join(options.coordinator, options.processes, options.process)
     with terminal.bar("preparing the roller law") as progress:
         plan = file.plan(options.batch, progress)
     if options.dry_run:

@@ -22,6 +22,7 @@ from difftrb.scene import Scene
 Mode = Literal["product", "zip"]
 ZIPPED = "member"
 """Dimension of zipped axes."""
+OF_SCENE = "load.radial, load.axial, spall.0.length and so on, bearing.…, stiffness.phase, contact.design_load"
 SPACINGS = ("linear", "log")
 RANGE_KEYS = ("from", "to", "count", "spacing")
 MOST_VALUES = 10_000_000
@@ -164,7 +165,10 @@ def number_at(tree: Any, key: str) -> Any:
             if step.isdigit() and isinstance(at, tuple | list):
                 raise SweepError(f"{key}: there {_are(len(at))}, counted from 0")
             close = difflib.get_close_matches(step, known, n=1)
-            hint = f"did you mean {'.'.join([*steps[:i], close[0]])}?" if close else f"known here: {', '.join(known)}"
+            written = key.split(".")[: i + len(key.split(".")) - len(steps)]
+            hint = f"did you mean {'.'.join([*written, close[0]])}?" if close else f"known here: {', '.join(known)}"
+            if isinstance(at, Scene):
+                hint = f"known here: {OF_SCENE}"
             raise SweepError(f"{key} is not a known key; {hint}" if known else f"{key} is not a known key")
         at = _taken(at, step)
     return at

@@ -149,11 +149,14 @@ def sweep_map(result: Swept, name: str, ax: Any = None, x: str | None = None, y:
         lines = ax.contour(across, up, values.T, colors="white", linewidths=0.6, levels=6)
         ax.clabel(lines, fontsize=7, fmt="%.4g")
     ax.figure.colorbar(mesh, ax=ax, label=_label(result, name))
-    if x in slope and y in slope:
+    if x in slope and y in slope and np.isfinite(values).any():
         shown = np.ix_(*(np.arange(n // 12 // 2, n, max(1, n // 12)) for n in values.shape))
         rise = [slope[x][shown] * np.ptp(across), slope[y][shown] * np.ptp(up)]
         places = np.meshgrid(across[shown[0].ravel()], up[shown[1].ravel()], indexing="ij")
-        ax.quiver(*places, *rise, color="black", angles="uv", width=0.004, pivot="mid")
+        known = np.isfinite(rise[0] + rise[1]) & (np.hypot(*rise) > 0.0)
+        if known.any():
+            places, rise = ([part[known] for part in parts] for parts in (places, rise))
+            ax.quiver(*places, *rise, color="black", angles="uv", width=0.004, pivot="mid")
     ax.set_xlabel(_label(result, x))
     ax.set_ylabel(_label(result, y))
     return ax

@@ -150,19 +150,14 @@ class Program:
 
     def __init__(self, plan: Plan, lanes: Sequence[Any]) -> None:
         self.plan = plan
-        leaves, tree = jax.tree.flatten(plan.base)
-        numeric = [isinstance(leaf, jax.Array | np.ndarray | float | int) for leaf in leaves]
-        numbers = [leaf for leaf, is_number in zip(leaves, numeric, strict=True) if is_number]
 
-        def several(blocks: jax.Array, numbers: list, values: list[jax.Array]) -> dict[str, jax.Array]:
-            rest = iter(numbers)
-            base = tree.unflatten(next(rest) if n else leaf for n, leaf in zip(numeric, leaves, strict=True))
-            return jax.lax.map(lambda block: _block(plan, base, values, block), blocks)
+        def several(blocks: jax.Array, values: list[jax.Array]) -> dict[str, jax.Array]:
+            return jax.lax.map(lambda block: _block(plan, plan.base, values, block), blocks)
 
         self._run = jax.jit(several)
-        there = {lane: jax.device_put((numbers, [axis.values for axis in plan.axes]), SingleDeviceSharding(lane))
-                 for lane in set(lanes)}  # fmt: skip
-        self._free: queue.SimpleQueue[tuple[Any, tuple]] = queue.SimpleQueue()
+        values = [axis.values for axis in plan.axes]
+        there = {lane: jax.device_put(values, SingleDeviceSharding(lane)) for lane in set(lanes)}
+        self._free: queue.SimpleQueue[tuple[Any, list[jax.Array]]] = queue.SimpleQueue()
         for lane in lanes:
             self._free.put((lane, there[lane]))
         self._pool = ThreadPoolExecutor(len(lanes))
@@ -171,12 +166,12 @@ class Program:
         """The columns of one part of a chunk, numbered through all chunks, shape (blocks, size, …)."""
         plan = self.plan
         blocks = np.minimum(part * plan.part + np.arange(plan.part), plan.layout.blocks - 1)
-        lane, arguments = self._free.get()
+        lane, values = self._free.get()
         try:
-            found = self._run(jax.device_put(blocks, SingleDeviceSharding(lane)), *arguments)
+            found = self._run(jax.device_put(blocks, SingleDeviceSharding(lane)), values)
             return {name: np.asarray(array) for name, array in found.items()}
         finally:
-            self._free.put((lane, arguments))
+            self._free.put((lane, values))
 
     def parts(self, numbers: Sequence[int]) -> None:
         """Compute some parts, on trial."""
@@ -185,9 +180,9 @@ class Program:
 
     def scratch(self) -> int:
         """Bytes that a call takes while it runs, with its results."""
-        lane, arguments = self._free.get()
-        self._free.put((lane, arguments))
-        needed = self._run.lower(np.arange(self.plan.part), *arguments).compile().memory_analysis()
+        lane, values = self._free.get()
+        self._free.put((lane, values))
+        needed = self._run.lower(np.arange(self.plan.part), values).compile().memory_analysis()
         return int(needed.temp_size_in_bytes + needed.output_size_in_bytes) if needed is not None else 0
 
     def start(self, chunk: int) -> Callable[[], dict[str, np.ndarray]]:
