@@ -119,9 +119,9 @@ def scale(law: str, members: int) -> None:
         rows[count, devices] = row = fresh(count, law, devices)
         print(
             f"{law}, {row['members']:,} members, {devices} devices: {row['seconds']:.2f} s, of which "
-            f"{row['gathering']:.2f} s for the file of all; {row['steady']:.2f} µs a member once running, "
-            f"{row['processor']:.2f} µs of processor time; peak memory {row['peak']:.0f} MB ({row['before']:.0f} before "
-            f"it began); {row['failed']:,} without a solution",
+            f"{row['gathering']:.2f} s for one file; {row['steady']:.2f} µs a member once running, "
+            f"{row['processor']:.2f} µs of processor time; peak {row['peak']:.0f} MB ({row['before']:.0f} at the "
+            f"start); {row['failed']:,} without a solution",
             flush=True,
         )
     two, one, small = rows[members, 2], rows[members, 1], rows[members // 10, 2]
@@ -140,7 +140,7 @@ def larger(one: dict[str, float], members: float, cores: int = 64, gain: float =
         f"on paper, {members:.0e} members:",
         f"  one CPU device {hours:.1f} h, {cores} of them {60.0 * hours / cores:.0f} min",
         f"  {cards} GPUs, if each is {gain:g} times a CPU device, {3600.0 * hours / gain / cards:.0f} s",
-        f"  disk {size * members / 1e9:.0f} GB, half in {members / sweeping.MOST_MEMBERS:,.0f} chunks, half in one file",
+        f"  disk {size * members / 1e9:.0f} GB, half in {members / sweeping.MOST_MEMBERS:,.0f} chunks, half in one",
         f"  what breaks first: such GPUs make {rate:.0f} MB/s of chunks, to be copied and written; one process then "
         f"takes {gathering:.0f} min to put them into one file",
     ]
@@ -174,11 +174,18 @@ def same(one: Path, other: Path) -> list[str]:
                   or (one / n).read_bytes() != (other / n).read_bytes())  # fmt: skip
 
 
+def by_one(folder: Path, text: str) -> tuple[Path, float]:
+    """A scene file in `folder`, swept into `one` if it was not; its name, and seconds."""
+    file, started = folder / "scene.toml", time.perf_counter()
+    if not (folder / "one").exists():
+        file.write_text(text, encoding="utf-8")
+        subprocess.run(command(file, folder / "one"), capture_output=True)
+    return file, time.perf_counter() - started
+
+
 def processes(folder: Path, text: str = FILE) -> list[str]:
     """What differs between a sweep by one process and by two over loopback."""
-    file = folder / "scene.toml"
-    file.write_text(text, encoding="utf-8")
-    subprocess.run(command(file, folder / "one"), capture_output=True)
+    file, _ = by_one(folder, text)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -199,11 +206,8 @@ def processes(folder: Path, text: str = FILE) -> list[str]:
 def kills(folder: Path, times: int, text: str = FILE, longest: float | None = None) -> tuple[list[str], list[int]]:
     """What differs between a sweep and one that was killed at `times` random moments and resumed; the number of chunks
     that were there after each."""
-    file, out = folder / "scene.toml", folder / "killed"
-    file.write_text(text, encoding="utf-8")
-    started = time.perf_counter()
-    subprocess.run(command(file, folder / "whole"), capture_output=True)
-    longest = longest or time.perf_counter() - started
+    file, seconds = by_one(folder, text)
+    longest, out = longest or seconds, folder / "killed"
     there = []
     for _ in range(times):
         running = subprocess.Popen(command(file, out, "--resume"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -211,12 +215,12 @@ def kills(folder: Path, times: int, text: str = FILE, longest: float | None = No
         running.send_signal(signal.SIGKILL)
         running.wait()
         there.append(len(list(out.glob("chunk_*.npz"))))
-        if there[-1] == len(list((folder / "whole").glob("chunk_*.npz"))):
+        if there[-1] == len(list((folder / "one").glob("chunk_*.npz"))):
             for path in sorted(out.glob("chunk_*"))[1::2]:  # so that there is something left for the next
                 path.unlink()
     subprocess.run(command(file, out, "--resume"), capture_output=True)
     assert not list(out.glob("*.part"))
-    return same(folder / "whole", out), there
+    return same(folder / "one", out), there
 
 
 def contacts(side: int = 64, accuracy: float = 1e-3, devices: int | None = None) -> tuple[trb.Swept, float, float]:

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -69,6 +69,18 @@ class Plan:
     def shapes(self) -> dict[str, jax.ShapeDtypeStruct]:
         """Of one member's results by column."""
         return jax.eval_shape(lambda: _member(self, self.base, [jnp.asarray(axis.values[:, 0]) for axis in self.axes]))
+
+    @cached_property
+    def compute(self) -> Callable[[jax.Array, list[jax.Array]], dict[str, jax.Array]]:
+        """The jitted program: from numbers of blocks, shape (n,), and the axes' values to columns, (n, size, …).
+
+        The scene's numbers are constants in it: as arguments they cost up to twice the time.
+        """
+
+        def several(blocks: jax.Array, values: list[jax.Array]) -> dict[str, jax.Array]:
+            return jax.lax.map(lambda block: _block(self, self.base, values, block), blocks)
+
+        return jax.jit(several)
 
     @property
     def names(self) -> list[str]:
@@ -150,11 +162,6 @@ class Program:
 
     def __init__(self, plan: Plan, lanes: Sequence[Any]) -> None:
         self.plan = plan
-
-        def several(blocks: jax.Array, values: list[jax.Array]) -> dict[str, jax.Array]:
-            return jax.lax.map(lambda block: _block(plan, plan.base, values, block), blocks)
-
-        self._run = jax.jit(several)
         values = [axis.values for axis in plan.axes]
         there = {lane: jax.device_put(values, SingleDeviceSharding(lane)) for lane in set(lanes)}
         self._free: queue.SimpleQueue[tuple[Any, list[jax.Array]]] = queue.SimpleQueue()
@@ -168,7 +175,7 @@ class Program:
         blocks = np.minimum(part * plan.part + np.arange(plan.part), plan.layout.blocks - 1)
         lane, values = self._free.get()
         try:
-            found = self._run(jax.device_put(blocks, SingleDeviceSharding(lane)), values)
+            found = plan.compute(jax.device_put(blocks, SingleDeviceSharding(lane)), values)
             return {name: np.asarray(array) for name, array in found.items()}
         finally:
             self._free.put((lane, values))
@@ -182,7 +189,7 @@ class Program:
         """Bytes that a call takes while it runs, with its results."""
         lane, values = self._free.get()
         self._free.put((lane, values))
-        needed = self._run.lower(np.arange(self.plan.part), values).compile().memory_analysis()
+        needed = cast(Any, self.plan.compute).lower(np.arange(self.plan.part), values).compile().memory_analysis()
         return int(needed.temp_size_in_bytes + needed.output_size_in_bytes) if needed is not None else 0
 
     def start(self, chunk: int) -> Callable[[], dict[str, np.ndarray]]:
@@ -216,7 +223,7 @@ class Program:
             while waiting:
                 number, finish = waiting.pop(0)
                 yield number, finish()
-        finally:
+        finally:  # of one that stopped early
             self._pool.shutdown(cancel_futures=True)
 
 

@@ -16,7 +16,7 @@ def test_gradients_are_those_of_solve_and_differences(bearing: trb.TaperedBearin
     step = 1e-4
     base = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), trb.liu2018(), phase="mean")
     given = {"spall.0.length": [4.0 - step, 4.0, 4.0 + step], "spall.0.width": [5.0 - step, 5.0, 5.0 + step]}
-    names = ("radial_stiffness", "axial_loss")
+    names = ("radial_stiffness", "axial_stiffness")
     swept = trb.sweep(names, base, given, KEYS)
     spall = dataclasses.replace(base.spalls[0], width=5.0)
     slopes = jax.grad(lambda s: trb.solve(s).radial_stiffness)(dataclasses.replace(base, spalls=(spall,)))

@@ -54,6 +54,12 @@ def whole(plan: sweeping.Plan, tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder
 
 
+@pytest.fixture(autouse=True)
+def _keeping(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the command line's --no-cache sets is set back."""
+    monkeypatch.setattr(store, "keeping", store.keeping)
+
+
 def bytes_of(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.suffix in (".npz", ".json")}
 
@@ -93,10 +99,10 @@ def test_slabs_are_the_members_in_order() -> None:
         )
 
 
-def test_a_million_million_members_are_planned_at_once(scene: trb.Scene) -> None:
+def test_a_million_million_members_are_planned_at_once(plan: sweeping.Plan) -> None:
     thousand = {"from": 1.0, "to": 2.0, "count": 1000}
     keys = ("spall.0.length", "spall.0.width", "load.axial", "stiffness.phase")
-    plan = sweeping.planned(["peak_load"], dataclasses.replace(scene, law="liu2018"), dict.fromkeys(keys, thousand))
+    plan = sweeping.planned(["peak_load"], plan.base, dict.fromkeys(keys, thousand))
     assert plan.layout.members == 10**12
     assert plan.members(plan.chunks - 1)[1] == 10**12
 
@@ -188,9 +194,10 @@ def test_contacts_by_file(tmp_path: Path) -> None:
 # ------------------------------------------------------------------------------------------------ the law of all
 
 
-def test_one_law_covers_all_loads(scene: trb.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_law_covers_all_loads(plan: sweeping.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    monkeypatch.setattr(outputs.laws, "power_law", lambda *a: asked.append(a) or scene.law)
+    monkeypatch.setattr(outputs.laws, "power_law", lambda *a: asked.append(a) or plan.base.law)
+    scene = plan.base
     named = dataclasses.replace(scene, law="power")
     given = axes.axes_of({"load.axial": [3000.0, 30000.0], "spall.0.length": [1.0, 4.0]})
     outputs.prepared(named, given)
@@ -322,7 +329,7 @@ def test_what_cannot_be_swept_is_one_sentence(
 
 
 def test_axes_may_be_quoted_or_in_a_table_of_their_own() -> None:
-    head = FILE[: FILE.index("spall.0.length")]
+    head = FILE[: FILE.index("spall.0.length = ")]
     quoted = head + '"spall.0.length" = [1, 2]\n"load.axial" = [3000]\n'
     own = head + "[sweep.axes]\nspall.0.length = [1, 2]\nload.axial = [3000]\n"
     assert sweepfile.parse(quoted).axes == sweepfile.parse(own).axes == {"spall.0.length": [1, 2], "load.axial": [3000]}
