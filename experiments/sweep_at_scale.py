@@ -14,6 +14,7 @@ Its last lines are the cost of larger sweeps and machines, from these measuremen
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import random
 import resource
@@ -232,6 +233,7 @@ def contacts(side: int = 64, accuracy: float = 1e-3, devices: int | None = None)
 
     axes = {"offset": np.linspace(-0.7, 0.7, side), "spall.length": np.linspace(0.5, 8.0, side)}
     made = sweeping.planned(outputs.of_contact(["approach"], solved), base, axes, batch=1)
+    made = dataclasses.replace(made, units=made.units | {"offset": "mm", "approach": "mm"})
     program = sweeping.Program(made, lanes_of(devices))
     started = time.perf_counter()
     program.parts([0])

@@ -158,9 +158,9 @@ def run(
 def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any]) -> tuple[Path, Counter, Swept]:
     """The file with everything, the members of every status, and the results along the first one or two axes."""
 
-    def pieces() -> Iterator[tuple[int, store.Arrays]]:
+    def pieces(names: Sequence[str] | None = None) -> Iterator[tuple[int, store.Arrays]]:
         for chunk in range(plan.chunks):
-            found = _sound(folder / _name(chunk), plan, manifest, chunk)
+            found = _sound(folder / _name(chunk), plan, manifest, chunk, names)
             if found is None:
                 raise SweepError(f"{folder / _name(chunk)}: is missing or damaged; {RESUME}")
             yield plan.members(chunk)[0], found
@@ -212,13 +212,15 @@ def _refuse_others(folder: Path, manifest: dict[str, Any], resume: bool) -> None
     raise SweepError(f"{folder}: the sweep there is {what}; undo the change, or name another folder")
 
 
-def _sound(path: Path, plan: Plan, manifest: dict[str, Any], chunk: int) -> store.Arrays | None:
-    """A chunk's columns, or None if it is not there, damaged, or another sweep's."""
-    found = store.read(path)
+def _sound(
+    path: Path, plan: Plan, manifest: dict[str, Any], chunk: int, names: Sequence[str] | None = None
+) -> store.Arrays | None:
+    """A chunk's columns (or those of these `names`), or None if it is not there, damaged, or another sweep's."""
+    found = store.read(path, None if names is None else [*names, "identity", "first"])
     first, last = plan.members(chunk)
     if found is None or str(found.pop("identity", "")) != manifest["identity"] or found.pop("first", -1) != first:
         return None
-    fits = found.keys() == plan.shapes.keys() and all(
+    fits = found.keys() == set(plan.shapes if names is None else names) and all(
         array.shape == (last - first, *plan.shapes[name].shape) for name, array in found.items()
     )
     return found if fits else None

@@ -18,8 +18,8 @@ from difftrb.sweeping import Plan, Swept, column_of, own_dims
 
 MANIFEST = "manifest.json"
 RESUME = "go on with --resume"
-Pieces = Callable[[], Iterator[tuple[int, store.Arrays]]]
-"""From the start: the first member of every chunk and its columns."""
+Pieces = Callable[..., Iterator[tuple[int, store.Arrays]]]
+"""From the start: the first member of every chunk and its columns, or those of the names that are given."""
 
 
 def write(
@@ -48,7 +48,7 @@ def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> It
                 header = {"descr": np.lib.format.dtype_to_descr(np.dtype(shape.dtype)), "fortran_order": False,
                           "shape": (*plan.layout.counts, *shape.shape)}  # fmt: skip
                 np.lib.format.write_array_header_1_0(entry, header)
-                for first, found in pieces():
+                for first, found in pieces(None if name == STATUS else [name]):
                     entry.write(found[name].tobytes())
                     if name == STATUS:
                         yield first, found

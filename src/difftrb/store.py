@@ -7,7 +7,7 @@ import hashlib
 import os
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import jax
@@ -51,11 +51,11 @@ def kept(name: str, make: Callable[[], Arrays]) -> Arrays:
     return found
 
 
-def read(path: Path) -> Arrays | None:
-    """What `write` wrote; None if the file is not there, cut short or changed (every array has a checksum)."""
+def read(path: Path, names: Sequence[str] | None = None) -> Arrays | None:
+    """What `write` wrote, or the arrays of these `names` of it; None if the file is not there, cut short or changed (every array has a checksum)."""
     try:
         with open(path, "rb") as whole, np.load(whole, allow_pickle=False) as file:
-            return {entry: file[entry] for entry in file.files}
+            return {entry: file[entry] for entry in (file.files if names is None else names)}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):  # each one met with a file cut or changed
         return None
 
