@@ -77,26 +77,24 @@ def child(members: int, law: str, devices: int) -> dict[str, float]:
     """Measured in this process: seconds of `chunks.run` in all and since the first chunk was there, megabytes."""
     cli._set_up_jax(cache=True)
     made = plan(members, law)
-    marks: list[tuple[float, int]] = []
+    marks: list[tuple[float, float, int]] = []
 
     def mark(done: int, of: int, failed: int) -> None:
-        marks.append((time.perf_counter(), done))
+        marks.append((time.perf_counter(), time.process_time(), done))
 
     with tempfile.TemporaryDirectory() as folder:
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         started = time.perf_counter()
-        worked = time.process_time()
         ended = chunks.run(made, Path(folder), devices=devices, progress=mark)
         seconds = time.perf_counter() - started
-        worked = time.process_time() - worked
         disk = sum(file.stat().st_size for file in Path(folder).iterdir())
-    (first, had), (last, done) = marks[1], marks[-1]
+    (first, worked, had), (last, worked_at_last, done) = marks[1], marks[-1]
     return {
         "members": made.layout.members,
         "failed": ended.failed,
         "seconds": seconds,
         "steady": 1e6 * (last - first) / max(1, done - had),
-        "processor": 1e6 * worked / made.layout.members,
+        "processor": 1e6 * (worked_at_last - worked) / max(1, done - had),
         "gathering": seconds - (last - started),
         "before": before / 1e3,
         "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,

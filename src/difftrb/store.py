@@ -52,7 +52,10 @@ def kept(name: str, make: Callable[[], Arrays]) -> Arrays:
 
 
 def read(path: Path, names: Sequence[str] | None = None) -> Arrays | None:
-    """What `write` wrote, or the arrays of these `names` of it; None if the file is not there, cut short or changed (every array has a checksum)."""
+    """What `write` wrote, or the arrays of these `names` of it.
+
+    None if the file is not there, cut short or changed: every array has a checksum.
+    """
     try:
         with open(path, "rb") as whole, np.load(whole, allow_pickle=False) as file:
             return {entry: file[entry] for entry in (file.files if names is None else names)}
