@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from difftrb.scene import Assessment, Scene, Solution, assess, healthy, prepare, solve
     from difftrb.scenefile import SceneError, load_scene
     from difftrb.status import SolveError
-    from difftrb.sweeping import Swept, sweep
+    from difftrb.sweeping import sweep
+    from difftrb.swept import Swept
 
 _HOMES = {
     "contact": ("solve_contact",),
@@ -44,7 +45,8 @@ _HOMES = {
     "axes": ("SweepError",),
     "chunks": ("write_sweep",),
     "gathered": ("load_sweep",),
-    "sweeping": ("Swept", "sweep"),
+    "sweeping": ("sweep",),
+    "swept": ("Swept",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -26,7 +26,8 @@ from difftrb.gathered import MANIFEST, RESUME
 from difftrb.law import Law
 from difftrb.outputs import STATUS
 from difftrb.scene import Scene
-from difftrb.sweeping import Plan, Program, Swept, column_of, counted, front, labelled, own_dims, planned
+from difftrb.sweeping import Plan, Program, front, labelled, own_dims, planned
+from difftrb.swept import Swept, column_of, counted
 
 FORMAT = 1
 

@@ -14,7 +14,8 @@ import numpy as np
 from difftrb import store
 from difftrb.axes import ZIPPED, SweepError
 from difftrb.outputs import STATUS
-from difftrb.sweeping import Plan, Swept, column_of, own_dims
+from difftrb.sweeping import Plan, own_dims
+from difftrb.swept import Swept, column_of
 
 MANIFEST = "manifest.json"
 RESUME = "go on with --resume"
