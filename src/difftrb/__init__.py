@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from difftrb import effects
+    from difftrb.axes import SweepError
+    from difftrb.chunks import write_sweep
     from difftrb.contact import solve_contact
     from difftrb.contact_slopes import approach_slopes
     from difftrb.contact_solution import ContactSolution
     from difftrb.fit import fit
     from difftrb.fitted import Fit
+    from difftrb.gathered import load_sweep
     from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
     from difftrb.heightmap import HeightMap, HeightMapError, example_map, load_height_map
     from difftrb.intensity import EdgeIntensity, edge_intensity
@@ -30,6 +33,8 @@ if TYPE_CHECKING:
     from difftrb.scenefile import SceneError, load_scene
     from difftrb.solution import Assessment, Solution, assess, solve
     from difftrb.status import SolveError
+    from difftrb.sweeping import sweep
+    from difftrb.swept import Swept
 
 _HOMES = {
     "contact": ("solve_contact",),
@@ -50,6 +55,11 @@ _HOMES = {
     "scenefile": ("SceneError", "load_scene"),
     "solution": ("Assessment", "Solution", "assess", "solve"),
     "status": ("SolveError",),
+    "axes": ("SweepError",),
+    "chunks": ("write_sweep",),
+    "gathered": ("load_sweep",),
+    "sweeping": ("sweep",),
+    "swept": ("Swept",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

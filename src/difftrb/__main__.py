@@ -1,4 +1,4 @@
-"""The command line: `difftrb run | contact | fit | check | example`."""
+"""The command line: `difftrb run | contact | fit | sweep | check | example`."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ import platform
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from difftrb import terminal
 
 EXIT_OK, EXIT_NO_SOLUTION, EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_PIPE = 0, 1, 2, 130, 141
 
@@ -26,6 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")  # a terminal without µ and █ gets question marks, not a traceback
     _set_up_jax(options.cache)
     from difftrb import measured, scenefile, store
+    from difftrb.axes import SweepError
     from difftrb.status import SolveError
 
     store.keeping = options.cache
@@ -35,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(error, EXIT_NO_SOLUTION)
     except SolveError as error:
         return _refuse(error, EXIT_NO_SOLUTION)
-    except (scenefile.SceneError, measured.MeasuredError) as error:
+    except (scenefile.SceneError, measured.MeasuredError, SweepError) as error:
         return _refuse(error, EXIT_BAD_FILE)
     except KeyboardInterrupt:
         return _refuse("interrupted", EXIT_INTERRUPTED)
@@ -76,6 +79,16 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--parameters", default="length,width", metavar="NAMES", help="what to fit (default length,width)")
     sub.add_argument("--robust", default="squares", help="huber or student where single rows may be far off")
     _add_output(sub)
+    sub = command("sweep", _sweep, "Many scenes: a scene file's [sweep] names axes, outputs and gradients.")
+    sub.add_argument("scene", metavar="SCENE")
+    sub.add_argument("--out", metavar="DIR", type=Path, help="where chunks, manifest.json, sweep.nc and figures go")
+    sub.add_argument("--resume", action="store_true", help="go on with the sweep in DIR")
+    sub.add_argument("--dry-run", action="store_true", help="say members, memory, disk and time, and compute nothing")
+    sub.add_argument("--devices", type=int, metavar="N", help="devices, or threads of a CPU, to use (default: all)")
+    sub.add_argument("--batch", type=int, metavar="N", help="members computed at once (default: by size and platform)")
+    sub.add_argument("--coordinator", metavar="HOST:PORT", help="of several processes: where the first one listens")
+    sub.add_argument("--processes", type=int, metavar="N", help="of several processes: how many there are")
+    sub.add_argument("--process", type=int, metavar="I", help="of several processes: this one's number, from 0")
     sub = command("check", _check, "Check a scene file without computing anything.")
     sub.add_argument("scene", metavar="SCENE")
     sub = command("example", _example, "Print a packaged scene file; without a NAME, list them.")
@@ -145,12 +158,12 @@ def _run(options: Any) -> int:
     scenefile.check_ring(file, path)
     started = time.perf_counter()
     if file.contact.law in ("table", "direct"):
-        with _bar("solving contacts for the roller law") as progress:
+        with terminal.bar("solving contacts for the roller law") as progress:
             scene = jax.block_until_ready(prepare(file.scene(), progress))
     else:
-        with _busy("fitting the roller law to contact solves"):
+        with terminal.busy("fitting the roller law to contact solves"):
             scene = jax.block_until_ready(prepare(file.scene()))
-    with _busy("solving the ring"):
+    with terminal.busy("solving the ring"):
         result = jax.block_until_ready(assess(scene))
     record = report.run_json(scene, result, time.perf_counter() - started)
 
@@ -177,7 +190,7 @@ def _contact(options: Any) -> int:
     file, path = _read(options)
     scenefile.check_contact(file, path)
     started = time.perf_counter()
-    with _busy("solving the contact"):
+    with terminal.busy("solving the contact"):
         table, (spalls, offsets) = file.contact, file.under_contact()
         solved = approach_and_slopes(file.line_contact(), table.load, spalls, offsets, table.accuracy, tilt=table.tilt)
         solution, slopes = jax.block_until_ready(solved)
@@ -201,9 +214,9 @@ def _fit(options: Any) -> int:
     rows = measured.load_measured(options.measured)
     names = [name.strip() for name in options.parameters.split(",")]
     started = time.perf_counter()
-    with _bar("solving contacts for the roller law") as progress:
+    with terminal.bar("solving contacts for the roller law") as progress:
         scene = prepare_fit(file.scene(), rows, progress)
-    with _busy("fitting"):
+    with terminal.busy("fitting"):
         result = fit(scene, rows, names, options.robust)
         suggestions = next_measurements(result) if bool(result.converged) else ()
     record = fit_report.fit_json(result, suggestions, time.perf_counter() - started)
@@ -214,6 +227,41 @@ def _fit(options: Any) -> int:
         plot.save(plot.fit_panels(result), folder, "fit")
 
     return _deliver(options, path, record, lambda: fit_report.fit_text(result, suggestions), figures)
+
+
+def _sweep(options: Any) -> int:
+    from difftrb import chunks, devices, forecast, report, sweepfile
+
+    folder: Path = options.out
+    if folder is None and not options.dry_run:
+        return _refuse("sweep needs --out DIR, or --dry-run", EXIT_BAD_FILE)
+    devices.join(options.coordinator, options.processes, options.process)  # before anything is computed
+    file = sweepfile.read(options.scene)
+    with terminal.bar("preparing the roller law") as progress:
+        plan = file.plan(options.batch, progress)
+    if options.dry_run:
+        with terminal.busy("measuring a small batch"):
+            print(forecast.text(plan, options.devices))
+        return EXIT_OK
+    with terminal.members("sweeping") as progress:
+        ended = chunks.run(plan, folder, file.text, options.resume, options.devices, progress, _say)
+    if ended.file is not None:
+        with terminal.busy("drawing"):
+            write_folder(folder, lambda scratch: _draw_sweep(ended.shown, scratch))
+        print(report.sweep_text(ended, folder))
+    return EXIT_OK if ended.failed == 0 else EXIT_NO_SOLUTION
+
+
+def _draw_sweep(swept: Any, folder: Path) -> None:
+    from difftrb import plot
+
+    for name in swept.values:
+        if not swept.own_dims[name]:
+            plot.save(plot.swept(swept, name), folder, name)
+
+
+def _say(sentence: str) -> None:
+    print(f"difftrb: {sentence}", file=sys.stderr)
 
 
 def _check(options: Any) -> int:
@@ -250,7 +298,7 @@ def _deliver(
             print(json.dumps(record, indent=1))
         return _refuse(f"{path}: {record['status']}", EXIT_NO_SOLUTION)
     if options.out is not None:
-        with _busy("drawing"):
+        with terminal.busy("drawing"):
             write_folder(options.out, lambda folder: _fill(folder, record, figures))
     if options.json:
         print(json.dumps(record, indent=1))
@@ -291,32 +339,6 @@ def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
             with contextlib.suppress(OSError):
                 folder.rmdir()
         raise OSError(error.errno, error.strerror, str(target)) from None
-
-
-@contextlib.contextmanager
-def _busy(what: str) -> Iterator[None]:
-    """A spinner on the terminal while something takes its time; nothing where no one looks."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(what):
-        yield
-
-
-@contextlib.contextmanager
-def _bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
-    """A progress bar on the terminal, to be told how many of how many are done; nothing where no one looks."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what)
-        yield lambda done, of: bar.update(task, completed=done, total=of)
 
 
 if __name__ == "__main__":

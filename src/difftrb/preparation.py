@@ -41,7 +41,7 @@ def prepared_law(scene: Scene, progress: Progress | None = None, raceway: Racewa
     if not isinstance(scene.law, LawName):
         return cast(Law, scene.law).at(contact)
     spalls = ring.spalls_on(scene.spalls, raceway)
-    if scene.law.name == "power" and not _of_one_shape(spalls):
+    if scene.law.name == "power" and not of_one_shape(spalls):
         raise ValueError(SEVERAL_SHAPES)
     largest = ring.largest_load(scene.bearing, scene.load)
     if scene.law.name in BY_NODES:
@@ -98,7 +98,7 @@ def phases_of(scene: Scene, met: tuple[pitch.Met, ...], terms: ring.Terms = ring
     return jnp.reshape(jnp.asarray(scene.phase, float), (1,)), jnp.ones(1)
 
 
-def _of_one_shape(spalls: tuple[Spall, ...]) -> bool:
+def of_one_shape(spalls: tuple[Spall, ...]) -> bool:
     """Whether all spalls are known to have one width, depth and axial offset; traced numbers are not known."""
     shapes = [(spall.width, spall.depth, spall.axial_offset) for spall in spalls]
     if len(shapes) < 2 or any(isinstance(value, jax.core.Tracer) for shape in shapes for value in shape):

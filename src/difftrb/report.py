@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from difftrb import status
+from difftrb.chunks import Ended
 from difftrb.contact_solution import ContactSolution
 from difftrb.law import Law
 from difftrb.scene import PitchMean, Scene
@@ -179,6 +180,16 @@ def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> Renderabl
         f"approach after {solution.iterations} products; accuracy asked for {solution.accuracy:g}"
     )
     return Group(table, derivatives, Text(last))
+
+
+def sweep_text(ended: Ended, folder: Any) -> str:
+    """What became of a sweep, for people."""
+    members = sum(ended.counts.values())
+    lines = [f"{members:,} members, {members - ended.failed:,} converged, {ended.failed:,} without a solution (NaN)"]
+    lines += [f"{count:,}: {sentence}" for sentence, count in ended.counts.items() if sentence != "converged"]
+    return "\n".join(
+        [*lines, f"written to {folder}: {ended.file.name if ended.file else 'chunks'}, manifest.json, figures"]
+    )
 
 
 def _slope(value: float) -> str:

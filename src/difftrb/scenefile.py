@@ -182,6 +182,12 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
             key = text.splitlines()[number - 1].split("=")[0].strip()
             raise SceneError(f"{path}: line {number}: {key!r} is named twice; name it once") from None
         raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
+    content.pop("sweep", None)  # for `sweepfile`
+    return from_content(content, path)
+
+
+def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
+    """Check a scene file's tables, which are changed by it, as `parse` does its text."""
     _not_yet(content, path)
     if isinstance(content.get("bearing"), str):
         name = content["bearing"]

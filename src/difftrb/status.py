@@ -17,6 +17,7 @@ UNKNOWN_LENGTH = 6
 UNSUITED = 7
 OTHER_SCENE = 8
 NARROW = 9
+UNDEFINED = 100
 
 SENTENCES = {
     CONVERGED: "converged",
@@ -33,6 +34,7 @@ SENTENCES = {
     OTHER_SCENE: "the roller law was prepared for another scene: prepare this one, by naming its law",
     NARROW: "a spall is so narrow that both its edges are in reach of a roller at once: use law 'direct'",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
+    UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }
 
 

@@ -1,4 +1,4 @@
-"""Results that take seconds to make, kept in the user's cache folder: whole or not at all, known by what made them."""
+"""Arrays on disk, whole or not at all; and those that take seconds to make, kept in the user's cache folder."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import hashlib
 import os
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import jax
@@ -15,6 +15,7 @@ import numpy as np
 import platformdirs
 
 Arrays = dict[str, np.ndarray]
+SCRATCH = ".part"
 
 keeping = True
 """Whether anything is read from or written to disk; the command line's --no-cache makes it False."""
@@ -42,31 +43,57 @@ def kept(name: str, make: Callable[[], Arrays]) -> Arrays:
     if not keeping:
         return make()
     path = folder() / f"{name}.npz"
-    found = _read(path)
+    found = read(path)
     if found is None:
         found = make()
         with contextlib.suppress(OSError):
-            _write(path, found)
+            write(path, found)
     return found
 
 
-def _read(path: Path) -> Arrays | None:
+def read(path: Path, names: Sequence[str] | None = None) -> Arrays | None:
+    """What `write` wrote, or the arrays of these `names` of it.
+
+    None if the file is not there, cut short or changed: every array has a checksum.
+    """
     try:
         with open(path, "rb") as whole, np.load(whole, allow_pickle=False) as file:
-            return {entry: file[entry] for entry in file.files}
+            return {entry: file[entry] for entry in (file.files if names is None else names)}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):  # each one met with a file cut or changed
         return None
 
 
-def _write(path: Path, arrays: Arrays) -> None:
-    """All or nothing: a reader never sees half a file, whoever else writes."""
+def write(path: Path, arrays: Arrays) -> None:
+    """All or nothing: a reader never sees half a file, whoever else writes. Equal arrays make equal bytes."""
+    with replacing(path) as scratch, open(scratch, "wb") as file:
+        np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A scratch file beside `path` that takes its place when the block ends well, and is removed when it does not.
+
+    What a killed process left (`leftovers`) is named after `path`.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, scratch = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    handle, scratch = tempfile.mkstemp(dir=path.parent, prefix=f"{path.name}-", suffix=SCRATCH)
+    os.close(handle)
     try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
+        yield Path(scratch)
+        os.chmod(scratch, 0o666 & ~_umask())  # mkstemp's files are their owner's alone
         os.replace(scratch, path)
     except BaseException:
         with contextlib.suppress(OSError):
             os.unlink(scratch)
         raise
+
+
+def leftovers(path: Path) -> list[Path]:
+    """Scratch files for `path` that nobody finished, if nobody writes it now."""
+    return sorted(path.parent.glob(f"{path.name}-*{SCRATCH}"))
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -11,8 +11,9 @@ ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given
         "edges", "lattice", "implicit", "press", "strips", "strip_model", "contact_solution",
         "contact", "contact_slopes", "intensity", "line", "curve", "ramp", "law",
         "nodes", "direct", "store", "table", "roller", "slices", "ring", "pitch", "life", "effect", "effects",
-        "scene", "preparation", "solution", "sentences", "scenefile", "measured", "unknowns", "observed",
-        "least_squares", "confidence", "fitted", "optimal_design", "remarks", "fit", "report", "fit_report", "plot",
+        "scene", "preparation", "solution", "axes", "outputs", "devices", "swept", "sweeping", "gathered", "chunks",
+        "forecast", "sentences", "scenefile", "sweepfile", "measured", "unknowns", "observed", "least_squares",
+        "confidence", "fitted", "optimal_design", "remarks", "fit", "report", "fit_report", "plot", "terminal",
         "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {"jaxopt": {"implicit"}, "optax": {"fit"}, "matplotlib": {"plot"}, "pydantic": {"scenefile", "measured"}}

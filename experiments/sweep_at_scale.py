@@ -1,0 +1,279 @@
+"""What a sweep costs: time, memory, devices, processes, interruptions, and what larger machines would take.
+
+python experiments/sweep_at_scale.py scale [LAW] [--members N]   a tenth and all of N (1e6), 1 and 2 devices
+python experiments/sweep_at_scale.py batch [LAW]                 members computed at once, one core
+python experiments/sweep_at_scale.py processes                   two processes over loopback: the same bytes as one
+python experiments/sweep_at_scale.py kills [TIMES]               kill -9 at random moments, resume: the same bytes
+python experiments/sweep_at_scale.py contacts [--out DIR]        Fig. 13 of the paper as a surface: 4096 solves
+
+`scale` sweeps length × width × phase × load, stiffness radial and axial with derivatives by length and width, into
+files; every figure is of a fresh process whose law and program are in the cache, and ends with the file of all results.
+Its last lines are the cost of larger sweeps and machines, from these measurements.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import random
+import resource
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import numpy as np  # noqa: E402
+
+import difftrb as trb  # noqa: E402
+from difftrb import __main__ as cli  # noqa: E402
+from difftrb import chunks, outputs, plot, sweeping  # noqa: E402
+from difftrb.devices import lanes_of  # noqa: E402
+from difftrb.sweeping import Plan  # noqa: E402
+
+NAMES, SIZES = ("radial_stiffness", "axial_stiffness"), ("spall.0.length", "spall.0.width")
+FILE = """
+bearing = "32008J"
+[load]
+radial = 9000.0
+axial = 4500.0
+[[spall]]
+length = 4.0
+width = 7.0
+[contact]
+law = "liu2018"
+[sweep]
+gradients = ["spall.0.length", "spall.0.width"]
+spall.0.length = {from = 0.5, to = 8.0, count = 40}
+spall.0.width = {from = 2.0, to = 10.0, count = 25}
+stiffness.phase = {from = 0.0, to = 0.27, count = 20}
+load.axial = {from = 2000.0, to = 6000.0, count = 20, spacing = "log"}
+"""
+
+
+def plan(members: int, law: str, batch: int | None = None) -> Plan:
+    """About `members` of them: 20 widths × 50 phases × 40 loads, and lengths to make up the number."""
+    scene = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 6000.0), (trb.Spall(4.0, 7.0),), law=law)
+    lengths = max(1, round(25 * members / 1e6))
+    axes = {
+        "spall.0.length": {"from": 0.5, "to": 8.0, "count": lengths} if lengths > 1 else [4.0],
+        "spall.0.width": {"from": 2.0, "to": 10.0, "count": 20},
+        "stiffness.phase": {"from": 0.0, "to": 0.27, "count": 50},
+        "load.axial": {"from": 4000.0, "to": 6000.0, "count": 40},
+    }
+    return sweeping.planned(NAMES, scene, axes, SIZES, batch=batch)
+
+
+def child(members: int, law: str, devices: int) -> dict[str, float]:
+    """Measured in this process: seconds of `chunks.run` in all and since the first chunk was there, megabytes."""
+    cli._set_up_jax(cache=True)
+    made = plan(members, law)
+    marks: list[tuple[float, float, int]] = []
+
+    def mark(done: int, of: int, failed: int) -> None:
+        marks.append((time.perf_counter(), time.process_time(), done))
+
+    with tempfile.TemporaryDirectory() as folder:
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        started = time.perf_counter()
+        ended = chunks.run(made, Path(folder), devices=devices, progress=mark)
+        seconds = time.perf_counter() - started
+        disk = sum(file.stat().st_size for file in Path(folder).iterdir())
+    (first, worked, had), (last, worked_at_last, done) = marks[1], marks[-1]
+    return {
+        "members": made.layout.members,
+        "failed": ended.failed,
+        "seconds": seconds,
+        "steady": 1e6 * (last - first) / max(1, done - had),
+        "processor": 1e6 * (worked_at_last - worked) / max(1, done - had),
+        "gathering": seconds - (last - started),
+        "before": before / 1e3,
+        "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+        "disk": disk,
+        "files": made.chunks,
+    }
+
+
+def fresh(*arguments: Any) -> dict[str, float]:
+    """`child` in a process of its own."""
+    running = [sys.executable, __file__, "child", *map(str, arguments)]
+    return json.loads(subprocess.run(running, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
+
+
+def scale(law: str, members: int) -> None:
+    """Time, memory, devices, and what follows for larger machines."""
+    fresh(max(members // 100, 1), law, 2)  # the law, into the cache
+    rows = {}
+    for count, devices in ((members // 10, 2), (members, 2), (members, 1)):
+        fresh(count, law, devices)  # compiles
+        rows[count, devices] = row = fresh(count, law, devices)
+        print(
+            f"{law}, {row['members']:,} members, {devices} devices: {row['seconds']:.2f} s, of which "
+            f"{row['gathering']:.2f} s for one file; {row['steady']:.2f} µs a member once running, "
+            f"{row['processor']:.2f} µs of processor time; peak {row['peak']:.0f} MB ({row['before']:.0f} at the "
+            f"start); {row['failed']:,} without a solution",
+            flush=True,
+        )
+    two, one, small = rows[members, 2], rows[members, 1], rows[members // 10, 2]
+    more = two["peak"] - small["peak"]
+    print(f"two devices {one['steady'] / two['steady']:.2f} times one; ten times the members, {more:+.0f} MB")
+    print("\n".join(larger(one, 1e9)))
+
+
+def larger(one: dict[str, float], members: float, cores: int = 64, gain: float = 50.0, cards: int = 8) -> list[str]:
+    """A cost model on paper: of what one device was measured to take, for `cores` such devices and for `cards` that
+    are assumed `gain` times as fast."""
+    each, size, hours = one["steady"], one["disk"] / one["members"], one["steady"] * members / 3.6e9
+    rate = 0.5 * size * cards * gain / each
+    gathering = one["gathering"] / one["members"] * members / 60.0
+    return [
+        f"on paper, {members:.0e} members:",
+        f"  one CPU device {hours:.1f} h, {cores} of them {60.0 * hours / cores:.0f} min",
+        f"  {cards} GPUs, if each is {gain:g} times a CPU device, {3600.0 * hours / gain / cards:.0f} s",
+        f"  disk {size * members / 1e9:.0f} GB, half in {members / sweeping.MOST_MEMBERS:,.0f} chunks, half in one",
+        f"  what breaks first: such GPUs make {rate:.0f} MB/s of chunks, to be copied and written; one process then "
+        f"takes {gathering:.0f} min to put them into one file",
+    ]
+
+
+def batches(law: str) -> None:
+    """Microseconds a member by members computed at once, on one core: pin it with taskset."""
+    for batch in (64, 256, 1024, 4096, 16384):
+        made = plan(40_000, law, batch)
+        program = sweeping.Program(made, lanes_of(1))
+        program.parts([0])
+        times = []
+        for _ in range(3):
+            started = time.perf_counter()
+            count = min(8, made.layout.blocks // made.part)
+            program.parts(range(count))
+            times.append(time.perf_counter() - started)
+        members = count * made.part * made.layout.size
+        print(f"{law}: {made.layout.size:6d} at once: {1e6 * min(times) / members:.2f} µs a member", flush=True)
+
+
+def command(file: Path, out: Path, *more: str) -> list[str]:
+    """The command line that sweeps."""
+    return [sys.executable, "-m", "difftrb", "sweep", str(file), "--out", str(out), *more]
+
+
+def same(one: Path, other: Path) -> list[str]:
+    """Names of chunks, manifests and results whose bytes differ, or that only one folder has."""
+    names = {p.name for folder in (one, other) for p in folder.iterdir() if p.suffix in (".npz", ".json")}
+    return sorted(n for n in names if not all((f / n).exists() for f in (one, other))
+                  or (one / n).read_bytes() != (other / n).read_bytes())  # fmt: skip
+
+
+def by_one(folder: Path, text: str) -> tuple[Path, float]:
+    """A scene file in `folder`, swept into `one` if it was not; its name, and seconds."""
+    file, started = folder / "scene.toml", time.perf_counter()
+    if not (folder / "one").exists():
+        file.write_text(text, encoding="utf-8")
+        subprocess.run(command(file, folder / "one"), capture_output=True)
+    return file, time.perf_counter() - started
+
+
+def processes(folder: Path, text: str = FILE) -> list[str]:
+    """What differs between a sweep by one process and by two over loopback."""
+    file, _ = by_one(folder, text)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    both = [
+        subprocess.Popen(
+            command(
+                file, folder / "two", "--coordinator", f"127.0.0.1:{port}", "--processes", "2", "--process", str(i)
+            ),
+            stdout=subprocess.DEVNULL,
+        )
+        for i in range(2)
+    ]
+    for process in both:
+        process.wait(300)
+    return same(folder / "one", folder / "two")
+
+
+def kills(folder: Path, times: int, text: str = FILE, longest: float | None = None) -> tuple[list[str], list[int]]:
+    """What differs between a sweep and one that was killed at `times` random moments and resumed; the number of chunks
+    that were there after each."""
+    file, seconds = by_one(folder, text)
+    longest, out = longest or seconds, folder / "killed"
+    there = []
+    for _ in range(times):
+        running = subprocess.Popen(command(file, out, "--resume"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(random.uniform(0.3, 1.0) * longest)
+        running.send_signal(signal.SIGKILL)
+        running.wait()
+        there.append(len(list(out.glob("chunk_*.npz"))))
+        if there[-1] == len(list((folder / "one").glob("chunk_*.npz"))):
+            for path in sorted(out.glob("chunk_*"))[1::2]:  # so that there is something left for the next
+                path.unlink()
+    subprocess.run(command(file, out, "--resume"), capture_output=True)
+    assert not list(out.glob("*.part"))
+    return same(folder / "one", out), there
+
+
+def contacts(side: int = 64, accuracy: float = 1e-3, devices: int | None = None) -> tuple[trb.Swept, float, float]:
+    """Approach over D_x and length (Fig. 13: 3 kN, width 1 mm), side² contacts; seconds to compile and to compute."""
+    base = {"contact": trb.LineContact.of(trb.bearing("32008J")), "spall": trb.Spall(2.0, 1.0), "offset": 0.0}
+
+    def solved(tree: dict[str, Any]) -> trb.ContactSolution:
+        return trb.solve_contact(tree["contact"], 3000.0, tree["spall"], tree["offset"], accuracy)
+
+    axes = {"offset": np.linspace(-0.7, 0.7, side), "spall.length": np.linspace(0.5, 8.0, side)}
+    made = sweeping.planned(outputs.of_contact(["approach"], solved), base, axes, batch=1)
+    made = dataclasses.replace(made, units=made.units | {"offset": "mm", "approach": "mm"})
+    program = sweeping.Program(made, lanes_of(devices))
+    started = time.perf_counter()
+    program.parts([0])
+    compiled = time.perf_counter()
+    columns = [found for _, found in program.all(range(made.chunks))]
+    seconds = time.perf_counter() - compiled
+    whole = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
+    return sweeping.labelled(made, whole), compiled - started, seconds
+
+
+def main() -> None:
+    """Measure what the command line asks for, and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("scale", "batch", "processes", "kills", "contacts", "child"))
+    parser.add_argument("more", nargs="*")
+    parser.add_argument("--members", type=float, default=1e6)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    more: list[str] = options.more
+    if options.what == "child":
+        print(json.dumps(child(int(more[0]), more[1], int(more[2]))))
+    elif options.what == "scale":
+        scale(more[0] if more else "liu2018", int(options.members))
+    elif options.what == "batch":
+        batches(more[0] if more else "liu2018")
+    elif options.what == "contacts":
+        swept, compiling, seconds = contacts()
+        print(f"{swept.status_code.size} contacts in {seconds:.2f} s ({compiling:.1f} s to compile); {swept.counts}")
+        if options.out:
+            options.out.mkdir(parents=True, exist_ok=True)
+            plot.save(plot.sweep_map(swept, "approach"), options.out, "fig13_surface")
+    else:
+        folder = Path(tempfile.mkdtemp())
+        try:
+            if options.what == "processes":
+                print(f"differing between one process and two: {processes(folder) or 'nothing'}")
+            else:
+                differing, there = kills(folder, int(more[0]) if more else 10)
+                print(f"after kills there were {there} chunks; differing in the end: {differing or 'nothing'}")
+        finally:
+            shutil.rmtree(folder)
+
+
+if __name__ == "__main__":
+    main()

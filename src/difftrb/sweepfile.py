@@ -1,0 +1,171 @@
+"""The table `[sweep]` of a scene file: axes, outputs and gradients; and the plan that they make with the scene."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import difflib
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from difftrb import axes as axes_
+from difftrb import geometry, outputs, scenefile, sweeping
+from difftrb.axes import RANGE_KEYS, Axis, SweepError
+from difftrb.contact import solve_contact
+from difftrb.files import unreadable
+from difftrb.nodes import Progress
+from difftrb.scenefile import NoEquilibriumError, SceneError, SceneFile
+from difftrb.sweeping import Plan
+
+SETTINGS = ("outputs", "gradients", "mode", "axes")
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepFile:
+    """A scene file with its `[sweep]`, checked; `text` is the whole file's."""
+
+    scene: SceneFile
+    axes: dict[str, Any]
+    outputs: tuple[str, ...]
+    gradients: tuple[str, ...]
+    mode: str
+    text: str
+    path: str
+
+    @property
+    def of_contact(self) -> bool:
+        """Whether single contacts are swept, and not rings."""
+        return all(name in outputs.CONTACT for name in self.outputs)
+
+    def plan(self, batch: int | None = None, progress: Progress | None = None) -> Plan:
+        """What is to be computed; the roller law is made now. Raises `SceneError`."""
+        with _named(self.path):
+            if not self.of_contact:
+                given = self.scene.scene()
+                return sweeping.planned(self.outputs, given, self.axes, self.gradients, self.mode, batch, progress)
+            function = outputs.of_contact(self.outputs, _contact)
+            plan = sweeping.planned(function, self.scene, self.axes, self.gradients, self.mode, batch or 1)
+            units = plan.units | {name: outputs.CONTACT[name].unit for name in self.outputs}
+            return dataclasses.replace(plan, units=units, title=" ".join(self.outputs))
+
+
+class _named:
+    """What is wrong with a sweep becomes a `SceneError` that names the file."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+    def __enter__(self) -> None:
+        return
+
+    def __exit__(self, _: Any, error: BaseException | None, __: Any) -> None:
+        if isinstance(error, SweepError):
+            raise SceneError(f"{self.path}: sweep: {error}") from None
+
+
+def _contact(file: SceneFile) -> Any:
+    table, (spalls, offsets) = file.contact, file.under_contact()
+    return solve_contact(file.line_contact(), table.load, spalls, offsets, table.accuracy, tilt=table.tilt)
+
+
+def read(path: str | Path) -> SweepFile:
+    """Read and check a scene file with a table `[sweep]`. Raises `SceneError`."""
+    try:
+        return parse(Path(path).read_text(encoding="utf-8"), path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: {unreadable(error, 'a scene file')}") from None
+
+
+def parse(text: str, path: str | Path = "scene") -> SweepFile:
+    """Check the text of a scene file with a table `[sweep]`; `path` names it in errors. Raises `SceneError`."""
+    file = scenefile.parse(text, path)
+    content = tomllib.loads(text)
+    table = content.pop("sweep", None)
+    if not isinstance(table, dict) or not table:
+        raise SceneError(
+            f"{path}: [sweep] is missing: name axes, say spall.0.length = {{from = 0.5, to = 8, count = 64}}"
+        )
+    with _named(str(path)):
+        given = dict(_axes(table))
+        found = SweepFile(
+            file,
+            given,
+            _texts(table, "outputs", outputs.DEFAULT),
+            _texts(table, "gradients", ()),
+            table.get("mode", "product"),
+            text,
+            str(path),
+        )
+        made = axes_.axes_of(given, found.mode)
+        unknown = [name for name in found.outputs if name not in outputs.RING | outputs.CONTACT]
+        outputs.known(unknown or found.outputs, outputs.RING | outputs.CONTACT)
+        if not found.of_contact and any(name in outputs.CONTACT for name in found.outputs):
+            raise SweepError(
+                f"outputs: {', '.join(outputs.CONTACT)} are of a single contact and do not go with the ring's"
+            )
+        axes_.check(file if found.of_contact else file.scene(), made, found.gradients)
+        _check_ends(content, made, found)
+    return found
+
+
+def _texts(table: dict[str, Any], key: str, default: tuple[str, ...]) -> tuple[str, ...]:
+    value = table.get(key, default)
+    if not isinstance(value, list | tuple) or not all(isinstance(entry, str) for entry in value):
+        raise SweepError(f"{key} = {value!r}: must be a list of names in quotes")
+    return tuple(value)
+
+
+def _axes(table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Axes by dotted key, whether written straight under [sweep], under [sweep.axes], quoted or not."""
+    own = table.get("axes", {})
+    if not isinstance(own, dict):
+        raise SweepError(f"axes = {own!r}: must be a table")
+    seen = set()
+    for place in ({key: value for key, value in table.items() if key not in SETTINGS}, own):
+        for key, spec in _flat(place):
+            if key in seen:
+                raise SweepError(f"{key} is there twice")
+            seen.add(key)
+            yield key, spec
+
+
+def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in table.items():
+        key = before + name
+        if not before and "." not in name and not isinstance(value, dict):
+            close = difflib.get_close_matches(name, SETTINGS, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(SETTINGS)} and dotted keys"
+            raise SweepError(f"{name} is not a known key; {hint}")
+        if isinstance(value, dict) and not set(value) & set(RANGE_KEYS) and value:
+            yield from _flat(value, f"{key}.")
+        else:
+            yield key, value
+
+
+def _check_ends(content: dict[str, Any], made: tuple[Axis, ...], file: SweepFile) -> None:
+    """Every axis's ends as if they stood in the file: what the scene's own checks refuse is refused."""
+    ends = [(key, float(end)) for axis in made for key, values in zip(axis.keys, axis.values, strict=True)
+            for end in (values.min(), values.max())]  # fmt: skip
+    for key, end in [("", 0.0), *ends]:
+        changed = copy.deepcopy(content)
+        if key:
+            *way, name = key.split(".")
+            at: Any = changed
+            for step in way:
+                at = at[int(step)] if isinstance(at, list) else _table(at, step)
+            at[name] = end
+        try:
+            one = scenefile.from_content(changed, file.path)
+            (scenefile.check_contact if file.of_contact else scenefile.check_ring)(one, file.path)
+        except NoEquilibriumError:
+            continue  # a member like others: NaN
+        except SceneError as error:
+            raise SweepError(str(error).removeprefix(f"{file.path}: ")) from None
+
+
+def _table(at: dict[str, Any], step: str) -> dict[str, Any]:
+    if step == "bearing" and isinstance(at.get(step), str):
+        at[step] = {k: v for k, v in dataclasses.asdict(geometry.bearing(at[step])).items() if v is not None}
+    return at.setdefault(step, {})
