@@ -32,9 +32,9 @@ class Input(NamedTuple):
 
 INPUTS = {
     "length": Input(4.0, 0.05),
-    "width": Input(7.0, 0.02),
-    "depth": Input(0.006, 3e-4),  # so shallow that the roller in the middle is carried by its bottom
-    "angle": Input(0.0, 4e-4),
+    "width": Input(7.0, 0.04),
+    "depth": Input(0.003, 1e-4),  # so shallow that the roller in the middle is carried by its bottom
+    "angle": Input(0.0, 1.4e-3),
     "axial_offset": Input(0.5, 0.05),
     "radial": Input(9000.0, 100.0),
     "design_load": Input(6500.0, 200.0),
