@@ -1,4 +1,4 @@
-"""The command line: `difftrb run | contact | check | example`."""
+"""The command line: `difftrb run | contact | accuracy | check | example`."""
 
 from __future__ import annotations
 
@@ -64,6 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, function, text in (
         ("run", _run, "Loads, stiffness, its loss by the spall and its gradients (no SCENE: 32008J, spall 4 × 7 mm)."),
         ("contact", _contact, "One roller on its raceway: approach, pressure and derivatives (no SCENE: 32008J)."),
+        ("accuracy", _accuracy, "What accuracy costs in time, here and for this scene (no SCENE: as run)."),
     ):
         sub = command(name, function, text)
         sub.add_argument("scene", nargs="?", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
@@ -71,6 +72,9 @@ def _parser() -> argparse.ArgumentParser:
         sub.add_argument(
             "--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there"
         )
+        if name == "accuracy":
+            sub.add_argument("--full", action="store_true", help="measure every way; takes minutes, not one")
+            sub.add_argument("--accuracy", metavar="X", type=float, help="of stiffness, to recommend a law for")
     sub = command("check", _check, "Check a scene file without computing anything.")
     sub.add_argument("scene", metavar="SCENE")
     sub = command("example", _example, "Print a packaged scene file; without a NAME, list them.")
@@ -119,7 +123,7 @@ def _read(options: Any) -> tuple[Any, str]:
     from difftrb import scenefile
 
     if options.scene is None:
-        name = "spall" if options.command is _run else "contact"
+        name = "contact" if options.command is _contact else "spall"
         return scenefile.parse(scenefile.example(name), name), name
     return scenefile.read(options.scene), options.scene
 
@@ -179,6 +183,30 @@ def _contact(options: Any) -> int:
         plot.save(plot.pressure_map(solution), folder, "pressure")
 
     return _deliver(options, path, record, lambda: report.contact_text(solution, slopes), figures)
+
+
+def _accuracy(options: Any) -> int:
+    import jax
+
+    from difftrb import accuracy, report, scenefile
+
+    if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
+        raise scenefile.SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
+    file, path = _read(options)
+    rungs, limit = accuracy.RUNGS, accuracy.LIMIT
+    if options.full:
+        rungs, limit = accuracy.FULL, float("inf")
+        jax.config.update("jax_compilation_cache_dir", None)  # compiled anew, so that first times are
+    with _bar("measuring what accuracy costs") as progress:
+        measured = accuracy.measure(file, path, rungs, options.accuracy, limit, progress=progress)
+
+    def figures(folder: Path) -> None:
+        from difftrb import plot
+
+        if any(row.error > 0.0 for row in measured.rows):
+            plot.save(plot.work_precision(measured), folder, "accuracy")
+
+    return _deliver(options, path, report.accuracy_json(measured), lambda: report.accuracy_text(measured), figures)
 
 
 def _check(options: Any) -> int:
