@@ -35,6 +35,7 @@ LIMIT = 40.0
 """Seconds after which no further rung is begun, unless all are asked for: the last one begun takes its time."""
 STIFFNESS = ("radial_stiffness", "axial_stiffness")
 """What a rung is recommended by."""
+NO_TIME = "no time left after {:g} s; compiled programs are kept, so the next run gets further; --full measures all"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,26 +162,40 @@ def measure(
     """
     started = time.perf_counter()
     stick = yardstick()
+    batch = batch or BATCH
     rows: list[Row] = []
     left_out: dict[str, str] = {}
-    for done, rung in enumerate(rungs):
+    rings: dict[int, Scene] = {}  # prepared, by the number of their row
+    steps = len(rungs) + sum(rung.kind == "ring" for rung in rungs)
+
+    def in_time(done: int, name: str) -> bool:
         if progress is not None:
-            progress(done, len(rungs))
-        name = f"{rung.kind} {rung.name}"
+            progress(done, steps)
         if done > 1 and time.perf_counter() - started > limit:
-            left_out[name] = f"no time left after {limit:g} s; --full measures all"
+            left_out[name] = NO_TIME.format(limit)
+            return False
+        return True
+
+    for done, rung in enumerate(rungs):
+        if not in_time(done, f"{rung.kind} {rung.name}"):
             continue
         if not math.isfinite(limit):
             jax.clear_caches()
         try:
-            on_ring = rung.kind == "ring"
-            rows.append(_on_ring(rung, file, path, batch or BATCH) if on_ring else _on_contact(rung, file, path))
+            if rung.kind == "contact":
+                rows.append(_on_contact(rung, file, path))
+            else:
+                row, rings[len(rows)] = _on_ring(rung, file, path, batch)
+                rows.append(row)
         except (ValueError, SolveError) as error:
-            left_out[name] = str(error).removeprefix(f"{path}: ")
+            left_out[f"{rung.kind} {rung.name}"] = str(error).removeprefix(f"{path}: ")
+    for done, (i, ready) in enumerate(rings.items(), len(rungs)):  # last, for they take longest to compile
+        if in_time(done, f"slopes of {rows[i].rung.name}"):
+            rows[i] = _with_gradient(rows[i], ready, batch)
     if not rows:
         raise SceneError(f"{path}: no way to compute it could be measured: {next(iter(left_out.values()), 'none')}")
     if progress is not None:
-        progress(len(rungs), len(rungs))
+        progress(steps, steps)
     compared = judged(rows)
     wanted = file.contact.accuracy if asked is None else asked
     best = recommended(compared, wanted)
@@ -258,8 +273,8 @@ def timed(function: Callable[[], Any], repeats: int = 7, budget: float = 1.0) ->
     return result, float(np.median(times))
 
 
-def _on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int) -> Row:
-    """Prepare and solve the scene by one law."""
+def _on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int) -> tuple[Row, Scene]:
+    """Prepare and solve the scene by one law; also the prepared scene."""
     file = dataclasses.replace(
         file, contact=dataclasses.replace(file.contact, law=cast(Any, rung.way), accuracy=rung.accuracy)
     )
@@ -274,24 +289,31 @@ def _on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int) -> Row:
         jax.block_until_ready(prepare(scene))
         again = time.perf_counter() - started
     _, single = timed(lambda: solve(ready))
-    loads = ready.load.radial * (1.0 - 0.1 * jnp.arange(batch) / batch)  # less of it is in equilibrium, too
-    _, each = timed(lambda: _batch(loads, ready))
-    (_, slopes), each_with_gradient = timed(lambda: _batch_with_gradient(loads, ready))
+    _, each = timed(lambda: _batch(_spread(ready, batch), ready))
     top = int(jnp.argmax(solution.loads))
     values = {
-        "approach": solution.approach[top],
-        "load": solution.loads[top],
-        "radial_stiffness": solution.radial_stiffness,
-        "axial_stiffness": solution.axial_stiffness,
+        "approach": float(solution.approach[top]),
+        "load": float(solution.loads[top]),
+        "radial_stiffness": float(solution.radial_stiffness),
+        "axial_stiffness": float(solution.axial_stiffness),
     }
-    if scene.spalls:
-        values["by_length"] = slopes[0, 0]
-        if isinstance(scene.phase, PitchMean):  # else it is a staircase with a hard window
-            values["by_width"] = slopes[0, 1]
-    return Row(
-        rung, first, again, single, each / batch, each_with_gradient / batch, _memory(),
-        {name: float(value) for name, value in values.items()}, solution.status,
-    )  # fmt: skip
+    return Row(rung, first, again, single, each / batch, math.nan, _memory(), values, solution.status), ready
+
+
+def _with_gradient(row: Row, ready: Scene, batch: int) -> Row:
+    """The row with derivatives by the first spall's sizes and what they cost."""
+    (_, slopes), seconds = timed(lambda: _batch_with_gradient(_spread(ready, batch), ready))
+    values = dict(row.values)
+    if ready.spalls:
+        values["by_length"] = float(slopes[0, 0])
+        if isinstance(ready.phase, PitchMean):  # else it is a staircase under a hard window
+            values["by_width"] = float(slopes[0, 1])
+    return dataclasses.replace(row, each_with_gradient=seconds / batch, values=values, memory=_memory())
+
+
+def _spread(ready: Scene, batch: int) -> jax.Array:
+    """Radial loads [N], the scene's first; the others are less, so in equilibrium, too."""
+    return ready.load.radial * (1.0 - 0.1 * jnp.arange(batch) / batch)
 
 
 def _of_one_program(ready: Scene) -> Scene:

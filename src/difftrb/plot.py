@@ -141,6 +141,8 @@ def work_precision(measured: Measured) -> Any:
         ax.grid(which="major", color="#DDDDDD", lw=0.6)
         ax.set_axisbelow(True)
         ax.margins(0.12)
+        low, high = (np.log10(limit) for limit in ax.get_ylim())
+        ax.set_ylim(10.0 ** np.floor(low), 10.0 ** np.ceil(high))
     for ax, (kind, _) in zip(axes[0], kinds, strict=True):
         ax.set_xlabel("time per scene [s]" if kind == "ring" else "time per solve [s]")
         ax.legend(frameon=False, fontsize=8, title="filled: new scene; hollow: in a batch" if kind == "ring" else None,

@@ -130,6 +130,7 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
     assert ring["first"] > ring["again"] > 0.0
     assert ring["yardsticks"] == pytest.approx((ring["again"] + ring["single"]) / record["yardstick"])
     assert ring["values"]["by_length"] < 0.0
+    assert ring["each_with_gradient"] > 0.0
     assert (record["asked"], record["recommended"], record["truth"]["ring"]) == (1e-2, None, None)
     assert record["truth"]["contact"] == contact
     assert {path.name for path in tmp_path.iterdir()} == {"result.json", "accuracy.png", "accuracy.svg"}
