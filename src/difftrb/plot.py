@@ -134,9 +134,7 @@ def work_precision(measured: Measured) -> Any:
                           **style | {"markeredgecolor": colour, "markeredgewidth": 1.4})  # fmt: skip
         truth = measured.truth(kind)
         if truth is not None and truth.error > 0.0:
-            ax.axhline(truth.error, color="black", lw=0.8, linestyle="--", zorder=0)
-            ax.annotate("truth known to", (0.98, truth.error), xycoords=("axes fraction", "data"), fontsize=8,
-                        xytext=(0, -3), textcoords="offset points", ha="right", va="top")  # fmt: skip
+            ax.axhline(truth.error, color="black", lw=0.8, linestyle="--", zorder=0, label="truth known to")
         ax.set_ylabel(label)
         ax.grid(which="major", color="#DDDDDD", lw=0.6)
         ax.set_axisbelow(True)

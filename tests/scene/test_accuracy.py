@@ -106,7 +106,8 @@ def test_text_fits_a_page() -> None:
 def test_the_figure_has_a_panel_for_what_was_measured(tmp_path: Path) -> None:
     ax = plot.work_precision(measured(ROWS))
     assert len(ax.figure.axes) == 1
-    assert {text.get_text() for text in ax.get_legend().get_texts()} == {"direct", "table", "power", "liu2018"}
+    names = {text.get_text() for text in ax.get_legend().get_texts()}
+    assert names == {"direct", "table", "power", "liu2018", "truth known to"}
     plot.save(ax, tmp_path, "accuracy")
     assert (tmp_path / "accuracy.png").stat().st_size > 0
 
