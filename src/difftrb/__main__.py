@@ -186,17 +186,12 @@ def _contact(options: Any) -> int:
 
 
 def _accuracy(options: Any) -> int:
-    import jax
-
     from difftrb import accuracy, report, scenefile
 
     if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
         raise scenefile.SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
     file, path = _read(options)
-    rungs, limit = accuracy.RUNGS, accuracy.LIMIT
-    if options.full:
-        rungs, limit = accuracy.FULL, float("inf")
-        jax.config.update("jax_compilation_cache_dir", None)  # compiled anew, so that first times are
+    rungs, limit = (accuracy.FULL, float("inf")) if options.full else (accuracy.RUNGS, accuracy.LIMIT)
     with _bar("measuring what accuracy costs") as progress:
         measured = accuracy.measure(file, path, rungs, options.accuracy, limit, progress=progress)
 

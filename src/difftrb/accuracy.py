@@ -31,11 +31,11 @@ from difftrb.status import SolveError
 Kind = Literal["ring", "contact"]
 
 BATCH = 256
-LIMIT = 40.0
+LIMIT = 50.0
 """Seconds after which no further rung is begun, unless all are asked for: the last one begun takes its time."""
 STIFFNESS = ("radial_stiffness", "axial_stiffness")
 """What a rung is recommended by."""
-NO_TIME = "no time left after {:g} s; compiled programs are kept, so the next run gets further; --full measures all"
+NO_TIME = "no time left after {:g} s; compiled programs are kept, so a second run gets further; --full measures all"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,13 +56,13 @@ def _short(accuracy: float) -> str:
     return f"{accuracy:.0e}".replace("e-0", "e-")
 
 
-# In the order in which they are measured: first what is quick, the truth and what it is known to, then what tells most.
+# In the order in which they are measured: first what is quick, the truth and what it is known to; last what is slow.
 RUNGS = (
     Rung("ring", "liu2018", 1e-3), Rung("ring", "palmgren", 1e-3), Rung("ring", "direct", 1e-3),
     Rung("ring", "direct", 1e-4), Rung("ring", "power", 1e-3), Rung("contact", "strips", 1e-3),
-    Rung("contact", "strips", 1e-4), Rung("ring", "table", 1e-3), Rung("contact", "cells", 1e-2),
-    Rung("contact", "strips", 1e-2), Rung("ring", "power", 1e-2), Rung("contact", "cells", 1e-3),
-    Rung("contact", "lattice", 1e-2), Rung("ring", "direct", 1e-2), Rung("contact", "cells", 1e-4),
+    Rung("contact", "strips", 1e-4), Rung("contact", "cells", 1e-2), Rung("contact", "cells", 1e-3),
+    Rung("contact", "lattice", 1e-2), Rung("contact", "strips", 1e-2), Rung("ring", "power", 1e-2),
+    Rung("contact", "cells", 1e-4), Rung("ring", "direct", 1e-2), Rung("ring", "table", 1e-3),
 )  # fmt: skip
 ALWAYS = 4
 """How many of them are measured however long it takes."""
@@ -116,7 +116,7 @@ class Measured:
     Attributes:
       rows: in the order of `RUNGS`. left_out: names of rungs that were not measured, and why.
       asked: accuracy of stiffness that `recommended` meets: the cheapest such rung, None if none does.
-      finer: the cheapest law that is more accurate than that, None if there is none.
+      finer: the cheapest law with at most half its error, None if there is none.
       yardstick: seconds of a fixed piece of work, see `yardstick`; seconds by this compare across machines.
       device: name of what JAX computes on. cores: how many this process may use. seconds: the whole measurement.
     """
@@ -155,8 +155,7 @@ def measure(
       file: the scene, from `scenefile.read`; `path` names it in sentences.
       rungs: which; `FULL` has those that take minutes, too.
       asked: relative accuracy of stiffness to recommend a rung for; default `contact.accuracy`.
-      limit: seconds after which no further rung is begun (after the first four). Default 40; `math.inf`
-        measures all, each without the programs that another has compiled.
+      limit: seconds after which no further rung is begun (after the first four). Default 50.
       batch: scenes of a batch, their radial load spread over a tenth; default 256.
       progress: told how many of how many rungs are done.
 
@@ -181,8 +180,6 @@ def measure(
     for done, rung in enumerate(rungs):
         if not in_time(done, f"{rung.kind} {rung.name}"):
             continue
-        if not math.isfinite(limit):
-            jax.clear_caches()
         try:
             if rung.kind == "contact":
                 rows.append(_on_contact(rung, file, path))
@@ -248,30 +245,36 @@ def recommended(rows: Sequence[Row], asked: float) -> Row | None:
 
 
 def finer(rows: Sequence[Row], best: Row | None) -> Row | None:
-    """The cheapest ring more accurate than the recommended one; the truth counts as exact."""
+    """The cheapest ring with at most half the recommended one's error; the truth counts as exact."""
     truth = finest(rows, "ring")
     if best is None or best is truth:
         return None
-    good = [row for row in rows if row.rung.kind == "ring" and (row is truth or row.error < best.error)]
+    good = [row for row in rows if row.rung.kind == "ring" and (row is truth or row.error <= 0.5 * best.error)]
     return min(good, key=lambda row: row.seconds)
 
 
 def yardstick(size: int = 512, repeats: int = 9) -> float:
-    """Seconds (median) of a fixed piece of work on JAX's device: a product of two matrices of 512 × 512 in float64 and
-    a Fourier transform of one, there and back."""
+    """Seconds, the least of 9, of a fixed piece of work on JAX's device: a product of two matrices of 512 × 512 in
+    float64 and a Fourier transform of one, there and back."""
     a = jnp.asarray(np.random.default_rng(0).normal(size=(size, size)))
     work = jax.jit(lambda a: (a @ a, jnp.fft.irfft2(jnp.fft.rfft2(a))))
-    return timed(lambda: work(a), repeats)[1]
+    return min(_times(lambda: work(a), repeats, math.inf)[1])
 
 
-def timed(function: Callable[[], Any], repeats: int = 7, budget: float = 1.0) -> tuple[Any, float]:
-    """What a function returns, and the median of its seconds after a first call, in about `budget` seconds."""
+def _times(function: Callable[[], Any], repeats: int, budget: float) -> tuple[Any, list[float]]:
+    """What a function returns, and the seconds it takes after a first call, until a `budget` of them is spent."""
     result = jax.block_until_ready(function())
     times: list[float] = []
     while len(times) < repeats and (not times or sum(times) < budget):
         started = time.perf_counter()
         jax.block_until_ready(function())
         times.append(time.perf_counter() - started)
+    return result, times
+
+
+def timed(function: Callable[[], Any], repeats: int = 7, budget: float = 1.0) -> tuple[Any, float]:
+    """What a function returns, and the median of its seconds after a first call."""
+    result, times = _times(function, repeats, budget)
     return result, float(np.median(times))
 
 

@@ -234,7 +234,7 @@ def accuracy_text(measured: Measured) -> RenderableType:
             table.add_column(heading, justify="right", no_wrap=True)
         truth = measured.truth(kind)
         for row in rows:
-            sign = "±" if row is truth else ""
+            sign = "±" if row is truth and row.error >= 0.0 else ""
             errors = [sign + _error(row.errors.get(name, math.nan)) for name in names]
             spent = row.first, row.again, row.single, row.each, row.each_with_gradient
             table.add_row(row.rung.name, *errors, *(_duration(v) for v in spent if kind == "ring" or v == v))
@@ -245,10 +245,13 @@ def accuracy_text(measured: Measured) -> RenderableType:
 def _accuracy_lines(measured: Measured) -> list[str]:
     lines = []
     for kind in ACCURACY_KINDS:
-        if (truth := measured.truth(kind)) is not None:
+        truth = measured.truth(kind)
+        if truth is not None and math.isfinite(truth.error):
             lines.append(
                 f"{kind}: errors are from {truth.rung.name}, which is ± its own difference from the next finest"
             )
+        elif measured.of(kind):
+            lines.append(f"{kind}: too few rungs to know how good they are")
     best, finer = measured.recommended, measured.finer
     if best is None:
         lines.append(f"no law is known to have stiffness within {measured.asked:g}")
