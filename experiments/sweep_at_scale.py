@@ -36,7 +36,7 @@ import numpy as np  # noqa: E402
 
 import difftrb as trb  # noqa: E402
 from difftrb import __main__ as cli  # noqa: E402
-from difftrb import chunks, outputs, plot, sweeping  # noqa: E402
+from difftrb import chunks, outputs, plot, sweep_plot, sweeping  # noqa: E402
 from difftrb.devices import lanes_of  # noqa: E402
 from difftrb.sweeping import Plan  # noqa: E402
 
@@ -262,7 +262,7 @@ def main() -> None:
         print(f"{swept.status_code.size} contacts in {seconds:.2f} s ({compiling:.1f} s to compile); {swept.counts}")
         if options.out:
             options.out.mkdir(parents=True, exist_ok=True)
-            plot.save(plot.sweep_map(swept, "approach"), options.out, "fig13_surface")
+            plot.save(sweep_plot.sweep_map(swept, "approach"), options.out, "fig13_surface")
     else:
         folder = Path(tempfile.mkdtemp())
         try:

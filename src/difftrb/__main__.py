@@ -1,4 +1,4 @@
-"""The command line: `difftrb run | contact | fit | sweep | check | example`."""
+"""The command line: `difftrb run | contact | fit | sweep | accuracy | check | example`."""
 
 from __future__ import annotations
 
@@ -67,10 +67,14 @@ def _parser() -> argparse.ArgumentParser:
     for name, function, text in (
         ("run", _run, "Loads, stiffness, its loss by the spall and its gradients (no SCENE: 32008J, spall 4 × 7 mm)."),
         ("contact", _contact, "One roller on its raceway: approach, pressure and derivatives (no SCENE: 32008J)."),
+        ("accuracy", _accuracy, "What accuracy costs in time, here and for this scene (no SCENE: as run)."),
     ):
         sub = command(name, function, text)
         sub.add_argument("scene", nargs="?", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
         _add_output(sub)
+        if name == "accuracy":
+            sub.add_argument("--full", action="store_true", help="measure every way; takes minutes, not one")
+            sub.add_argument("--accuracy", metavar="X", type=float, help="of stiffness, to recommend a law for")
     sub = command("fit", _fit, "From measured stiffness, or its loss, to the spall's size, with its uncertainty.")
     sub.add_argument(
         "scene", metavar="SCENE", help="a scene file with a first guess of the spall; `difftrb example fit`"
@@ -142,7 +146,7 @@ def _read(options: Any) -> tuple[Any, str]:
     from difftrb import scenefile
 
     if options.scene is None:
-        name = "spall" if options.command is _run else "contact"
+        name = "contact" if options.command is _contact else "spall"
         return scenefile.parse(scenefile.example(name), name), name
     return scenefile.read(options.scene), options.scene
 
@@ -204,6 +208,26 @@ def _contact(options: Any) -> int:
     return _deliver(options, path, record, lambda: report.contact_text(solution, slopes), figures)
 
 
+def _accuracy(options: Any) -> int:
+    from difftrb import accuracy, accuracy_report, scenefile
+
+    if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
+        raise scenefile.SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
+    file, path = _read(options)
+    rungs, limit = (accuracy.FULL, float("inf")) if options.full else (accuracy.RUNGS, accuracy.LIMIT)
+    with terminal.bar("measuring what accuracy costs") as progress:
+        measured = accuracy.measure(file, path, rungs, options.accuracy, limit, progress=progress)
+
+    def figures(folder: Path) -> None:
+        from difftrb import accuracy_plot, plot
+
+        if any(row.error > 0.0 for row in measured.rows):
+            plot.save(accuracy_plot.work_precision(measured), folder, "accuracy")
+
+    record = accuracy_report.accuracy_json(measured)
+    return _deliver(options, path, record, lambda: accuracy_report.accuracy_text(measured), figures)
+
+
 def _fit(options: Any) -> int:
     from difftrb import fit_report, measured, scenefile
     from difftrb.fit import fit, prepare_fit
@@ -222,9 +246,9 @@ def _fit(options: Any) -> int:
     record = fit_report.fit_json(result, suggestions, time.perf_counter() - started)
 
     def figures(folder: Path) -> None:
-        from difftrb import plot
+        from difftrb import fit_plot, plot
 
-        plot.save(plot.fit_panels(result), folder, "fit")
+        plot.save(fit_plot.fit_panels(result), folder, "fit")
 
     return _deliver(options, path, record, lambda: fit_report.fit_text(result, suggestions), figures)
 
@@ -253,11 +277,11 @@ def _sweep(options: Any) -> int:
 
 
 def _draw_sweep(swept: Any, folder: Path) -> None:
-    from difftrb import plot
+    from difftrb import plot, sweep_plot
 
     for name in swept.values:
         if not swept.own_dims[name]:
-            plot.save(plot.swept(swept, name), folder, name)
+            plot.save(sweep_plot.swept(swept, name), folder, name)
 
 
 def _say(sentence: str) -> None:

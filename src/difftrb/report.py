@@ -105,8 +105,8 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
         stiffness.add_column(heading, justify="right" if heading else "left")
     for row, name in enumerate(("radial", "axial")):
         values = [getattr(s, f"{name}_stiffness") for s in (result.healthy, spalled)]
-        slopes = [_number(v[row, 0], ",.1f") for v in (result.by_length, result.by_width)] if scene.spalls else []
-        stiffness.add_row(name, *(_number(v, ",.0f") for v in values), _number(result.loss[row], ".3f"), *slopes)
+        slopes = [number(v[row, 0], ",.1f") for v in (result.by_length, result.by_width)] if scene.spalls else []
+        stiffness.add_row(name, *(number(v, ",.0f") for v in values), number(result.loss[row], ".3f"), *slopes)
 
     loads = house_table("Load distribution")
     more = {name.removesuffix("_loads"): values for name, values in spalled.effects.items() if values.ndim}
@@ -143,7 +143,7 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
     return Group(stiffness, loads, *(Text(line) for line in lines))
 
 
-def _number(value: Any, style: str) -> str:
+def number(value: Any, style: str) -> str:
     return format(float(value), style) if math.isfinite(value) else "–"
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import line
+from difftrb import line, scenefile
 from difftrb.contact import Resolution
 
 FOLDER = Path(__file__).parents[2] / "experiments"
@@ -204,3 +204,23 @@ def test_effects_and_their_cost(tmp_path: Path) -> None:
     assert through.stiffness[0] < -10.0
     experiment.draw(rows, ["combined"], tmp_path)
     assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
+
+
+def test_became_slower_than_the_baseline() -> None:
+    """More than noise: the quickest run now against the slowest then."""
+    experiment = script("became_slower")
+    before = {"a": (1.0, 1.2), "b": (1.0, 1.2), "gone": (1.0, 1.0)}
+    assert experiment.slower({"a": (1.5, 9.0), "b": (1.6, 1.7), "new": (9.0, 9.0)}, before) == ["b"]
+    kept = json.loads(experiment.BASELINE.read_text(encoding="utf-8"))
+    assert all(0.0 < low <= high for low, high in kept.values())
+    names = {name.split(":")[0] for name in kept}
+    assert names == {f"{rung.kind} {rung.name}" for rung in experiment.RUNGS}
+
+
+def test_scenes_of_the_accuracy_promise_are_in_order() -> None:
+    experiment = script("accuracy_promise")
+    files = experiment.scenes(50, 0)
+    for file in files:
+        scenefile.check_ring(file, "scene")
+        scenefile.check_contact(file, "scene")
+    assert len({float(file.spall[0].length) for file in files}) == 50

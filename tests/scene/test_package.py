@@ -13,10 +13,15 @@ ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given
         "nodes", "direct", "store", "table", "roller", "slices", "ring", "pitch", "life", "effect", "effects",
         "scene", "preparation", "solution", "axes", "outputs", "devices", "swept", "sweeping", "gathered", "chunks",
         "forecast", "sentences", "scenefile", "sweepfile", "measured", "unknowns", "observed", "least_squares",
-        "confidence", "fitted", "optimal_design", "remarks", "fit", "report", "fit_report", "plot", "terminal",
-        "__main__"]  # fmt: skip
+        "confidence", "fitted", "optimal_design", "remarks", "fit", "accuracy", "report", "fit_report",
+        "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot", "terminal", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
-ALONE = {"jaxopt": {"implicit"}, "optax": {"fit"}, "matplotlib": {"plot"}, "pydantic": {"scenefile", "measured"}}
+ALONE = {
+    "jaxopt": {"implicit"},
+    "optax": {"fit"},
+    "matplotlib": {"plot", "sweep_plot", "fit_plot", "accuracy_plot"},
+    "pydantic": {"scenefile", "measured"},
+}
 
 
 def imports(module: str) -> set[str]:

@@ -14,7 +14,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb import axes, chunks, devices, gathered, outputs, plot, scenefile, store, sweepfile, sweeping
+from difftrb import axes, chunks, devices, gathered, outputs, plot, scenefile, store, sweep_plot, sweepfile, sweeping
 
 SIZES = ("spall.0.length", "spall.0.width")
 FILE = """
@@ -410,14 +410,14 @@ def test_two_devices_make_the_same_files(whole: Path, tmp_path: Path) -> None:
 
 def test_figures(whole: Path, plan: sweeping.Plan, tmp_path: Path) -> None:
     swept = trb.load_sweep(whole)
-    ax = plot.swept(swept, "radial_stiffness")
+    ax = sweep_plot.swept(swept, "radial_stiffness")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("spall length [mm]", "load axial [N]")
     plot.save(ax, tmp_path, "map")
-    other = plot.sweep_map(swept, "radial_stiffness", x="load.axial", y="spall.0.length")
+    other = sweep_plot.sweep_map(swept, "radial_stiffness", x="load.axial", y="spall.0.length")
     assert other.get_xlabel() == "load axial [N]"
     plot.save(other, tmp_path, "turned")
     plot.save(
-        plot.sweep_curves(swept, "axial_stiffness", along="spall.0.length", over="load.axial"), tmp_path, "curves"
+        sweep_plot.sweep_curves(swept, "axial_stiffness", along="spall.0.length", over="load.axial"), tmp_path, "curves"
     )
     assert len(list(tmp_path.iterdir())) == 6
 

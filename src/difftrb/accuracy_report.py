@@ -1,0 +1,123 @@
+"""What accuracy costs, for people (text) and for machines (JSON)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from difftrb import report
+from difftrb.accuracy import Kind, Measured, Row
+
+KINDS: tuple[Kind, ...] = ("ring", "contact")
+ERRORS_SHOWN = {"radial_stiffness": "radial", "axial_stiffness": "axial", "load": "load", "by_length": "length",
+                "by_width": "width"}  # fmt: skip
+
+
+def accuracy_json(measured: Measured) -> dict[str, Any]:
+    """What accuracy costs: every rung's times [s], memory [MiB], values [N, mm] and relative errors. `yardsticks` is
+    the time of a new scene or contact by that of the yardstick."""
+
+    def entry(row: Row | None) -> dict[str, Any] | None:
+        return None if row is None else {
+            "way": row.rung.way, "accuracy": row.rung.accuracy, "status": row.status, "error": row.error,
+            "errors": row.errors, "values": row.values, "first": row.first, "again": row.again, "single": row.single,
+            "each": row.each, "each_with_gradient": row.each_with_gradient, "new": row.seconds,
+            "yardsticks": row.seconds / measured.yardstick, "memory": row.memory, "device": measured.device,
+        }  # fmt: skip
+
+    truths = [measured.truth(kind) for kind in KINDS]
+    return report.plain({
+        "status": "converged" if any(truths) else measured.rows[0].status,
+        "converged": any(truths),
+        "asked": measured.asked,
+        "recommended": entry(measured.recommended),
+        "finer": entry(measured.finer),
+        **{kind: [entry(row) for row in measured.of(kind)] for kind in KINDS},
+        "truth": {kind: entry(truth) for kind, truth in zip(KINDS, truths, strict=True)},
+        "left_out": measured.left_out,
+        "yardstick": measured.yardstick,
+        "device": measured.device,
+        "cores": measured.cores,
+        "seconds": measured.seconds,
+    })  # fmt: skip
+
+
+def accuracy_text(measured: Measured) -> RenderableType:
+    """What accuracy costs, for people: a table for the ring, one for the contact, and the rung to take."""
+    parts: list[RenderableType] = []
+    for kind in KINDS:
+        rows = measured.of(kind)
+        names = [name for name in ERRORS_SHOWN if any(name in row.values for row in rows)]
+        if kind == "contact":
+            names = ["approach"]
+        if not rows:
+            continue
+        table = report.house_table({"ring": "Ring, by roller law", "contact": "One contact, by method"}[kind])
+        table.padding = 0  # ten columns on a page
+        table.add_column("", no_wrap=True)
+        for name in names:
+            table.add_column(ERRORS_SHOWN.get(name, "error of approach"), justify="right", no_wrap=True)
+        times = ("first", "again", "solve", "batch", "slopes") if kind == "ring" else ("first", "solve")
+        for heading in times:
+            table.add_column(heading, justify="right", no_wrap=True)
+        truth = measured.truth(kind)
+        for row in rows:
+            sign = "±" if row is truth and row.error >= 0.0 else ""
+            errors = [sign + _error(row.errors.get(name, math.nan)) for name in names]
+            spent = row.first, row.again, row.single, row.each, row.each_with_gradient
+            table.add_row(row.rung.name, *errors, *(_duration(v) for v in spent if kind == "ring" or v == v))
+        parts.append(table)
+    return Group(*parts, *(Text(line) for line in _accuracy_lines(measured)))
+
+
+def _accuracy_lines(measured: Measured) -> list[str]:
+    lines = []
+    for kind in KINDS:
+        truth = measured.truth(kind)
+        if truth is not None and math.isfinite(truth.error):
+            lines.append(
+                f"{kind}: errors are from {truth.rung.name}, which is ± its own difference from the next finest"
+            )
+        elif measured.of(kind):
+            lines.append(f"{kind}: too few rungs to know how good they are")
+    best, finer = measured.recommended, measured.finer
+    if best is None:
+        lines.append(f"no law is known to have stiffness within {measured.asked:g}")
+    else:
+        lines.append(
+            f"for stiffness within {measured.asked:g} take {best.rung.name}: error {_error(best.error)}, "
+            f"{_duration(best.seconds)} for a new scene ({best.seconds / measured.yardstick:.3g} yardsticks)"
+        )
+        if finer is not None:
+            lines.append(f"more exact: {finer.rung.name}, error {_error(finer.error)}, {_duration(finer.seconds)}")
+    reasons: dict[str, list[str]] = {}
+    for name, reason in measured.left_out.items():
+        reasons.setdefault(reason, []).append(name)
+    lines += [f"left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
+    memory = max(row.memory for row in measured.rows)
+    return [
+        *lines,
+        "first: until the first result, with programs compiled that no rung before had; again: the law made anew, "
+        "compiled; solve: the scene by that law; batch: one of a batch; slopes: one, with derivatives by length and "
+        "width",
+        f"on {measured.device}, {measured.cores} cores; yardstick {_duration(measured.yardstick)}; memory "
+        f"{report.number(memory, '.0f')} MiB; measured in {_duration(measured.seconds)}",
+    ]
+
+
+def _error(error: float) -> str:
+    return report.number(error, ".1e").replace("e-0", "e-").replace("e+00", "")
+
+
+def _duration(seconds: float) -> str:
+    """Two digits and a unit."""
+    if not math.isfinite(seconds):
+        return "–"
+    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= 0.995 * scale or unit == "µs":
+            value = float(f"{seconds / scale:.2g}")
+            return f"{value:g} {unit}"
+    raise AssertionError

@@ -1,0 +1,152 @@
+"""What accuracy costs: errors and recommendations of rungs made up, and the command with two that compile fast."""
+
+import io
+import json
+import math
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from difftrb import __main__ as cli
+from difftrb import accuracy, accuracy_plot, accuracy_report, plot, scenefile
+from difftrb.accuracy import Measured, Row, Rung
+
+ROW_KEYS = {
+    "way", "accuracy", "status", "error", "errors", "values", "first", "again", "single", "each", "each_with_gradient",
+    "new", "yardsticks", "memory", "device",
+}  # fmt: skip
+KEYS = {
+    "status", "converged", "asked", "recommended", "finer", "ring", "contact", "truth", "left_out", "yardstick",
+    "device", "cores", "seconds",
+}  # fmt: skip
+
+
+def row(way: str, figure: float, radial: float, axial: float, again: float, status: str = "converged") -> Row:
+    values = {"radial_stiffness": radial, "axial_stiffness": axial, "load": radial, "by_length": -radial}
+    return Row(Rung("ring", way, figure), 9.0 + again, again, 1e-3, 1e-5, 3e-5, 500.0, values, status)
+
+
+ROWS = (
+    row("direct", 1e-3, 1.0004, 2.0, 4.0),
+    row("direct", 1e-4, 1.0, 2.0, 9.0),
+    row("table", 1e-3, 1.0008, 2.0004, 20.0),
+    row("power", 1e-3, 1.03, 2.02, 0.5),
+    row("liu2018", 1e-3, 1.3, 2.6, 0.0),
+    row("direct", 1e-2, 1.002, 2.003, 1.0),
+)
+
+
+def measured(rows: tuple[Row, ...], asked: float = 1e-3) -> Measured:
+    compared = accuracy.judged(rows)
+    best = accuracy.recommended(compared, asked)
+    return Measured(
+        tuple(compared), {"ring palmgren": "no"}, asked, best, accuracy.finer(compared, best), 1e-2, "cpu", 2, 60.0
+    )
+
+
+def test_errors_are_from_the_finest_rung_and_its_own_from_the_next() -> None:
+    rows = accuracy.judged(ROWS)
+    assert rows[0].errors["radial_stiffness"] == pytest.approx(4e-4)
+    assert rows[1].errors["radial_stiffness"] == pytest.approx(4e-4, rel=1e-3)
+    assert rows[3].error == pytest.approx(3e-2)
+    assert rows[5].error == pytest.approx(2e-3)
+    assert rows[5].errors["by_length"] == pytest.approx(2e-3)
+    (alone,) = accuracy.judged(ROWS[2:3])
+    assert math.isnan(alone.error)
+
+
+@pytest.mark.parametrize(
+    ("asked", "way", "figure"), [(1.0, "liu2018", 1e-3), (5e-2, "power", 1e-3), (4e-3, "direct", 1e-2),
+                                 (1e-3, "direct", 1e-3)]
+)  # fmt: skip
+def test_the_cheapest_that_meets_it_is_recommended(asked: float, way: str, figure: float) -> None:
+    best = accuracy.recommended(accuracy.judged(ROWS), asked)
+    assert best is not None
+    assert (best.rung.way, best.rung.accuracy) == (way, figure)
+
+
+def test_the_next_more_exact_is_named() -> None:
+    rows = accuracy.judged(ROWS)
+    for this, finer in ((3, 5), (5, 0), (0, 1), (1, None)):
+        assert accuracy.finer(rows, rows[this]) is (None if finer is None else rows[finer])
+
+
+def test_nothing_is_recommended_beyond_what_the_truth_is_known_to() -> None:
+    assert accuracy.recommended(accuracy.judged(ROWS), 1e-4) is None
+    assert accuracy.recommended(accuracy.judged(ROWS[2:4]), 1e-1) is None
+
+
+def test_a_rung_that_did_not_converge_is_neither_truth_nor_recommended() -> None:
+    rows = accuracy.judged((row("direct", 1e-4, 7.0, 7.0, 0.1, "did not"), *ROWS[2:], ROWS[0]))
+    truth = accuracy.finest(rows, "ring")
+    assert truth is not None
+    assert truth.rung.accuracy == 1e-3
+    best = accuracy.recommended(rows, 1.0)
+    assert best is not None
+    assert best.rung.way == "liu2018"
+
+
+def test_text_fits_a_page() -> None:
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(accuracy_report.accuracy_text(measured(ROWS)))
+    text = console.export_text()
+    for words in (
+        "direct 1e-4",
+        "±4.0e-4",
+        "take direct 1e-3",
+        "3.0e-2",
+        "left out: ring palmgren: no",
+        "yardstick",
+    ):
+        assert words in text
+    assert "…" not in text
+
+
+def test_the_figure_has_a_panel_for_what_was_measured(tmp_path: Path) -> None:
+    ax = accuracy_plot.work_precision(measured(ROWS))
+    assert len(ax.figure.axes) == 1
+    names = {text.get_text() for text in ax.get_legend().get_texts()}
+    assert names == {"direct", "table", "power", "liu2018", "truth known to"}
+    plot.save(ax, tmp_path, "accuracy")
+    assert (tmp_path / "accuracy.png").stat().st_size > 0
+
+
+def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
+    """On the default scene: without a direct rung the ring has no truth, and nothing is recommended."""
+    rungs = Rung("ring", "liu2018", 1e-3), Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-2)
+    monkeypatch.setattr(accuracy, "RUNGS", rungs)
+    monkeypatch.setattr(accuracy, "BATCH", 2)
+    code = cli.main(["--no-cache", "accuracy", "--json", "--accuracy", "1e-2", "--out", str(tmp_path)])
+    captured = capsys.readouterr()
+    record = json.loads(captured.out)
+    assert (code, captured.err) == (0, "")
+    assert set(record) == KEYS
+    (ring,), (contact, lattice) = record["ring"], sorted(record["contact"], key=lambda row: row["way"])
+    assert set(ring) == set(contact) == ROW_KEYS
+    assert ring["status"] == contact["status"] == "converged"
+    assert ring["error"] is contact["error"] is None
+    assert 0.0 < lattice["error"] < 1e-2
+    assert set(ring["values"]) == {"approach", "load", "radial_stiffness", "axial_stiffness", "by_length"}
+    assert ring["first"] > ring["again"] > 0.0
+    assert ring["yardsticks"] == pytest.approx((ring["again"] + ring["single"]) / record["yardstick"])
+    assert ring["values"]["by_length"] < 0.0
+    assert ring["each_with_gradient"] > 0.0
+    assert (record["asked"], record["recommended"], record["truth"]["ring"]) == (1e-2, None, None)
+    assert record["truth"]["contact"] == contact
+    assert {path.name for path in tmp_path.iterdir()} == {"result.json", "accuracy.png", "accuracy.svg"}
+
+
+def test_what_cannot_be_had_is_left_out_with_its_reason(monkeypatch, capsys, tmp_path: Path) -> None:
+    monkeypatch.setattr(accuracy, "RUNGS", (Rung("ring", "power", 1e-3),))
+    path = tmp_path / "map.toml"
+    path.write_text(scenefile.example("map"), encoding="utf-8")
+    assert cli.main(["--no-cache", "accuracy", str(path)]) == 2
+    err = capsys.readouterr().err
+    assert "height_map" in err
+    assert err.count("\n") == 1
+
+
+def test_an_accuracy_out_of_range_is_refused(capsys) -> None:
+    assert cli.main(["--no-cache", "accuracy", "--accuracy", "2"]) == 2
+    assert "--accuracy = 2: must be a number in 1e-06 … 1" in capsys.readouterr().err
