@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import difftrb as trb
-from difftrb import geometry
+from difftrb import effects, geometry
 from experiments.paper import common
 from experiments.paper.common import FAILS, HEAVY, HOLDS, LENGTHS, LIGHT, ONLY_IF, Claim, Progress, Result
 
@@ -19,10 +19,7 @@ WIDTH = 7.0
 
 def centrifugal(speed: float) -> float:
     """Centrifugal force of one roller [N] at `speed` of the inner ring [rev/min], the outer one at rest."""
-    bearing = common.bearing()
-    inner, outer = (np.sin(float(angle)) for angle in (bearing.inner_angle, bearing.outer_angle))
-    cage = speed * 2.0 * np.pi / 60.0 * inner / (inner + outer)  # pure rolling on both raceways' cones
-    return float(geometry.roller_mass(bearing)) * 1e-3 * float(geometry.pitch_radius(bearing)) * cage**2
+    return float(effects.Centrifugal(speed).force(common.bearing()))
 
 
 def printed_sums(phase: float = 0.1) -> tuple[float, float]:
