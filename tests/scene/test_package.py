@@ -11,7 +11,7 @@ ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given
         "edges", "lattice", "implicit", "press", "strips", "strip_model", "contact_solution",
         "contact", "contact_slopes", "intensity", "line", "curve", "ramp", "law",
         "nodes", "direct", "store", "table", "roller", "slices", "ring", "pitch", "life", "effect", "effects",
-        "scene", "preparation", "solution", "sentences", "scenefile", "accuracy",
+        "scene", "preparation", "solution", "sentences", "scenefile", "clock", "accuracy",
         "report", "plot", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {"jaxopt": "implicit", "optax": "fit", "matplotlib": "plot", "pydantic": "scenefile"}
