@@ -6,19 +6,16 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-import os
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, cast
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from difftrb import scenefile, store
+from difftrb import clock, scenefile, store
 from difftrb.contact import COMPILING, solve_contact
 from difftrb.given import Method
 from difftrb.nodes import Progress
@@ -117,7 +114,7 @@ class Measured:
       rows: in the order of `RUNGS`. left_out: names of rungs that were not measured, and why.
       asked: accuracy of stiffness that `recommended` meets: the cheapest such rung, None if none does.
       finer: the cheapest law with at most half its error, None if there is none.
-      yardstick: seconds of a fixed piece of work, see `yardstick`; seconds by this compare across machines.
+      yardstick: seconds of a fixed piece of work, see `clock.yardstick`; seconds by this compare across machines.
       device: name of what JAX computes on. cores: how many this process may use. seconds: the whole measurement.
     """
 
@@ -162,7 +159,7 @@ def measure(
     Rungs that the scene cannot have are left out, with the reason. Raises SceneError if not even one can be had.
     """
     started = time.perf_counter()
-    stick = yardstick()
+    stick = clock.yardstick()
     batch = batch or BATCH
     rows: list[Row] = []
     left_out: dict[str, str] = {}
@@ -200,7 +197,7 @@ def measure(
     best = recommended(compared, wanted)
     return Measured(
         tuple(compared), left_out, float(wanted), best, finer(compared, best), stick,
-        jax.devices()[0].device_kind, _cores(), time.perf_counter() - started,
+        jax.devices()[0].device_kind, clock.cores(), time.perf_counter() - started,
     )  # fmt: skip
 
 
@@ -253,31 +250,6 @@ def finer(rows: Sequence[Row], best: Row | None) -> Row | None:
     return min(good, key=lambda row: row.seconds)
 
 
-def yardstick(size: int = 512, repeats: int = 9) -> float:
-    """Seconds, the least of 9, of a fixed piece of work on JAX's device: a product of two matrices of 512 × 512 in
-    float64 and a Fourier transform of one, there and back."""
-    a = jnp.asarray(np.random.default_rng(0).normal(size=(size, size)))
-    work = jax.jit(lambda a: (a @ a, jnp.fft.irfft2(jnp.fft.rfft2(a))))
-    return min(_times(lambda: work(a), repeats, math.inf)[1])
-
-
-def _times(function: Callable[[], Any], repeats: int, budget: float) -> tuple[Any, list[float]]:
-    """What a function returns, and the seconds it takes after a first call, until a `budget` of them is spent."""
-    result = jax.block_until_ready(function())
-    times: list[float] = []
-    while len(times) < repeats and (not times or sum(times) < budget):
-        started = time.perf_counter()
-        jax.block_until_ready(function())
-        times.append(time.perf_counter() - started)
-    return result, times
-
-
-def timed(function: Callable[[], Any], repeats: int = 7, budget: float = 1.0) -> tuple[Any, float]:
-    """What a function returns, and the median of its seconds after a first call."""
-    result, times = _times(function, repeats, budget)
-    return result, float(np.median(times))
-
-
 def _on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int) -> tuple[Row, Scene]:
     """Prepare and solve the scene by one law; also the prepared scene."""
     file = dataclasses.replace(
@@ -293,8 +265,8 @@ def _on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int) -> tuple
         started = time.perf_counter()
         jax.block_until_ready(prepare(scene))
         again = time.perf_counter() - started
-    _, single = timed(lambda: solve(ready))
-    _, each = timed(lambda: _batch(_spread(ready, batch), ready))
+    _, single = clock.timed(lambda: solve(ready))
+    _, each = clock.timed(lambda: _batch(_spread(ready, batch), ready))
     top = int(jnp.argmax(solution.loads))
     values = {
         "approach": float(solution.approach[top]),
@@ -302,18 +274,18 @@ def _on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int) -> tuple
         "radial_stiffness": float(solution.radial_stiffness),
         "axial_stiffness": float(solution.axial_stiffness),
     }
-    return Row(rung, first, again, single, each / batch, math.nan, _memory(), values, solution.status), ready
+    return Row(rung, first, again, single, each / batch, math.nan, clock.memory(), values, solution.status), ready
 
 
 def _with_gradient(row: Row, ready: Scene, batch: int) -> Row:
     """The row with derivatives by the first spall's sizes and what they cost."""
-    (_, slopes), seconds = timed(lambda: _batch_with_gradient(_spread(ready, batch), ready))
+    (_, slopes), seconds = clock.timed(lambda: _batch_with_gradient(_spread(ready, batch), ready))
     values = dict(row.values)
     if ready.spalls:
         values["by_length"] = float(slopes[0, 0])
         if isinstance(ready.phase, PitchMean):  # else it is a staircase under a hard window
             values["by_width"] = float(slopes[0, 1])
-    return dataclasses.replace(row, each_with_gradient=seconds / batch, values=values, memory=_memory())
+    return dataclasses.replace(row, each_with_gradient=seconds / batch, values=values, memory=clock.memory())
 
 
 def _spread(ready: Scene, batch: int) -> jax.Array:
@@ -372,10 +344,10 @@ def _on_contact(rung: Rung, file: SceneFile, path: str | Path) -> Row:
     started = time.perf_counter()
     solution = jax.block_until_ready(solved())
     first = time.perf_counter() - started
-    _, single = timed(solved)
+    _, single = clock.timed(solved)
     nan = math.nan
     return Row(
-        rung, first, nan, single, nan, nan, _memory(), {"approach": float(solution.approach)}, solution.status
+        rung, first, nan, single, nan, nan, clock.memory(), {"approach": float(solution.approach)}, solution.status
     )  # fmt: skip
 
 
@@ -387,17 +359,3 @@ def _nothing_kept() -> Iterator[None]:
         yield
     finally:
         store.keeping = before
-
-
-def _memory() -> float:
-    """Largest memory of this process so far [MiB]."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return math.nan
-    largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return largest / (2**20 if sys.platform == "darwin" else 2**10)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -87,6 +87,14 @@ def test_a_rung_that_did_not_converge_is_neither_truth_nor_recommended() -> None
     assert best.rung.way == "liu2018"
 
 
+def test_without_a_truth_the_record_has_the_reason() -> None:
+    failed = row("direct", 1e-4, 7.0, 7.0, 0.1, "it did not")
+    for rows, words in (((failed, ROWS[3]), "it did not"), (ROWS[2:4], "compared with")):
+        record = report.accuracy_json(measured(rows))
+        assert record["converged"] is False
+        assert words in record["status"]
+
+
 def test_text_fits_a_page() -> None:
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(accuracy_report.accuracy_text(measured(ROWS)))
@@ -113,11 +121,14 @@ def test_the_figure_has_a_panel_for_what_was_measured(tmp_path: Path) -> None:
 
 
 def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
-    """On the default scene: without a direct rung the ring has no truth, and nothing is recommended."""
+    """The default scene in the mean over phases: without a direct rung there is no truth, nothing is recommended."""
+    path = tmp_path / "mean.toml"
+    path.write_text(scenefile.example("spall") + '\n[stiffness]\nphase = "mean"\n', encoding="utf-8")
+    out = tmp_path / "out"
     rungs = Rung("ring", "liu2018", 1e-3), Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-2)
     monkeypatch.setattr(accuracy, "RUNGS", rungs)
     monkeypatch.setattr(accuracy, "BATCH", 2)
-    code = cli.main(["--no-cache", "accuracy", "--json", "--accuracy", "1e-2", "--out", str(tmp_path)])
+    code = cli.main(["--no-cache", "accuracy", str(path), "--json", "--accuracy", "1e-2", "--out", str(out)])
     captured = capsys.readouterr()
     record = json.loads(captured.out)
     assert (code, captured.err) == (0, "")
@@ -127,14 +138,15 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
     assert ring["status"] == contact["status"] == "converged"
     assert ring["error"] is contact["error"] is None
     assert 0.0 < lattice["error"] < 1e-2
-    assert set(ring["values"]) == {"approach", "load", "radial_stiffness", "axial_stiffness", "by_length"}
+    assert set(ring["values"]) == {"approach", "load", "radial_stiffness", "axial_stiffness", "by_length", "by_width"}
     assert ring["first"] > ring["again"] > 0.0
     assert ring["yardsticks"] == pytest.approx((ring["again"] + ring["single"]) / record["yardstick"])
     assert ring["values"]["by_length"] < 0.0
+    assert ring["values"]["by_width"] < 0.0
     assert ring["each_with_gradient"] > 0.0
     assert (record["asked"], record["recommended"], record["truth"]["ring"]) == (1e-2, None, None)
     assert record["truth"]["contact"] == contact
-    assert {path.name for path in tmp_path.iterdir()} == {"result.json", "accuracy.png", "accuracy.svg"}
+    assert {path.name for path in out.iterdir()} == {"result.json", "accuracy.png", "accuracy.svg"}
 
 
 def test_what_cannot_be_had_is_left_out_with_its_reason(monkeypatch, capsys, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given
         "nodes", "direct", "store", "table", "roller", "slices", "ring", "pitch", "life", "effect", "effects",
         "scene", "preparation", "solution", "axes", "outputs", "devices", "swept", "sweeping", "gathered", "chunks",
         "forecast", "sentences", "scenefile", "sweepfile", "measured", "unknowns", "observed", "least_squares",
-        "confidence", "fitted", "optimal_design", "remarks", "fit", "accuracy", "report", "fit_report",
+        "confidence", "fitted", "optimal_design", "remarks", "fit", "clock", "accuracy", "report", "fit_report",
         "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot", "terminal", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {

@@ -12,6 +12,7 @@ from difftrb import store
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(store, "folder", lambda: tmp_path / "tables")
+    monkeypatch.setattr(store, "keeping", True)  # whatever a test of the command line has left
     return tmp_path / "tables"
 
 

@@ -1,0 +1,54 @@
+"""Time, memory and cores of this machine, and a yardstick to compare them with another's."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def yardstick(size: int = 512, repeats: int = 9) -> float:
+    """Seconds, the least of 9, of a fixed piece of work on JAX's device: a product of two matrices of 512 × 512 in
+    float64 and a Fourier transform of one, there and back."""
+    a = jnp.asarray(np.random.default_rng(0).normal(size=(size, size)))
+    work = jax.jit(lambda a: (a @ a, jnp.fft.irfft2(jnp.fft.rfft2(a))))
+    return min(_times(lambda: work(a), repeats, math.inf)[1])
+
+
+def _times(function: Callable[[], Any], repeats: int, budget: float) -> tuple[Any, list[float]]:
+    """What a function returns, and the seconds it takes after a first call, until a `budget` of them is spent."""
+    result = jax.block_until_ready(function())
+    times: list[float] = []
+    while len(times) < repeats and (not times or sum(times) < budget):
+        started = time.perf_counter()
+        jax.block_until_ready(function())
+        times.append(time.perf_counter() - started)
+    return result, times
+
+
+def timed(function: Callable[[], Any], repeats: int = 7, budget: float = 1.0) -> tuple[Any, float]:
+    """What a function returns, and the median of its seconds after a first call."""
+    result, times = _times(function, repeats, budget)
+    return result, float(np.median(times))
+
+
+def memory() -> float:
+    """Largest memory of this process so far [MiB]."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return math.nan
+    largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return largest / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def cores() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
