@@ -90,7 +90,7 @@ def test_a_rung_that_did_not_converge_is_neither_truth_nor_recommended() -> None
 def test_without_a_truth_the_record_has_the_reason() -> None:
     failed = row("direct", 1e-4, 7.0, 7.0, 0.1, "it did not")
     for rows, words in (((failed, ROWS[3]), "it did not"), (ROWS[2:4], "compared with")):
-        record = report.accuracy_json(measured(rows))
+        record = accuracy_report.accuracy_json(measured(rows))
         assert record["converged"] is False
         assert words in record["status"]
 
