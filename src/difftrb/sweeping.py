@@ -29,8 +29,8 @@ from difftrb.scene import Scene
 from difftrb.swept import Swept, column_of
 
 BATCH = {"cpu": 1024, "gpu": 65536}
-"""Members computed at once: on two cores 256 … 1024 are fastest (experiments/sweep_at_scale.py --batch); a GPU wants
-more."""
+"""Members computed at once: on a busy CPU 240 to 4000 took the same time within noise (experiments/sweep_at_scale.py
+--batch); a GPU wants more, how many was not measured."""
 PARTS, SHARE, MOST_MEMBERS = 16, 64, 2**17
 """Of a chunk: the parts it is computed in; which share of the sweep it is; members, at most (or so many blocks)."""
 AHEAD = 2
