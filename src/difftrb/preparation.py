@@ -10,7 +10,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import direct, pitch, ring, status, table
+from difftrb import direct, effects, pitch, ring, status, table
 from difftrb import law as laws
 from difftrb.effects import Raceways, SeriesRaceways, Through
 from difftrb.geometry import LineContact, Raceway, Real, Spall, as_floats
@@ -74,12 +74,18 @@ def _by_nodes(scene: Scene, raceway: Raceway, largest: Real, progress: Progress 
 def _at_edges(scene: Scene, raceway: Raceway, law: direct.DirectLaw) -> list[list[tuple[float, float]]]:
     """For every spall the distances [mm] at which rollers stand on its ramps, in any phase, and their approaches [mm]
     on the healthy ring."""
-    phases = phases_of(scene, (pitch.Met(raceway, ring.spalls_on(scene.spalls, raceway), law),))[0]
+    acting = tuple(effect for effect in scene.effects if not isinstance(effect, Raceways))  # its law is not made yet
+
+    def there(phase: Real) -> tuple[effects.Ring, ring.Terms]:
+        here = effects.Ring(scene.bearing, scene.load, (), law, law.contact, phase)
+        return here, effects.terms(acting, here)
+
+    met = (pitch.Met(raceway, ring.spalls_on(scene.spalls, raceway), law),)
+    phases = phases_of(scene, met, there(0.0)[1])[0]
 
     def healthy(phase: jax.Array) -> tuple[jax.Array, jax.Array]:
-        angles = ring.roller_angles(scene.bearing, phase)
-        rest = ring.equilibrium(scene.bearing, scene.load, (), law, phase)
-        return ring.distances(scene.bearing, law.spalls, angles, raceway), rest.approach
+        here, terms = there(phase)
+        return ring.distances(scene.bearing, law.spalls, here.angles, raceway), here.equilibrium(terms).approach
 
     distances, approaches = map(np.asarray, jax.jit(jax.vmap(healthy))(phases))
     return [
