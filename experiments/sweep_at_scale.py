@@ -36,27 +36,20 @@ import numpy as np  # noqa: E402
 
 import difftrb as trb  # noqa: E402
 from difftrb import __main__ as cli  # noqa: E402
-from difftrb import chunks, outputs, plot, sweep_plot, sweeping  # noqa: E402
+from difftrb import chunks, outputs, plot, scenefile, sweep_plot, sweeping  # noqa: E402
 from difftrb.devices import lanes_of  # noqa: E402
 from difftrb.sweeping import Plan  # noqa: E402
 
 NAMES, SIZES = ("radial_stiffness", "axial_stiffness"), ("spall.0.length", "spall.0.width")
-FILE = """
-bearing = "32008J"
-[load]
-radial = 9000.0
-axial = 4500.0
-[[spall]]
-length = 4.0
-width = 7.0
+FILE = f"""{scenefile.example("spall")}
 [contact]
 law = "liu2018"
 [sweep]
 gradients = ["spall.0.length", "spall.0.width"]
-spall.0.length = {from = 0.5, to = 8.0, count = 40}
-spall.0.width = {from = 2.0, to = 10.0, count = 25}
-stiffness.phase = {from = 0.0, to = 0.27, count = 20}
-load.axial = {from = 2000.0, to = 6000.0, count = 20, spacing = "log"}
+spall.0.length = {{from = 0.5, to = 8.0, count = 40}}
+spall.0.width = {{from = 2.0, to = 10.0, count = 25}}
+stiffness.phase = {{from = 0.0, to = 0.27, count = 20}}
+load.axial = {{from = 2000.0, to = 6000.0, count = 20, spacing = "log"}}
 """
 
 
@@ -75,7 +68,7 @@ def plan(members: int, law: str, batch: int | None = None) -> Plan:
 
 def child(members: int, law: str, devices: int) -> dict[str, float]:
     """Measured in this process: seconds of `chunks.run` in all and since the first chunk was there, megabytes."""
-    cli._set_up_jax(cache=True)
+    cli.set_up_jax(cache=True)
     made = plan(members, law)
     marks: list[tuple[float, float, int]] = []
 

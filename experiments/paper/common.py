@@ -21,7 +21,7 @@ from matplotlib.figure import Figure  # noqa: E402
 
 import difftrb as trb  # noqa: E402
 from difftrb import plot, report, status, table  # noqa: E402
-from difftrb.__main__ import cache_folder  # noqa: E402
+from difftrb.__main__ import set_up_jax  # noqa: E402
 from difftrb.geometry import Raceway, Real  # noqa: E402
 from difftrb.law import Law  # noqa: E402
 from experiments.paper import clipped  # noqa: E402
@@ -76,10 +76,7 @@ class Result:
 
 def set_up() -> None:
     """Keep compiled programs in the user's cache folder, and figures' letters legible at the width of a column."""
-    if (folder := cache_folder()) is not None:
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+    set_up_jax(cache=True)
     plt.rcParams.update({
         "font.size": 9, "axes.titlesize": 9, "legend.fontsize": 8, "axes.prop_cycle": cycler(color=COLOURS),
         "legend.frameon": False, "svg.hashsalt": "difftrb", "axes.grid": True, "grid.alpha": 0.3, "grid.linewidth": 0.5,

@@ -26,7 +26,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal without µ and █ gets question marks, not a traceback
-    _set_up_jax(options.cache)
+    set_up_jax(options.cache)
     from difftrb import measured, scenefile, store
     from difftrb.axes import SweepError
     from difftrb.status import SolveError
@@ -105,7 +105,8 @@ def _add_output(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there")
 
 
-def _set_up_jax(cache: bool) -> None:
+def set_up_jax(cache: bool) -> None:
+    """Float64, no noise from XLA and, if asked, compiled programs kept in the user's cache folder."""
     # XLA reports its own tuning hints as missing processor features whenever it loads a kept program
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     import jax
@@ -195,9 +196,7 @@ def _contact(options: Any) -> int:
     scenefile.check_contact(file, path)
     started = time.perf_counter()
     with terminal.busy("solving the contact"):
-        table, (spalls, offsets) = file.contact, file.under_contact()
-        solved = approach_and_slopes(file.line_contact(), table.load, spalls, offsets, table.accuracy, tilt=table.tilt)
-        solution, slopes = jax.block_until_ready(solved)
+        solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
     record = report.contact_json(solution, slopes, time.perf_counter() - started)
 
     def figures(folder: Path) -> None:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 
 from difftrb import clock, scenefile, store
 from difftrb.contact import COMPILING, solve_contact
-from difftrb.given import Method
+from difftrb.contact_solution import ContactSolution
 from difftrb.nodes import Progress
 from difftrb.preparation import prepare
 from difftrb.scene import PitchMean, Scene
@@ -334,12 +334,10 @@ def _batch_with_gradient(loads: jax.Array, ready: Scene) -> tuple[jax.Array, jax
 def _on_contact(rung: Rung, file: SceneFile, path: str | Path) -> Row:
     """Solve the single contact by one method."""
     scenefile.check_contact(file, path)
-    contact, table, (spalls, offsets) = file.line_contact(), file.contact, file.under_contact()
+    given = file.single_contact() | {"accuracy": rung.accuracy, "method": rung.way}
 
-    def solved() -> Any:
-        return solve_contact(
-            contact, table.load, spalls, offsets, rung.accuracy, cast(Method, rung.way), tilt=table.tilt
-        )
+    def solved() -> ContactSolution:
+        return solve_contact(**given)
 
     started = time.perf_counter()
     solution = jax.block_until_ready(solved())

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
+from difftrb.files import known
 from difftrb.scene import Scene
 
 Mode = Literal["product", "zip"]
@@ -96,9 +97,7 @@ def _values(key: str, spec: Any) -> np.ndarray:
 def _spaced(key: str, spec: Mapping[str, Any]) -> np.ndarray:
     for name in spec:
         if name not in RANGE_KEYS:
-            close = difflib.get_close_matches(str(name), RANGE_KEYS, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(RANGE_KEYS)}"
-            raise SweepError(f"{key}.{name} is not a known key; {hint}")
+            raise SweepError(f"{key}.{name} is not a known key; {known(str(name), RANGE_KEYS)}")
     for name in RANGE_KEYS[:3]:
         if name not in spec:
             raise SweepError(f"{key}.{name} is missing: give {key} = {{from = …, to = …, count = …}}")
@@ -160,16 +159,16 @@ def number_at(tree: Any, key: str) -> Any:
     at = tree
     steps = _steps(tree, key)
     for i, step in enumerate(steps):
-        known = _fields(at)
-        if step not in known:
+        fields = _fields(at)
+        if step not in fields:
             if step.isdigit() and isinstance(at, tuple | list):
                 raise SweepError(f"{key}: there {_are(len(at))}, counted from 0")
-            close = difflib.get_close_matches(step, known, n=1)
+            close = difflib.get_close_matches(step, fields, n=1)
             written = key.split(".")[: i + len(key.split(".")) - len(steps)]
-            hint = f"did you mean {'.'.join([*written, close[0]])}?" if close else f"known here: {', '.join(known)}"
+            hint = f"did you mean {'.'.join([*written, close[0]])}?" if close else f"known here: {', '.join(fields)}"
             if isinstance(at, Scene):
                 hint = f"known here: {OF_SCENE}"
-            raise SweepError(f"{key} is not a known key; {hint}" if known else f"{key} is not a known key")
+            raise SweepError(f"{key} is not a known key; {hint}" if fields else f"{key} is not a known key")
         at = _taken(at, step)
     return at
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import ClassVar, NamedTuple
 
 import jax
-import jax.core
 import jax.numpy as jnp
 
 from difftrb import geometry, ring, roller
@@ -84,6 +83,6 @@ def held_by(rest: Equilibrium, terms: Terms, of: Ring) -> Results:
     return {"axial_force": jnp.sum(rest.loads) * jnp.sin(of.bearing.outer_angle)}
 
 
-def is_given(number: Real) -> bool:
-    """Whether a number is known not to be 0."""
-    return not isinstance(number, jax.core.Tracer) and float(number) != 0.0
+def thicker(terms: Terms, more: jax.Array) -> Terms:
+    """Rollers too thick by `more` than they are so far [mm], shape () or (rollers,)."""
+    return terms._replace(interference=more if terms.interference is None else terms.interference + more)

@@ -15,8 +15,9 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 from difftrb import geometry, life, ring, roller, slices, status
-from difftrb.effect import Effect, Results, Ring, held_by, is_given, on_the_inner_ring, seat
+from difftrb.effect import Effect, Results, Ring, held_by, on_the_inner_ring, seat, thicker
 from difftrb.geometry import Real, TaperedBearing
+from difftrb.given import is_given
 from difftrb.law import Law
 from difftrb.ring import Equilibrium, Load, Terms
 
@@ -190,8 +191,7 @@ class Mounting(Effect):
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """The axial position, and rollers that are too thick."""
         normal = 0.5 * self.tightened(of.bearing) * jnp.cos(of.bearing.outer_angle)
-        extra = normal if terms.interference is None else terms.interference + normal
-        return terms._replace(axial=jnp.asarray(self.preload, float), interference=extra)
+        return thicker(terms, normal)._replace(axial=jnp.asarray(self.preload, float))
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`axial_force` that holds the rings [N]; `tightened`: growth of inner raceway and rollers [mm]."""
@@ -220,8 +220,7 @@ class Diameters(Effect):
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Added to the rollers' approach."""
-        extra = jnp.stack([jnp.asarray(deviation, float) for deviation in self.deviations])
-        return terms._replace(interference=extra if terms.interference is None else terms.interference + extra)
+        return thicker(terms, jnp.stack([jnp.asarray(deviation, float) for deviation in self.deviations]))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -217,6 +217,11 @@ def roller_mass(bearing: TaperedBearing) -> Real:
     return bearing.density * volume
 
 
+def turned(angle: Real) -> jax.Array:
+    """The same angle within −π…π [rad], any shape."""
+    return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
+
+
 def roller_pitch(bearing: TaperedBearing) -> Real:
     """Angle between neighbouring rollers [rad]."""
     return 2.0 * jnp.pi / bearing.rollers

@@ -74,6 +74,11 @@ def is_zero(number: Real) -> bool:
     return not isinstance(number, jax.core.Tracer) and float(number) == 0.0
 
 
+def is_given(number: Real) -> bool:
+    """Whether a number is known not to be 0: a traced one is not."""
+    return not isinstance(number, jax.core.Tracer) and float(number) != 0.0
+
+
 def is_sound(arguments: Arguments) -> jax.Array:
     """Whether all numbers are finite and within what can be: see `status.BAD_INPUT`."""
     contact, load, spall, offset, tilt = arguments

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import difflib
 import json
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb.files import unreadable
+from difftrb.files import known, unreadable
 from difftrb.geometry import FILE_RULES, Real
 from difftrb.scene import Definition, Phase
-from difftrb.sentences import in_words
+from difftrb.sentences import allowed
 
 Quantity = Literal["radial_loss", "axial_loss", "radial_stiffness", "axial_stiffness"]
 NEEDED = ("radial", "axial", "quantity", "value")
@@ -121,9 +120,7 @@ def _check_header(names: list[str], path: str | Path) -> None:
         raise MeasuredError(f"{path}: columns must be separated by commas, and decimals written with a point")
     for name in names:
         if name not in COLUMNS:
-            close = difflib.get_close_matches(name, COLUMNS, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(COLUMNS)}"
-            raise MeasuredError(f"{path}: column {name!r} is not known; {hint}")
+            raise MeasuredError(f"{path}: column {name!r} is not known; {known(name, COLUMNS)}")
         if names.count(name) > 1:
             raise MeasuredError(f"{path}: column {name!r} stands twice; keep one of them")
     for name in NEEDED:
@@ -144,7 +141,9 @@ def _row(names: list[str], cells: list[str], where: str) -> Measurement:
     except ValidationError as error:
         column = str(error.errors()[0]["loc"][0])
         shown = f"= {content[column]!r}" if column in content else "is empty"
-        raise MeasuredError(f"{where}: {column} {shown}: must be {_allowed(column)}; {ADVICE[column]}") from None
+        raise MeasuredError(
+            f"{where}: {column} {shown}: must be {allowed(Measurement, [column])}; {ADVICE[column]}"
+        ) from None
     return check(row, where)
 
 
@@ -153,14 +152,6 @@ def _cell(cell: str) -> float | str:
         return float(cell)
     except ValueError:
         return cell
-
-
-def _allowed(column: str) -> str:
-    """What a column takes, in words."""
-    hint = get_type_hints(Measurement, include_extras=True)[column]
-    kinds = [kind for kind in getattr(hint, "__args__", ()) if kind is not type(None)]
-    alternatives = [hint] if hasattr(hint, "__metadata__") or not hasattr(kinds[0], "__args__") else kinds
-    return " or ".join(in_words(kind) for kind in alternatives)
 
 
 def check(row: Measurement, where: str) -> Measurement:

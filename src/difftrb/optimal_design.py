@@ -46,7 +46,7 @@ def candidates(fit: Fit) -> tuple[Measurement, ...]:
         (r * a, f * b) for r, f in measured for a, b in ((1.0, 1.0), (0.0, 1.0), (0.5, 1.0), (1.0, 0.5), (1.0, 2.0))
     ]
     half = 0.5 * float(geometry.roller_pitch(scene.bearing))
-    centred = float(np.mod(float(scene.spalls[0].angle) + np.pi, 2.0 * np.pi) - np.pi)
+    centred = float(geometry.turned(float(scene.spalls[0].angle)))
     kinds = [kind for kind in ("loss", "stiffness") if any(row.quantity.endswith(kind) for row in fit.rows)]
     definition = fit.rows[0].definition
     found = []

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import law as laws
 from difftrb import ring, status
 from difftrb.axes import Axis, SweepError, number_at, replaced
 from difftrb.contact_solution import ContactSolution
-from difftrb.geometry import LineContact, Spall
 from difftrb.nodes import Progress
 from difftrb.preparation import SEVERAL_SHAPES, of_one_shape, prepare, prepared_law
 from difftrb.scene import LawName, PitchMean, Scene, healthy
@@ -139,12 +137,11 @@ def prepared(
         raise SweepError(
             "contact.law = 'direct' holds for one scene and would be made anew for every member; use 'table'"
         )
+    if name == "power" and not of_one_shape(scene.spalls):
+        raise SweepError(f"contact.{SEVERAL_SHAPES}")
     low, high = (_with_ends(scene, ends, side) for side in (0, 1))
-    if name == "power" and not scene.effects:
-        ready = prepare(dataclasses.replace(scene, law=_power(scene, low, high)))
-    else:
-        made = prepare(high, progress)
-        ready = prepare(dataclasses.replace(scene, law=made.law, effects=made.effects))
+    made = prepare(high, progress, ring.largest_load(low.bearing, low.load))
+    ready = prepare(dataclasses.replace(scene, law=made.law, effects=made.effects))
     for key in ends:
         _refuse_other(ready, key, ends[key])
     return ready
@@ -176,15 +173,6 @@ def _with_ends(scene: Scene, ends: dict[str, tuple[float, float]], side: int) ->
         for i, spall in enumerate(scene.spalls)
     )
     return dataclasses.replace(scene, load=dataclasses.replace(scene.load, **load), spalls=spalls)
-
-
-def _power(scene: Scene, low: Scene, high: Scene) -> laws.PowerLaw:
-    if not of_one_shape(scene.spalls):
-        raise SweepError(f"contact.{SEVERAL_SHAPES}")
-    contact = LineContact.of(scene.bearing, "outer", scene.design_load)
-    least, most = (float(ring.largest_load(s.bearing, s.load)) for s in (low, high))
-    spall = cast(Spall, scene.spalls[0]) if scene.spalls else None
-    return laws.power_law(contact, (least / 6.0, 1.2 * most), spall, scene.accuracy)
 
 
 def _refuse_other(ready: Scene, key: str, ends: tuple[float, float]) -> None:

@@ -31,11 +31,14 @@ TRACED = (
 )
 
 
-def prepared_law(scene: Scene, progress: Progress | None = None, raceway: Raceway = "outer") -> Law:
+def prepared_law(
+    scene: Scene, progress: Progress | None = None, raceway: Raceway = "outer", least: Real | None = None
+) -> Law:
     """The roller law on one of the scene's raceways, built from contact solves if it is only named.
 
-    The power law is fitted from a sixth of the largest roller load that the scene lets expect to 1.2 times it, with
-    the spalls' width, depth and axial offset, which must be one for all (else ValueError).
+    The power law is fitted from a sixth of the largest roller load that the scene lets expect (of `least` [N], if that
+    is given) to 1.2 times it, with the spalls' width, depth and axial offset, which must be one for all (else
+    ValueError).
     """
     contact = raceway_contact(scene, raceway)
     if not isinstance(scene.law, LawName):
@@ -47,7 +50,8 @@ def prepared_law(scene: Scene, progress: Progress | None = None, raceway: Racewa
     if scene.law.name in BY_NODES:
         return _by_nodes(scene, raceway, largest, progress)
     spall = spalls[0] if spalls else None
-    return laws.named(scene.law.name, contact, (largest / 6.0, 1.2 * largest), spall, scene.accuracy)
+    low = largest if least is None else least
+    return laws.named(scene.law.name, contact, (low / 6.0, 1.2 * largest), spall, scene.accuracy)
 
 
 def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
@@ -112,12 +116,13 @@ def of_one_shape(spalls: tuple[Spall, ...]) -> bool:
     return len({tuple(float(value) for value in shape) for shape in shapes}) == 1
 
 
-def prepare(scene: Scene, progress: Progress | None = None) -> Scene:
+def prepare(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
     """The scene with its law built, so that solving it again costs microseconds. Errors as in `solve`.
 
     A prepared "power" law is frozen: bearing, crown, and a spall's width, depth and axial offset no longer act through
     it; for complete derivatives by those, differentiate the scene with its law by name. "table" and "direct" stay
-    complete, and hold for neighbours of the scene. `progress` is told how many of how many contacts are solved.
+    complete, and hold for neighbours of the scene. `progress` is told how many of how many contacts are solved. `least`
+    is the largest roller load [N] of the lightest loaded scene that a "power" law is to serve; default: of this one.
     """
     status.require_float64()
     scene = as_floats(scene)
@@ -126,14 +131,14 @@ def prepare(scene: Scene, progress: Progress | None = None) -> Scene:
     if (sentence := unmet(scene)) is not None:
         raise ValueError(sentence)
     acting = tuple(
-        SeriesRaceways(effect.inner_design_load, _inner_law(scene, effect, progress))
+        SeriesRaceways(effect.inner_design_load, _inner_law(scene, effect, progress, least))
         if isinstance(effect, Raceways) else effect
         for effect in scene.effects
     )  # fmt: skip
-    return dataclasses.replace(scene, law=prepared_law(scene, progress), effects=acting)
+    return dataclasses.replace(scene, law=prepared_law(scene, progress, least=least), effects=acting)
 
 
-def _inner_law(scene: Scene, effect: Raceways, progress: Progress | None) -> Law:
+def _inner_law(scene: Scene, effect: Raceways, progress: Progress | None, least: Real | None) -> Law:
     """Of the inner raceway: as prepared before, or named as the outer one's."""
     if isinstance(effect, SeriesRaceways):
         return cast(Law, effect.law).at(raceway_contact(scene, "inner"))
@@ -142,7 +147,7 @@ def _inner_law(scene: Scene, effect: Raceways, progress: Progress | None) -> Law
             "effects.raceways needs a law for the inner raceway: give the scene its law by name, or the effect as "
             "difftrb.effects.SeriesRaceways(law=...)"
         )
-    return prepared_law(scene, progress, "inner")
+    return prepared_law(scene, progress, "inner", least)
 
 
 def law_in_effect(scene: Scene, roller_law: Law) -> Law:

@@ -96,7 +96,7 @@ def distances(
     as far as can be."""
     met = [spall for spall in spalls if spall.surface != "roller"]
     centres = jnp.stack([jnp.asarray(spall.angle, float) for spall in met]) if met else jnp.zeros(0)
-    away = geometry.arc_radius(bearing, raceway) * _turned(angles[None, :] - centres[:, None])
+    away = geometry.arc_radius(bearing, raceway) * geometry.turned(angles[None, :] - centres[:, None])
     if len(met) == len(spalls):
         return away
     rows = iter(away)
@@ -104,16 +104,11 @@ def distances(
     return jnp.stack([
         jnp.where(
             jnp.arange(angles.size) == 0,
-            geometry.mean_roller_radius(bearing) * _turned(jnp.asarray(facing - spall.angle)),
+            geometry.mean_roller_radius(bearing) * geometry.turned(facing - spall.angle),
             jnp.pi * geometry.arc_radius(bearing, raceway),
         ) if spall.surface == "roller" else next(rows)
         for spall in spalls
     ])  # fmt: skip
-
-
-def _turned(angle: jax.Array) -> jax.Array:
-    """The same angle within −π…π [rad]."""
-    return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
 
 
 def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real) -> jax.Array:
@@ -253,7 +248,7 @@ def _sliced(
     normals, curves = slices.normals(rollers.normals, angles), slices.curves
     extra = jnp.repeat(rollers.interference, normals.shape[0] // angles.size)
     more = normals.shape[1] - 3
-    force = jnp.concatenate([force, slices.moments[:more]])
+    force = jnp.concatenate([force, slices.moments / slices.longest])
     return Rollers(normals, extra, curves), force, jnp.concatenate([start, jnp.zeros(more)])
 
 

@@ -50,9 +50,19 @@ class Seat(NamedTuple):
         return jnp.cos(self.inner - self.flange)
 
     @property
+    def outwards(self) -> Real:
+        """Centrifugal force [N], 0 if there is none."""
+        return 0.0 if self.centrifugal is None else self.centrifugal
+
+    @property
     def thrown(self) -> jax.Array:
         """Centrifugal force along the flange's face [N]."""
-        return (0.0 if self.centrifugal is None else self.centrifugal) * jnp.cos(self.flange)
+        return self.outwards * jnp.cos(self.flange)
+
+    @property
+    def wedge(self) -> jax.Array:
+        """Share of an outer force that the flange takes of a roller between both raceways."""
+        return jnp.sin(self.outer - self.inner) / self.inner_cos
 
     @property
     def least(self) -> jax.Array:
@@ -74,10 +84,13 @@ def inner_load(seat: Seat, outer_load: jax.Array) -> jax.Array:
 def flange_load(seat: Seat, outer_load: jax.Array) -> jax.Array:
     """Force of the flange [N] on a roller at rest that carries `outer_load` [N], any shape."""
     # forces square to the inner normal, or to none if the inner raceway is not touched: Liu et al. 2022, eq. (5)
-    thrown = 0.0 if seat.centrifugal is None else seat.centrifugal
-    wedged = (outer_load * jnp.sin(seat.outer - seat.inner) + thrown * jnp.sin(seat.inner)) / seat.inner_cos
-    free = outer_load * jnp.sin(seat.outer - seat.flange) + thrown * jnp.sin(seat.flange)
-    return jnp.where(outer_load * seat.outer_cos > seat.thrown, wedged, free)
+    free = outer_load * jnp.sin(seat.outer - seat.flange) + seat.outwards * jnp.sin(seat.flange)
+    return jnp.where(outer_load * seat.outer_cos > seat.thrown, _wedged(seat, outer_load), free)
+
+
+def _wedged(seat: Seat, outer_load: jax.Array) -> jax.Array:
+    """Of a roller that touches both raceways."""
+    return outer_load * seat.wedge + seat.outwards * jnp.sin(seat.inner) / seat.inner_cos
 
 
 def carried(seat: Seat, outer_curves: Carried, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -116,9 +129,7 @@ def _between(seat: Seat, inside: jax.Array) -> Between:
     moved, share = approach / ratio, pace / ratio * jnp.ones_like(inside)
     if seat.flange_compliance is None:
         return Between(load, rate, moved, share)
-    thrown = 0.0 if seat.centrifugal is None else seat.centrifugal
-    wedge = jnp.sin(seat.outer - seat.inner) / seat.inner_cos
-    force = load * wedge + thrown * jnp.sin(seat.inner) / seat.inner_cos
+    force, wedge = _wedged(seat, load), seat.wedge
     positive = force > 0.0
     safe = jnp.where(positive, force, 1.0)
     sunk = jnp.where(positive, seat.flange_compliance * safe ** (2.0 / 3.0), 0.0)

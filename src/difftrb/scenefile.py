@@ -124,6 +124,12 @@ class SceneFile:
             self.contact.offset + (spall.angle - self.spall[0].angle) * radius for spall in self.spall
         )
 
+    def single_contact(self) -> dict[str, Any]:
+        """What `solve_contact` is given for the single contact, by its names."""
+        table, (spalls, offsets) = self.contact, self.under_contact()
+        return {"contact": self.line_contact(), "load": table.load, "spall": spalls, "offset": offsets,
+                "accuracy": table.accuracy, "tilt": table.tilt}  # fmt: skip
+
 
 def contact_under_spall(file: SceneFile, solution: Solution) -> ContactSolution:
     """The contact of the roller nearest to the first spall (of the most loaded roller if there is none, or it is clear
@@ -132,7 +138,7 @@ def contact_under_spall(file: SceneFile, solution: Solution) -> ContactSolution:
     nearest = int(jnp.argmax(solution.loads))
     offset = 0.0
     if spall is not None:
-        away = jnp.mod(spall.angle - solution.angles + jnp.pi, 2.0 * jnp.pi) - jnp.pi
+        away = geometry.turned(spall.angle - solution.angles)
         candidate = int(jnp.argmin(jnp.abs(away)))
         if float(solution.loads[candidate]) > 0.0:
             nearest = candidate
@@ -163,11 +169,15 @@ def example_names() -> list[str]:
 
 def read(path: str | Path) -> SceneFile:
     """Read and check a scene file, table by table and across tables; raises `SceneError`."""
+    return parse(text_of(path), path)
+
+
+def text_of(path: str | Path) -> str:
+    """The text of a scene file; raises `SceneError`."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        return Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"{path}: {unreadable(error, 'a scene file')}") from None
-    return parse(text, path)
 
 
 def parse(text: str, path: str | Path = "scene") -> SceneFile:

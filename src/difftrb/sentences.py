@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import types
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -11,6 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from annotated_types import Interval, Unit
 
 from difftrb import geometry
+from difftrb.files import known
 
 UNKNOWN_KEY = ("unexpected_keyword_argument", "extra_forbidden")  # pydantic's names
 
@@ -25,18 +25,16 @@ def in_one_sentence(error: Any, root: type) -> str:
     value = repr(error["input"])
     value = value if len(value) <= 60 else f"{value[:57]}..."
     if error["type"] in UNKNOWN_KEY:
-        known = [f.name for f in dataclasses.fields(_owner(root, where[:-1]))]
-        close = difflib.get_close_matches(str(where[-1]), known, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
-        return f"{key} is not a known key; {hint}"
-    allowed = _allowed(root, where)
+        names = [f.name for f in dataclasses.fields(_owner(root, where[:-1]))]
+        return f"{key} is not a known key; {known(str(where[-1]), names)}"
+    takes = allowed(root, where)
     if key == "bearing":
-        allowed = f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a [bearing] table"
+        takes = f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a [bearing] table"
     if error["type"] == "missing":
-        return f"{key} is missing: give {allowed}"
+        return f"{key} is missing: give {takes}"
     if where[0] == "spall" and len(where) < 3:
         return f"{key} = {value}: spalls are tables, each under a heading [[spall]]"
-    return f"{key} = {value}: must be {allowed}"
+    return f"{key} = {value}: must be {takes}"
 
 
 def _owner(root: type, where: Iterable[str | int]) -> Any:
@@ -53,23 +51,23 @@ def _kind(hint: Any) -> Any:
     return kinds[0] if len(kinds) == 1 else hint
 
 
-def _allowed(root: type, where: list[str | int]) -> str:
+def allowed(root: type, where: list[str | int]) -> str:
     """What a key takes, in words, from its annotation."""
     owner, last = _owner(root, where[:-1]), where[-1]
     hint = get_args(owner)[0] if isinstance(last, int) else get_type_hints(owner, include_extras=True)[last]
     if get_origin(hint) in (Union, types.UnionType):
-        return " or ".join(in_words(h) for h in get_args(hint) if h is not type(None))
-    return in_words(hint)
+        return " or ".join(_in_words(h) for h in get_args(hint) if h is not type(None))
+    return _in_words(hint)
 
 
-def in_words(hint: Any) -> str:
+def _in_words(hint: Any) -> str:
     """What one kind of value is, in words."""
     if get_origin(hint) is Literal and len(get_args(hint)) == 1:
         return repr(get_args(hint)[0])
     if get_origin(hint) is Literal:
         return "one of " + ", ".join(repr(v) for v in get_args(hint))
     if get_origin(hint) is tuple and get_origin(get_args(hint)[0]) is Annotated:
-        return f"a list, each {in_words(get_args(hint)[0])}"
+        return f"a list, each {_in_words(get_args(hint)[0])}"
     if get_origin(hint) is not Annotated:
         return "a table"
     kind, *metadata = get_args(hint)

@@ -6,6 +6,7 @@ and P the profile. A slice over a spall carries by the part of it that has land 
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import jax
@@ -26,8 +27,8 @@ class Slices(NamedTuple):
     Attributes:
       curves: what every slice carries, shape (rollers · slices,), roller by roller.
       levers: distance of every slice from the tilting centre along the roller [mm], shape (slices,).
-      moments: about the radial and the lateral axis through that centre [N], divided by the longest lever; shape (2,),
-        or (0,) for rings that stay parallel.
+      moments: about the radial and the lateral axis through that centre [N mm], shape (2,), or (0,) for rings that
+        stay parallel.
     """
 
     curves: Carried
@@ -65,18 +66,15 @@ def sliced(
     """
     places = contact.length * ((jnp.arange(count) + 0.5) / count - 0.5)
     stiffness = hertz.lamina_stiffness(contact.length) / count  # ISO/TS 16281:2008, eq. (38)
-    land = jnp.stack([jnp.ones(count), *(1.0 - _covered(contact, spall, places) for spall in spalls)], axis=-1)
-    rollers = distances.shape[1]
-    left = jnp.stack([land[:, k] for k in range(land.shape[1])])  # (1 + spalls, slices)
+    land = jnp.stack([jnp.ones(count), *(1.0 - _covered(contact, spall, places) for spall in spalls)])
     under = spalls_under(spalls, distances)
-    chosen = jnp.sum(jnp.where((under[:, None] == jnp.arange(left.shape[0])[None, :])[..., None], left[None], 0.0), 1)
-    K = stiffness * jnp.maximum(chosen, LEAST)
+    here = (under[:, None] == jnp.arange(land.shape[0])[None, :])[..., None]  # no gather: slow in a batch
+    left = jnp.sum(jnp.where(here, land[None], 0.0), axis=1)
+    K = stiffness * jnp.maximum(left, LEAST)
+    slices = curve.power(K.ravel(), jnp.full(K.size, 10.0 / 9.0))
     profile = 2.0 * gap.crown_at(places, contact)  # both raceways
-    slices = curve.power(K.ravel(), jnp.full(rollers * count, 10.0 / 9.0))
-    slices = curve.Curve(slices.coefficients, slices.middle, slices.reach, jnp.tile(profile, rollers))
-    levers = places + reach
-    longest = jax.lax.stop_gradient(jnp.max(jnp.abs(levers)))
-    return Slices(Carried(slices), levers, moments / longest)
+    slices = dataclasses.replace(slices, shift=jnp.tile(profile, under.size))
+    return Slices(Carried(slices), places + reach, moments)
 
 
 def _covered(contact: LineContact, spall: Spall, places: jax.Array) -> jax.Array:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
-import difflib
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -14,7 +14,8 @@ from difftrb import axes as axes_
 from difftrb import geometry, outputs, scenefile, sweeping
 from difftrb.axes import RANGE_KEYS, Axis, SweepError
 from difftrb.contact import solve_contact
-from difftrb.files import unreadable
+from difftrb.contact_solution import ContactSolution
+from difftrb.files import known
 from difftrb.nodes import Progress
 from difftrb.scenefile import NoEquilibriumError, SceneError, SceneFile
 from difftrb.sweeping import Plan
@@ -51,31 +52,22 @@ class SweepFile:
             return dataclasses.replace(plan, units=units, title=" ".join(self.outputs))
 
 
-class _named:
+@contextlib.contextmanager
+def _named(path: str) -> Iterator[None]:
     """What is wrong with a sweep becomes a `SceneError` that names the file."""
-
-    def __init__(self, path: str) -> None:
-        self.path = path
-
-    def __enter__(self) -> None:
-        return
-
-    def __exit__(self, _: Any, error: BaseException | None, __: Any) -> None:
-        if isinstance(error, SweepError):
-            raise SceneError(f"{self.path}: sweep: {error}") from None
+    try:
+        yield
+    except SweepError as error:
+        raise SceneError(f"{path}: sweep: {error}") from None
 
 
-def _contact(file: SceneFile) -> Any:
-    table, (spalls, offsets) = file.contact, file.under_contact()
-    return solve_contact(file.line_contact(), table.load, spalls, offsets, table.accuracy, tilt=table.tilt)
+def _contact(file: SceneFile) -> ContactSolution:
+    return solve_contact(**file.single_contact())
 
 
 def read(path: str | Path) -> SweepFile:
     """Read and check a scene file with a table `[sweep]`. Raises `SceneError`."""
-    try:
-        return parse(Path(path).read_text(encoding="utf-8"), path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: {unreadable(error, 'a scene file')}") from None
+    return parse(scenefile.text_of(path), path)
 
 
 def parse(text: str, path: str | Path = "scene") -> SweepFile:
@@ -135,9 +127,7 @@ def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
     for name, value in table.items():
         key = before + name
         if not before and "." not in name and not isinstance(value, dict):
-            close = difflib.get_close_matches(name, SETTINGS, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(SETTINGS)} and dotted keys"
-            raise SweepError(f"{name} is not a known key; {hint}")
+            raise SweepError(f"{name} is not a known key; {known(name, SETTINGS, ' and dotted keys')}")
         if isinstance(value, dict) and not set(value) & set(RANGE_KEYS) and value:
             yield from _flat(value, f"{key}.")
         else:

@@ -80,10 +80,6 @@ class Unknowns:
 
         return raw(self.low), raw(self.high)
 
-    def unit(self, i: int) -> str:
-        """Unit of the i-th."""
-        return UNITS[self.names[i]]
-
 
 UNITS = {"length": "mm", "width": "mm", "depth": "mm", "angle": "rad", "crown": "N", "preload": "N", "scale": "–"}
 

@@ -12,7 +12,7 @@ from scipy import optimize
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb import confidence, fit_report, least_squares, optimal_design, unknowns
+from difftrb import confidence, fit_report, least_squares, optimal_design, scenefile, unknowns
 from difftrb.fit import fit, solved, start_places
 from difftrb.measured import MeasuredError, Measurement, example, parse
 
@@ -249,13 +249,7 @@ def test_rows_that_do_not_fit_together_are_refused(rig: trb.Scene, exact: np.nda
         fit(dataclasses.replace(rig, law="direct"), rows)
 
 
-SCENE = """bearing = "32008J"
-[load]
-radial = 9000.0
-axial = 4500.0
-[[spall]]
-length = 4.0
-width = 7.0
+SCENE = f"""{scenefile.example("spall")}
 [contact]
 law = "liu2018"
 """
