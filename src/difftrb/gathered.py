@@ -86,7 +86,7 @@ def _netcdf(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) ->
                 for part in _slabs(first, first + len(array), plan.layout.counts):
                     size = int(np.prod([s.stop - s.start for s in part]))
                     shape = (*(s.stop - s.start for s in part), *array.shape[1:])
-                    file[name][part] = array[start : start + size].reshape(shape)
+                    file.variables[name][part] = array[start : start + size].reshape(shape)
                     start += size
             yield first, found
 

@@ -39,10 +39,15 @@ def load_distribution(result: Assessment, scene: Scene, ax: Any = None) -> Any:
         loads = np.asarray(solution.loads) / 1e3
         ax.plot(closed, np.append(loads, loads[0]), style, marker=marker, ms=4, lw=1.2, color=colour, label=label)
     top = float(max(np.nanmax(np.asarray(s.loads)) for s, *_ in curves)) / 1e3
-    for i, spall in enumerate(scene.spalls):
-        half = 0.5 * float(spall.width) / float(arc_radius(scene.bearing))
-        label = "spall" if i == 0 else None
-        ax.bar(float(spall.angle), 1.15 * top, width=2.0 * half, color=ACCENT, alpha=0.5, zorder=0, label=label)
+    named = set()
+    for spall in scene.spalls:
+        if spall.surface == "roller":  # it turns with roller 0: no place on a raceway
+            continue
+        label = "spall" if spall.surface == "outer" else "spall on the inner raceway"
+        width = float(spall.width) / float(arc_radius(scene.bearing, spall.surface))
+        bar = {"color": ACCENT, "alpha": 0.5, "zorder": 0, "hatch": None if spall.surface == "outer" else "//"}
+        ax.bar(float(spall.angle), 1.15 * top, width=width, label=None if label in named else label, **bar)
+        named.add(label)
     ax.set_ylim(0.0, 1.15 * top)
     ax.set_rlabel_position(150)
     ax.yaxis.set_major_locator(MaxNLocator(3))

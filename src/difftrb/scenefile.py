@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb import effects, geometry, heightmap
+from difftrb import effects, geometry, heightmap, ring
 from difftrb import law as laws
 from difftrb.contact import solve_contact
 from difftrb.contact_solution import ContactSolution
@@ -132,19 +132,18 @@ class SceneFile:
 
 
 def contact_under_spall(file: SceneFile, solution: Solution) -> ContactSolution:
-    """The contact of the roller nearest to the first spall (of the most loaded roller if there is none, or it is clear
-    of the raceway), with the load and the offset it has in `solution`."""
-    spall = file.spall[0] if file.spall else None
-    nearest = int(jnp.argmax(solution.loads))
-    offset = 0.0
+    """The outer contact of the roller nearest to the first spall met there (of the most loaded roller if there is none,
+    or the nearest carries nothing), with the load and the offset it has in `solution`."""
+    spall = next(iter(ring.spalls_on(file.spall, "outer")), None)
+    roller, offset = int(jnp.argmax(solution.loads)), 0.0
     if spall is not None:
-        away = geometry.turned(spall.angle - solution.angles)
-        candidate = int(jnp.argmin(jnp.abs(away)))
-        if float(solution.loads[candidate]) > 0.0:
-            nearest = candidate
-        offset = float(away[nearest] * geometry.arc_radius(file.bearing))
+        away = ring.distances(file.bearing, (spall,), solution.angles)[0]
+        nearest = int(jnp.argmin(jnp.abs(away)))
+        if float(solution.loads[nearest]) > 0.0:
+            roller = nearest
+        offset = -float(away[roller])
     contact = LineContact.of(file.bearing, "outer", file.contact.design_load)
-    return solve_contact(contact, solution.loads[nearest], spall, offset, file.contact.accuracy)
+    return solve_contact(contact, solution.loads[roller], spall, offset, file.contact.accuracy)
 
 
 def load_scene(path: str | Path) -> Scene:

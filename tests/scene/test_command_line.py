@@ -7,7 +7,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb import geometry, scenefile
+from difftrb import geometry, plot, scenefile
 
 PAPER = scenefile.example("paper")
 
@@ -119,6 +119,16 @@ def test_run_writes_figures_and_the_record(capsys, paper: Path, tmp_path: Path) 
     assert (out / "pressure.png").read_bytes().startswith(b"\x89PNG")
     assert "<svg" in (out / "pressure.svg").read_text()
     assert [p.name for p in out.parent.iterdir()] == ["out"]  # nothing of the scratch folder is left
+
+
+def test_figures_put_an_inner_spall_where_it_is() -> None:
+    before, _, inner = scenefile.example("raceways").split("[[spall]]")
+    file = scenefile.parse(f"{before}[[spall]]{inner}")
+    scene = trb.prepare(file.scene())
+    result = trb.assess(scene)
+    assert not scenefile.contact_under_spall(file, result.spalled).spalls  # outside, no roller meets it
+    bar = plot.load_distribution(result, scene).patches[0]
+    assert bar.get_width() == pytest.approx(7.0 / geometry.arc_radius(scene.bearing, "inner"))
 
 
 def test_contact_prints_json(capsys, tmp_path: Path) -> None:
