@@ -238,7 +238,7 @@ def atlas(
     """Build the table for one contact and one depth and axial offset [mm] of spalls.
 
     Args:
-      contact: from `LineContact.of`. top: the largest load of the table [N]; it begins at a thousandth.
+      contact: from `LineContact.of`. top: the largest load of the table [N]; it begins at a three-hundredth.
       accuracy: relative accuracy of every contact solve, 1e-2…1e-5.
       progress: told how many of how many solves are done, in each of three rounds.
 
