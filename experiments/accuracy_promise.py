@@ -22,7 +22,7 @@ from rich.table import Table  # noqa: E402
 
 import difftrb as trb  # noqa: E402
 from difftrb import accuracy, scenefile  # noqa: E402
-from difftrb.accuracy import Row, Rung  # noqa: E402
+from difftrb.rungs import STIFFNESS, Row, Rung, recommended  # noqa: E402
 from difftrb.scenefile import SceneFile  # noqa: E402
 
 ASKED = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3)
@@ -61,12 +61,12 @@ def outcomes(
     """One for every accuracy for which a law is recommended."""
     rows = accuracy.measure(file, rungs=rungs, limit=1e9, batch=1).rows
     exact = trb.solve(trb.prepare(dataclasses.replace(file.scene(), law="direct", accuracy=truth))).check()
-    known = {name: float(getattr(exact, name)) for name in accuracy.STIFFNESS}
+    known = {name: float(getattr(exact, name)) for name in STIFFNESS}
 
     def error(row: Row) -> float:
         return max(abs(row.values[name] / value - 1.0) for name, value in known.items() if math.isfinite(value))
 
-    best = [(x, accuracy.recommended(rows, x)) for x in asked]
+    best = [(x, recommended(rows, x)) for x in asked]
     return [Outcome(x, row.rung.name, error(row)) for x, row in best if row is not None]
 
 

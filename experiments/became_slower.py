@@ -21,7 +21,7 @@ from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
 from difftrb import accuracy, scenefile  # noqa: E402
-from difftrb.accuracy import Rung  # noqa: E402
+from difftrb.rungs import Rung  # noqa: E402
 
 BASELINE = Path(__file__).parent / "baseline.json"
 RUNGS = (

@@ -35,10 +35,9 @@ jax.config.update("jax_enable_x64", True)
 import numpy as np  # noqa: E402
 
 import difftrb as trb  # noqa: E402
-from difftrb import __main__ as cli  # noqa: E402
-from difftrb import chunks, outputs, plot, scenefile, sweep_plot, sweeping  # noqa: E402
+from difftrb import chunks, environment, outputs, plot, scenefile, sweep_plot, sweeping  # noqa: E402
 from difftrb.devices import lanes_of  # noqa: E402
-from difftrb.sweeping import Plan  # noqa: E402
+from difftrb.plan import MOST_MEMBERS, Plan  # noqa: E402
 
 NAMES, SIZES = ("radial_stiffness", "axial_stiffness"), ("spall.0.length", "spall.0.width")
 FILE = f"""{scenefile.example("spall")}
@@ -68,7 +67,7 @@ def plan(members: int, law: str, batch: int | None = None) -> Plan:
 
 def child(members: int, law: str, devices: int) -> dict[str, float]:
     """Measured in this process: seconds of `chunks.run` in all and since the first chunk was there, megabytes."""
-    cli.set_up_jax(cache=True)
+    environment.set_up_jax(cache=True)
     made = plan(members, law)
     marks: list[tuple[float, float, int]] = []
 
@@ -132,7 +131,7 @@ def larger(one: dict[str, float], members: float, cores: int = 64, gain: float =
         f"on paper, {members:.0e} members:",
         f"  one CPU device {hours:.1f} h, {cores} of them {60.0 * hours / cores:.0f} min",
         f"  {cards} GPUs, if each is {gain:g} times a CPU device, {3600.0 * hours / gain / cards:.0f} s",
-        f"  disk {size * members / 1e9:.0f} GB, half in {members / sweeping.MOST_MEMBERS:,.0f} chunks, half in one",
+        f"  disk {size * members / 1e9:.0f} GB, half in {members / MOST_MEMBERS:,.0f} chunks, half in one",
         f"  what breaks first: such GPUs make {rate:.0f} MB/s of chunks, to be copied and written; one process then "
         f"takes {gathering:.0f} min to put them into one file",
     ]
@@ -232,7 +231,7 @@ def contacts(side: int = 64, accuracy: float = 1e-3, devices: int | None = None)
     columns = [found for _, found in program.all(range(made.chunks))]
     seconds = time.perf_counter() - compiled
     whole = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
-    return sweeping.labelled(made, whole), compiled - started, seconds
+    return plan.labelled(made, whole), compiled - started, seconds
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure  # noqa: E402
 
 import difftrb as trb  # noqa: E402
 from difftrb import plot, report, status, table  # noqa: E402
-from difftrb.__main__ import set_up_jax  # noqa: E402
+from difftrb.environment import set_up_jax  # noqa: E402
 from difftrb.geometry import Raceway, Real  # noqa: E402
 from difftrb.law import Law  # noqa: E402
 from experiments.paper import clipped  # noqa: E402

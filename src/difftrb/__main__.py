@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-import hashlib
 import io
 import json
 import os
-import platform
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from difftrb import terminal
+from difftrb.environment import set_up_jax
+from difftrb.folders import write_folder
 
 EXIT_OK, EXIT_NO_SOLUTION, EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_PIPE = 0, 1, 2, 130, 141
 
@@ -105,39 +103,6 @@ def _add_output(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there")
 
 
-def set_up_jax(cache: bool) -> None:
-    """Float64, no noise from XLA and, if asked, compiled programs kept in the user's cache folder."""
-    # XLA reports its own tuning hints as missing processor features whenever it loads a kept program
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    if cache and (folder := cache_folder()) is not None:
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
-
-
-def cache_folder() -> Path | None:
-    """Where compiled programs are kept: the user's cache folder, apart for every kind of processor.
-
-    The folder is made; None where it cannot be.
-    """
-    import platformdirs
-
-    processor = platform.machine()
-    with contextlib.suppress(OSError):
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        processor += next((line for line in lines if line.startswith(("flags", "Features"))), "")
-    kind = hashlib.sha256(processor.encode()).hexdigest()[:12]
-    folder = Path(platformdirs.user_cache_dir("difftrb")) / kind
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return None
-    return folder if os.access(folder, os.W_OK) else None
-
-
 def _refuse(reason: object, code: int) -> int:
     print(f"difftrb: {reason}", file=sys.stderr)
     return code
@@ -208,14 +173,14 @@ def _contact(options: Any) -> int:
 
 
 def _accuracy(options: Any) -> int:
-    from difftrb import accuracy, accuracy_report, scenefile
+    from difftrb import accuracy, accuracy_report, rungs, scenefile
 
     if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
         raise scenefile.SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
     file, path = _read(options)
-    rungs, limit = (accuracy.FULL, float("inf")) if options.full else (accuracy.RUNGS, accuracy.LIMIT)
+    ways, limit = (rungs.FULL, float("inf")) if options.full else (rungs.RUNGS, accuracy.LIMIT)
     with terminal.bar("measuring what accuracy costs") as progress:
-        measured = accuracy.measure(file, path, rungs, options.accuracy, limit, progress=progress)
+        measured = accuracy.measure(file, path, ways, options.accuracy, limit, progress=progress)
 
     def figures(folder: Path) -> None:
         from difftrb import accuracy_plot, plot
@@ -338,30 +303,6 @@ def _deliver(
 def _fill(folder: Path, record: dict[str, Any], figures: Callable[[Path], None]) -> None:
     figures(folder)
     (folder / "result.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-
-
-def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
-    """Let `fill` write files into a scratch folder inside `target`, then move them out one by one, each whole.
-
-    If anything fails, `target` keeps what it had, or is not made at all; files of other names in it are left alone.
-    OSErrors name `target`.
-    """
-    made = [folder for folder in (target, *target.parents) if not folder.exists()]
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=target, prefix=".difftrb-") as scratch:
-            fill(Path(scratch))
-            files = sorted(Path(scratch).iterdir())
-            for file in files:
-                if (target / file.name).is_dir():
-                    raise IsADirectoryError(21, f"a folder named {file.name} is in the way")
-            for file in files:
-                os.replace(file, target / file.name)
-    except OSError as error:
-        for folder in made:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-        raise OSError(error.errno, error.strerror, str(target)) from None
 
 
 if __name__ == "__main__":

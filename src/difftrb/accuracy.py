@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -20,90 +20,16 @@ from difftrb.contact import COMPILING, solve_contact
 from difftrb.contact_solution import ContactSolution
 from difftrb.nodes import Progress
 from difftrb.preparation import prepare
+from difftrb.rungs import ALWAYS, RUNGS, Kind, Row, Rung, finer, finest, judged, recommended
 from difftrb.scene import PitchMean, Scene
 from difftrb.scenefile import SceneError, SceneFile
 from difftrb.solution import solve
 from difftrb.status import SolveError
 
-Kind = Literal["ring", "contact"]
-
 BATCH = 256
 LIMIT = 50.0
 """Seconds after which no further rung is begun, unless all are asked for: the last one begun takes its time."""
-STIFFNESS = ("radial_stiffness", "axial_stiffness")
-"""What a rung is recommended by."""
 NO_TIME = "no time left after {:g} s; compiled programs are kept, so a second run gets further; --full measures all"
-
-
-@dataclasses.dataclass(frozen=True)
-class Rung:
-    """One way to compute: for the ring a law, for the single contact a method, each with an accuracy [-]."""
-
-    kind: Kind
-    way: str
-    accuracy: float
-
-    @property
-    def name(self) -> str:
-        """Way and, where it has one, accuracy."""
-        return self.way if self.way in ("palmgren", "liu2018") else f"{self.way} {_short(self.accuracy)}"
-
-
-def _short(accuracy: float) -> str:
-    return f"{accuracy:.0e}".replace("e-0", "e-")
-
-
-# In the order in which they are measured: first what is quick, the truth and what it is known to; last what is slow.
-RUNGS = (
-    Rung("ring", "liu2018", 1e-3), Rung("ring", "palmgren", 1e-3), Rung("ring", "direct", 1e-3),
-    Rung("ring", "direct", 1e-4), Rung("ring", "power", 1e-3), Rung("contact", "strips", 1e-3),
-    Rung("contact", "strips", 1e-4), Rung("contact", "cells", 1e-2), Rung("contact", "cells", 1e-3),
-    Rung("contact", "lattice", 1e-2), Rung("contact", "strips", 1e-2), Rung("ring", "power", 1e-2),
-    Rung("contact", "cells", 1e-4), Rung("ring", "direct", 1e-2), Rung("ring", "table", 1e-3),
-)  # fmt: skip
-ALWAYS = 4
-"""How many of them are measured however long it takes."""
-FULL = (*RUNGS, Rung("contact", "strips", 1e-5), Rung("ring", "table", 1e-4))
-
-
-@dataclasses.dataclass(frozen=True)
-class Row:
-    """A rung as measured.
-
-    Attributes:
-      first: seconds to the first result in this process, with all compiling that no rung before had done.
-      again: of these, seconds to prepare the law once compiled; nothing is read from disk. NaN for a contact.
-      single: seconds to solve once more. each, each_with_gradient: seconds per scene of a batch, stiffness alone and
-        with its derivatives by the first spall's length and width (by the load if healthy). NaN for a contact.
-      memory: largest of the process so far [MiB], NaN where the system does not tell.
-      values: what came out, by name [N, mm].
-      errors: of these, relative to the finest rung of the kind [-]; the finest one's own are the difference from the
-        second finest. Filled in by `judged`.
-      status: a sentence; "converged".
-    """
-
-    rung: Rung
-    first: float
-    again: float
-    single: float
-    each: float
-    each_with_gradient: float
-    memory: float
-    values: dict[str, float]
-    status: str
-    errors: dict[str, float] = dataclasses.field(default_factory=dict)
-
-    @property
-    def seconds(self) -> float:
-        """For one new scene or contact, everything compiled."""
-        return self.single + (self.again if math.isfinite(self.again) else 0.0)
-
-    @property
-    def error(self) -> float:
-        """Of stiffness, the larger of radial and axial; of a contact, that of the approach."""
-        names = STIFFNESS if self.rung.kind == "ring" else ("approach",)
-        known = [self.errors[name] for name in names if math.isfinite(self.errors.get(name, math.nan))]
-        return max(known) if known else math.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -199,55 +125,6 @@ def measure(
         tuple(compared), left_out, float(wanted), best, finer(compared, best), stick,
         jax.devices()[0].device_kind, clock.cores(), time.perf_counter() - started,
     )  # fmt: skip
-
-
-def finest(rows: Sequence[Row], kind: Kind) -> Row | None:
-    """The row of the most exact way to solve: `direct` for the ring; strips, else cells, for the contact."""
-    return next(iter(_by_fineness(rows, kind)), None)
-
-
-def _by_fineness(rows: Sequence[Row], kind: Kind) -> list[Row]:
-    own = [row for row in rows if row.rung.kind == kind and row.status == "converged"]
-    for way in ("direct",) if kind == "ring" else ("strips", "cells", "lattice"):
-        if solved := [row for row in own if row.rung.way == way]:
-            return sorted(solved, key=lambda row: row.rung.accuracy)
-    return []
-
-
-def judged(rows: Sequence[Row]) -> list[Row]:
-    """The rows with their errors; NaN where there is nothing to compare with."""
-    result = []
-    for row in rows:
-        other = next((one for one in _by_fineness(rows, row.rung.kind) if one is not row), None)
-        known = {} if other is None else other.values
-        errors = {name: _apart(value, known.get(name, math.nan)) for name, value in row.values.items()}
-        result.append(dataclasses.replace(row, errors=errors))
-    return result
-
-
-def _apart(value: float, truth: float) -> float:
-    return abs(value / truth - 1.0) if truth and math.isfinite(value) and math.isfinite(truth) else math.nan
-
-
-def recommended(rows: Sequence[Row], asked: float) -> Row | None:
-    """The cheapest ring whose stiffness meets an accuracy, of rows with errors.
-
-    None unless the truth is known that well, too: so a true error is at most twice what was asked.
-    """
-    truth = finest(rows, "ring")
-    if truth is None or not truth.error <= asked:
-        return None
-    good = [row for row in rows if row.rung.kind == "ring" and row.status == "converged" and row.error <= asked]
-    return min(good, key=lambda row: row.seconds)
-
-
-def finer(rows: Sequence[Row], best: Row | None) -> Row | None:
-    """The cheapest ring with at most half the recommended one's error; the truth counts as exact."""
-    truth = finest(rows, "ring")
-    if best is None or best is truth:
-        return None
-    good = [row for row in rows if row.rung.kind == "ring" and (row is truth or row.error <= 0.5 * best.error)]
-    return min(good, key=lambda row: row.seconds)
 
 
 def _on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int) -> tuple[Row, Scene]:

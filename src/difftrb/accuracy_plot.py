@@ -7,7 +7,8 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from difftrb.accuracy import Kind, Measured
+from difftrb.accuracy import Measured
+from difftrb.rungs import Kind
 
 WAYS = {"palmgren": ("^", "#BBBBBB"), "liu2018": ("v", "#CCBB44"), "power": ("D", "#66CCEE"), "table": ("s", "#4477AA"),
         "direct": ("o", "#EE6677"), "strips": ("o", "#EE6677"), "cells": ("s", "#4477AA"),

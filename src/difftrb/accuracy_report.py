@@ -9,7 +9,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from difftrb import report
-from difftrb.accuracy import Kind, Measured, Row
+from difftrb.accuracy import Measured
+from difftrb.rungs import Kind, Row
 
 KINDS: tuple[Kind, ...] = ("ring", "contact")
 ERRORS_SHOWN = {"radial_stiffness": "radial", "axial_stiffness": "axial", "load": "load", "by_length": "length",

@@ -25,8 +25,9 @@ from difftrb.devices import lanes_of, wait
 from difftrb.gathered import MANIFEST, RESUME
 from difftrb.law import Law
 from difftrb.outputs import STATUS
+from difftrb.plan import Plan, front, labelled, own_dims
 from difftrb.scene import Scene
-from difftrb.sweeping import Plan, Program, front, labelled, own_dims, planned
+from difftrb.sweeping import Program, planned
 from difftrb.swept import Swept, column_of, counted
 
 FORMAT = 1

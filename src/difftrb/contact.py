@@ -24,7 +24,7 @@ from difftrb.given import Arguments, Defect, Method, given, listed
 from difftrb.halfspace import Cells
 from difftrb.press import TOLERANCE, press_by
 from difftrb.strip_model import Fineness
-from difftrb.strips import Frequencies
+from difftrb.waves import Frequencies
 
 
 @dataclasses.dataclass(frozen=True)

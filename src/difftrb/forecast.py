@@ -9,7 +9,8 @@ import jax
 import numpy as np
 
 from difftrb.devices import lanes_of
-from difftrb.sweeping import AHEAD, Plan, Program
+from difftrb.plan import Plan
+from difftrb.sweeping import AHEAD, Program
 
 
 class Forecast(NamedTuple):

@@ -14,7 +14,7 @@ import numpy as np
 from difftrb import store
 from difftrb.axes import ZIPPED, SweepError
 from difftrb.outputs import STATUS
-from difftrb.sweeping import Plan, own_dims
+from difftrb.plan import Plan, own_dims
 from difftrb.swept import Swept, column_of
 
 MANIFEST = "manifest.json"

@@ -14,7 +14,8 @@ from difftrb.domain import edges_along, reach_of_strips
 from difftrb.geometry import LineContact, Spall
 from difftrb.halfspace import Cells
 from difftrb.rows import Rows
-from difftrb.strips import LAND, LEFT, MIDDLE, RIGHT, Frequencies, Layout, Problem
+from difftrb.strips import Problem
+from difftrb.waves import LAND, LEFT, MIDDLE, RIGHT, Frequencies, Layout
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,89 +12,21 @@ half-width, line loads in units of their mean, so that radius and modulus drop o
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache, partial
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import implicit
+from difftrb import implicit, waves
+from difftrb.waves import LARGEST, LEFT, MEETING, MIDDLE, PLACES, RIGHT, Layout
 
-Ends = tuple[str, str]
-LAND, RIGHT, LEFT, MIDDLE = 0, 1, -1, 2
-# Ends that strips share: which sides, low or high end, and whether pressure may be singular there.
-PLACES = (
-    ((RIGHT,), 0, True), ((LEFT,), 1, True), ((MIDDLE,), 0, True), ((MIDDLE,), 1, True),
-    ((LAND, LEFT), 0, False), ((LAND, RIGHT), 1, False),
-)  # fmt: skip
-SHARE = np.sqrt(np.sqrt(0.75) / 2.0)  # ∫κ⁻³ of a sharp and a blunt wave by the roots of ∫κ⁻² and ∫κ⁻⁴ is √3/2
-MEETING = ((0, 3), (1, 2))  # places that lie on one rolling edge from either side
 TOLERANCE = 1e-7
-LARGEST = 3.2  # farthest end of a strip; the gap there is larger than any approach
 LEAST = 1e-3  # smallest width of one
 PASSES = 60
 WAITING = 0.35  # size of an outline without load, as a share of its size at first
 NEAR = 0.1  # last change of the ends below which Newton's method takes over
 CLOSE, SHRINKING = 0.005, 0.1  # below this, and this times the one before, it does without a new Jacobian
-
-
-@dataclasses.dataclass(frozen=True)
-class Frequencies:
-    """Quadrature of ∫ dκ from 0 to `highest`: K₀ is logarithmic near 0, smooth in ln κ; then Bessel functions swing.
-
-    Attributes: how many nodes lie near 0 (`low`), up to κ = 1.5 (`smooth`), and up to `highest` (`waves`).
-    """
-
-    low: int
-    smooth: int
-    waves: int
-    highest: float
-
-    def rule(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes and weights."""
-
-        def gauss(a: float, b: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-            x, w = np.polynomial.legendre.leggauss(count)
-            return 0.5 * (b - a) * x + 0.5 * (b + a), 0.5 * (b - a) * w
-
-        root, root_weight = gauss(0.0, 0.1, self.low)
-        log, log_weight = gauss(np.log(1e-3), np.log(1.5), self.smooth)
-        wave, wave_weight = gauss(1.5, self.highest, self.waves)
-        return (
-            np.concatenate([root**3, np.exp(log), wave]),
-            np.concatenate([3.0 * root**2 * root_weight, np.exp(log) * log_weight, wave_weight]),
-        )
-
-
-@dataclasses.dataclass(frozen=True)
-class Layout:
-    """What is static of a strip model: rows, boundaries and modes of its strips, frequencies.
-
-    Attributes:
-      rows: for every strip its row.
-      outlines: for every strip which pair of free boundaries is its own. Rows much thinner than the contact is wide
-        share one: alone, each would leave its ends almost undetermined.
-      sides: for every outline where it may be: anywhere (LAND), RIGHT or LEFT of the spall's rolling edges, or between
-        them (MIDDLE: on the land's first rows, where only there pressure is singular along the roller).
-      modes: Chebyshev modes of a strip. even: strips are symmetric about x = 0 (only even modes, c = 0).
-      frequencies: the quadrature in κ.
-    """
-
-    rows: tuple[int, ...]
-    outlines: tuple[int, ...]
-    sides: tuple[int, ...]
-    modes: int
-    even: bool
-    frequencies: Frequencies
-
-    @property
-    def member(self) -> np.ndarray:
-        """Which strip has which outline, as ones, shape (strips, outlines)."""
-        return np.eye(len(self.sides))[list(self.outlines)]
-
-    @property
-    def orders(self) -> np.ndarray:
-        return np.arange(self.modes) * (2 if self.even else 1)
 
 
 @partial(
@@ -123,100 +55,6 @@ class Problem:
     load: jax.Array
 
 
-@lru_cache
-def _tables(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
-    """Chebyshev coefficients by which matrix products give Jₘ(κb), and cos κc and sin κc, for |b|, |c| ≤ LARGEST.
-
-    Shapes (terms, modes, κ) and (terms, 2, κ).
-    """
-    kappa = layout.frequencies.rule()[0]
-    terms = int(LARGEST * layout.frequencies.highest) + 26
-    angles = np.pi * (np.arange(terms) + 0.5) / terms
-    x = LARGEST * np.cos(angles)[:, None] * kappa
-    turn = 2.0 * np.pi * (np.arange(4 * terms) + 0.5) / (4 * terms)
-    wave = [
-        np.mean(np.cos(m * turn - x[..., None] * np.sin(turn)), axis=-1) for m in layout.orders
-    ]  # Bessel's integral
-    to_terms = 2.0 / terms * np.cos(np.outer(np.arange(terms), angles))
-    to_terms[0] *= 0.5
-    return (
-        np.einsum("tj,mjk->tmk", to_terms, np.stack(wave)),
-        np.einsum("tj,mjk->tmk", to_terms, np.stack([np.cos(x), np.sin(x)])),
-    )
-
-
-def _chebyshev(terms: int, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """T₀ … of x/LARGEST and their derivatives by x, shape (strips, terms); x is kept a little inside ± LARGEST."""
-    angle = jnp.arccos(jnp.clip(x / LARGEST, -0.999, 0.999))[:, None]
-    k = jnp.arange(terms)[None]
-    return jnp.cos(k * angle), k * jnp.sin(k * angle) / (LARGEST * jnp.sin(angle))
-
-
-def _waves(layout: Layout, ends: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Fourier transforms of a strip's modes and their derivatives by its ends.
-
-    Shapes (strips, modes, z) and (strips, ends, modes, z): z runs over the real parts at all frequencies, then (if not
-    even) the imaginary ones, then the tails beyond the last frequency.
-    """
-    kappa = layout.frequencies.rule()[0][None, None]
-    orders = layout.orders
-    bessel, circle = _tables(layout)
-    terms = bessel.shape[0]
-    low, high = (-ends[:, 0], ends[:, 0]) if layout.even else (ends[:, 0], ends[:, 1])
-    b, c = 0.5 * (high - low), 0.5 * (high + low)
-    value, slope = _chebyshev(terms, b)
-    j, j_by_b = (jnp.tensordot(basis, bessel, 1) for basis in (value, slope))  # (strips, modes, κ)
-    tails, tails_by_b = _tails(layout, b)
-    if layout.even:
-        sign = (-1.0) ** (orders // 2)[None, :, None]
-        by_b = jnp.concatenate([sign * j_by_b, tails_by_b], axis=-1)
-        return jnp.concatenate([sign * j, tails], axis=-1), by_b[:, None]
-    turned = jnp.tensordot(_chebyshev(terms, c)[0], circle, 1)
-    cosine, sine = turned[:, None, 0], turned[:, None, 1]
-    # (−i)ᵐ exp(−iκc): real and imaginary part
-    even, odd = (np.array(turn)[orders % 4][None, :, None] for turn in ([1.0, 0.0, -1.0, 0.0], [0.0, -1.0, 0.0, 1.0]))
-    real, imag = even * cosine + odd * sine, odd * cosine - even * sine
-    wave = jnp.concatenate([j * real, j * imag, tails], axis=-1)
-    by_b = jnp.concatenate([j_by_b * real, j_by_b * imag, tails_by_b], axis=-1)
-    by_c = jnp.concatenate([j * imag * kappa, -j * real * kappa, jnp.zeros_like(tails)], axis=-1)
-    return wave, jnp.stack([0.5 * (by_c - by_b), 0.5 * (by_c + by_b)], axis=1)
-
-
-def _tails(layout: Layout, b: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """What strips add beyond the last frequency, as columns of `_waves`; and the derivative by b.
-
-    There K₀ acts as a line and J as a wave from either end of a strip, which only strips with an end at the same place
-    share: (κb)^−1/2 from an end with singular pressure, (κb)^−3/2 from every end. For strips narrower than the last
-    wave both bend over: the first to the logarithm that a point load has.
-    """
-    orders, highest = layout.orders, layout.frequencies.highest
-    squares = orders.astype(float) ** 2 - 0.25
-    x = highest * b[:, None, None]
-    blunt = 1.0 / jnp.sqrt(12.0 * np.pi * (x**3 + 1.0))
-    blunt_by_b = -1.5 * blunt * x**3 / (x**3 + 1.0)
-    if layout.even:
-        both = np.sqrt(2.0) * squares[None, :, None] * np.ones((len(layout.rows), 1, 1))
-        return both * blunt, both * blunt_by_b / b[:, None, None]
-    bend = 1.0 + 1.53 / (1.0 + 2.0 * x)
-    inner = 1.0 + 2.0 / np.pi * bend / x
-    sharp = jnp.sqrt(0.5 * jnp.log(inner))
-    inner_slope = -2.0 / np.pi * (bend / x + 3.06 / (1.0 + 2.0 * x) ** 2)  # times x: by ln x
-    sharp_by_b = 0.25 / sharp * inner_slope / inner
-    signs = _signs(layout)
-    at = [layout.member @ np.isin(layout.sides, sides)[:, None] * signs[end] for sides, end, _ in PLACES]
-    at_sharp = np.stack([a for a, place in zip(at, PLACES, strict=True) if place[2]], axis=-1)
-    at_all = np.stack(at, axis=-1) * squares[None, :, None]
-
-    def columns(sharp: jax.Array, blunt: jax.Array) -> jax.Array:
-        # waves from two sides of one edge are in phase only where one is sharp and one blunt: 2uv = (u+v)²/2 − (u−v)²/2
-        one, other = (np.array(places) for places in zip(*MEETING, strict=True))
-        u = jnp.concatenate([at_sharp[..., one], at_sharp[..., other]], axis=-1) * sharp
-        v = jnp.concatenate([at_all[..., other], at_all[..., one]], axis=-1) * blunt
-        return jnp.concatenate([at_sharp * sharp, at_all * blunt, SHARE * (u + v), SHARE * (u - v)], axis=-1)
-
-    return columns(sharp, blunt), columns(sharp_by_b, blunt_by_b) / b[:, None, None]
-
-
 def _coupling(layout: Layout, problem: Problem) -> jax.Array:
     """The rows' products for all pairs of strips and all z, shape (strips, strips, z)."""
     rows = np.asarray(layout.rows)
@@ -241,7 +79,7 @@ def _contact(
     loads, outline, approach = x
     rows = np.asarray(layout.rows)
     ends = outline[np.asarray(layout.outlines)]
-    wave, by_ends = _waves(layout, ends)
+    wave, by_ends = waves.waves(layout, ends)
     field = jnp.einsum("ijz,jz->iz", coupling, jnp.einsum("jm,jmz->jz", loads, wave)) / problem.weight[rows][:, None]
     gap, gap_by_ends = _gaps(layout, ends, problem.gap[rows])
     residual = jnp.einsum("iz,imz->im", field, wave) + gap - approach * np.eye(1, layout.modes)
@@ -256,7 +94,7 @@ def _equations(
     loads, (active, held) = x[0], choice
     on, fixed = active[np.asarray(layout.outlines)][:, None], held | ~active[:, None]
     total = jnp.vdot(problem.weight[np.asarray(layout.rows)], loads[:, 0]) - problem.load
-    at_ends = _shares(layout, problem) @ loads @ _signs(layout).T
+    at_ends = _shares(layout, problem) @ loads @ waves.signs(layout).T
     return jnp.concatenate([
         jnp.where(on, residual, loads).ravel(), jnp.where(fixed, 0.0, at_ends).ravel(), total[None]
     ])  # fmt: skip
@@ -280,7 +118,7 @@ def _jacobian(
     on = active[np.asarray(layout.outlines)][:, None]
     fixed = (held | ~active[:, None])[:, :, None, None]
     no_load = np.eye(a).reshape(strips, n, strips, n)
-    at_ends = _shares(layout, problem)[:, None, :, None] * _signs(layout)[None, :, None, :]
+    at_ends = _shares(layout, problem)[:, None, :, None] * waves.signs(layout)[None, :, None, :]
     total = (weight[:, None] * np.eye(1, n)).reshape(1, a)
     return jnp.block([
         [jnp.where(on[..., None, None], matrix[..., :n], no_load).reshape(a, a),
@@ -295,12 +133,6 @@ def _shares(layout: Layout, problem: Problem) -> jax.Array:
     """Of each strip in its outline by the length of its row, shape (outlines, strips)."""
     weight = jnp.asarray(layout.member.T) * problem.weight[np.asarray(layout.rows)][None]
     return weight / jnp.sum(weight, axis=1, keepdims=True)
-
-
-def _signs(layout: Layout) -> np.ndarray:
-    """Tₘ at the ends: (ends, modes)."""
-    ones = np.ones(layout.modes)
-    return ones[None] if layout.even else np.stack([(-1.0) ** layout.orders, ones])
 
 
 def _gaps(layout: Layout, ends: jax.Array, rest: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -369,7 +201,7 @@ def _search(layout: Layout, problem: Problem, start: jax.Array, exact: bool):
     ends_at_first = start[:, 1:] if layout.even else start
     coupling = _coupling(layout, problem)
     (strips, n), outlines, k = (len(layout.rows), layout.modes), len(layout.sides), 1 if layout.even else 2
-    bound, signs, squares = bounds(layout, problem), _signs(layout), layout.orders.astype(float)[None] ** 2
+    bound, signs, squares = bounds(layout, problem), waves.signs(layout), layout.orders.astype(float)[None] ** 2
     outward = np.array([[1.0]] if layout.even else [[-1.0, 1.0]])
     sides, share, beside = np.asarray(layout.sides), _shares(layout, problem), _beside(layout)
 

@@ -17,8 +17,8 @@ from difftrb.contact import solve_contact
 from difftrb.contact_solution import ContactSolution
 from difftrb.files import known
 from difftrb.nodes import Progress
+from difftrb.plan import Plan
 from difftrb.scenefile import NoEquilibriumError, SceneError, SceneFile
-from difftrb.sweeping import Plan
 
 SETTINGS = ("outputs", "gradients", "mode", "axes")
 

@@ -9,8 +9,9 @@ import pytest
 from rich.console import Console
 
 from difftrb import __main__ as cli
-from difftrb import accuracy, accuracy_plot, accuracy_report, plot, scenefile
-from difftrb.accuracy import Measured, Row, Rung
+from difftrb import accuracy, accuracy_plot, accuracy_report, plot, rungs, scenefile
+from difftrb.accuracy import Measured
+from difftrb.rungs import Row, Rung
 
 ROW_KEYS = {
     "way", "accuracy", "status", "error", "errors", "values", "first", "again", "single", "each", "each_with_gradient",
@@ -38,21 +39,21 @@ ROWS = (
 
 
 def measured(rows: tuple[Row, ...], asked: float = 1e-3) -> Measured:
-    compared = accuracy.judged(rows)
-    best = accuracy.recommended(compared, asked)
+    compared = rungs.judged(rows)
+    best = rungs.recommended(compared, asked)
     return Measured(
-        tuple(compared), {"ring palmgren": "no"}, asked, best, accuracy.finer(compared, best), 1e-2, "cpu", 2, 60.0
+        tuple(compared), {"ring palmgren": "no"}, asked, best, rungs.finer(compared, best), 1e-2, "cpu", 2, 60.0
     )
 
 
 def test_errors_are_from_the_finest_rung_and_its_own_from_the_next() -> None:
-    rows = accuracy.judged(ROWS)
+    rows = rungs.judged(ROWS)
     assert rows[0].errors["radial_stiffness"] == pytest.approx(4e-4)
     assert rows[1].errors["radial_stiffness"] == pytest.approx(4e-4, rel=1e-3)
     assert rows[3].error == pytest.approx(3e-2)
     assert rows[5].error == pytest.approx(2e-3)
     assert rows[5].errors["by_length"] == pytest.approx(2e-3)
-    (alone,) = accuracy.judged(ROWS[2:3])
+    (alone,) = rungs.judged(ROWS[2:3])
     assert math.isnan(alone.error)
 
 
@@ -61,28 +62,28 @@ def test_errors_are_from_the_finest_rung_and_its_own_from_the_next() -> None:
                                  (1e-3, "direct", 1e-3)]
 )  # fmt: skip
 def test_the_cheapest_that_meets_it_is_recommended(asked: float, way: str, figure: float) -> None:
-    best = accuracy.recommended(accuracy.judged(ROWS), asked)
+    best = rungs.recommended(rungs.judged(ROWS), asked)
     assert best is not None
     assert (best.rung.way, best.rung.accuracy) == (way, figure)
 
 
 def test_the_next_more_exact_is_named() -> None:
-    rows = accuracy.judged(ROWS)
+    rows = rungs.judged(ROWS)
     for this, finer in ((3, 5), (5, 0), (0, 1), (1, None)):
-        assert accuracy.finer(rows, rows[this]) is (None if finer is None else rows[finer])
+        assert rungs.finer(rows, rows[this]) is (None if finer is None else rows[finer])
 
 
 def test_nothing_is_recommended_beyond_what_the_truth_is_known_to() -> None:
-    assert accuracy.recommended(accuracy.judged(ROWS), 1e-4) is None
-    assert accuracy.recommended(accuracy.judged(ROWS[2:4]), 1e-1) is None
+    assert rungs.recommended(rungs.judged(ROWS), 1e-4) is None
+    assert rungs.recommended(rungs.judged(ROWS[2:4]), 1e-1) is None
 
 
 def test_a_rung_that_did_not_converge_is_neither_truth_nor_recommended() -> None:
-    rows = accuracy.judged((row("direct", 1e-4, 7.0, 7.0, 0.1, "did not"), *ROWS[2:], ROWS[0]))
-    truth = accuracy.finest(rows, "ring")
+    rows = rungs.judged((row("direct", 1e-4, 7.0, 7.0, 0.1, "did not"), *ROWS[2:], ROWS[0]))
+    truth = rungs.finest(rows, "ring")
     assert truth is not None
     assert truth.rung.accuracy == 1e-3
-    best = accuracy.recommended(rows, 1.0)
+    best = rungs.recommended(rows, 1.0)
     assert best is not None
     assert best.rung.way == "liu2018"
 
@@ -125,8 +126,8 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
     path = tmp_path / "mean.toml"
     path.write_text(scenefile.example("spall") + '\n[stiffness]\nphase = "mean"\n', encoding="utf-8")
     out = tmp_path / "out"
-    rungs = Rung("ring", "liu2018", 1e-3), Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-2)
-    monkeypatch.setattr(accuracy, "RUNGS", rungs)
+    few = Rung("ring", "liu2018", 1e-3), Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-2)
+    monkeypatch.setattr(rungs, "RUNGS", few)
     monkeypatch.setattr(accuracy, "BATCH", 2)
     code = cli.main(["--no-cache", "accuracy", str(path), "--json", "--accuracy", "1e-2", "--out", str(out)])
     captured = capsys.readouterr()
@@ -150,7 +151,7 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_had_is_left_out_with_its_reason(monkeypatch, capsys, tmp_path: Path) -> None:
-    monkeypatch.setattr(accuracy, "RUNGS", (Rung("ring", "power", 1e-3),))
+    monkeypatch.setattr(rungs, "RUNGS", (Rung("ring", "power", 1e-3),))
     path = tmp_path / "map.toml"
     path.write_text(scenefile.example("map"), encoding="utf-8")
     assert cli.main(["--no-cache", "accuracy", str(path)]) == 2

@@ -7,7 +7,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb import geometry, plot, scenefile
+from difftrb import environment, folders, geometry, plot, scenefile
 
 PAPER = scenefile.example("paper")
 
@@ -278,7 +278,7 @@ def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path, there: bo
         raise OSError(28, "No space left on device", str(folder))
 
     with pytest.raises(OSError, match="No space left") as caught:
-        cli.write_folder(target, fill)
+        folders.write_folder(target, fill)
     assert caught.value.filename == str(target)
     if there:
         assert (target / "result.json").read_text() == "old"
@@ -321,12 +321,12 @@ def test_secant_without_radial_load(capsys, tmp_path: Path) -> None:
 
 def test_programs_are_kept_only_where_one_may_write(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    folder = cli.cache_folder()
+    folder = environment.cache_folder()
     assert folder is not None
     assert folder.is_dir()
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert cli.cache_folder() is None
+    assert environment.cache_folder() is None
 
 
 def test_check_and_example(capsys, paper: Path) -> None:

@@ -8,13 +8,13 @@ import pytest
 import difftrb as trb
 
 ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given", "special", "rows", "gap", "domain",
-        "edges", "lattice", "implicit", "press", "strips", "strip_model", "contact_solution",
-        "contact", "contact_slopes", "intensity", "line", "curve", "ramp", "law",
-        "nodes", "direct", "store", "table", "roller", "slices", "ring", "pitch", "life", "effect", "effects",
-        "scene", "preparation", "solution", "axes", "outputs", "devices", "swept", "sweeping", "gathered", "chunks",
-        "forecast", "sentences", "scenefile", "sweepfile", "measured", "unknowns", "observed", "least_squares",
-        "confidence", "fitted", "optimal_design", "remarks", "fit", "clock", "accuracy", "report", "fit_report",
-        "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot", "terminal", "__main__"]  # fmt: skip
+        "edges", "lattice", "implicit", "press", "waves", "strips", "strip_model", "contact_solution", "contact",
+        "contact_slopes", "intensity", "line", "curve", "ramp", "law", "nodes", "direct", "store", "atlas", "table",
+        "roller", "slices", "ring", "pitch", "life", "effect", "effects", "scene", "preparation", "solution", "axes",
+        "outputs", "devices", "swept", "plan", "sweeping", "gathered", "chunks", "forecast", "sentences", "scenefile",
+        "sweepfile", "measured", "unknowns", "observed", "least_squares", "confidence", "fitted", "optimal_design",
+        "remarks", "fit", "clock", "rungs", "accuracy", "report", "fit_report", "accuracy_report", "plot", "sweep_plot",
+        "fit_plot", "accuracy_plot", "terminal", "environment", "folders", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {
     "jaxopt": {"implicit"},

@@ -28,6 +28,7 @@ from difftrb import (
     sweepfile,
     sweeping,
 )
+from difftrb.plan import Plan
 
 SIZES = ("spall.0.length", "spall.0.width")
 FILE = f"""{scenefile.example("spall")}
@@ -40,19 +41,19 @@ load.axial = {{from = 2000, to = 8000, count = 45, spacing = "log"}}
 """
 
 
-def made(text: str = FILE, **changes) -> sweeping.Plan:
+def made(text: str = FILE, **changes) -> Plan:
     """The plan of a scene file, in small chunks."""
     plan = sweepfile.parse(text).plan(3)
     return dataclasses.replace(plan, **changes)
 
 
 @pytest.fixture(scope="module")
-def plan() -> sweeping.Plan:
+def plan() -> Plan:
     return made()
 
 
 @pytest.fixture(scope="module")
-def whole(plan: sweeping.Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep into files that nothing interrupted."""
     folder = tmp_path_factory.mktemp("whole") / "out"
     ended = chunks.run(plan, folder, FILE, devices=1)
@@ -105,7 +106,7 @@ def test_slabs_are_the_members_in_order() -> None:
         )
 
 
-def test_a_million_million_members_are_planned_at_once(plan: sweeping.Plan) -> None:
+def test_a_million_million_members_are_planned_at_once(plan: Plan) -> None:
     thousand = {"from": 1.0, "to": 2.0, "count": 1000}
     keys = ("spall.0.length", "spall.0.width", "load.axial", "stiffness.phase")
     plan = sweeping.planned(["peak_load"], plan.base, dict.fromkeys(keys, thousand))
@@ -116,7 +117,7 @@ def test_a_million_million_members_are_planned_at_once(plan: sweeping.Plan) -> N
 # ------------------------------------------------------------------------------------------------ numbers
 
 
-def test_members_are_solved_scenes(plan: sweeping.Plan, whole: Path) -> None:
+def test_members_are_solved_scenes(plan: Plan, whole: Path) -> None:
     swept, base = trb.load_sweep(whole), plan.base
     for place in ((0, 20), (4, 44)):
         spall = dataclasses.replace(base.spalls[0], length=swept.coordinates["spall.0.length"][place[0]])
@@ -142,7 +143,7 @@ def test_members_without_a_solution_are_nan_and_counted(whole: Path) -> None:
     )
 
 
-def test_the_same_bits_from_any_number_of_lanes(plan: sweeping.Plan, whole: Path, tmp_path: Path) -> None:
+def test_the_same_bits_from_any_number_of_lanes(plan: Plan, whole: Path, tmp_path: Path) -> None:
     lanes = [devices.lanes_of(1)[0]] * 3
     columns = dict(sweeping.Program(plan, lanes).all(range(plan.chunks)))
     for chunk, found in columns.items():
@@ -152,10 +153,8 @@ def test_the_same_bits_from_any_number_of_lanes(plan: sweeping.Plan, whole: Path
             np.testing.assert_array_equal(array, there[name])
 
 
-def test_the_same_bits_from_chunks_of_any_size(
-    plan: sweeping.Plan, whole: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sweeping, "PARTS", 4)
+def test_the_same_bits_from_chunks_of_any_size(plan: Plan, whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("difftrb.plan.PARTS", 4)
     assert sweeping.planned(["peak_load"], plan.base, {"load.axial": np.ones(64)}, batch=1).chunk == 4
     other = dataclasses.replace(plan)
     found = [columns for _, columns in sweeping.Program(other, devices.lanes_of(1)).all(range(other.chunks))]
@@ -180,7 +179,7 @@ def test_any_function_of_any_tree() -> None:
     assert trb.sweep(lambda tree: tree["case"][0], base, {"case.0": [5.0]}).values["value"].tolist() == [5.0]
 
 
-def test_zipped_axes(plan: sweeping.Plan) -> None:
+def test_zipped_axes(plan: Plan) -> None:
     given = {"spall.0.length": [1.0, 4.0], "load.axial": [4000.0, 4500.0]}
     swept = trb.sweep("loads", plan.base, given, mode="zip")
     assert (swept.dims, swept.values["loads"].shape) == (("member",), (2, 23))
@@ -200,7 +199,7 @@ def test_contacts_by_file(tmp_path: Path) -> None:
 # ------------------------------------------------------------------------------------------------ the law of all
 
 
-def test_one_law_covers_all_loads(plan: sweeping.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_law_covers_all_loads(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     monkeypatch.setattr(preparation.laws, "named", lambda *a: asked.append(a) or plan.base.law)
     scene = plan.base
@@ -215,7 +214,7 @@ def test_one_law_covers_all_loads(plan: sweeping.Plan, monkeypatch: pytest.Monke
 # ------------------------------------------------------------------------------------------------ files
 
 
-def test_resuming_computes_what_is_missing_or_damaged(plan: sweeping.Plan, whole: Path, tmp_path: Path) -> None:
+def test_resuming_computes_what_is_missing_or_damaged(plan: Plan, whole: Path, tmp_path: Path) -> None:
     before, out = bytes_of(whole), tmp_path / "out"
     out.mkdir()
     for name, content in before.items():
@@ -239,7 +238,7 @@ def test_resuming_computes_what_is_missing_or_damaged(plan: sweeping.Plan, whole
 
 
 def test_a_full_disk_leaves_what_is_written(
-    plan: sweeping.Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write, out = store.write, tmp_path / "out"
 
@@ -256,7 +255,7 @@ def test_a_full_disk_leaves_what_is_written(
     assert bytes_of(out) == bytes_of(whole)
 
 
-def test_folders_that_are_refused(plan: sweeping.Plan, whole: Path, tmp_path: Path) -> None:
+def test_folders_that_are_refused(plan: Plan, whole: Path, tmp_path: Path) -> None:
     with pytest.raises(trb.SweepError, match="holds a sweep already; go on with --resume"):
         chunks.run(plan, whole, FILE)
     changed = FILE.replace("radial = 9000.0", "radial = 9001.0")
@@ -275,7 +274,7 @@ def test_folders_that_are_refused(plan: sweeping.Plan, whole: Path, tmp_path: Pa
         trb.load_sweep(tmp_path)
 
 
-def test_netcdf_holds_the_same(plan: sweeping.Plan, whole: Path, tmp_path: Path) -> None:
+def test_netcdf_holds_the_same(plan: Plan, whole: Path, tmp_path: Path) -> None:
     h5netcdf = pytest.importorskip("h5netcdf")
     assert h5netcdf
     out = tmp_path / "out"
@@ -414,7 +413,7 @@ def test_two_devices_make_the_same_files(whole: Path, tmp_path: Path) -> None:
 # ------------------------------------------------------------------------------------------------ figures
 
 
-def test_figures(whole: Path, plan: sweeping.Plan, tmp_path: Path) -> None:
+def test_figures(whole: Path, plan: Plan, tmp_path: Path) -> None:
     swept = trb.load_sweep(whole)
     ax = sweep_plot.swept(swept, "radial_stiffness")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("spall length [mm]", "load axial [N]")
