@@ -21,7 +21,7 @@ import numpy as np  # noqa: E402
 from scipy import optimize  # noqa: E402
 
 import difftrb as trb  # noqa: E402
-from difftrb import fit as fits  # noqa: E402
+from difftrb import fitting as fits  # noqa: E402
 
 SPALL = trb.Spall(4.0, 7.0)
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from difftrb.contact import solve_contact
     from difftrb.contact_slopes import approach_slopes
     from difftrb.contact_solution import ContactSolution
-    from difftrb.fit import fit
     from difftrb.fitted import Fit
+    from difftrb.fitting import fit
     from difftrb.gathered import load_sweep
     from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
     from difftrb.heightmap import HeightMap, HeightMapError, example_map, load_height_map
@@ -40,7 +40,7 @@ _HOMES = {
     "contact": ("solve_contact",),
     "contact_slopes": ("approach_slopes",),
     "contact_solution": ("ContactSolution",),
-    "fit": ("fit",),
+    "fitting": ("fit",),
     "fitted": ("Fit",),
     "intensity": ("EdgeIntensity", "edge_intensity"),
     "geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),

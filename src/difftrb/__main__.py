@@ -194,7 +194,7 @@ def _accuracy(options: Any) -> int:
 
 def _fit(options: Any) -> int:
     from difftrb import fit_report, measured, scenefile
-    from difftrb.fit import fit, prepare_fit
+    from difftrb.fitting import fit, prepare_fit
     from difftrb.optimal_design import next_measurements
 
     file, path = _read(options)

@@ -62,7 +62,7 @@ def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 Solve = Callable[[Problem, np.ndarray, np.ndarray, int, int], least_squares.Least]
 """Least squares from places, shape (cases, unknowns), of which those `free` move, same shape; steps of the search, and
-of Levenberg–Marquardt: `fit.solved`."""
+of Levenberg–Marquardt: `fitting.solved`."""
 
 
 def held(

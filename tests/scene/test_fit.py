@@ -13,7 +13,7 @@ from scipy import optimize
 import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb import confidence, fit_report, least_squares, optimal_design, scenefile, unknowns
-from difftrb.fit import fit, solved, start_places
+from difftrb.fitting import fit, solved, start_places
 from difftrb.measured import MeasuredError, Measurement, example, parse
 
 TRUTH = {"length": 5.0, "width": 9.0}
