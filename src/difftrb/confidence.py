@@ -16,9 +16,15 @@ from difftrb.unknowns import FARTHEST
 
 EDGE = 7.0
 """Coordinates beyond ± this, the outer thousandth of the range, count as the bound."""
-NEAR = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
-"""Places of a profile on either side, in standard errors; three more lie between the last and the bound."""
+NEAR = (0.75, 1.5, 2.25, 3.0)
+"""Places of a profile on either side, in standard errors."""
+FAR = (0.15, 0.45, 1.0)
+"""More of them, as shares of the way from the last one to the bound."""
+WITHIN = 3
+"""Places between the two that an end of an interval lies between: to 1e-3 of a standard error then."""
 STEPS = 25
+ENOUGH = 1e-5
+"""Gain of half χ² that is not worth a step of a profile, whose ends are where χ² has risen by 4 or so."""
 
 
 class Profiles(NamedTuple):
@@ -39,7 +45,7 @@ class Profiles(NamedTuple):
 
 
 def natural_slope(problem: Problem, u: np.ndarray) -> np.ndarray:
-    """Slope of the values' logarithms (of the values themselves for angle and preload) by coordinates, shape
+    """Slope of the values' logarithms (of the values themselves for what is no size) by coordinates, shape
     (unknowns,)."""
     low, high = (np.asarray(end) for end in problem.unknowns.ends())
     share = 1.0 / (1.0 + np.exp(-np.asarray(u)))
@@ -60,9 +66,9 @@ def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.where(both, inverted / np.outer(size, size), 0.0)
 
 
-Solve = Callable[[Problem, np.ndarray, np.ndarray, int, int], least_squares.Least]
+Solve = Callable[[Problem, np.ndarray, np.ndarray, int, int, float], least_squares.Least]
 """Least squares from places, shape (cases, unknowns), of which those `free` move, same shape; steps of the search, and
-of Levenberg–Marquardt: `fitting.solved`."""
+of Levenberg–Marquardt; what gain is not worth a step: `fitting.solved`."""
 
 
 def held(
@@ -77,7 +83,7 @@ def held(
             damped = within + np.diag(1e-9 * np.diag(within) + 1e-300)
             follow = -np.linalg.solve(damped, normal[np.ix_(moves, ~moves)] @ (place - u)[~moves])
             start[case, moves] = np.clip(u[moves] + np.clip(follow, -3.0, 3.0), -EDGE, EDGE)
-    found = solve(problem, start, free, 0, STEPS if free.any() else 0)
+    found = solve(problem, start, free, 0, STEPS if free.any() else 0, ENOUGH)
     cost = np.asarray(found.cost)
     return np.where(np.isfinite(cost), cost, np.inf), np.asarray(found.place)
 
@@ -85,20 +91,19 @@ def held(
 def profiles(solve: Solve, problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limit: float) -> Profiles:
     """Profiles about the least place u, shape (unknowns,), with its cost and normal matrix, and where they have risen
     by `limit`: once over the whole range, once between the places that an interval's ends lie between."""
-    count, half = len(u), len(NEAR) + 3
+    count, half = len(u), len(NEAR) + len(FAR)
     spread = np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0
     places = np.empty((count, 2, half))
     for i in range(count):
         for k, side in enumerate((-1.0, 1.0)):
             room = max(EDGE - side * u[i], 1e-3)
             near = np.array(NEAR) * (spread[i] or 1.0)
-            far = near[-1] + (room - near[-1]) * np.array([0.15, 0.45, 1.0])
+            far = near[-1] + (room - near[-1]) * np.array(FAR)
             even = room * np.arange(1, half + 1) / half
             places[i, k] = u[i] + side * (np.concatenate([near, far]) if near[-1] < 0.7 * room else even)
-    which = np.repeat(np.arange(count), 2 * half)
-    free = which[:, None] != np.arange(count)[None, :]
 
     def risen(at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        free = np.repeat(np.arange(count), at[0].size)[:, None] != np.arange(count)[None, :]
         costs, where = held(solve, problem, u, normal, free, np.where(free, u[None, :], at.ravel()[:, None]))
         return 2.0 * (costs - cost).reshape(at.shape), costs, where
 
@@ -111,7 +116,7 @@ def profiles(solve: Solve, problem: Problem, u: np.ndarray, cost: float, normal:
         last = beyond[0] if reached[i, k] else half - 1
         start = (places[i, k, last - 1], rise[i, k, last - 1]) if last else (u[i], 0.0)
         brackets[i, k] = start[0], max(start[1], 0.0) ** 0.5, places[i, k, last], max(rise[i, k, last], 0.0) ** 0.5
-    inner = brackets[..., :1] + (brackets[..., 2:3] - brackets[..., :1]) * np.arange(1, half + 1) / (half + 1)
+    inner = brackets[..., :1] + (brackets[..., 2:3] - brackets[..., :1]) * np.arange(1, WITHIN + 1) / (WITHIN + 1)
     finer, *_ = risen(inner)
     ends = np.empty((count, 2))
     for i, k in np.ndindex(count, 2):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -28,11 +29,13 @@ from difftrb.unknowns import FARTHEST, Unknowns
 
 STARTS = 16
 BATCH = 16
-"""Cases of a batch: all work of a fit goes through one program of this size."""
-SEARCH = 12
+"""Most cases that one call evaluates."""
+SEARCH = 2
 """Steps of Adam before Levenberg–Marquardt takes over."""
-RATE = 0.25
-"""Of Adam, in coordinates."""
+ADAM = optax.adam(0.25)
+"""Steps of a quarter, in coordinates."""
+MEET = 0.1
+"""Starts that come this close to each other, in coordinates, go on as one."""
 SPREAD = 0.05, 0.95
 """Between which shares of an unknown's range starts lie."""
 FLOOR = 0.1
@@ -74,9 +77,9 @@ def fit(
         so the width at any phase; under the others width acts through rows with phase "mean" alone. With a prepared law
         nothing is solved but rings.
       rows: from `load_measured`, or your own.
-      parameters: of "length", "width", "depth", "angle" (of the spall), "crown" (the rollers' design load), "preload"
-        (added to every axial load) and "scale" (the bearing's share in the measured compliance, the rest being housing
-        and shaft). All others stay as in the scene.
+      parameters: of "length", "width", "depth", "angle", "axial_offset" (of the spall), "crown" (the rollers' design
+        load), "preload" (added to every axial load) and "scale" (the bearing's share in the measured compliance, the
+        rest being housing and shaft). All others stay as in the scene.
       robust: "squares"; "huber" or "student" where single rows may be far off.
       starts: how many, at least 1. More where the widths may hold many rollers.
       model_error: relative error of the model that all losses share, and all stiffnesses, ≥ 0; it widens intervals
@@ -122,7 +125,7 @@ def fit(
     freedom = len(rows) - len(names)
     limit = confidence.limit_of(freedom if estimate else None)
     for _ in range(ROUNDS if estimate and robust != "squares" else 1):
-        found = solved(problem, places, every, SEARCH, least_squares.STEPS)
+        found = solved(problem, places, every, SEARCH, least_squares.STEPS, meet=MEET)
         if estimate:
             off = (found.told[0][np.nanargmin(found.cost)] - measured) / np.asarray(problem.sigma)
             problem = dataclasses.replace(problem, sigma=problem.sigma * _scatter(off, robust, freedom))
@@ -186,31 +189,53 @@ def _check_effects(names: tuple[str, ...], normals: np.ndarray) -> None:
             raise MeasuredError(f"parameters: {name} cannot be fitted to these rows: {unknown.NO_EFFECT[name]}")
 
 
-def solved(problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int) -> Least:
+def solved(
+    problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int, enough: float = 0.0,
+    meet: float = 0.0,
+) -> Least:  # fmt: skip
     """Least squares from `places`, shape (cases, unknowns), moving those coordinates that are `free`, same shape: first
-    `search` steps of Adam, then `steps` of Levenberg–Marquardt at most. In batches of one size, by one program."""
-    rest = -len(places) % BATCH
-    places, free = (np.concatenate([a, a[:1].repeat(rest, 0)]) for a in (places, free))
-    parts = [
-        _solved(problem, jnp.asarray(places[k : k + BATCH]), jnp.asarray(free[k : k + BATCH]), search, steps)
-        for k in range(0, len(places), BATCH)
-    ]
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[: len(places) - rest], *parts)
+    `search` steps of Adam, then `steps` of Levenberg–Marquardt at most; the rest as in `least_squares.minimum`."""
+    lead = (_adam, ADAM.init(jnp.asarray(places)), search) if search else (None, None, 0)
+    return least_squares.minimum(
+        partial(evaluated, problem), np.asarray(places), free, FARTHEST, steps, *lead, enough, meet
+    )
 
 
 @jax.jit
-def _solved(problem: Problem, places: jax.Array, free: jax.Array, search: int, steps: int) -> Least:
-    adam = optax.adam(RATE)
+def _adam(gradient: jax.Array, memory: optax.OptState) -> tuple[jax.Array, optax.OptState]:
+    move, memory = ADAM.update(gradient, memory)
+    return move, memory  # type: ignore[return-value]  # optax says any tree of arrays
 
-    def misfit(u: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+
+def evaluated(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
+    """Deviations as they count and their slopes by coordinates at `places`, shape (cases, unknowns); told besides: what
+    the model says of the rows, and its status. In parts of one size, by one program."""
+    parts = []
+    for k in range(0, len(places), BATCH):
+        part = places[k : k + BATCH]
+        padded = np.zeros((BATCH, places.shape[1]))
+        padded[: len(part)] = part
+        parts.append([np.asarray(out)[: len(part)] for out in _evaluated(problem, padded, len(part))])
+    residual, jacobian, *told = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return least_squares.Evaluated(residual, jacobian, tuple(told))
+
+
+@jax.jit
+def _evaluated(problem: Problem, places: jax.Array, count: jax.Array) -> tuple[jax.Array, ...]:
+    """Of the first `count` places, one after the other: the rings of one fill the processor."""
+
+    def misfit(u: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         told, code = observed.predictions(problem, u)
-        return observed.counted(problem, told), (told, code)
+        r = observed.counted(problem, told)
+        return r, (r, told, code)
 
-    def one(place: jax.Array, moves: jax.Array) -> Least:
-        memory = adam.init(place)
-        return least_squares.minimum(misfit, place, moves, FARTHEST, adam.update, memory, search, steps)  # type: ignore[arg-type]
+    def one(k: jax.Array, out: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        slopes, (r, told, code) = jax.jacfwd(misfit, has_aux=True)(places[k])
+        return tuple(all_.at[k].set(own) for all_, own in zip(out, (r, slopes, told, code), strict=True))
 
-    return jax.vmap(one)(places, free)
+    rows, n = problem.measured.size, places.shape[1]
+    blank = tuple(jnp.zeros((BATCH, *shape)) for shape in ((rows,), (rows, n), (rows,)))
+    return jax.lax.fori_loop(0, count, one, (*blank, jnp.zeros(BATCH, int)))
 
 
 def _scatter(off: np.ndarray, robust: str, freedom: int) -> float:

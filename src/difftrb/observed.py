@@ -96,20 +96,35 @@ def healthy_stiffness(scene: Scene, todo: Plan) -> jax.Array:
 
 
 def _stiffness(scene: Scene, todo: Plan, preload: Real) -> tuple[jax.Array, jax.Array]:
-    """Radial and axial stiffness of every condition [N/mm], shape (conditions, 2), and the worst status."""
-    every, codes = [], []
-    for (definition, mean), conditions in zip(todo.kinds, todo.conditions, strict=True):
+    """Radial and axial stiffness of every condition [N/mm], shape (conditions, 2), and the worst status.
 
-        def one(condition: jax.Array, definition: Definition = definition, mean: bool = mean):
-            load = Load(condition[0], condition[1] + preload)
-            phase = PitchMean() if mean else condition[2]
-            solved = solution.solve(dataclasses.replace(scene, load=load, definition=definition, phase=phase))
+    All phases of all conditions are solved side by side: a program for one and one for means would be compiled twice.
+    """
+
+    def under(condition: jax.Array, mean: bool) -> Scene:
+        load = Load(condition[0], condition[1] + preload)
+        return dataclasses.replace(scene, load=load, phase=PitchMean() if mean else condition[2])
+
+    def phases(condition: jax.Array, mean: bool) -> tuple[jax.Array, jax.Array]:
+        at, weights = solution.phases(under(condition, mean))
+        return jnp.stack([jnp.broadcast_to(v, at.shape) for v in (condition[0], condition[1], at)], 1), weights
+
+    every: dict[int, jax.Array] = {}
+    codes = []
+    for definition in dict.fromkeys(definition for definition, _ in todo.kinds):
+
+        def one(condition: jax.Array, definition: Definition = definition) -> tuple[jax.Array, jax.Array]:
+            solved = solution.solve(dataclasses.replace(under(condition, False), definition=definition))
             return jnp.stack([solved.radial_stiffness, solved.axial_stiffness]), solved.status_code
 
-        stiffness, code = jax.vmap(one)(conditions)
-        every.append(stiffness)
+        own = [k for k, kind in enumerate(todo.kinds) if kind[0] == definition]
+        parts = [jax.vmap(partial(phases, mean=todo.kinds[k][1]))(todo.conditions[k]) for k in own]
+        stiffness, code = jax.vmap(one)(jnp.concatenate([at.reshape(-1, 3) for at, _ in parts]))
         codes.append(jnp.max(code))
-    return jnp.concatenate(every), status.worst(*codes)
+        ends = np.cumsum([weights.size for _, weights in parts])[:-1]
+        for k, (_, weights), found in zip(own, parts, jnp.split(stiffness, ends), strict=True):
+            every[k] = jnp.einsum("cp,cpd->cd", weights, found.reshape(*weights.shape, 2))
+    return jnp.concatenate([every[k] for k in range(len(todo.kinds))]), status.worst(*codes)
 
 
 ROBUST = ("squares", "huber", "student")

@@ -86,11 +86,8 @@ def _solve(scene: Scene) -> Solution:
     roller_law = prepared_law(scene)
     acting = law_in_effect(scene, roller_law)
 
-    def there(spalls: tuple[Spall, ...], phase: Real) -> effects.Ring:
-        return effects.Ring(scene.bearing, scene.load, spalls, acting, raceway_contact(scene, "outer"), phase)
-
     def at(phase: Real) -> tuple[ring.Equilibrium, jax.Array, Results]:
-        here = there(scene.spalls, phase)
+        here = _ring(scene, acting, scene.spalls, phase)
         terms = effects.terms(scene.effects, here)
         rest = here.equilibrium(terms)
         more = effects.results(scene.effects, rest, terms, here)
@@ -104,8 +101,8 @@ def _solve(scene: Scene) -> Solution:
         load_span, stiffness_span = jnp.stack([rest.loads] * 2), jnp.stack([stiffness] * 2)
         angles = ring.roller_angles(scene.bearing, cast(Real, scene.phase))
     else:
-        phases, weights = phases_of(scene, met(scene, acting), effects.terms(scene.effects, there((), 0.0)))
-        every, stiffness, more = jax.vmap(at)(phases)
+        each, weights = phases(scene)
+        every, stiffness, more = jax.vmap(at)(each)
         load_span, stiffness_span = (jnp.stack([jnp.min(v, 0), jnp.max(v, 0)]) for v in (every.loads, stiffness))
         rest = ring.Equilibrium(
             *(jnp.tensordot(weights, v, 1) for v in (every.displacement, every.approach, every.loads, every.tangent)),
@@ -119,6 +116,16 @@ def _solve(scene: Scene) -> Solution:
         angles, rest.displacement, rest.approach, rest.loads, stiffness, load_span, stiffness_span, roller_law,
         rest.residual, rest.iterations, rest.status_code, more, scene.definition,
     )  # fmt: skip
+
+
+def _ring(scene: Scene, acting: Law, spalls: tuple[Spall, ...], phase: Real) -> effects.Ring:
+    return effects.Ring(scene.bearing, scene.load, spalls, acting, raceway_contact(scene, "outer"), phase)
+
+
+def phases(scene: Scene) -> tuple[jax.Array, jax.Array]:
+    """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
+    acting = law_in_effect(scene, prepared_law(scene))
+    return phases_of(scene, met(scene, acting), effects.terms(scene.effects, _ring(scene, acting, (), 0.0)))
 
 
 def _secant(load: Load, displacement: jax.Array) -> jax.Array:

@@ -4,7 +4,6 @@ import dataclasses
 import json
 from pathlib import Path
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -198,17 +197,23 @@ def test_limits_of_intervals() -> None:
 
 
 def test_levenberg_marquardt_alone() -> None:
-    def residual(u: jax.Array) -> tuple[jax.Array, jax.Array]:  # Rosenbrock
-        return jnp.stack([10.0 * (u[1] - u[0] ** 2), 1.0 - u[0]]), u
+    def rosenbrock(u: np.ndarray) -> least_squares.Evaluated:
+        x, y = u.T
+        residual = np.stack([10.0 * (y - x**2), 1.0 - x], 1)
+        slopes = np.stack([np.stack([-20.0 * x, np.full_like(x, 10.0)], 1), np.tile([-1.0, 0.0], (len(u), 1))], 1)
+        return least_squares.Evaluated(residual, slopes, (u,))
 
-    def run(start: jax.Array, free: jax.Array) -> least_squares.Least:
-        return least_squares.minimum(residual, start, free, 14.0, lambda g, m: (-g, m), jnp.zeros(()), 0, 60)
-
-    both = jnp.array([[True, True], [True, False]])
-    found = jax.jit(jax.vmap(run))(jnp.array([[-1.2, 1.0], [3.0, 4.0]]), both)
-    np.testing.assert_allclose(found.place[0], [1.0, 1.0], rtol=1e-7)
+    free = np.array([[True, True], [True, False], [True, True]])
+    starts = np.array([[-1.2, 1.0], [3.0, 4.0], [-1.21, 1.0]])
+    found = least_squares.minimum(rosenbrock, starts, free, 14.0, 60)
+    np.testing.assert_allclose(found.place[::2], 1.0, rtol=1e-7)
     assert found.place[1, 1] == 4.0
     assert found.converged.all()
+    met = least_squares.minimum(rosenbrock, starts, free, 14.0, 60, meet=0.02)
+    np.testing.assert_array_equal(met.place[0], met.place[2])
+    np.testing.assert_allclose(met.place[0], 1.0, rtol=1e-7)
+    assert met.converged.all()
+    assert min(met.steps[0], met.steps[2]) < 3 < max(met.steps[0], met.steps[2])
 
 
 BAD = {
