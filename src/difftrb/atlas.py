@@ -99,11 +99,12 @@ class TableLaw:
         spalls, distances = spalls[: len(self.which)], distances[: len(self.which)]
         atlases = [self.atlases[which] for which in self.which[: len(spalls)]]
         healthy = _healthy(self.atlases[0], self.contact, _change(self.atlases[0], self.contact, None))
+        beside = [ramp_of(atlas, self.contact, spall) for spall, atlas in zip(spalls, atlases, strict=True)]
         ramps = [
-            [ramp_of(atlas, self.contact, spall, direct.over(spall, distances[i], side)) for side in (1.0, -1.0)]
-            for i, (spall, atlas) in enumerate(zip(spalls, atlases, strict=True))
+            [dataclasses.replace(one, edge=direct.over(spall, distances[i], side)) for side in (1.0, -1.0)]
+            for i, (spall, one) in enumerate(zip(spalls, beside, strict=True))
         ]
-        return direct.carried_by(healthy, [pair[0].full for pair in ramps], ramps, spalls, distances)
+        return direct.carried_by(healthy, [one.full for one in beside], ramps, spalls, distances)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
         """See `Law`: spalls up to 85 % of the roller long, wider than the contact, of a depth and axial offset that
@@ -120,7 +121,7 @@ class TableLaw:
             same = (moved < MOVED) & (deep | (jnp.abs(change[-3]) < MOVED * atlas.given[-3]))
             same = same & (jnp.abs(change[-2]) < ASIDE)
             code = status.worst(code, jnp.where(same, status.CONVERGED, status.OTHER_SCENE))
-            beside = ramp_of(atlas, self.contact, spall, jnp.zeros(()))
+            beside = ramp_of(atlas, self.contact, spall)
             _, end = ramp.extent(beside, curve.end(beside.full, 1.0))
             code = status.worst(code, jnp.where(0.5 * spall.width > end, status.CONVERGED, status.NARROW))
             known = spall.length <= atlas.lengths[-1]
@@ -129,7 +130,7 @@ class TableLaw:
 
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`."""
-        beside = ramp_of(self.atlases[self.which[number]], self.contact, spall, jnp.zeros(()))
+        beside = ramp_of(self.atlases[self.which[number]], self.contact, spall)
         return ramp.extent(beside, approach)
 
 
@@ -151,8 +152,8 @@ def _fulls(atlas: Atlas, contact: LineContact, like: Spall, change: jax.Array) -
     return curve.through(atlas.log_loads, approaches.T, crowns(atlas.lengths))
 
 
-def ramp_of(atlas: Atlas, contact: LineContact, spall: Spall, edge: jax.Array) -> Ramp:
-    """The ramp of this spall with its edge `edge` [mm] beyond the roller."""
+def ramp_of(atlas: Atlas, contact: LineContact, spall: Spall) -> Ramp:
+    """The ramp of this spall with its edge under the roller's middle."""
     change = _change(atlas, contact, spall)
     length = jnp.asarray(spall.length, float)
     at = curve.weights(atlas.lengths, length)
@@ -161,4 +162,6 @@ def ramp_of(atlas: Atlas, contact: LineContact, spall: Spall, edge: jax.Array) -
     longer = jnp.log(jnp.maximum(length, jnp.exp(atlas.edge_lengths[0])))
     share = atlas.share + atlas.share_slopes @ change
     at_edge = curve.weights(atlas.edge_lengths, longer)
-    return _healthy(atlas, contact, change).beside(edge, full, at @ atlas.sunk, jnp.tensordot(at_edge, share, 1))
+    return _healthy(atlas, contact, change).beside(
+        jnp.zeros(()), full, at @ atlas.sunk, jnp.tensordot(at_edge, share, 1)
+    )

@@ -79,19 +79,17 @@ def through(log_loads: jax.Array, approaches: jax.Array, shift: jax.Array) -> Cu
 
 def _coefficients(z: jax.Array, values: jax.Array) -> jax.Array:
     """Of the polynomials in powers of z through `values` at `z`, all of shape (n, …); linear in the values."""
-    count = len(z)
-    order = _spread(count)
-    places = [z[k] for k in order]
-    divided = [values[k] for k in order]
-    for level in range(1, count):
-        for k in range(count - 1, level - 1, -1):
-            divided[k] = (divided[k] - divided[k - 1]) / (places[k] - places[k - level])
-    powers = [divided[-1]]
-    for k in range(count - 2, -1, -1):  # · (z − z_k) + d_k
-        raised = [jnp.zeros_like(divided[0]), *powers]
-        powers = [a - places[k] * b for a, b in zip(raised, [*powers, jnp.zeros_like(divided[0])], strict=True)]
-        powers[0] = powers[0] + divided[k]
-    return jnp.stack(powers)
+    order = np.array(_spread(len(z)))
+    places, differences = z[order], values[order]
+    divided = [differences[0]]
+    for level in range(1, len(z)):  # whole rows at once: programs compile in proportion to their operations
+        differences = (differences[1:] - differences[:-1]) / (places[level:] - places[:-level])
+        divided.append(differences[0])
+    powers = divided[-1][None]
+    for place, first in zip(places[-2::-1], divided[-2::-1], strict=True):  # · (z − place) + first
+        within = powers[:-1] - place[None] * powers[1:]
+        powers = jnp.concatenate([(first - place * powers[0])[None], within, powers[-1:]])
+    return powers
 
 
 def _spread(count: int) -> list[int]:

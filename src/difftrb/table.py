@@ -213,7 +213,9 @@ def _fit(
 
     def off(change: jax.Array) -> jax.Array:
         now = built.given + change
-        here = ramp_of(built, nodes.contact_of(now), dataclasses.replace(nodes.spall_of(now), length=length), edge)
+        here = dataclasses.replace(
+            ramp_of(built, nodes.contact_of(now), dataclasses.replace(nodes.spall_of(now), length=length)), edge=edge
+        )
         return ramp.residual(dataclasses.replace(here, share=share), approach + carried @ change, load)
 
     matrix = ramp.equations(at, approach, load, DEGREE)
@@ -222,7 +224,7 @@ def _fit(
 
 def _plain(built: Atlas, contact: LineContact, length: jax.Array) -> Ramp:
     """The ramp beside a spall of this length as the atlas knows it, its edge under the roller's middle."""
-    return ramp_of(built, contact, dataclasses.replace(nodes.spall_of(built.given), length=length), jnp.zeros(()))
+    return ramp_of(built, contact, dataclasses.replace(nodes.spall_of(built.given), length=length))
 
 
 @jax.jit
