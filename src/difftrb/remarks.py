@@ -12,8 +12,8 @@ from difftrb.fitted import Fit
 
 WIDE = 1.5
 """An interval whose ends differ by more than this factor does not determine a size."""
-WIDE_ANGLE = 0.5
-"""The same for an angle [rad]."""
+WIDE_PLACE = {"angle": 0.5, "axial_offset": 1.0, "preload": np.inf}
+"""The same for the difference of the ends [rad], [mm], [N] of what is no size; with both ends open none is narrow."""
 UNLIKELY = 1e-3
 """Chance of a χ² below which data and model are said to contradict each other."""
 FAR = 4.0
@@ -39,10 +39,8 @@ def of(fit: Fit, starts: np.ndarray) -> dict[str, Any]:
 
 def _is_open(fit: Fit, i: int) -> bool:
     low, high = fit.intervals[i]
-    if fit.parameters[i] == "angle":
-        return bool(fit.open[i].all()) or high - low > WIDE_ANGLE
-    if fit.parameters[i] == "preload":
-        return bool(fit.open[i].all())
+    if (widest := WIDE_PLACE.get(fit.parameters[i])) is not None:
+        return bool(fit.open[i].all()) or high - low > widest
     return bool(high / low > WIDE)
 
 

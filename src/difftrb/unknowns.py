@@ -22,8 +22,10 @@ from difftrb.measured import MeasuredError, Measurement
 from difftrb.ring import needed_axial
 from difftrb.scene import Scene
 
-NAMES = ("length", "width", "depth", "angle", "crown", "preload", "scale")
-OF_SPALL = ("length", "width", "depth", "angle")
+NAMES = ("length", "width", "depth", "angle", "axial_offset", "crown", "preload", "scale")
+OF_SPALL = ("length", "width", "depth", "angle", "axial_offset")
+SIGNED = ("angle", "axial_offset", "preload")
+"""What is no size: its differences count, not its ratios."""
 SHORTEST = 0.01
 """Smallest length, as a share of the longest."""
 NARROWEST = 0.1
@@ -38,6 +40,7 @@ NO_EFFECT = {
     "width": "under this law width acts through the number of rollers inside only: give rows with phase = mean",
     "depth": "the spall is deeper than rollers sink, or the law does not know depth: leave depth out",
     "angle": "without a radial load all angles are alike: measure under a radial load, or leave angle out",
+    "axial_offset": "the law is frozen at the scene's axial_offset: fit scenes with several and compare their χ²",
     "crown": "the law is frozen at the scene's design_load: use contact.law = 'table', or leave crown out",
     "preload": "nothing depends on the axial load here: leave preload out",
     "scale": "nothing depends on the scale here: leave it out",
@@ -56,7 +59,7 @@ class Unknowns:
     @property
     def logarithmic(self) -> np.ndarray:
         """Which are sizes, whose relative changes count; shape (unknowns,)."""
-        return np.array([name not in ("angle", "preload") for name in self.names])
+        return np.array([name not in SIGNED for name in self.names])
 
     def values(self, u: jax.Array) -> jax.Array:
         """Values at coordinates u, both of shape (unknowns,)."""
@@ -81,7 +84,8 @@ class Unknowns:
         return raw(self.low), raw(self.high)
 
 
-UNITS = {"length": "mm", "width": "mm", "depth": "mm", "angle": "rad", "crown": "N", "preload": "N", "scale": "–"}
+UNITS = {"length": "mm", "width": "mm", "depth": "mm", "angle": "rad", "axial_offset": "mm", "crown": "N",
+         "preload": "N", "scale": "–"}  # fmt: skip
 
 
 class Applied(NamedTuple):
@@ -113,8 +117,8 @@ def bounded(scene: Scene, rows: Sequence[Measurement], names: Sequence[str]) -> 
     """Unknowns of a prepared scene with bounds from what its law knows; raises `MeasuredError`.
 
     length: from a hundredth of the longest spall that the law takes to that. width: from the narrowest it takes to half
-    the raceway. depth, crown: as far as the law goes (crown at most a factor of 4). angle: −π…π. preload: 0… the
-    largest axial load measured. scale: 0.1…1.5.
+    the raceway. depth, crown, axial_offset: as far as the law goes (crown at most a factor of 4; a "table" 0.02 mm to
+    either side of the scene's axial_offset). angle: −π…π. preload: 0… the largest axial load measured. scale: 0.1…1.5.
     """
     for name in names:
         if name not in NAMES:
@@ -137,12 +141,19 @@ def _ranges(scene: Scene, rows: Sequence[Measurement], names: Sequence[str]) -> 
         "preload": (0.0, max(float(row.axial) for row in rows) or 1.0),
         "scale": SCALE,
     }
-    for name, factor in (("depth", 10.0), ("crown", CROWN)):
+    half = 0.5 * float(scene.bearing.roller_length)
+    for name in ("depth", "axial_offset", "crown"):
         if name in names:
             if scene.law.hard:  # type: ignore[union-attr]  # such laws are frozen
                 raise MeasuredError(f"parameters: {name} cannot be fitted: {NO_EFFECT[name]}")
-            low, high = map(float, _other_limits(scene, jnp.asarray(longest), factor, name))
-            if not high > low * (1.0 + 1e-6):
+            value = own(scene, name)
+            farthest = {
+                "depth": (0.1 * value, 10.0 * value),
+                "axial_offset": (-half, half),
+                "crown": (value / CROWN, CROWN * value),
+            }[name]
+            low, high = map(float, _other_limits(scene, jnp.asarray(longest), jnp.asarray(farthest), name))
+            if not high - low > 1e-6 * max(abs(low), abs(high)):
                 raise MeasuredError(f"parameters: {name} cannot be fitted: {NO_EFFECT[name]}")
             ranges[name] = low, high
     return ranges
@@ -171,15 +182,16 @@ def _size_limits(scene: Scene) -> tuple[jax.Array, jax.Array]:
 
 
 @partial(jax.jit, static_argnames="name")
-def _other_limits(scene: Scene, longest: jax.Array, factor: float, name: str) -> tuple[jax.Array, jax.Array]:
-    """Between which depths [mm] or crowns [N] the law knows the shortest and the longest spalls."""
-    value = {"depth": scene.spalls[0].depth, "crown": scene.design_load}[name]
+def _other_limits(scene: Scene, longest: jax.Array, farthest: jax.Array, name: str) -> tuple[jax.Array, jax.Array]:
+    """Between which depths, axial offsets [mm] or crowns [N], of those between the two `farthest`, the law knows the
+    shortest and the longest spalls."""
+    value = scene.design_load if name == "crown" else getattr(scene.spalls[0], name)
 
     def takes(v: jax.Array) -> jax.Array:
         each = [_known(scene, width=0.5 * _half_way(scene), length=l, **{name: v}) for l in (0.02 * longest, longest)]
         return each[0] & each[1]
 
-    return limit(takes, value, value / factor), limit(takes, value, value * factor)
+    return limit(takes, value, farthest[0]), limit(takes, value, farthest[1])
 
 
 def limit(holds: Callable[[jax.Array], jax.Array], inside: Real, outside: Real) -> jax.Array:
