@@ -1,0 +1,111 @@
+"""How long a fit takes beside scipy's least squares with finite differences, on the same residuals in the same run.
+
+python experiments/speed_of_fit.py [LAW] [REPEATS]   (default table, 5 repeats; medians are printed)
+
+Twelve rows (three loads, both directions, one phase and the mean over phases), 16 starts. Both sides call residuals
+that jit has compiled before; compiling has a row of its own. scipy solves from each start in turn, as it has to.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from collections.abc import Callable
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import numpy as np  # noqa: E402
+from scipy import optimize  # noqa: E402
+
+import difftrb as trb  # noqa: E402
+from difftrb import fitting, least_squares, observed  # noqa: E402
+
+LOADS = ((9000.0, 4500.0), (6000.0, 4500.0), (3000.0, 4500.0))
+TRUTH = trb.Spall(5.0, 9.0)
+NOISE = 0.01
+
+
+def data(scene: trb.Scene) -> list[trb.Measurement]:
+    """Twelve rows of the prepared scene with the true spall, with noise."""
+    noise = np.random.default_rng(1)
+    rows = []
+    for radial, axial in LOADS:
+        for phase in (0.0, "mean"):
+            there = dataclasses.replace(scene, spalls=(TRUTH,), load=trb.Load(radial, axial), phase=phase)
+            for quantity, value in zip(("radial_loss", "axial_loss"), trb.assess(there).loss, strict=True):
+                sigma = NOISE * float(value)
+                seen = float(value) + sigma * noise.standard_normal()
+                rows.append(trb.Measurement(radial, axial, quantity, seen, sigma, None, phase))  # type: ignore[arg-type]
+    return rows
+
+
+def ours(problem: observed.Problem, starts: np.ndarray) -> np.ndarray:
+    """The best values of all starts here."""
+    every = np.ones_like(starts, bool)
+    found = fitting.solved(problem, starts, every, fitting.SEARCH, least_squares.STEPS, meet=fitting.MEET)
+    return np.asarray(problem.unknowns.values(found.place[np.argmin(found.cost)]))
+
+
+_residual = jax.jit(observed.residual)
+
+
+def scipys(problem: observed.Problem, starts: np.ndarray) -> np.ndarray:
+    """The best values of all starts by scipy."""
+
+    def residual(u: np.ndarray) -> np.ndarray:
+        return np.asarray(_residual(problem, u))
+
+    def one(start: np.ndarray) -> optimize.OptimizeResult:
+        return optimize.least_squares(residual, start, bounds=(-14.0, 14.0), xtol=1e-10, ftol=1e-10, gtol=1e-10)
+
+    best = min((one(start) for start in starts), key=lambda found: found.cost)
+    return np.asarray(problem.unknowns.values(best.x))
+
+
+def timed(work: Callable[[], object]) -> float:
+    """Seconds."""
+    began = time.perf_counter()
+    jax.block_until_ready(work())
+    return time.perf_counter() - began
+
+
+def compared(law: str, repeats: int) -> dict[str, float]:
+    """Seconds of each way by name, and by how much their answers differ."""
+    rough = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (trb.Spall(3.0, 5.0),), law)
+    scene = trb.prepare(rough)
+    rows = data(scene)
+    first = timed(lambda: trb.fit(scene, rows, model_error=0.0))
+    found = trb.fit(scene, rows, model_error=0.0)
+    problem = found.problem
+    starts = fitting.start_places(problem.unknowns, scene, fitting.STARTS)
+    theirs_first = timed(lambda: _residual(problem, starts[0]))
+    ways = {
+        "a fit with its intervals": lambda: trb.fit(scene, rows, model_error=0.0),
+        "its 16 starts": lambda: ours(problem, starts),
+        "scipy, 16 starts": lambda: scipys(problem, starts),
+    }
+    seconds = {name: float(np.median([timed(work) for _ in range(repeats)])) for name, work in ways.items()}
+    apart = np.max(np.abs(ours(problem, starts) / scipys(problem, starts) - 1.0))
+    return {
+        **seconds,
+        "compiling, here": first - seconds["a fit with its intervals"],
+        "compiling, scipy's residual": theirs_first,
+        "answers differ by": float(apart),
+    }
+
+
+def main() -> None:
+    """Measure and print."""
+    law = sys.argv[1] if len(sys.argv) > 1 else "table"
+    told = compared(law, int(sys.argv[2]) if len(sys.argv) > 2 else 5)
+    print(f"law {law}, 12 rows, length and width")
+    for name, value in told.items():
+        print(f"{name:30s}{value:10.2g}{'' if 'differ' in name else ' s'}")
+    print(f"scipy takes {told['scipy, 16 starts'] / told['its 16 starts']:.1f} times as long")
+
+
+if __name__ == "__main__":
+    main()
