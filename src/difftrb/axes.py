@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
-from difftrb.files import known
+from difftrb.files import dotted, known, shown
 from difftrb.scene import Scene
 
 Mode = Literal["product", "zip"]
@@ -64,7 +64,7 @@ def axes_of(given: Mapping[str, Any], mode: str = "product") -> tuple[Axis, ...]
     which then have equally many values. Raises `SweepError`.
     """
     if mode not in get_args(Mode):
-        raise SweepError(f"mode = {mode!r}: must be 'product' (all combinations) or 'zip' (side by side)")
+        raise SweepError(f"mode = {shown(mode)}: must be 'product' (all combinations) or 'zip' (side by side)")
     if not given:
         raise SweepError(
             "there are no axes; name at least one key, say spall.0.length = {from = 0.5, to = 8, count = 64}"
@@ -88,28 +88,28 @@ def _values(key: str, spec: Any) -> np.ndarray:
     except ValueError:  # rows of different lengths
         values = np.zeros((0, 0))
     if values.ndim != 1 or not len(values) or values.dtype.kind not in "iuf":
-        raise SweepError(f"{key} = {_shown(spec)}: must be a list of numbers or {{from = …, to = …, count = …}}")
+        raise SweepError(f"{key} = {shown(spec)}: must be a list of numbers or {{from = …, to = …, count = …}}")
     if not np.isfinite(values).all():
-        raise SweepError(f"{key} = {_shown(spec)}: must be a list of finite numbers")
+        raise SweepError(f"{key} = {shown(spec)}: must be a list of finite numbers")
     return values.astype(float)
 
 
 def _spaced(key: str, spec: Mapping[str, Any]) -> np.ndarray:
     for name in spec:
         if name not in RANGE_KEYS:
-            raise SweepError(f"{key}.{name} is not a known key; {known(str(name), RANGE_KEYS)}")
+            raise SweepError(f"{dotted([*key.split('.'), name])} is not a known key; {known(str(name), RANGE_KEYS)}")
     for name in RANGE_KEYS[:3]:
         if name not in spec:
             raise SweepError(f"{key}.{name} is missing: give {key} = {{from = …, to = …, count = …}}")
     for name in RANGE_KEYS[:2]:
         if not _is_number(spec[name]):
-            raise SweepError(f"{key}.{name} = {_shown(spec[name])}: must be a finite number")
+            raise SweepError(f"{key}.{name} = {shown(spec[name])}: must be a finite number")
     count, spacing = spec["count"], spec.get("spacing", "linear")
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST_VALUES:
-        raise SweepError(f"{key}.count = {_shown(count)}: must be a whole number in 1 … {MOST_VALUES}")
+        raise SweepError(f"{key}.count = {shown(count)}: must be a whole number in 1 … {MOST_VALUES}")
     first, last = float(spec["from"]), float(spec["to"])
     if spacing not in SPACINGS:
-        raise SweepError(f"{key}.spacing = {_shown(spacing)}: must be 'linear' or 'log'")
+        raise SweepError(f"{key}.spacing = {shown(spacing)}: must be 'linear' or 'log'")
     if count == 1 and first != last:
         raise SweepError(f"{key}.count = 1: one value cannot go from {first:g} to {last:g}; give more, or a list")
     if spacing == "log" and (first <= 0.0 or last <= 0.0):
@@ -119,11 +119,6 @@ def _spaced(key: str, spec: Mapping[str, Any]) -> np.ndarray:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 # ------------------------------------------------------------------------------------------------ keys
@@ -168,7 +163,7 @@ def number_at(tree: Any, key: str) -> Any:
             hint = f"did you mean {'.'.join([*written, close[0]])}?" if close else f"known here: {', '.join(fields)}"
             if isinstance(at, Scene):
                 hint = f"known here: {OF_SCENE}"
-            raise SweepError(f"{key} is not a known key; {hint}" if fields else f"{key} is not a known key")
+            raise SweepError(f"{dotted(key.split('.'))} is not a known key" + (f"; {hint}" if fields else ""))
         at = _taken(at, step)
     return at
 

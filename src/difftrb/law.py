@@ -12,6 +12,7 @@ import numpy as np
 
 from difftrb import contact as contacts
 from difftrb import curve, given, hertz, ramp, status
+from difftrb.files import shown
 from difftrb.geometry import LineContact, Real, Spall
 from difftrb.ramp import Carried
 
@@ -245,7 +246,7 @@ def named(name: str, contact: LineContact, load_range: tuple[Real, Real], spall:
 
 def unknown(name: str) -> str:
     """The sentence for a law that cannot be had."""
-    return f"law = {name!r} is unknown; use one of {', '.join(NAMES)}"
+    return f"law = {shown(name)} is unknown; use one of {', '.join(NAMES)}"
 
 
 def liu2018() -> PowerLaw:

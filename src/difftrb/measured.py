@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb.files import known, unreadable
+from difftrb.files import known, shown, unreadable
 from difftrb.geometry import FILE_RULES, Real
 from difftrb.scene import Definition, Phase
 from difftrb.sentences import allowed
@@ -99,20 +99,24 @@ def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
     numbered = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"]
     if not numbered:
         raise MeasuredError(f"{path}: holds no rows; give a line of column names ({', '.join(NEEDED)} …) and rows")
-    try:
-        cells = [[cell.strip() for cell in row] for row in csv.reader([line for _, line in numbered], strict=True)]
-    except csv.Error as error:
-        raise MeasuredError(f"{path}: is not CSV that can be read: {error}") from None
+    cells = [_cells(line, f"{path}: line {number}") for number, line in numbered]
     names = cells[0]
     _check_header(names, path)
     if len(cells) < 2:
         raise MeasuredError(f"{path}: holds column names but no rows")
-    if len(cells) != len(numbered):
-        raise MeasuredError(f"{path}: a quoted cell runs over several lines; write every row on one line")
     rows = []
     for k, ((line, _), row) in enumerate(zip(numbered[1:], cells[1:], strict=True), 1):
         rows.append(_row(names, row, f"{path}: row {k} (line {line})"))
     return tuple(rows)
+
+
+def _cells(line: str, where: str) -> list[str]:
+    """The cells of one line, on which every cell that is quoted has to end."""
+    try:
+        (row,) = csv.reader([line], strict=True)
+    except csv.Error as error:
+        raise MeasuredError(f"{where}: is not CSV that can be read: {error}; close every quote on its line") from None
+    return [cell.strip() for cell in row]
 
 
 def _check_header(names: list[str], path: str | Path) -> None:
@@ -120,9 +124,9 @@ def _check_header(names: list[str], path: str | Path) -> None:
         raise MeasuredError(f"{path}: columns must be separated by commas, and decimals written with a point")
     for name in names:
         if name not in COLUMNS:
-            raise MeasuredError(f"{path}: column {name!r} is not known; {known(name, COLUMNS)}")
+            raise MeasuredError(f"{path}: column {shown(name)} is not known; {known(name, COLUMNS)}")
         if names.count(name) > 1:
-            raise MeasuredError(f"{path}: column {name!r} stands twice; keep one of them")
+            raise MeasuredError(f"{path}: column {shown(name)} stands twice; keep one of them")
     for name in NEEDED:
         if name not in names:
             raise MeasuredError(f"{path}: column {name} is missing: {ADVICE[name]}")
@@ -140,9 +144,9 @@ def _row(names: list[str], cells: list[str], where: str) -> Measurement:
         row = ROW.validate_json(json.dumps(content))  # as JSON, where strictness lets a table become a dataclass
     except ValidationError as error:
         column = str(error.errors()[0]["loc"][0])
-        shown = f"= {content[column]!r}" if column in content else "is empty"
+        value = f"= {shown(content[column])}" if column in content else "is empty"
         raise MeasuredError(
-            f"{where}: {column} {shown}: must be {allowed(Measurement, [column])}; {ADVICE[column]}"
+            f"{where}: {column} {value}: must be {allowed(Measurement, [column])}; {ADVICE[column]}"
         ) from None
     return check(row, where)
 

@@ -13,6 +13,7 @@ import numpy as np
 from difftrb import ring, status
 from difftrb.axes import Axis, SweepError, number_at, replaced
 from difftrb.contact_solution import ContactSolution
+from difftrb.files import shown
 from difftrb.nodes import Progress
 from difftrb.preparation import SEVERAL_SHAPES, of_one_shape, prepare, prepared_law
 from difftrb.scene import LawName, PitchMean, Scene, healthy
@@ -100,7 +101,7 @@ def known(names: Sequence[str], outputs: dict[str, Output]) -> Sequence[str]:
         raise SweepError(f"outputs is empty; name some of {', '.join(outputs)}")
     for name in names:
         if name not in outputs:
-            raise SweepError(f"outputs: {name!r} is unknown; use some of {', '.join(outputs)}")
+            raise SweepError(f"outputs: {shown(name)} is unknown; use some of {', '.join(outputs)}")
     if len(set(names)) < len(names):
         raise SweepError("outputs: a name is there twice; name each once")
     return names

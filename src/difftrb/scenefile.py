@@ -18,7 +18,7 @@ from difftrb import effects, geometry, heightmap, ring
 from difftrb import law as laws
 from difftrb.contact import solve_contact
 from difftrb.contact_solution import ContactSolution
-from difftrb.files import unreadable
+from difftrb.files import shown, unreadable
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.given import Defect
 from difftrb.heightmap import HeightMap
@@ -174,7 +174,7 @@ def read(path: str | Path) -> SceneFile:
 def text_of(path: str | Path) -> str:
     """The text of a scene file; raises `SceneError`."""
     try:
-        return Path(path).read_text(encoding="utf-8")
+        return Path(path).read_text(encoding="utf-8-sig")  # some editors begin with a mark
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"{path}: {unreadable(error, 'a scene file')}") from None
 
@@ -189,7 +189,7 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
         if twice:
             number = int(twice[1])
             key = text.splitlines()[number - 1].split("=")[0].strip()
-            raise SceneError(f"{path}: line {number}: {key!r} is named twice; name it once") from None
+            raise SceneError(f"{path}: line {number}: {shown(key)} is named twice; name it once") from None
         raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
     content.pop("sweep", None)  # for `sweepfile`
     return from_content(content, path)
@@ -202,7 +202,7 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
         name = content["bearing"]
         if name not in geometry.NAMED_BEARINGS:
             known = ", ".join(geometry.NAMED_BEARINGS)
-            raise SceneError(f"{path}: bearing = {name!r} is unknown; use {known} or a [bearing] table")
+            raise SceneError(f"{path}: bearing = {shown(name)} is unknown; use {known} or a [bearing] table")
         content["bearing"] = dataclasses.asdict(geometry.bearing(name))
     if isinstance(content.get("spall"), dict):
         raise SceneError(f"{path}: [spall] is a list of tables; write [[spall]]")
@@ -230,11 +230,11 @@ def _height_maps(content: dict[str, Any], path: str | Path) -> dict[int, str]:
             continue
         name = table.pop("height_map")
         if not isinstance(name, str) or not name:
-            raise SceneError(f"{path}: spall.{i}.height_map = {name!r}: must be the name of a file .npz or .csv")
+            raise SceneError(f"{path}: spall.{i}.height_map = {shown(name)}: must be the name of a file .npz or .csv")
         for key in ("length", "width", "depth"):
             if key in table:
                 raise SceneError(
-                    f"{path}: spall.{i}.{key} = {table[key]!r}: a height map has its own size; leave it out"
+                    f"{path}: spall.{i}.{key} = {shown(table[key])}: a height map has its own size; leave it out"
                 )
         table |= {"length": 0.01, "width": 0.01}
         found[i] = name
@@ -249,7 +249,7 @@ def _loaded(name: str, place: Spall, key: str, folder: Path) -> HeightMap:
             file = heightmap.example_map(name)
         return heightmap.load_height_map(file, place.axial_offset, place.angle, place.surface)
     except heightmap.HeightMapError as error:
-        raise SceneError(f"{key} = {name!r}: {error}") from None
+        raise SceneError(f"{key} = {shown(name)}: {error}") from None
 
 
 def _not_yet(content: dict[str, Any], path: str | Path) -> None:

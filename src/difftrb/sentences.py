@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from annotated_types import Interval, Unit
 
 from difftrb import geometry
-from difftrb.files import known
+from difftrb.files import dotted, known, shown
 
 UNKNOWN_KEY = ("unexpected_keyword_argument", "extra_forbidden")  # pydantic's names
 
@@ -20,10 +20,7 @@ def in_one_sentence(error: Any, root: type) -> str:
     where = list(error["loc"])
     if where[:2] == ["stiffness", "phase"]:  # behind a key of two kinds the kind is named, too
         where = where[:2]
-    key = ".".join(str(part) for part in where)
-    key = key if key.isprintable() else repr(key)
-    value = repr(error["input"])
-    value = value if len(value) <= 60 else f"{value[:57]}..."
+    key, value = dotted(where), shown(error["input"])
     if error["type"] in UNKNOWN_KEY:
         names = [f.name for f in dataclasses.fields(_owner(root, where[:-1]))]
         return f"{key} is not a known key; {known(str(where[-1]), names)}"

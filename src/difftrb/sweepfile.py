@@ -15,7 +15,7 @@ from difftrb import geometry, outputs, scenefile, sweeping
 from difftrb.axes import RANGE_KEYS, Axis, SweepError
 from difftrb.contact import solve_contact
 from difftrb.contact_solution import ContactSolution
-from difftrb.files import known
+from difftrb.files import dotted, known, shown
 from difftrb.nodes import Progress
 from difftrb.plan import Plan
 from difftrb.scenefile import NoEquilibriumError, SceneError, SceneFile
@@ -105,7 +105,7 @@ def parse(text: str, path: str | Path = "scene") -> SweepFile:
 def _texts(table: dict[str, Any], key: str, default: tuple[str, ...]) -> tuple[str, ...]:
     value = table.get(key, default)
     if not isinstance(value, list | tuple) or not all(isinstance(entry, str) for entry in value):
-        raise SweepError(f"{key} = {value!r}: must be a list of names in quotes")
+        raise SweepError(f"{key} = {shown(value)}: must be a list of names in quotes")
     return tuple(value)
 
 
@@ -113,10 +113,13 @@ def _axes(table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
     """Axes by dotted key, whether written straight under [sweep], under [sweep.axes], quoted or not."""
     own = table.get("axes", {})
     if not isinstance(own, dict):
-        raise SweepError(f"axes = {own!r}: must be a table")
+        raise SweepError(f"axes = {shown(own)}: must be a table")
     seen = set()
     for place in ({key: value for key, value in table.items() if key not in SETTINGS}, own):
         for key, spec in _flat(place):
+            written = dotted(key.split("."))
+            if written != key:  # quoted, or cut: no key of a scene has to be
+                raise SweepError(f"{written} is not a known key; known here: {axes_.OF_SCENE}")
             if key in seen:
                 raise SweepError(f"{key} is there twice")
             seen.add(key)
@@ -127,7 +130,7 @@ def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
     for name, value in table.items():
         key = before + name
         if not before and "." not in name and not isinstance(value, dict):
-            raise SweepError(f"{name} is not a known key; {known(name, SETTINGS, ' and dotted keys')}")
+            raise SweepError(f"{dotted([name])} is not a known key; {known(name, SETTINGS, ' and dotted keys')}")
         if isinstance(value, dict) and not set(value) & set(RANGE_KEYS) and value:
             yield from _flat(value, f"{key}.")
         else:

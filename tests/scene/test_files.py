@@ -100,6 +100,11 @@ BAD = {
     "capital letter": ("radial = 9000.0", "Radial = 9000.0", ["load.Radial is not a known key", "did you mean radial"]),
     "capital table": ("[load]", "[Load]", ["Load is not a known key", "did you mean load"]),
     "capital in a spall": ("width = 7.0", "Width = 7.0", ["spall.0.Width is not a known key", "did you mean width"]),
+    "all in capitals": ("width = 7.0", "WIDTH = 7.0", ["spall.0.WIDTH is not a known key", "did you mean width"]),
+    "a key of nothing": ("width = 7.0", '"" = 7.0', ["'spall.0.' is not a known key"]),
+    "a key with a blank": ("width = 7.0", '"width " = 7.0', ["'spall.0.width ' is not a known key"]),
+    "a key without end": ("width = 7.0", "x" * 3000 + " = 7.0", [f"spall.0.{'x' * 49}... is not a known key"]),
+    "a name without end": ('"32008J"', f'"{"x" * 3000}"', ["xxx... is unknown; use 32008J"]),
     "spall that is a number": ("[[spall]]", "spall = 3\n[contact]", ["is not a known key"]),
     "two shapes": (
         "[[spall]]",
@@ -125,8 +130,15 @@ def test_bad_files_get_one_sentence(name: str, tmp_path: Path) -> None:
     sentence = str(caught.value)
     assert sentence.startswith(str(path))
     assert "\n" not in sentence.removeprefix(str(path))
+    assert len(sentence.removeprefix(str(path))) < 400
     for word in words:
         assert word in sentence, sentence
+
+
+def test_a_byte_order_mark_does_not_matter(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(GOOD, encoding="utf-8-sig")
+    assert trb.load_scene(path) == scenefile.parse(GOOD).scene()
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:

@@ -31,7 +31,9 @@ BAD = {
     "missing column": ("axial, q", "q", ["column axial is missing"]),
     "twice": ("sigma, phase", "sigma, sigma", ["column 'sigma' stands twice"]),
     "decimal comma": ("2.4,", "2,4,", ["row 1", "9 cells", "point"]),
-    "quoted over lines": ("mean", '"mean\n"', ["CSV"]),
+    "column without end": ("sigma", "s" * 3000, ["column 'sss", "...", "is not known"]),
+    "cell without end": ("2.4", "4" * 40 + "x" * 3000, ["row 1 (line 4): value = '444", "...: must be"]),
+    "quoted over lines": ("mean", '"mean\n"', ["line 5", "CSV", "quote"]),
 }
 
 
@@ -53,6 +55,7 @@ def test_bad_tables_get_one_sentence(name: str) -> None:
     sentence = str(caught.value)
     assert sentence.startswith("m.csv: ")
     assert "\n" not in sentence
+    assert len(sentence) < 400
     for part in named:
         assert part in sentence, sentence
 

@@ -306,6 +306,7 @@ def test_to_xarray(whole: Path) -> None:
         ('spacing = "log"', 'spacing = "cubic"', "load.axial.spacing = 'cubic': must be 'linear' or 'log'"),
         ("spall.0.length = {", "spall.2.length = {", "spall.2.length: there is 1 entry, counted from 0"),
         ("spall.0.length = {", "spall.0.lenght = {", "did you mean spall.0.length?"),
+        ("spall.0.length = {", '"spall.0.length\\n" = {', "'spall.0.length\\n' is not a known key"),
         ("spall.0.length = {", "spall.0.depth = {", "'liu2018' does not know the depth of a spall; use 'table'"),
         ("spall.0.length = {", "bearing.rollers = {", "bearing.rollers is a count"),
         ("spall.0.length = {", "contact.accuracy = {", "contact.accuracy is not a known key"),
