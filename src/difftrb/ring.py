@@ -184,8 +184,8 @@ def equilibrium(
         known = status.worst(known, terms.known)
     extra = jnp.broadcast_to(0.0 if terms.interference is None else terms.interference, angles.shape)
     healthy = roller_law.curves((), away[:0])
-    start = _start(normals, healthy, safe, terms)
     rollers = Rollers(normals, extra, roller_law.curves(spalls, away) if spalls else healthy, terms.seat)
+    start = _start(rollers, healthy, safe, terms)
     if terms.slices is not None:
         rollers, safe, start = _sliced(terms.slices, rollers, angles, safe, start)
     solve = solve_3x3 if start.size == 3 else jnp.linalg.solve
@@ -285,13 +285,16 @@ def _norm(force: jax.Array) -> jax.Array:
     return jnp.linalg.norm(jax.lax.stop_gradient(force))
 
 
-def _start(normals: jax.Array, healthy: Carried, force: jax.Array, terms: Terms) -> jax.Array:
-    """All rollers as loaded as the first one would be, were the load shared equally."""
+def _start(rollers: Rollers, healthy: Carried, force: jax.Array, terms: Terms) -> jax.Array:
+    """All rollers as loaded as the first one would be, were the load shared equally; if all are clear of what they
+    stand over, beyond the least of these gaps: without a loaded roller Newton's method knows no way."""
     if terms.axial is not None:
         return jnp.zeros(3).at[2].set(terms.axial)
-    axial = normals[0, 2]
-    share = _norm(force) / (normals.shape[0] * axial)
-    return jnp.zeros(3).at[2].set(curve.approach(curve.of(healthy.each, 0), share) / axial)
+    axial = rollers.normals[0, 2]
+    share = _norm(force) / (rollers.normals.shape[0] * axial)
+    clear = jnp.maximum(jnp.min(rollers.curves.each.shift - rollers.interference), 0.0)
+    pressed = curve.approach(curve.of(healthy.each, 0), share) + jax.lax.stop_gradient(clear)
+    return jnp.zeros(3).at[2].set(pressed / axial)
 
 
 def _newton(solve: Callable, parameters: Ring) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:

@@ -116,6 +116,19 @@ def test_a_spall_longer_than_the_law_knows_is_refused_by_status(bearing) -> None
     assert jnp.isnan(r.loads).all()
 
 
+@pytest.mark.parametrize("clear", ["over one spall", "too thin"])
+def test_rollers_that_are_all_clear_at_first(bearing, clear: str) -> None:
+    """Newton's method once began where none was loaded, and ended there."""
+    plain = trb.Scene(bearing, trb.Load(2000.0, 4500.0), law="liu2018")
+    if clear == "too thin":
+        moved = dataclasses.replace(plain, effects=(trb.effects.Diameters((-0.5,) * bearing.rollers),))
+    else:
+        around = trb.Spall(4.0, 1000.0, 0.2)
+        moved = dataclasses.replace(plain, spalls=(around,), effects=(trb.effects.Through(),))
+    there = trb.solve(moved).check()
+    np.testing.assert_allclose(there.loads, trb.solve(plain).check().loads, rtol=1e-9)
+
+
 @pytest.mark.parametrize("rollers", [3, 4, 60, 200])
 def test_few_and_many_rollers(bearing, rollers: int) -> None:
     few = dataclasses.replace(bearing, rollers=rollers)
