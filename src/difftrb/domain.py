@@ -60,7 +60,7 @@ def fitted_cells(
         hollow = halfspace.graded(lower[-1], upper[0], 2 * resolution.spall, at_start=True, at_end=True)
         lines = jnp.concatenate([lower, hollow[1:-1], upper])
     inside = jnp.abs(offset) + 0.5 * spall.width < reach_x
-    unresolved = inside & (spall.width < 2.0 * reach_x / resolution.columns)
+    unresolved = inside & (spall.width > 0.0) & (spall.width < 2.0 * reach_x / resolution.columns)
     return Cells(pitch, x, lines, mirrored), jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED)
 
 

@@ -74,7 +74,7 @@ def fitted(
         inside = (under_rows[i][:, None] & under_columns[i][None, :]) & near[i]
         depression = jnp.maximum(depression, jnp.where(inside, spall.depth, 0.0))  # Liu et al. 2018, eq. (3)
     narrow = jnp.stack([
-        (jnp.abs(o) + 0.5 * s.width < reach_x) & (s.width < 2.0 * reach_x / resolution.columns)
+        (jnp.abs(o) + 0.5 * s.width < reach_x) & (s.width > 0.0) & (s.width < 2.0 * reach_x / resolution.columns)
         for s, o in zip(spalls, offsets, strict=True)
     ])  # fmt: skip
     unresolved = spoiled | jnp.any(narrow)

@@ -199,13 +199,14 @@ def lattice(half_width: jax.Array, columns: int, left: jax.Array, right: jax.Arr
     """Pitch and cell centres in x, with a cell boundary on each spall edge inside ± `half_width`.
 
     `left` and `right` are the spall's edges [mm]. The pitch divides the spall when both edges are inside; an edge that
-    is outside does not act on the lattice at all, so derivatives by it are exactly zero. With no edge inside, a
+    is outside does not act on the lattice at all, so derivatives by it are exactly zero. Nor does the width of a spall
+    narrower than a cell, which the lattice cannot show, or does not have to: 0 is no spall. With no edge inside, a
     boundary lies a quarter of a cell beside the middle: then the errors of the two free boundaries, which ripple with
     their place in a cell, are in opposite phase and cancel.
     """
     even_pitch = 2.0 * half_width / columns
     left_in, right_in = jnp.abs(left) < half_width, jnp.abs(right) < half_width
-    both = left_in & right_in
+    both = left_in & right_in & (right - left >= even_pitch)
     width = jnp.where(both, right - left, 4.0 * half_width)
     count = jnp.maximum(jnp.floor(jax.lax.stop_gradient(width) / even_pitch - 2.0 * EDGE_SHIFT), 1.0)
     pitch = jnp.where(both, width / (count + 2.0 * EDGE_SHIFT), even_pitch)

@@ -66,6 +66,16 @@ def test_vanishing_spalls_join_the_healthy_contact(contact: trb.LineContact) -> 
         assert float(s.approach) == pytest.approx(healthy, rel=2e-3)
 
 
+def test_a_spall_without_width_is_no_spall(contact: trb.LineContact) -> None:
+    """Its two edges are one line: once a lattice of pitch 0, and NaN."""
+    healthy = float(trb.solve_contact(contact, 2000.0, accuracy=1e-2, method="cells").approach)
+    for width in (0.0, 1e-300, 1e-6):
+        for spall in (trb.Spall(2.0, width), (trb.Spall(2.0, width), trb.Spall(0.0, 1.0))):
+            s = trb.solve_contact(contact, 2000.0, spall, accuracy=1e-2, method="cells")
+            assert bool(s.converged) == (width == 0.0), s.status
+            assert float(s.approach) == pytest.approx(healthy, rel=2e-3)
+
+
 def test_a_spall_as_long_as_the_roller_lets_it_down_to_the_bottom(contact: trb.LineContact) -> None:
     s = trb.solve_contact(contact, 2000.0, trb.Spall(LENGTH, 7.0, 0.05), accuracy=1e-2).check()
     healthy = trb.solve_contact(contact, 2000.0, accuracy=1e-2)
