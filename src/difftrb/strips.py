@@ -23,6 +23,7 @@ from difftrb.waves import LARGEST, LEFT, MEETING, MIDDLE, PLACES, RIGHT, Layout
 
 TOLERANCE = 1e-7
 LEAST = 1e-3  # smallest width of one
+ASIDE = 0.1  # width of the strip that stands for a spall which is nowhere near
 PASSES = 60
 WAITING = 0.35  # size of an outline without load, as a share of its size at first
 NEAR = 0.1  # last change of the ends below which Newton's method takes over
@@ -178,7 +179,8 @@ def bounds(layout: Layout, problem: Problem) -> jax.Array:
     """How far the ends may go: (outlines, ends)."""
     sides = np.asarray(layout.sides)
     room = LARGEST - 0.3  # a strip at an edge farther out stays there, without load
-    left, right = (jnp.clip(edge, -room, room) for edge in (problem.left, problem.right))
+    left = jnp.clip(problem.left, -room, room - ASIDE)
+    right = jnp.clip(problem.right, left + ASIDE, room)
     high = jnp.where(sides == LEFT, left, jnp.where(sides == MIDDLE, right, LARGEST))
     low = jnp.where(sides == RIGHT, right, jnp.where(sides == MIDDLE, left, -LARGEST))
     return high[:, None] if layout.even else jnp.stack([low, high], axis=1)
@@ -268,5 +270,10 @@ def _search(layout: Layout, problem: Problem, start: jax.Array, exact: bool):
         jnp.zeros(outlines, int), jnp.asarray(0.5), no, jnp.asarray(0), no, (on, held),
         (jnp.zeros((size, size)), jnp.zeros(size, jnp.int32)),
     )  # fmt: skip
-    x, active, held, _, change, _, count, _, _, factors = jax.lax.while_loop(unfinished, step, first)
-    return x, (active, held), factors, (change, count)
+    x, active, held, _, change, _, count, _, _, (lu, pivots) = jax.lax.while_loop(unfinished, step, first)
+    # where it went astray the last change says so, and numbers to go on with keep NaN out of derivatives of what is
+    # taken in its place
+    sane = jnp.all(jnp.array([jnp.all(jnp.isfinite(v)) for v in (*x, lu)])) & jnp.all(jnp.diagonal(lu) != 0.0)
+    x = jax.tree.map(lambda found, begun: jnp.where(sane, found, begun), x, first[0])
+    factors = jnp.where(sane, lu, jnp.eye(size)), jnp.where(sane, pivots, jnp.arange(size, dtype=pivots.dtype))
+    return x, (active, held), factors, (jnp.where(sane, change, jnp.inf), count)

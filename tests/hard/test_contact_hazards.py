@@ -90,6 +90,20 @@ def test_edges_anywhere_in_the_contact(contact: trb.LineContact, offset: float) 
     assert 8.0e-3 < float(s.approach) < 8.8e-3
 
 
+@pytest.mark.parametrize("offset", [1.0, -1.0, 1000.0])
+def test_a_spall_that_is_nowhere_near(contact: trb.LineContact, offset: float) -> None:
+    """Once a strip of no width and NaN: cells then solved it, and inside `jit` their derivatives were NaN, too."""
+    healthy = trb.solve_contact(contact, 3000.0, accuracy=1e-2)
+    spall = trb.Spall(2.0, 1.0)
+    s, (_, by_load, by_spall, by_offset, _) = contacts.approach_and_gradient(
+        contact, 3000.0, spall, offset, 1e-2, "strips"
+    )
+    assert float(s.check().approach) == pytest.approx(float(healthy.approach), rel=2e-3)
+    assert float(by_load) > 0.0
+    assert float(by_spall.length) == pytest.approx(0.0, abs=1e-4 * float(s.approach))
+    assert float(by_offset) == float(by_spall.width) == 0.0
+
+
 @pytest.mark.parametrize(("load", "beyond"), [(18.4, 0.0815), (21.7, 0.0801), (18.4, 0.085)])
 def test_an_edge_just_out_of_reach_of_a_light_load_over_a_long_spall(
     contact: trb.LineContact, load: float, beyond: float
