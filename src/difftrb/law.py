@@ -80,7 +80,7 @@ def spalls_under(spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
     number of rollers inside. Of several, the longest counts. `distances` as in `Law.curves`.
     """
     over = jnp.zeros(distances.shape[1:], int)
-    longest = jnp.zeros(distances.shape[1:])
+    longest = jnp.full(distances.shape[1:], -1.0)  # a spall of no length counts: its curve is healthy, its slope is not
     for i, spall in enumerate(spalls):
         inside = (jnp.abs(distances[i]) < 0.5 * spall.width) & (spall.length > longest)  # Liu et al. 2018, eq. (7)
         over, longest = jnp.where(inside, i + 1, over), jnp.where(inside, spall.length, longest)

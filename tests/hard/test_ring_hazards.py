@@ -116,6 +116,20 @@ def test_a_spall_longer_than_the_law_knows_is_refused_by_status(bearing) -> None
     assert jnp.isnan(r.loads).all()
 
 
+def test_a_spall_that_begins_to_grow_has_the_slope_of_growing(bearing) -> None:
+    """At length 0 no roller was taken to be over it, and the derivative was 0."""
+
+    def stiffness(length: jax.Array) -> jax.Array:
+        scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(length, 7.0),), law="liu2018")
+        return trb.solve(scene).stiffness[0, 0]
+
+    value, slope = jax.jit(jax.value_and_grad(stiffness))(0.0)
+    healthy = trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), law="liu2018"))
+    assert float(value) == pytest.approx(float(healthy.stiffness[0, 0]), rel=1e-12)
+    assert float(slope) == pytest.approx(float(stiffness(1e-5) - value) / 1e-5, rel=1e-3)
+    assert abs(float(slope)) > 1.0
+
+
 @pytest.mark.parametrize("clear", ["over one spall", "too thin"])
 def test_rollers_that_are_all_clear_at_first(bearing, clear: str) -> None:
     """Newton's method once began where none was loaded, and ended there."""
