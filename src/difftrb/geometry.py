@@ -7,7 +7,7 @@ tapered roller roll without slip. Lengths in mm, angles in rad, modulus in MPa, 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -119,8 +119,17 @@ for _cls in (TaperedBearing, Spall, LineContact):
 
 
 def as_floats(tree: Tree) -> Tree:
-    """The same pytree with whole Python numbers turned into floats, so that `Spall(4, 7)` can be differentiated."""
-    return jax.tree.map(lambda leaf: float(leaf) if isinstance(leaf, int) else leaf, tree)
+    """The same pytree with whole Python numbers turned into floats, so that `Spall(4, 7)` can be differentiated, and
+    shorter floats into float64: one float32 among weakly typed numbers makes all that it meets float32."""
+
+    def as_float(leaf: Any) -> Any:
+        if isinstance(leaf, int):
+            return float(leaf)
+        kind = getattr(leaf, "dtype", None)
+        short = kind is not None and jnp.issubdtype(kind, jnp.floating) and kind != jnp.float64
+        return jnp.asarray(leaf, float) if short else leaf
+
+    return jax.tree.map(as_float, tree)
 
 
 def spall_is_sound(spall: Spall) -> jax.Array:
