@@ -59,6 +59,8 @@ def kinds(raceway_law: law.Law) -> dict[str, tuple[effects.Effect, ...]]:
         "life": (effects.Life(),),
         "mounting, 15 µm": (effects.Mounting(0.015),),
         "tilt": (effects.Tilt(),),
+        "double row, 20 µm": (effects.DoubleRow(0.02),),
+        "… and it tilts": (effects.DoubleRow(0.02, spacing=30.0),),
     }
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from annotated_types import Interval, Unit
 
-from difftrb import geometry, ring, roller
+from difftrb import geometry, pair, ring, roller
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.law import Law
 from difftrb.ring import Equilibrium, Load, Terms
 
+Length = Annotated[Real, Interval(ge=-1.0, le=1.0), Unit("mm")]
+Moment = Annotated[Real, Interval(ge=-1e9, le=1e9), Unit("N mm")]
 Results = dict[str, jax.Array]
 """What an effect adds to a solution, by name."""
 
@@ -31,9 +34,10 @@ class Ring(NamedTuple):
         """Of the rollers [rad]."""
         return ring.roller_angles(self.bearing, self.phase)
 
-    def distances(self, raceway: geometry.Raceway) -> jax.Array:
-        """See `ring.distances`."""
-        return ring.distances(self.bearing, ring.spalls_on(self.spalls, raceway), self.angles, raceway)
+    def distances(self, raceway: geometry.Raceway, terms: Terms) -> jax.Array:
+        """See `ring.distances`; with a second row those of its rollers behind."""
+        away = ring.distances(self.bearing, ring.spalls_on(self.spalls, raceway), self.angles, raceway)
+        return away if terms.pair is None else pair.beside(away)
 
     def equilibrium(self, terms: Terms) -> Equilibrium:
         """At rest with these terms."""
@@ -80,7 +84,10 @@ def held_by(rest: Equilibrium, terms: Terms, of: Ring) -> Results:
     """The axial force [N] that holds the rings where they are, if they are held."""
     if terms.axial is None:
         return {}
-    return {"axial_force": jnp.sum(rest.loads) * jnp.sin(of.bearing.outer_angle)}
+    pressed = jnp.sum(rest.loads)
+    if rest.second_loads is not None:
+        pressed = pressed - jnp.sum(rest.second_loads)
+    return {"axial_force": pressed * jnp.sin(of.bearing.outer_angle)}
 
 
 def thicker(terms: Terms, more: jax.Array) -> Terms:

@@ -15,15 +15,15 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 from difftrb import geometry, life, ring, roller, slices, status
-from difftrb.effect import Effect, Results, Ring, held_by, on_the_inner_ring, seat, thicker
+from difftrb.double_row import DoubleRow
+from difftrb.effect import Effect, Length, Moment, Results, Ring, held_by, on_the_inner_ring, seat, thicker
 from difftrb.geometry import Real, TaperedBearing
 from difftrb.given import is_given
 from difftrb.law import Law
 from difftrb.ring import Equilibrium, Load, Terms
+from difftrb.tilting import Tilting
 
-Length = Annotated[Real, Interval(ge=-1.0, le=1.0), Unit("mm")]
 Diameter = Annotated[Real, Interval(ge=0.1, le=5000.0), Unit("mm")]
-Moment = Annotated[Real, Interval(ge=-1e9, le=1e9), Unit("N mm")]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +50,7 @@ class SeriesRaceways(Raceways):
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Inner contacts that give way."""
-        law, spalls, away = cast(Law, self.law), ring.spalls_on(of.spalls, "inner"), of.distances("inner")
+        law, spalls, away = cast(Law, self.law), ring.spalls_on(of.spalls, "inner"), of.distances("inner", terms)
         known = status.worst(law.judge(spalls, away), jnp.asarray(law.status_code).astype(int))
         return terms._replace(seat=seat(terms, of)._replace(inner_curves=law.curves(spalls, away)), known=known)
 
@@ -123,7 +123,10 @@ class Centrifugal(Effect):
         if self.control == "position" and terms.axial is None:
             terms = terms._replace(axial=of.equilibrium(terms).displacement[2])
         if self.convention == "printed":
-            thrown = self.force(of.bearing) * jnp.stack([jnp.sum(jnp.cos(of.angles)), jnp.sum(jnp.sin(of.angles))])
+            rows = 1 if terms.pair is None else 2
+            thrown = (
+                rows * self.force(of.bearing) * jnp.stack([jnp.sum(jnp.cos(of.angles)), jnp.sum(jnp.sin(of.angles))])
+            )
             return terms._replace(extra=-jnp.append(thrown, 0.0))  # Liu et al. 2018, eq. (5)
         return terms._replace(seat=seat(terms, of)._replace(centrifugal=self.force(of.bearing)))
 
@@ -220,7 +223,8 @@ class Diameters(Effect):
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Added to the rollers' approach."""
-        return thicker(terms, jnp.stack([jnp.asarray(deviation, float) for deviation in self.deviations]))
+        more = jnp.stack([jnp.asarray(deviation, float) for deviation in self.deviations])
+        return thicker(terms, more if terms.pair is None else jnp.concatenate([more, jnp.zeros_like(more)]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -241,7 +245,8 @@ class Tilt(Effect):
     Attributes:
       moment_radial, moment_lateral: about the radial and the lateral axis [N mm], −1e9…1e9. Default 0.
       reach: how far the tilting centre lies along the rollers from the middle of the contacts, towards their small
-        ends [mm], −1000…1000. Default 0: where the contacts' normals meet the axis, the bearing's load centre.
+        ends [mm], −1000…1000. Default 0: where the contacts' normals meet the axis, the bearing's load centre. With
+        `DoubleRow` it is the middle between the rows, and moments add to that effect's.
       slices: of every roller, 1…200. Default 30, which ISO/TS 16281 asks for at least.
       rings: "free" to tilt (default), or "parallel": three degrees of freedom, slices alone.
     """
@@ -258,10 +263,16 @@ class Tilt(Effect):
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers in slices."""
         outer = ring.spalls_on(of.spalls, "outer")
+        terms = terms._replace(slices=slices.sliced(of.contact, outer, of.distances("outer", terms), self.slices))
+        if self.rings == "parallel":
+            return terms
         moments = jnp.stack([jnp.asarray(m, float) for m in (self.moment_radial, self.moment_lateral)])
-        moments = moments if self.rings == "free" else moments[:0]
-        away = of.distances("outer")
-        return terms._replace(slices=slices.sliced(of.contact, outer, away, self.slices, self.reach, moments))
+        reach = self.reach
+        if terms.pair is not None and terms.pair.reach is not None and terms.tilting is not None:
+            reach, moments = terms.pair.reach, moments + terms.tilting.moments
+        levers = jnp.tile(slices.places(of.contact, self.slices) + reach, of.bearing.rollers)
+        levers = levers if terms.pair is None else jnp.concatenate([levers, -levers])
+        return terms._replace(tilting=Tilting(levers, moments))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -270,7 +281,8 @@ class Life(Effect):
     (ISO/TS 16281). With phase "mean" the mean of lives.
 
     Attributes:
-      load_rating: basic dynamic load rating C [N], 1…1e9. Default: by ISO 281 from the bearing's numbers.
+      load_rating: basic dynamic load rating C [N], 1…1e9, with `DoubleRow` the pair's. Default: by ISO 281 from the
+        bearing's numbers.
     """
 
     key = "life"
@@ -278,18 +290,23 @@ class Life(Effect):
     load_rating: Annotated[Real, Interval(ge=1.0, le=1e9), Unit("N")] | None = None
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
-        """`load_rating` [N], `basic_life`, `reference_life` [million revolutions]."""
-        rating = life.load_rating(of.bearing) if self.load_rating is None else jnp.asarray(self.load_rating, float)
+        """`load_rating` [N] of all rows, `basic_life`, `reference_life` [million revolutions]."""
+        rows = 1 if terms.pair is None else 2
+        rating = life.load_rating(of.bearing, rows)
+        rating = rating if self.load_rating is None else jnp.asarray(self.load_rating, float)
         axial = of.load.axial if terms.axial is None else held_by(rest, terms, of)["axial_force"]
-        inner = rest.loads if terms.seat is None else roller.inner_load(terms.seat, rest.loads)
+        outer = rest.loads if rest.second_loads is None else jnp.stack([rest.loads, rest.second_loads])
+        inner = outer if terms.seat is None else roller.inner_load(terms.seat, outer)
         return {
             "load_rating": rating,
-            "basic_life": life.basic(of.bearing, rating, of.load.radial, axial),
-            "reference_life": life.reference(of.bearing, rating, inner, rest.loads),
+            "basic_life": life.basic(of.bearing, rating, of.load.radial, axial, rows),
+            "reference_life": life.reference(of.bearing, rating, inner, outer),
         }
 
 
-EFFECTS: tuple[type[Effect], ...] = (Raceways, Flange, Diameters, Mounting, Centrifugal, Through, Tilt, Life)
+EFFECTS: tuple[type[Effect], ...] = (
+    DoubleRow, Raceways, Flange, Diameters, Mounting, Centrifugal, Through, Tilt, Life,
+)  # fmt: skip
 """All there are, in the order in which they act."""
 
 for _cls in (*EFFECTS, SeriesRaceways):

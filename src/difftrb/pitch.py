@@ -39,12 +39,15 @@ def phases(
     healthy bearing, at rest with `terms`.
     """
     rest = jax.lax.stop_gradient(ring.equilibrium(bearing, load, (), met[0].law, 0.0, terms))
-    u = rest.displacement
     alpha = bearing.outer_angle
-    cos_end = -u[2] * jnp.tan(alpha) / jnp.where(u[0] > 0.0, u[0], 1.0)
-    partly = (jnp.abs(cos_end) < 1.0) & (u[0] > 0.0)
-    zone = jnp.where(partly, jnp.arccos(jnp.where(partly, cos_end, 0.0)), 0.0)
-    kinks: list[jax.Array] = [zone, -zone]
+    rows = (rest.displacement,) if terms.pair is None else terms.pair.rows(rest.displacement, alpha)
+    kinks: list[jax.Array] = []
+    for u in rows:
+        cos_end = -u[2] * jnp.tan(alpha) / jnp.where(u[0] > 0.0, u[0], 1.0)
+        partly = (jnp.abs(cos_end) < 1.0) & (u[0] > 0.0)
+        zone = jnp.where(partly, jnp.arccos(jnp.where(partly, cos_end, 0.0)), 0.0)
+        kinks += [zone, -zone]
+    u = rows[0]  # whose rollers meet the spalls
     for raceway, spalls, law in met:
         radius = geometry.arc_radius(bearing, raceway)
         for i, spall in enumerate(spalls):

@@ -12,7 +12,7 @@ import numpy as np
 
 from difftrb import direct, effects, pitch, ring, status, table
 from difftrb import law as laws
-from difftrb.effects import Raceways, SeriesRaceways, Through
+from difftrb.effects import DoubleRow, Raceways, SeriesRaceways, Through
 from difftrb.geometry import LineContact, Raceway, Real, Spall, as_floats
 from difftrb.law import Law
 from difftrb.nodes import Progress
@@ -46,12 +46,21 @@ def prepared_law(
     spalls = ring.spalls_on(scene.spalls, raceway)
     if scene.law.name == "power" and not of_one_shape(spalls):
         raise ValueError(SEVERAL_SHAPES)
-    largest = ring.largest_load(scene.bearing, scene.load)
+    largest = _largest_load(scene)
     if scene.law.name in BY_NODES:
         return _by_nodes(scene, raceway, largest, progress)
     spall = spalls[0] if spalls else None
     low = largest if least is None else least
     return laws.named(scene.law.name, contact, (low / 6.0, 1.2 * largest), spall, scene.accuracy)
+
+
+def _largest_load(scene: Scene) -> Real:
+    """A first estimate of the most loaded roller's load [N]."""
+    largest = ring.largest_load(scene.bearing, scene.load)
+    for effect in scene.effects:
+        if isinstance(effect, DoubleRow):
+            largest = largest + effect.pressed(scene.bearing)
+    return largest
 
 
 def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:

@@ -23,7 +23,9 @@ from difftrb.solution import Assessment
 BAR = 28
 DIRECTIONS = ("radial", "lateral", "axial", "about_radial", "about_lateral")
 UNITS = {"centrifugal_force": "N", "axial_force": "N", "load_rating": "N", "flange_angle": "rad", "tightened": "mm",
-         "basic_life": "million revolutions", "reference_life": "million revolutions"}  # fmt: skip
+         **dict.fromkeys((f"{row}_row_{way}" for row in ("first", "second") for way in ("radial", "axial")), "N"),
+         "second_row_share": "%", "basic_life": "million revolutions",
+         "reference_life": "million revolutions"}  # fmt: skip
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
@@ -109,7 +111,9 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
         stiffness.add_row(name, *(number(v, ",.0f") for v in values), number(result.loss[row], ".3f"), *slopes)
 
     loads = house_table("Load distribution")
-    more = {name.removesuffix("_loads"): values for name, values in spalled.effects.items() if values.ndim}
+    more = {
+        name.removesuffix("_loads").replace("_", " "): values for name, values in spalled.effects.items() if values.ndim
+    }
     for heading in ("roller", "angle [rad]", "load [N]", "against healthy", *(f"on {name} [N]" for name in more)):
         loads.add_column(heading, justify="right")
     if not more:

@@ -16,12 +16,13 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import curve, geometry, implicit, ramp, roller, status
+from difftrb import curve, geometry, implicit, pair, ramp, roller, status
 from difftrb.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
 from difftrb.law import Law
+from difftrb.pair import Pair
 from difftrb.ramp import Carried
 from difftrb.roller import Seat
-from difftrb.slices import Slices
+from difftrb.tilting import Tilting
 
 ITERATIONS = 60
 TOLERANCE = 1e-12
@@ -46,9 +47,10 @@ class Load:
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["displacement", "approach", "loads", "tangent", "residual", "iterations", "status_code"],
+    data_fields=["displacement", "approach", "loads", "tangent", "residual", "iterations", "status_code",
+                 "second_loads"],
     meta_fields=[],
-)
+)  # fmt: skip
 @dataclasses.dataclass(frozen=True)
 class Equilibrium:
     """A ring at rest.
@@ -59,7 +61,9 @@ class Equilibrium:
       approach: of every roller [mm], shape (rollers,), negative where it is clear of the raceway.
       loads: of every roller on the outer raceway [N], shape (rollers,).
       tangent: dF/du [N/mm], shape (3, 3); with tilt [N/mm, N/rad, N mm/rad], shape (5, 5).
-      residual: largest unbalanced force relative to the load. iterations: Newton steps. status_code: `difftrb.status`.
+      residual: largest unbalanced force relative to the load, or to what presses without one. iterations: Newton steps.
+      status_code: `difftrb.status`.
+      second_loads: as `loads`, of a second row; None: there is none.
     """
 
     displacement: jax.Array
@@ -69,6 +73,7 @@ class Equilibrium:
     residual: jax.Array
     iterations: jax.Array
     status_code: jax.Array
+    second_loads: jax.Array | None = None
 
 
 def roller_angles(bearing: TaperedBearing, phase: Real) -> jax.Array:
@@ -137,17 +142,21 @@ class Terms(NamedTuple):
       interference: what rollers are too thick, added to their approach [mm], one number or shape (rollers,).
       seat: what holds rollers besides the outer raceway; None: an inner ring that does not give way.
       axial: axial displacement [mm] at which the rings are held, whatever axial force that takes; None: the load's.
-      slices: rollers in slices, for rings that tilt; None: rings that stay parallel.
+      slices: what slices of rollers carry, shape (rollers · slices,), roller by roller; None: rollers are whole.
+      tilting: of rings that tilt; None: they stay parallel.
       extra: force on the ring beside the load [N], shape (3,).
       known: status: whether further laws know the spalls they meet; None: there are no further laws.
+      pair: a second row; None: there is none. With it, rollers in all else are those of both rows, the first's first.
     """
 
     interference: Real | None = None
     seat: Seat | None = None
     axial: Real | None = None
-    slices: Slices | None = None
+    slices: Carried | None = None
+    tilting: Tilting | None = None
     extra: jax.Array | None = None
     known: jax.Array | None = None
+    pair: Pair | None = None
 
 
 PLAIN = Terms()
@@ -173,12 +182,17 @@ def equilibrium(
     held = spare > needed_axial(bearing, load.radial, phase) * (1.0 + 1e-6)
     if terms.axial is not None:
         held = jnp.asarray(True)
+    elif terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it
+        held = load.radial + load.axial > 0.0
     force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
     if terms.extra is not None:
         force = force + terms.extra
     safe = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
 
     away = distances(bearing, spalls, angles)
+    if terms.pair is not None:
+        away = pair.beside(away)
+        angles, normals = jnp.tile(angles, 2), pair.both(normals)
     known = roller_law.judge(spalls, away)
     if terms.known is not None:
         known = status.worst(known, terms.known)
@@ -186,12 +200,20 @@ def equilibrium(
     healthy = roller_law.curves((), away[:0])
     rollers = Rollers(normals, extra, roller_law.curves(spalls, away) if spalls else healthy, terms.seat)
     start = _start(rollers, healthy, safe, terms)
+    if terms.pair is not None and terms.axial is None:  # the first row pressed by the load, or both by the preload
+        start = start.at[2].set(jnp.maximum(start[2] - 0.5 * jax.lax.stop_gradient(terms.pair.preload), 0.0))
     if terms.slices is not None:
-        rollers, safe, start = _sliced(terms.slices, rollers, angles, safe, start)
+        count = terms.slices.each.shift.size // angles.size
+        rollers = Rollers(jnp.repeat(normals, count, axis=0), jnp.repeat(extra, count), terms.slices)
+    if terms.tilting is not None:
+        rollers = rollers._replace(normals=terms.tilting.directions(rollers.normals, angles))
+        safe = jnp.concatenate([safe, terms.tilting.moments / terms.tilting.longest])
+        start = jnp.concatenate([start, jnp.zeros(2)])
     solve = solve_3x3 if start.size == 3 else jnp.linalg.solve
     size = _norm(safe)
-    if terms.axial is not None:
-        size = jnp.maximum(size, jax.lax.stop_gradient(jnp.sum(rollers.carried(rollers.approach(start))[0])))
+    if terms.axial is not None or terms.pair is not None:  # what presses without a load
+        still = start if terms.pair is None else jnp.zeros_like(start)
+        size = jnp.maximum(size, jax.lax.stop_gradient(jnp.sum(rollers.carried(rollers.approach(still))[0])))
     system = rollers, safe, start, size, terms.axial
     u, (residual, iterations) = implicit.root(_unbalanced, partial(_newton, solve), solve, system)
     approach = rollers.approach(u)
@@ -200,21 +222,28 @@ def equilibrium(
     if terms.slices is not None:
         approach, loads = approach.reshape(angles.size, -1), loads.reshape(angles.size, -1)
         approach, loads = jnp.mean(approach, axis=1), jnp.sum(loads, axis=1)
-        u, tangent = terms.slices.in_radians(u, tangent)
+    if terms.tilting is not None:
+        u, tangent = terms.tilting.in_radians(u, tangent)
 
     converged = (residual <= TOLERANCE) & jnp.all(jnp.isfinite(u))
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
+    if terms.pair is not None and terms.tilting is not None and terms.slices is None:
+        rows = jnp.sum(loads.reshape(2, -1), axis=1)
+        code = jnp.where(converged & (jnp.min(rows) <= 0.0), status.LOOSE, code)
     code = jnp.where(known == status.CONVERGED, code, known)
     code = jnp.where(held, code, status.NO_EQUILIBRIUM)
     code = jnp.where(valid, code, status.BAD_INPUT)
     code = status.worst(code, jnp.asarray(roller_law.status_code).astype(int))
-    usable = valid & held & (known == status.CONVERGED)
+    usable = valid & held & (known == status.CONVERGED) & (code != status.LOOSE)
 
     def only_if_usable(value: jax.Array) -> jax.Array:
         return jnp.where(usable, value, jnp.nan)
 
     u, approach, loads, tangent, residual = map(only_if_usable, (u, approach, loads, tangent, residual))
-    return Equilibrium(u, approach, loads, tangent, residual, iterations, code)
+    if terms.pair is None:
+        return Equilibrium(u, approach, loads, tangent, residual, iterations, code)
+    first, second = jnp.split(loads, 2)
+    return Equilibrium(u, approach[: first.size], first, tangent, residual, iterations, code, second)
 
 
 def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
@@ -239,17 +268,6 @@ class Rollers(NamedTuple):
         if self.seat is None:
             return ramp.carried(self.curves, approach)
         return roller.carried(self.seat, self.curves, approach)
-
-
-def _sliced(
-    slices: Slices, rollers: Rollers, angles: jax.Array, force: jax.Array, start: jax.Array
-) -> tuple[Rollers, jax.Array, jax.Array]:
-    """The same ring with every roller in slices, and with two more degrees of freedom if its rings tilt."""
-    normals, curves = slices.normals(rollers.normals, angles), slices.curves
-    extra = jnp.repeat(rollers.interference, normals.shape[0] // angles.size)
-    more = normals.shape[1] - 3
-    force = jnp.concatenate([force, slices.moments / slices.longest])
-    return Rollers(normals, extra, curves), force, jnp.concatenate([start, jnp.zeros(more)])
 
 
 def _tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:

@@ -13,6 +13,7 @@ from annotated_types import Interval, Unit
 from difftrb import effects
 from difftrb.effects import Effect
 from difftrb.geometry import Real, Spall, TaperedBearing
+from difftrb.given import is_given
 from difftrb.law import Law, Palmgren
 from difftrb.ring import Load
 
@@ -108,9 +109,30 @@ def unmet(scene: Scene) -> str | None:
         )
     if "tilt" in keys and not isinstance(scene.law, Palmgren) and name != "palmgren":
         return "effects.tilt carries by slices of ISO/TS 16281: set contact.law = 'palmgren'"
+    if {"tilt", "double_row"} <= keys and (sentence := _tilting_pair(scene.effects)) is not None:
+        return sentence
     for effect in scene.effects:
         try:
             effect.check(scene.bearing, scene.load)
         except ValueError as error:
             return str(error)
+    return None
+
+
+def _tilting_pair(acting: tuple[Effect, ...]) -> str | None:
+    """What keeps slices and a second row from being had together; None if nothing does."""
+    tilt = next(effect for effect in acting if isinstance(effect, effects.Tilt))
+    row = next(effect for effect in acting if isinstance(effect, effects.DoubleRow))
+    if is_given(tilt.reach):
+        return (
+            "effects.tilt.reach must be 0 with effects.double_row, whose shaft tilts about the middle between its "
+            "rows; leave it out"
+        )
+    if tilt.rings == "free" and row.spacing is None:
+        return "effects.double_row.spacing is missing: effects.tilt needs it, or rings = 'parallel'; give one of both"
+    if tilt.rings == "parallel" and row.spacing is not None:
+        return (
+            "effects.tilt.rings = 'parallel' and effects.double_row.spacing exclude each other: rings with a spacing "
+            "tilt; leave one out"
+        )
     return None

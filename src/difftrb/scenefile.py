@@ -69,6 +69,7 @@ class EffectsTable:
 
     __pydantic_config__ = FILE_RULES
 
+    double_row: effects.DoubleRow | None = None
     raceways: effects.Raceways | None = None
     flange: effects.Flange | None = None
     diameters: effects.Diameters | None = None
@@ -346,6 +347,8 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
         raise NoEquilibriumError(
             f"{path}: load.axial = 0 N and load.radial = 0 N: there is nothing to hold; give a load"
         )
+    if file.effects.double_row is not None:  # one of both rows is pressed by any load
+        return
     phase = file.stiffness.phase
     # of all phases the worst has the load line in the middle between two rollers
     worst = 0.5 * geometry.roller_pitch(file.bearing) if phase == "mean" else phase

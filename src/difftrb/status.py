@@ -17,6 +17,7 @@ UNKNOWN_LENGTH = 6
 UNSUITED = 7
 OTHER_SCENE = 8
 NARROW = 9
+LOOSE = 10
 UNDEFINED = 100
 
 SENTENCES = {
@@ -33,6 +34,8 @@ SENTENCES = {
     "edge in reach): use solve_contact with method 'cells'",
     OTHER_SCENE: "the roller law was prepared for another scene: prepare this one, by naming its law",
     NARROW: "a spall is so narrow that both its edges are in reach of a roller at once: use law 'direct'",
+    LOOSE: "one of two rows carries nothing, and the other one alone does not hold the shaft's tilt: raise "
+    "effects.double_row.preload, leave its spacing out, or name effects.tilt, too",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
     UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }

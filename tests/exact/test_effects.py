@@ -218,6 +218,7 @@ def test_reference_life_is_the_basic_one_where_that_is_defined(bearing) -> None:
 
 
 KINDS = {
+    "double_row": effects.DoubleRow(0.01, spacing=30.0, moment_lateral=1e4),
     "raceways": SERIES,
     "flange": effects.Flange("hertz", 100.0),
     "diameters": effects.Diameters(tuple(1e-3 * np.cos(np.arange(23.0)))),
@@ -256,7 +257,8 @@ def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
             load = trb.Load(9000.0 * (1.0 + by), 0.0 if held else 4500.0)
             r = trb.solve(trb.Scene(bearing, load, spalls, roller_law, effects=more))
             numbers = jnp.concatenate([r.loads / 1e3, r.stiffness.ravel()[:3] / 1e6])
-            return numbers, jnp.concatenate([r.loads, r.residual[None], r.status_code[None]])
+            every = r.loads + r.effects.get("second_row_loads", 0.0)
+            return numbers, jnp.concatenate([every, r.residual[None], r.status_code[None]])
 
         if not slopes_too:
             value, more = solved(by)

@@ -10,11 +10,12 @@ import difftrb as trb
 ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given", "special", "rows", "gap", "domain",
         "edges", "lattice", "implicit", "press", "waves", "strips", "strip_model", "contact_solution", "contact",
         "contact_slopes", "intensity", "line", "curve", "ramp", "law", "nodes", "direct", "store", "atlas", "table",
-        "roller", "slices", "ring", "pitch", "life", "effect", "effects", "scene", "preparation", "solution", "axes",
-        "outputs", "devices", "swept", "plan", "sweeping", "gathered", "chunks", "forecast", "sentences", "scenefile",
-        "sweepfile", "measured", "unknowns", "observed", "least_squares", "confidence", "fitted", "optimal_design",
-        "remarks", "fitting", "clock", "rungs", "accuracy", "report", "fit_report", "accuracy_report", "plot",
-        "sweep_plot", "fit_plot", "accuracy_plot", "terminal", "environment", "folders", "__main__"]  # fmt: skip
+        "roller", "slices", "tilting", "pair", "ring", "pitch", "life", "effect", "double_row", "effects", "scene",
+        "preparation", "solution", "axes", "outputs", "devices", "swept", "plan", "sweeping", "gathered", "chunks",
+        "forecast", "sentences", "scenefile", "sweepfile", "measured", "unknowns", "observed", "least_squares",
+        "confidence", "fitted", "optimal_design", "remarks", "fitting", "clock", "rungs", "accuracy", "report",
+        "fit_report", "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot", "terminal", "environment",
+        "folders", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {
     "jaxopt": {"implicit"},
