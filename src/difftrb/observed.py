@@ -111,7 +111,8 @@ def _stiffness(scene: Scene, todo: Plan, preload: Real) -> tuple[jax.Array, jax.
 
     every: dict[int, jax.Array] = {}
     codes = []
-    for definition in dict.fromkeys(definition for definition, _ in todo.kinds):
+    definitions: dict[Definition, None] = dict.fromkeys(definition for definition, _ in todo.kinds)
+    for definition in definitions:
 
         def one(condition: jax.Array, definition: Definition = definition) -> tuple[jax.Array, jax.Array]:
             solved = solution.solve(dataclasses.replace(under(condition, False), definition=definition))

@@ -111,7 +111,7 @@ def _left(t: jax.Array, coefficients: jax.Array) -> jax.Array:
 
 def guessed(healthy: jax.Array, full: jax.Array, t: jax.Array) -> jax.Array:
     """About the load [N], before any solve at the edge."""
-    return full + (healthy - full) * _left(t, GUESS.reshape(-1, *[1] * t.ndim))
+    return full + (healthy - full) * _left(t, jnp.reshape(GUESS, (-1, *[1] * t.ndim)))
 
 
 def between(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:

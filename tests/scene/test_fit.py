@@ -7,13 +7,13 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import optimize
 
 import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb import confidence, fit_report, least_squares, optimal_design, scenefile, unknowns
-from difftrb.fitting import fit, solved, start_places
+from difftrb.fitting import evaluated, fit, solved, start_places
 from difftrb.measured import MeasuredError, Measurement, example, parse
+from experiments.speed_of_fit import ours, scipys
 
 TRUTH = {"length": 5.0, "width": 9.0}
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))
@@ -77,18 +77,9 @@ def test_exact_data_give_the_spall_back(rig: trb.Scene, exact: np.ndarray) -> No
 def test_it_is_the_least_squares_of_scipy(noisy_fit: trb.Fit) -> None:
     problem = noisy_fit.problem
     starts = start_places(problem.unknowns, noisy_fit.scene, 16)
-    every = np.zeros_like(starts, bool)
-
-    def deviations(u: np.ndarray) -> np.ndarray:
-        told = solved(problem, u[None], every[:1], 0, 0).told[0][0]
-        return (told - np.asarray(problem.measured)) / np.asarray(problem.sigma)
-
-    best = starts[np.argmin([np.sum(deviations(u) ** 2) for u in starts])]
-    theirs = optimize.least_squares(deviations, best, xtol=1e-12, ftol=1e-12, gtol=1e-12)
-    ours = noisy_fit.chi2
-    assert 2.0 * theirs.cost == pytest.approx(ours, rel=1e-6)
-    there = np.asarray(problem.unknowns.values(jnp.asarray(theirs.x)))
-    np.testing.assert_allclose(noisy_fit.values, there, rtol=1e-6)
+    theirs = scipys(problem, starts, lambda u: evaluated(problem, u[None]).residual[0])
+    np.testing.assert_allclose(ours(problem, starts), theirs, rtol=1e-6)
+    np.testing.assert_allclose(noisy_fit.values, theirs, rtol=1e-6)
 
 
 def test_slopes_equal_central_differences(noisy_fit: trb.Fit) -> None:
