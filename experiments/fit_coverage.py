@@ -116,13 +116,14 @@ def figure(record: dict[str, Any], told: dict[str, Any]) -> None:
     chance = 196.0 * np.sqrt(0.95 * 0.05 / own["sets"])
     left.axhspan(95.0 - chance, min(95.0 + chance, 100.0), color=plot.ACCENT, alpha=0.35, lw=0)
     left.axhline(95.0, color="black", lw=0.8)
-    for key, label, marker, colour in (
-        ("coverage_of_intervals", "with the law's own error", "o", plot.HEALTHY),
-        ("coverage_of_intervals_without_own_error", "without", "s", plot.SPALLED),
+    for key, label, marker, colour, aside in (
+        ("coverage_of_intervals", "with the law's own error", "o", plot.HEALTHY, -0.06),
+        ("coverage_of_intervals_without_own_error", "without", "s", plot.SPALLED, 0.06),
     ):
-        left.plot(NAMES, [own[key][name] for name in NAMES], marker, color=colour, label=label)
+        left.plot([aside, 1.0 + aside], [own[key][name] for name in NAMES], marker, color=colour, label=label)
     left.set(xlim=(-0.6, 1.6), ylabel="95 % intervals that hold the truth [%]", title=f"{own['sets']} data sets")
-    left.legend(frameon=False, title="band: chance, 95 %")
+    left.set_xticks(range(len(NAMES)), list(NAMES))
+    left.legend(frameon=False, title="band: chance, 95 %", loc="center")
     size = np.array([float(SPALL.length), float(SPALL.width)])
     for i, (name, marker, colour) in enumerate(zip(NAMES, "os", (plot.HEALTHY, plot.SPALLED), strict=True)):
         for k, design in enumerate(told):
