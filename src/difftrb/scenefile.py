@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import re
 import tomllib
@@ -209,7 +210,7 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
         raise SceneError(f"{path}: [spall] is a list of tables; write [[spall]]")
     maps = _height_maps(content, path)
     try:  # as JSON, where strictness still lets a table become a dataclass and a list a tuple
-        file = TypeAdapter(SceneFile).validate_json(json.dumps(content, default=str))
+        file = _adapter().validate_json(json.dumps(content, default=str))
     except ValidationError as error:
         worst = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY)  # a misspelt key explains a missing one
         raise SceneError(f"{path}: {in_one_sentence(worst, SceneFile)}") from None
@@ -222,6 +223,12 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
     return dataclasses.replace(file, spall=tuple(spalls))
 
 
+@functools.cache
+def _adapter() -> TypeAdapter[SceneFile]:
+    """Made once, which takes longer than to check a file, and only if a file is read."""
+    return TypeAdapter(SceneFile)
+
+
 def _height_maps(content: dict[str, Any], path: str | Path) -> dict[int, str]:
     """Names of height maps by the index of their spall, which keeps a stand-in for the sizes it does not have."""
     found: dict[int, str] = {}
@@ -230,7 +237,7 @@ def _height_maps(content: dict[str, Any], path: str | Path) -> dict[int, str]:
         if not isinstance(table, dict) or "height_map" not in table:
             continue
         name = table.pop("height_map")
-        if not isinstance(name, str) or not name:
+        if not isinstance(name, str) or not name or not name.isprintable():
             raise SceneError(f"{path}: spall.{i}.height_map = {shown(name)}: must be the name of a file .npz or .csv")
         for key in ("length", "width", "depth"):
             if key in table:

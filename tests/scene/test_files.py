@@ -96,6 +96,7 @@ BAD = {
         ["load.axial = 0 N and load.radial = 0 N"],
     ),
     "map of no name": ("length = 4.0", "height_map = 4.0", ["spall.0.height_map = 4.0", ".npz or .csv"]),
+    "map with a tab in its name": ("length = 4.0", 'height_map = "a\\tb"', ["height_map = 'a\\tb': must be the name"]),
     "map with a width": ("length = 4.0", 'height_map = "spall_map.npz"', ["spall.0.width = 7.0", "has its own size"]),
     "capital letter": ("radial = 9000.0", "Radial = 9000.0", ["load.Radial is not a known key", "did you mean radial"]),
     "capital table": ("[load]", "[Load]", ["Load is not a known key", "did you mean load"]),
