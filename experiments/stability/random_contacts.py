@@ -18,7 +18,7 @@ from experiments.stability.hazards import CONTACT, LENGTH, NUMBERS, ContactHazar
 
 KKT = 1e-9
 """Violation of the contact conditions, relative to the approach, below which a contact is solved."""
-LOADS, LENGTHS = np.geomspace(1e-3, 1e7, 41), np.concatenate([np.linspace(0.0, 0.98, 29), [0.995, 1.0]]) * LENGTH
+LOADS, LENGTHS = np.geomspace(1e-3, 1e7, 31), np.concatenate([np.linspace(0.0, 0.98, 21), [0.995, 1.0]]) * LENGTH
 """Of the map [N, mm]."""
 
 

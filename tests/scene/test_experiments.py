@@ -224,3 +224,16 @@ def test_scenes_of_the_accuracy_promise_are_in_order() -> None:
         scenefile.check_ring(file, "scene")
         scenefile.check_contact(file, "scene")
     assert len({float(file.spall[0].length) for file in files}) == 50
+
+
+def test_page_of_hard_cases_is_made_of_what_was_run(tmp_path: Path) -> None:
+    """Files alone, in small; what else there is to say is kept for another run."""
+    module = importlib.import_module("experiments.stability.__main__")
+    page = tmp_path / "stability.md"
+    module.main(["files", "--small", "--out", str(tmp_path / "numbers"), "--page", str(page)])
+    text = page.read_text(encoding="utf-8")
+    assert "300 packaged scenes and tables of measurements" in text
+    assert ", 0 tracebacks" in text
+    assert "## A ring" not in text
+    with pytest.raises(SystemExit):
+        module.main(["nothing"])
