@@ -77,6 +77,7 @@ def ring_displacement(rollers: int, numbers: jax.Array) -> tuple[jax.Array, tupl
 
 Solve = Callable[[jax.Array], Any]
 _contacts: Solve = jax.jit(partial(jax.lax.map, jax.value_and_grad(contact_approach, has_aux=True)))
+_approaches: Solve = jax.jit(partial(jax.lax.map, lambda numbers: contact_approach(numbers)[0]))
 
 
 @partial(jax.jit, static_argnums=0)
@@ -84,9 +85,14 @@ def _rings(rollers: int, numbers: jax.Array) -> Any:
     return jax.vmap(jax.value_and_grad(partial(ring_displacement, rollers), has_aux=True))(numbers)
 
 
+@partial(jax.jit, static_argnums=0)
+def _displacements(rollers: int, numbers: jax.Array) -> Any:
+    return jax.vmap(lambda row: ring_displacement(rollers, row)[0])(numbers)
+
+
 def contacts(hazards: Sequence[ContactHazard] = CONTACTS) -> list[Found]:
-    """All of them, in one batch."""
-    return _compared(hazards, NUMBERS, np.stack([h.numbers for h in hazards]), _contacts)
+    """All of them, in one batch, and all that they are compared with in another."""
+    return _compared(hazards, NUMBERS, np.stack([h.numbers for h in hazards]), _contacts, _approaches)
 
 
 def rings(hazards: Sequence[RingHazard] = RINGS) -> list[Found]:
@@ -96,7 +102,10 @@ def rings(hazards: Sequence[RingHazard] = RINGS) -> list[Found]:
         own = [h for h in hazards if h.rollers == rollers]
         numbers = np.stack([h.numbers for h in own])
         numbers[np.isposinf(numbers[:, 1]), 1] = np.nan if rollers != BEARING.rollers else touching(9000.0)
-        found |= {f.name: f for f in _compared(own, RING_NUMBERS, numbers, partial(_rings, rollers))}
+        found |= {
+            f.name: f
+            for f in _compared(own, RING_NUMBERS, numbers, partial(_rings, rollers), partial(_displacements, rollers))
+        }
     return [found[h.name] for h in hazards]
 
 
@@ -116,18 +125,18 @@ def touching(radial: float, count: int = 64) -> float:
 
 
 def _compared(
-    hazards: Sequence[ContactHazard | RingHazard], names: Sequence[str], numbers: np.ndarray, solve: Solve
-) -> list[Found]:
-    """Each hazard, and a step to either side by every number, in one batch."""
+    hazards: Sequence[ContactHazard | RingHazard], names: Sequence[str], numbers: np.ndarray, solve: Solve,
+    value: Solve,
+) -> list[Found]:  # fmt: skip
+    """Each hazard by `solve`, with derivatives; a step to either side by every number by `value`, without."""
     count, width = numbers.shape
     scale = np.maximum(np.abs(numbers), [LEAST.get(name, 0.0) for name in names])
     other = scale[:, names.index("axial") if "axial" in names else 0, None]  # a radial load of 0 beside the axial one
     scale = np.where(scale > 0.0, scale, 1e-3 * other)
     step = np.array([[hazard.step] for hazard in hazards]) * scale
     aside = numbers[:, None, None] + np.array([1.0, -1.0])[None, :, None, None] * np.eye(width) * step[:, None, None]
-    every = np.concatenate([numbers, aside.reshape(-1, width)])
-    (values, (codes, residuals, iterations, *_)), slopes = jax.tree.map(np.asarray, solve(jnp.asarray(every)))
-    beside = values[count:].reshape(count, 2, width)
+    (values, (codes, residuals, iterations, *_)), slopes = jax.tree.map(np.asarray, solve(jnp.asarray(numbers)))
+    beside = np.asarray(value(jnp.asarray(aside.reshape(-1, width)))).reshape(count, 2, width)
     found = []
     for i, hazard in enumerate(hazards):
         right, left = (beside[i, 0] - values[i]) / step[i], (values[i] - beside[i, 1]) / step[i]
