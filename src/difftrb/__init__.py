@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from difftrb.contact import solve_contact
     from difftrb.contact_slopes import approach_slopes
     from difftrb.contact_solution import ContactSolution
+    from difftrb.edge_stress import EdgeStress, edge_stresses
     from difftrb.fitted import Fit
     from difftrb.fitting import fit
     from difftrb.gathered import load_sweep
@@ -41,6 +42,7 @@ _HOMES = {
     "contact_slopes": ("approach_slopes",),
     "contact_solution": ("ContactSolution",),
     "fitting": ("fit",),
+    "edge_stress": ("EdgeStress", "edge_stresses"),
     "fitted": ("Fit",),
     "intensity": ("EdgeIntensity", "edge_intensity"),
     "geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),

@@ -121,6 +121,7 @@ def _run(options: Any) -> int:
     import jax
 
     from difftrb import report, scenefile
+    from difftrb.edge_stress import edge_stresses
     from difftrb.preparation import prepare
     from difftrb.solution import assess
 
@@ -135,7 +136,8 @@ def _run(options: Any) -> int:
             scene = jax.block_until_ready(prepare(file.scene()))
     with terminal.busy("solving the ring"):
         result = jax.block_until_ready(assess(scene))
-    record = report.run_json(scene, result, time.perf_counter() - started)
+        edges = edge_stresses(scene, result.spalled)
+    record = report.run_json(scene, result, time.perf_counter() - started, edges)
 
     def figures(folder: Path) -> None:
         from difftrb import plot
@@ -148,7 +150,7 @@ def _run(options: Any) -> int:
         else:
             print(f"difftrb: {path}: no pressure map: {pressed.status}", file=sys.stderr)
 
-    return _deliver(options, path, record, lambda: report.run_text(scene, result), figures)
+    return _deliver(options, path, record, lambda: report.run_text(scene, result, edges), figures)
 
 
 def _contact(options: Any) -> int:

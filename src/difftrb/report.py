@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -16,6 +17,7 @@ from rich.text import Text
 from difftrb import status
 from difftrb.chunks import Ended
 from difftrb.contact_solution import ContactSolution
+from difftrb.edge_stress import EdgeStress
 from difftrb.law import Law
 from difftrb.scene import PitchMean, Scene
 from difftrb.solution import Assessment
@@ -29,10 +31,11 @@ UNITS = {"centrifugal_force": "N", "axial_force": "N", "load_rating": "N", "flan
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
-def run_json(scene: Scene, result: Assessment, seconds: float) -> dict[str, Any]:
+def run_json(scene: Scene, result: Assessment, seconds: float, edges: Sequence[EdgeStress] = ()) -> dict[str, Any]:
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
-    `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`.
+    `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`, with
+    `edges` a key `edge_stress`.
     """
     spalled, sound = result.spalled, result.healthy
     verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
@@ -61,6 +64,7 @@ def run_json(scene: Scene, result: Assessment, seconds: float) -> dict[str, Any]
         "residual": spalled.residual,
         "iterations": spalled.iterations,
         **({"effects": spalled.effects} if scene.effects else {}),
+        **({"edge_stress": [edge._asdict() for edge in edges]} if edges else {}),
         "seconds": seconds,
     })  # fmt: skip
 
@@ -97,8 +101,9 @@ def plain(value: Any) -> Any:
     return value
 
 
-def run_text(scene: Scene, result: Assessment) -> RenderableType:
-    """The main job's result for people: stiffness and its losses, sensitivities, a bar of load for every roller."""
+def run_text(scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = ()) -> RenderableType:
+    """The main job's result for people: stiffness and its losses, sensitivities, a bar of load for every roller, and a
+    sentence for every one of `edges`."""
     spalled = result.spalled
     kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
     stiffness = house_table(f"Stiffness, {kind} [N/mm]")
@@ -138,6 +143,7 @@ def run_text(scene: Scene, result: Assessment) -> RenderableType:
     for name, value in spalled.effects.items():
         if not value.ndim:
             lines.append(f"{name.replace('_', ' ')}: {value:,.5g} {UNITS[name]}")
+    lines += [edge.sentence for edge in edges]
     lines.append(law_text(spalled.law, spalled.loads))
     if scene.spalls and spalled.law.hard and not isinstance(scene.phase, PitchMean):
         lines.append("width: the window is hard, so stiffness changes with width only where a roller enters or leaves")

@@ -78,15 +78,19 @@ def test_run_with_effects(capsys, tmp_path: Path) -> None:
     code, out, _ = call(capsys, "run", str(path), "--json")
     record = json.loads(out)
     assert code == 0
-    assert set(record) == RUN_KEYS | {"effects"}
+    assert set(record) == RUN_KEYS | {"effects", "edge_stress"}
+    (edge,) = record["edge_stress"]
+    assert set(edge) == {"spall", "roller", "raceway", "load", "land", "intensity", "within"}
+    assert edge["load"] == record["loads"][0]
     assert set(record["effects"]) == {
         "inner_loads", "flange_loads", "flange_angle", "centrifugal_force", "load_rating", "basic_life",
         "reference_life",
     }  # fmt: skip
     code, out, _ = call(capsys, "run", str(path))
     assert code == 0
-    for words in ("on flange [N]", "centrifugal force: 1.8", "reference life: ", "million revolutions"):
-        assert words in out
+    for words in ("on flange [N]", "centrifugal force: 1.8", "reference life: ", "million revolutions", "no limit",
+                  f"K = {edge['intensity']:.0f} N"):  # fmt: skip
+        assert words in " ".join(out.split())
     assert max(len(line) for line in out.splitlines()) <= 80
 
 
