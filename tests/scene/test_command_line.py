@@ -343,4 +343,4 @@ def test_check_and_example(capsys, paper: Path) -> None:
     assert call(capsys, "example", "paper")[1] == PAPER
     code, _, err = call(capsys, "example", "none")
     assert code == 2
-    assert "there are contact, diameters, fit, flange, healthy" in err
+    assert "there are contact, diameters, double_row, fit, flange" in err
