@@ -179,10 +179,13 @@ def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
 def counted(problem: Problem, told: jax.Array) -> jax.Array:
     """Predicted minus measured in sigma as it counts, shape (rows,): half the sum of squares is the negative log
     likelihood up to a constant."""
-    r = jnp.where(jnp.isfinite(told), (told - problem.measured) / problem.sigma, LOST)
+    known = jnp.isfinite(told)
+    r = jnp.where(known, (told - problem.measured) / problem.sigma, LOST)
     common = jnp.where(problem.robust == ROBUST.index("squares"), problem.common, 0.0)
+    # of what is predicted: a share of the measured values would pull every fit below them
+    scale = jnp.where(known, told, problem.measured) / problem.sigma
     for kind in (problem.todo.loss, ~problem.todo.loss):
-        r = _without_common(r, jnp.where(kind, problem.measured / problem.sigma, 0.0), common)
+        r = _without_common(r, jnp.where(kind, scale, 0.0), common)
     size, sign = jnp.abs(r), jnp.sign(r)
     beyond, far = size > HUBER, size > 1e-6
     huber = jnp.sqrt(HUBER * (2.0 * jnp.where(beyond, size, HUBER) - HUBER))

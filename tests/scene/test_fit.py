@@ -4,13 +4,14 @@ import dataclasses
 import json
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb import confidence, fit_report, least_squares, optimal_design, scenefile, unknowns
+from difftrb import confidence, fit_report, least_squares, observed, optimal_design, scenefile, unknowns
 from difftrb.fitting import evaluated, fit, solved, start_places
 from difftrb.measured import MeasuredError, Measurement, example, parse
 from experiments.speed_of_fit import ours, scipys
@@ -115,6 +116,15 @@ def test_an_error_of_the_model_widens_intervals(rig: trb.Scene, exact: np.ndarra
     shifted = fit(rig, measured(1.025 * exact), model_error=0.0)
     assert wider.standard_errors[0] == pytest.approx(abs(shifted["length"] - TRUTH["length"]), rel=0.05)
     assert wider.standard_errors[0] > 3.0 * noisy_fit.standard_errors[0]
+
+
+def test_an_error_of_the_model_pulls_nowhere(noisy_fit: trb.Fit) -> None:
+    """Peelle's puzzle: 1.0 and 1.5, each known to 10 %, both to 20 %, are best told by something in between."""
+    measured = jnp.where(jnp.arange(len(BLANK)) % 2 == 0, 1.0, 1.5)
+    problem = dataclasses.replace(noisy_fit.problem, measured=measured, sigma=0.1 * measured, common=0.2)
+    told = jnp.linspace(0.5, 2.0, 301)
+    squares = jax.vmap(lambda t: jnp.sum(observed.counted(problem, jnp.full(len(BLANK), t)) ** 2))(told)
+    assert 1.1 < float(told[jnp.argmin(squares)]) < 1.3
 
 
 def test_what_data_do_not_determine_is_said(rig: trb.Scene, exact: np.ndarray) -> None:
