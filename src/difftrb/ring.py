@@ -27,6 +27,8 @@ from difftrb.tilting import Tilting
 ITERATIONS = 60
 TOLERANCE = 1e-12
 """Largest unbalanced force, relative to the load, at which an equilibrium counts as found."""
+HELD = 1e-9
+"""Share of all loads below which a row does not hold a shaft's tilt: one that is lifted off may be left touching."""
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["radial", "axial"], meta_fields=[])
@@ -229,7 +231,7 @@ def equilibrium(
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
     if terms.pair is not None and terms.tilting is not None and terms.slices is None:
         rows = jnp.sum(loads.reshape(2, -1), axis=1)
-        code = jnp.where(converged & (jnp.min(rows) <= 0.0), status.LOOSE, code)
+        code = jnp.where(converged & (jnp.min(rows) <= HELD * jnp.sum(rows)), status.LOOSE, code)
     code = jnp.where(known == status.CONVERGED, code, known)
     code = jnp.where(held, code, status.NO_EQUILIBRIUM)
     code = jnp.where(valid, code, status.BAD_INPUT)
