@@ -10,6 +10,7 @@ Beyond 0 and 1 the roller is healthy or over the middle of the spall, exactly.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -100,18 +101,25 @@ def load(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
 def _load(ramp: Ramp, approach: jax.Array) -> jax.Array:
     healthy, full, low, high = between(ramp, approach)
     t = place(ramp.edge, low, high)
-    levels = jnp.stack(_chebyshev(_level(ramp, healthy, full, t), ramp.share.shape[0] - 1))
-    return full + (healthy - full) * _left(t, jnp.sum(ramp.share * levels[:, None], axis=0))
+    levels = _chebyshev(_level(ramp, healthy, full, t), ramp.share.shape[0] - 1)
+    return full + (healthy - full) * _left(t, [_combined(ramp.share[:, k], levels) for k in range(TERMS)])
 
 
-def _left(t: jax.Array, coefficients: jax.Array) -> jax.Array:
-    """W for the coefficients of y, shape (TERMS, …)."""
-    return (1.0 - t * t) / jnp.maximum(1.0 + t * t * jnp.sum(coefficients * jnp.stack(_terms(t)), axis=0), 0.1)
+def _left(t: jax.Array, coefficients: Sequence[jax.Array]) -> jax.Array:
+    """W for the coefficients of y."""
+    return (1.0 - t * t) / jnp.maximum(1.0 + t * t * _combined(coefficients, _terms(t)), 0.1)
+
+
+def _combined(coefficients: Sequence[jax.Array] | jax.Array, terms: list[jax.Array]) -> jax.Array:
+    total = coefficients[0] * terms[0]
+    for k in range(1, len(terms)):
+        total = total + coefficients[k] * terms[k]
+    return total
 
 
 def guessed(healthy: jax.Array, full: jax.Array, t: jax.Array) -> jax.Array:
     """About the load [N], before any solve at the edge."""
-    return full + (healthy - full) * _left(t, jnp.reshape(GUESS, (-1, *[1] * t.ndim)))
+    return full + (healthy - full) * _left(t, list(GUESS))
 
 
 def between(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
