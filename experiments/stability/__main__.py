@@ -116,7 +116,10 @@ def page(numbers: dict[str, Any], folder: str) -> str:
                   "10 mm deep, on and off the middle; radii, moduli and crowns over three decades and more. The "
                   "violation is computed anew from forces and gap."]  # fmt: skip
     if "scenes" in numbers:
-        kinds = "; ".join(f"{k.rollers} rollers, {k.spalls} spalls, {k.law}, {k.definition}" for k in scenes.KINDS)
+        kinds = "; ".join(
+            f"{k.rollers} rollers, {k.spalls} spall{'s' if k.spalls > 1 else ''}, {k.law}, {k.definition}"
+            for k in scenes.KINDS
+        )
         parts += ["## Random scenes", _counts(numbers["scenes"], "scenes"),
                   f"In batches, with derivatives by every number of the scene. Of each kind as many: {kinds}. Under "
                   "`palmgren` every bearing has a geometry of its own. The violation (balance of forces, pull, load "
