@@ -11,6 +11,7 @@ import pytest
 import difftrb as trb
 from difftrb import gap, nodes, status, store, table
 from difftrb.law import load_over
+from experiments import build_of_table
 
 
 def half_width(contact, load):
@@ -144,6 +145,13 @@ def test_second_use_reads_what_the_first_has_built(closed, law) -> None:
     assert len(closed) == before
     for one, two in zip(jax.tree.leaves(law), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(one, two)
+
+
+def test_building_and_loading_are_timed(closed, law, tmp_path) -> None:
+    found = build_of_table.measure(law.contact, 1e-3, tmp_path)
+    assert 0.0 < found["load"] < found["build, compiled"]
+    assert found["error"] == float(law.error)
+    assert found["bytes"] > 1e4
 
 
 def test_law_says_what_it_does_not_know(law) -> None:
