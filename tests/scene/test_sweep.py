@@ -300,6 +300,7 @@ def test_to_xarray(whole: Path) -> None:
         ("count = 5", "count = 0", "spall.0.length.count = 0: must be a whole number in 1 …"),
         ("count = 5", "count = 1", "count = 1: one value cannot go from 0.5 to 8"),
         ("count = 5", "cuont = 5", "spall.0.length.cuont is not a known key; did you mean count?"),
+        ("to = 8.0", f"to = 1{400 * '0'}", "must be a finite number"),
         ("to = 8.0", "to = 1e9", "spall.0.length = 1e+09: must be a number in 0.01 … 1000 mm"),
         ("to = 8.0", "to = 8.5", "spall.0.length = 8.5: contact.law = 'liu2018' knows 0 … 8 mm"),
         ("from = 2000", "from = -1", "needs from and to above 0"),
