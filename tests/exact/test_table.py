@@ -81,6 +81,7 @@ def closed(tmp_path_factory):
     patch.setattr(nodes, "solved", lambda *a: (solves.append(a), closed_form(*a))[1])
     folder = tmp_path_factory.mktemp("cache")
     patch.setattr(store, "folder", lambda: folder)
+    patch.setattr(store, "keeping", True)  # whatever ran before
     yield solves
     patch.undo()
 
