@@ -6,7 +6,7 @@ One list for the page and for the tests (tests/hard/test_hazards.py).
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -26,20 +26,41 @@ Number = Literal[
 ]
 
 
+NUMBERS: tuple[Number, ...] = get_args(Number)
+RING_NUMBERS = ("radial", "axial", "phase", "length", "width", "angle", "outer_angle")
+
+
 @dataclasses.dataclass(frozen=True)
-class ContactHazard:
-    """One roller over one spall.
+class Hazard:
+    """Of both kinds.
 
     Attributes:
-      name: what is hard.
-      load, length, width, depth, offset, axial_offset, radius, roller_length, modulus, design_load: of the contact.
-      ends: statuses that will do.
-      kinks: numbers by which the approach has a kink here, so that its derivative is that of one side: a spall's end
-        reaches the roller's, a crown can only grow, the last few loaded cells change.
-      step: of differences, relative to each number.
+      name: what is hard. ends: statuses that will do. step: of differences, relative to each number.
+      kinks: numbers by which the answer has a kink, jumps or is refused on one side: its derivative is the other's.
     """
 
+    names: ClassVar[tuple[str, ...]]
     name: str
+    ends: tuple[int, ...] = (GOOD,)
+    kinks: tuple[str, ...] = ()
+    step: float = STEP
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """All that can be differentiated by, in the order of `names`."""
+        return np.array([getattr(self, name) for name in self.names])
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactHazard(Hazard):
+    """One roller over one spall. Kinks: a spall's end reaches the roller's, a crown can only grow, the last few loaded
+    cells change.
+
+    Attributes:
+      load, length, width, depth, offset, axial_offset, radius, roller_length, modulus, design_load: of the contact.
+    """
+
+    names = NUMBERS
     load: float = 3000.0
     length: float = 4.0
     width: float = 7.0
@@ -50,18 +71,8 @@ class ContactHazard:
     roller_length: float = LENGTH
     modulus: float = float(CONTACT.modulus)
     design_load: float = 6500.0
-    ends: tuple[int, ...] = (GOOD,)
-    kinks: tuple[Number, ...] = ()
-    step: float = STEP
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """All that can be differentiated by, in the order of `NUMBERS`."""
-        return np.array([getattr(self, name) for name in NUMBERS])
 
 
-NUMBERS: tuple[Number, ...] = ("load", "length", "width", "depth", "offset", "axial_offset", "radius", "roller_length",
-                               "modulus", "design_load")  # fmt: skip
 HALF_WIDTH = float(hertz.line_half_width(3000.0 / LENGTH, RADIUS, CONTACT.modulus))
 """Of the contact at 3 kN [mm], about."""
 
@@ -111,7 +122,6 @@ CONTACTS = (
 
 # ------------------------------------------------------------------------------------------------------------- rings
 
-RING_NUMBERS = ("radial", "axial", "phase", "length", "width", "angle", "outer_angle")
 PITCH = float(geometry.roller_pitch(BEARING))
 NEEDED = float(ring.needed_axial(BEARING, 9000.0, 0.0))
 """Axial load that 9000 N radial need at phase 0 [N]."""
@@ -121,20 +131,16 @@ EDGE = 3.5 / float(geometry.arc_radius(BEARING))
 
 
 @dataclasses.dataclass(frozen=True)
-class RingHazard:
+class RingHazard(Hazard):
     """A ring under a load, by law "liu2018".
 
     Attributes:
-      name: what is hard.
       radial, axial, phase, length, width, angle, outer_angle: of the scene; the axial load of "touching" is found so
         that the least pressed roller just touches.
       rollers: how many.
-      ends: statuses that will do.
-      kinks: numbers by which the displacement jumps, bends or is refused on one side: its derivative is the other's.
-      step: of differences, relative to each number.
     """
 
-    name: str
+    names = RING_NUMBERS
     radial: float = 9000.0
     axial: float = 4500.0
     phase: float = 0.0
@@ -143,14 +149,6 @@ class RingHazard:
     angle: float = 0.0
     outer_angle: float = float(BEARING.outer_angle)
     rollers: int = BEARING.rollers
-    ends: tuple[int, ...] = (GOOD,)
-    kinks: tuple[str, ...] = ()
-    step: float = STEP
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """All that can be differentiated by, in the order of `RING_NUMBERS`."""
-        return np.array([getattr(self, name) for name in RING_NUMBERS])
 
 
 RINGS = (

@@ -61,8 +61,8 @@ def _coupling(layout: Layout, problem: Problem) -> jax.Array:
     rows = np.asarray(layout.rows)
     sharp, crossed = sum(singular for *_, singular in PLACES), 2 * len(MEETING)
     signs = np.ones(1) if layout.even else np.repeat([1.0, -1.0], [sharp + len(PLACES) + crossed, crossed])
-    waves = [problem.products] * (1 if layout.even else 2)
-    full = jnp.concatenate([*waves, problem.mass[..., None] * signs[None, None]], axis=-1)
+    parts = [problem.products] * (1 if layout.even else 2)
+    full = jnp.concatenate([*parts, problem.mass[..., None] * signs[None, None]], axis=-1)
     if np.array_equal(rows, np.arange(full.shape[0])):
         return full
     return full[rows][:, rows]
