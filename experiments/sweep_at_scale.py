@@ -37,7 +37,7 @@ import numpy as np  # noqa: E402
 import difftrb as trb  # noqa: E402
 from difftrb import chunks, environment, outputs, plot, scenefile, sweep_plot, sweeping  # noqa: E402
 from difftrb.devices import lanes_of  # noqa: E402
-from difftrb.plan import MOST_MEMBERS, Plan  # noqa: E402
+from difftrb.plan import MOST_MEMBERS, Plan, labelled  # noqa: E402
 
 NAMES, SIZES = ("radial_stiffness", "axial_stiffness"), ("spall.0.length", "spall.0.width")
 FILE = f"""{scenefile.example("spall")}
@@ -231,7 +231,7 @@ def contacts(side: int = 64, accuracy: float = 1e-3, devices: int | None = None)
     columns = [found for _, found in program.all(range(made.chunks))]
     seconds = time.perf_counter() - compiled
     whole = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
-    return plan.labelled(made, whole), compiled - started, seconds
+    return labelled(made, whole), compiled - started, seconds
 
 
 def main() -> None:
