@@ -24,26 +24,21 @@ Pressed = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
-def root(residual: Callable, solver: Callable, linear_solve: Callable, parameters: Pytree) -> tuple[jax.Array, Pytree]:
+def root(residual: Callable, solver: Callable, respond: Callable, parameters: Pytree) -> tuple[jax.Array, Pytree]:
     """The vector x, shape (n,), with `residual(x, parameters)` = 0, and whatever else `solver` reports.
 
-    `solver(parameters)` returns (x, auxiliary); auxiliary outputs carry no derivative. `linear_solve(matrix, right)`
-    solves with the (n, n) Jacobian. The Jacobian must be
-    invertible at x; where it is not, derivatives are NaN and the solver's status has to say so.
+    `solver(parameters)` returns (x, auxiliary); auxiliary outputs carry no derivative. `respond(x, parameters, right)`
+    solves with the (n, n) Jacobian of `residual` by x at x, which must be invertible there; where it is not,
+    derivatives are NaN and the solver's status has to say so.
     """
     return solver(parameters)
 
 
 @root.defjvp
-def _root_jvp(residual: Callable, solver: Callable, linear_solve: Callable, primals: tuple, tangents: tuple):
+def _root_jvp(residual: Callable, solver: Callable, respond: Callable, primals: tuple, tangents: tuple):
     (parameters,), (change,) = primals, tangents
-    x, auxiliary = root(residual, solver, linear_solve, parameters)
-
-    def solve(linear: Callable, right: jax.Array) -> jax.Array:
-        jacobian = jax.jacfwd(linear)(jnp.zeros_like(right))
-        return linear_solve(jacobian, right)
-
-    x_change = root_jvp(residual, x, (parameters,), (change,), solve=solve)
+    x, auxiliary = root(residual, solver, respond, parameters)
+    x_change = root_jvp(residual, x, (parameters,), (change,), solve=lambda _, right: respond(x, parameters, right))
     return (x, auxiliary), (x_change, jax.tree.map(_zero_tangent, auxiliary))
 
 

@@ -205,6 +205,10 @@ def _residual(x: jax.Array, given: tuple[_Setting, jax.Array]) -> jax.Array:
     return jnp.concatenate([jnp.where(loaded, misfit, x[:-1]), rest[None]])
 
 
+def _respond(x: jax.Array, given: tuple[_Setting, jax.Array], right: jax.Array) -> jax.Array:
+    return jnp.linalg.solve(jax.jacfwd(_residual)(x, given), right)
+
+
 def _start(setting: _Setting, approach: jax.Array) -> jax.Array:
     """Slices under an estimated approach, scaled to carry the load."""
     start, end = _panels(setting, jnp.ones(setting.panels * setting.lows.shape[0]))
@@ -265,7 +269,7 @@ def _solve(
         *_beside_edges(lows / unit, tip / unit, panels, spall is not None), panels, mirrored, spall is not None,
     )  # fmt: skip
     first = _start(setting, push * estimate)
-    x, (change, count) = implicit.root(_residual, _newton, jnp.linalg.solve, (setting, first))
+    x, (change, count) = implicit.root(_residual, _newton, _respond, (setting, first))
     start, end = _panels(setting, x[:-1])
     approach = x[-1] / push
 

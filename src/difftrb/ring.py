@@ -8,7 +8,6 @@ on) and axial (pressing the rings together). One contact per roller, the outer r
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from functools import partial
 from typing import Annotated, NamedTuple
 
@@ -16,7 +15,8 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import curve, geometry, implicit, pair, ramp, roller, status
+from difftrb import balance, curve, geometry, pair, status
+from difftrb.balance import Rollers
 from difftrb.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
 from difftrb.law import Law
 from difftrb.pair import Pair
@@ -24,9 +24,6 @@ from difftrb.ramp import Carried
 from difftrb.roller import Seat
 from difftrb.tilting import Tilting
 
-ITERATIONS = 60
-TOLERANCE = 1e-12
-"""Largest unbalanced force, relative to the load, at which an equilibrium counts as found."""
 HELD = 1e-9
 """Share of all loads below which a row does not hold a shaft's tilt: one that is lifted off may be left touching."""
 
@@ -211,23 +208,21 @@ def equilibrium(
         rollers = rollers._replace(normals=terms.tilting.directions(rollers.normals, angles))
         safe = jnp.concatenate([safe, terms.tilting.moments / terms.tilting.longest])
         start = jnp.concatenate([start, jnp.zeros(2)])
-    solve = solve_3x3 if start.size == 3 else jnp.linalg.solve
     size = _norm(safe)
     if terms.axial is not None or terms.pair is not None:  # what presses without a load
         still = start if terms.pair is None else jnp.zeros_like(start)
         size = jnp.maximum(size, jax.lax.stop_gradient(jnp.sum(rollers.carried(rollers.approach(still))[0])))
-    system = rollers, safe, start, size, terms.axial
-    u, (residual, iterations) = implicit.root(_unbalanced, partial(_newton, solve), solve, system)
+    u, (residual, iterations) = balance.found((rollers, safe, start, size, terms.axial))
     approach = rollers.approach(u)
     loads, slopes = rollers.carried(approach)
-    tangent = _tangent(rollers.normals, slopes)
+    tangent = balance.tangent(rollers.normals, slopes)
     if terms.slices is not None:
         approach, loads = approach.reshape(angles.size, -1), loads.reshape(angles.size, -1)
         approach, loads = jnp.mean(approach, axis=1), jnp.sum(loads, axis=1)
     if terms.tilting is not None:
         u, tangent = terms.tilting.in_radians(u, tangent)
 
-    converged = (residual <= TOLERANCE) & jnp.all(jnp.isfinite(u))
+    converged = (residual <= balance.TOLERANCE) & jnp.all(jnp.isfinite(u))
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
     if terms.pair is not None and terms.tilting is not None and terms.slices is None:
         rows = jnp.sum(loads.reshape(2, -1), axis=1)
@@ -248,59 +243,6 @@ def equilibrium(
     return Equilibrium(u, approach[: first.size], first, tangent, residual, iterations, code, second)
 
 
-def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
-    return jnp.matmul(a, b, precision=jax.lax.Precision.HIGHEST)
-
-
-class Rollers(NamedTuple):
-    """What equilibrium needs of the rollers (or their slices): unit normals, shape (rollers, 3), interference [mm],
-    shape (rollers,), what the outer raceway carries, and what else holds them."""
-
-    normals: jax.Array
-    interference: jax.Array
-    curves: Carried
-    seat: Seat | None = None
-
-    def approach(self, u: jax.Array) -> jax.Array:
-        """Approach of the ring to every roller at displacement u [mm], shape (rollers,)."""
-        return _dot(self.normals, u) + self.interference
-
-    def carried(self, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Load [N] and its slope [N/mm] of every roller at that, both of shape (rollers,)."""
-        if self.seat is None:
-            return ramp.carried(self.curves, approach)
-        return roller.carried(self.seat, self.curves, approach)
-
-
-def _tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:
-    """Σ dQ/dδ n nᵀ [N/mm], shape (3, 3)."""
-    return _dot(normals.T * slopes[None, :], normals)
-
-
-Ring = tuple[Rollers, jax.Array, jax.Array, jax.Array, Real | None]
-"""Rollers, force [N] and a displacement to start from [mm], both of shape (3,), what forces are measured by [N], and
-the axial displacement [mm] if that is held."""
-
-
-def _unbalanced(u: jax.Array, parameters: Ring) -> jax.Array:
-    """Force left over at displacement u, relative to the load, shape (3,)."""
-    return _system(u, parameters)[0]
-
-
-def _system(u: jax.Array, parameters: Ring) -> tuple[jax.Array, jax.Array]:
-    """The unbalanced force and its derivative by u, relative to the load."""
-    rollers, force, start, size, axial = parameters
-    loads, slopes = rollers.carried(rollers.approach(u))
-    unbalanced = (_dot(rollers.normals.T, loads) - force) / size  # Liu et al. 2018, eq. (5)
-    tangent = _tangent(rollers.normals, slopes) / size
-    if axial is None:
-        return unbalanced, tangent
-    free = jnp.arange(u.size) != 2
-    scale = 1.0 / jax.lax.stop_gradient(jnp.maximum(jnp.abs(start[2]), 1e-9))  # forces and [mm] in one size
-    unbalanced = jnp.where(free, unbalanced, (u - axial) * scale)
-    return unbalanced, jnp.where(free[:, None] & free[None, :], tangent, jnp.diag(jnp.where(free, 0.0, scale)))
-
-
 def _norm(force: jax.Array) -> jax.Array:
     return jnp.linalg.norm(jax.lax.stop_gradient(force))
 
@@ -315,35 +257,3 @@ def _start(rollers: Rollers, healthy: Carried, force: jax.Array, terms: Terms) -
     clear = jnp.maximum(jnp.min(rollers.curves.each.shift - rollers.interference), 0.0)
     pressed = curve.approach(curve.of(healthy.each, 0), share) + jax.lax.stop_gradient(clear)
     return jnp.zeros(3).at[2].set(pressed / axial)
-
-
-def _newton(solve: Callable, parameters: Ring) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-    """Newton's method on a convex energy, of which the unbalanced force is the gradient.
-
-    A step p is taken unless it climbs again steeply at its end (force·p), else retaken shorter, by damping.
-    """
-    start = parameters[2]
-
-    def step(state):
-        u, r, J, damping, k = state
-        p = -solve(J + damping * jnp.trace(J) * jnp.eye(start.size), r)
-        r_new, J_new = _system(u + p, parameters)
-        better = jnp.vdot(r_new, p) <= 0.5 * jnp.abs(jnp.vdot(r, p))
-        relaxed, stiffened = jnp.where(damping > 1e-9, 0.1 * damping, 0.0), jnp.maximum(10.0 * damping, 1e-4)
-        u, r, J = (jnp.where(better, new, old) for new, old in ((u + p, u), (r_new, r), (J_new, J)))
-        return u, r, J, jnp.where(better, relaxed, stiffened), k + 1
-
-    def unfinished(state):
-        _, r, _, damping, k = state
-        return (jnp.max(jnp.abs(r)) > 0.01 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
-
-    state = start, *_system(start, parameters), jnp.zeros(()), jnp.asarray(0)
-    u, r, _, _, k = jax.lax.while_loop(unfinished, step, state)
-    return u, (jnp.max(jnp.abs(r)), k)
-
-
-def solve_3x3(matrix: jax.Array, right: jax.Array) -> jax.Array:
-    """x with matrix · x = right, by cofactors: in a batch many times faster than a factorisation."""
-    a, b, c = matrix
-    bc, ca, ab = jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)
-    return (right[0] * bc + right[1] * ca + right[2] * ab) / jnp.vdot(a, bc)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import geometry, ring, status
+from difftrb import balance, geometry, ring, status
 
 
 def test_random_rings_all_come_to_rest(bearing) -> None:
@@ -28,7 +28,7 @@ def test_random_rings_all_come_to_rest(bearing) -> None:
     arguments = (jnp.asarray(a) for a in (radial, above, phase, length, width, angle))
     codes, residuals, least, loads = jax.jit(jax.vmap(rest))(*arguments)
     assert (np.asarray(codes) == status.CONVERGED).all()
-    assert float(residuals.max()) <= ring.TOLERANCE
+    assert float(residuals.max()) <= balance.TOLERANCE
     assert (np.asarray(least) > 0.0).all()
     assert (np.asarray(loads) >= 0.0).all()
 

@@ -1,0 +1,117 @@
+"""The balance of forces on a ring, and Newton's method for it.
+
+Rollers only push, so the unbalanced force is the gradient of a convex energy. It is differentiated where it vanishes,
+with the tangent stiffness that Newton's method has anyway.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from difftrb import implicit, ramp, roller
+from difftrb.geometry import Real
+from difftrb.ramp import Carried
+from difftrb.roller import Seat
+
+ITERATIONS = 60
+TOLERANCE = 1e-12
+"""Largest unbalanced force, relative to the load, at which an equilibrium counts as found."""
+
+
+def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
+    return jnp.matmul(a, b, precision=jax.lax.Precision.HIGHEST)
+
+
+class Rollers(NamedTuple):
+    """What equilibrium needs of the rollers (or their slices): unit normals, shape (rollers, 3), interference [mm],
+    shape (rollers,), what the outer raceway carries, and what else holds them."""
+
+    normals: jax.Array
+    interference: jax.Array
+    curves: Carried
+    seat: Seat | None = None
+
+    def approach(self, u: jax.Array) -> jax.Array:
+        """Approach of the ring to every roller at displacement u [mm], shape (rollers,)."""
+        return _dot(self.normals, u) + self.interference
+
+    def carried(self, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Load [N] and its slope [N/mm] of every roller at that, both of shape (rollers,)."""
+        if self.seat is None:
+            return ramp.carried(self.curves, approach)
+        return roller.carried(self.seat, self.curves, approach)
+
+
+def tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:
+    """Σ dQ/dδ n nᵀ [N/mm], shape (3, 3)."""
+    return _dot(normals.T * slopes[None, :], normals)
+
+
+System = tuple[Rollers, jax.Array, jax.Array, jax.Array, Real | None]
+"""Rollers, force [N] and a displacement to start from [mm], both of shape (3,), what forces are measured by [N], and
+the axial displacement [mm] if that is held."""
+
+
+def found(system: System) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    """The displacement in equilibrium [mm], shape (3,) (with tilt (5,)), the largest unbalanced force by what forces
+    are measured by, and Newton steps."""
+    return implicit.root(_unbalanced, _newton, _respond, system)
+
+
+def _unbalanced(u: jax.Array, system: System) -> jax.Array:
+    """Force left over at displacement u, relative to the load, shape (3,)."""
+    return _linearised(u, system)[0]
+
+
+def _linearised(u: jax.Array, system: System) -> tuple[jax.Array, jax.Array]:
+    """The unbalanced force and its derivative by u, relative to the load."""
+    rollers, force, start, size, axial = system
+    loads, slopes = rollers.carried(rollers.approach(u))
+    unbalanced = (_dot(rollers.normals.T, loads) - force) / size  # Liu et al. 2018, eq. (5)
+    jacobian = tangent(rollers.normals, slopes) / size
+    if axial is None:
+        return unbalanced, jacobian
+    free = jnp.arange(u.size) != 2
+    scale = 1.0 / jax.lax.stop_gradient(jnp.maximum(jnp.abs(start[2]), 1e-9))  # forces and [mm] in one size
+    unbalanced = jnp.where(free, unbalanced, (u - axial) * scale)
+    return unbalanced, jnp.where(free[:, None], jacobian, scale * jnp.eye(u.size))
+
+
+def _respond(u: jax.Array, system: System, right: jax.Array) -> jax.Array:
+    """By how much the displacement changes for a change of the unbalanced force."""
+    return _solve(_linearised(u, system)[1], right)
+
+
+def _newton(system: System) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    """A step p is taken unless the energy climbs again steeply at its end (force·p), else retaken shorter, by
+    damping."""
+    start = system[2]
+
+    def step(state):
+        u, r, J, damping, k = state
+        p = -_solve(J + damping * jnp.trace(J) * jnp.eye(start.size), r)
+        r_new, J_new = _linearised(u + p, system)
+        better = jnp.vdot(r_new, p) <= 0.5 * jnp.abs(jnp.vdot(r, p))
+        relaxed, stiffened = jnp.where(damping > 1e-9, 0.1 * damping, 0.0), jnp.maximum(10.0 * damping, 1e-4)
+        u, r, J = (jnp.where(better, new, old) for new, old in ((u + p, u), (r_new, r), (J_new, J)))
+        return u, r, J, jnp.where(better, relaxed, stiffened), k + 1
+
+    def unfinished(state):
+        _, r, _, damping, k = state
+        return (jnp.max(jnp.abs(r)) > 0.01 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
+
+    state = start, *_linearised(start, system), jnp.zeros(()), jnp.asarray(0)
+    u, r, _, _, k = jax.lax.while_loop(unfinished, step, state)
+    return u, (jnp.max(jnp.abs(r)), k)
+
+
+def _solve(matrix: jax.Array, right: jax.Array) -> jax.Array:
+    """x with matrix · x = right; of three by cofactors: in a batch many times faster than a factorisation."""
+    if right.size != 3:
+        return jnp.linalg.solve(matrix, right)
+    a, b, c = matrix
+    bc, ca, ab = jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)
+    return (right[0] * bc + right[1] * ca + right[2] * ab) / jnp.vdot(a, bc)
