@@ -53,7 +53,9 @@ def problem_of(scene: trb.Scene) -> tuple[observed.Problem, list[trb.Measurement
 def ours(problem: observed.Problem, starts: np.ndarray) -> np.ndarray:
     """The best values of all starts here."""
     every = np.ones_like(starts, bool)
-    found = fitting.solved(problem, starts, every, fitting.SEARCH, least_squares.STEPS, meet=fitting.MEET)
+    found = fitting.solved(
+        problem, starts, every, fitting.SEARCH, least_squares.STEPS, meet=fitting.MEET, behind=fitting.BEHIND
+    )
     return np.asarray(problem.unknowns.values(found.place[np.argmin(found.cost)]))
 
 

@@ -30,12 +30,14 @@ from difftrb.unknowns import FARTHEST, Unknowns
 STARTS = 16
 BATCH = 16
 """Most cases that one call evaluates."""
-SEARCH = 2
+SEARCH = 1
 """Steps of Adam before Levenberg–Marquardt takes over."""
 ADAM = optax.adam(0.25)
 """Steps of a quarter, in coordinates."""
-MEET = 0.1
+MEET = 0.3
 """Starts that come this close to each other, in coordinates, go on as one."""
+BEHIND = 0.05
+"""Starts that expect less of a step than this share of what parts them from the best one have found another minimum."""
 SPREAD = 0.05, 0.95
 """Between which shares of an unknown's range starts lie."""
 FLOOR = 0.1
@@ -125,7 +127,7 @@ def fit(
     freedom = len(rows) - len(names)
     limit = confidence.limit_of(freedom if estimate else None)
     for _ in range(ROUNDS if estimate and robust != "squares" else 1):
-        found = solved(problem, places, every, SEARCH, least_squares.STEPS, meet=MEET)
+        found = solved(problem, places, every, SEARCH, least_squares.STEPS, meet=MEET, behind=BEHIND)
         if estimate:
             off = (found.told[0][np.nanargmin(found.cost)] - measured) / np.asarray(problem.sigma)
             problem = dataclasses.replace(problem, sigma=problem.sigma * _scatter(off, robust, freedom))
@@ -191,13 +193,13 @@ def _check_effects(names: tuple[str, ...], normals: np.ndarray) -> None:
 
 def solved(
     problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int, enough: float = 0.0,
-    meet: float = 0.0,
+    meet: float = 0.0, behind: float = 0.0,
 ) -> Least:  # fmt: skip
     """Least squares from `places`, shape (cases, unknowns), moving those coordinates that are `free`, same shape: first
     `search` steps of Adam, then `steps` of Levenberg–Marquardt at most; the rest as in `least_squares.minimum`."""
     lead = (_adam, ADAM.init(jnp.asarray(places)), search) if search else (None, None, 0)
     return least_squares.minimum(
-        partial(evaluated, problem), np.asarray(places), free, FARTHEST, steps, *lead, enough, meet
+        partial(evaluated, problem), np.asarray(places), free, FARTHEST, steps, *lead, enough, meet, behind
     )
 
 

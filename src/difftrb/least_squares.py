@@ -60,6 +60,7 @@ def minimum(
     led: int = 0,
     enough: float = 0.0,
     meet: float = 0.0,
+    behind: float = 0.0,
 ) -> Least:
     """Least squares of what `evaluate` says of places, shape (some cases, n).
 
@@ -69,6 +70,7 @@ def minimum(
       lead, memory, led: another rule that goes first, its memory at the start, and for how many steps.
       enough: gain of half the sum of squares, besides rounding, below which a case is done.
       meet: a case that comes closer than this to a better one, in every coordinate, ends where that one does.
+      behind: a case that expects of its next step less than this share of what parts it from the best one is done.
     """
     place, cost = start.copy(), np.full(len(start), np.inf)
     cases, n = start.shape
@@ -103,7 +105,8 @@ def minimum(
         move = np.clip(place + np.clip(move, -LONGEST, LONGEST), -farthest, farthest) - place
         expected = -np.einsum("ki,ki->k", gradient, move) - 0.5 * np.einsum("ki,kij,kj->k", move, normal, move)
         if k >= led:
-            tiny = (np.max(np.abs(move), axis=1) < TOLERANCE) | (expected <= np.maximum(ROUNDING * cost, enough))
+            least = np.maximum(np.maximum(ROUNDING * cost, enough), behind * (cost - np.nanmin(cost)))
+            tiny = (np.max(np.abs(move), axis=1) < TOLERANCE) | (expected <= least)
             done |= tiny | (damping > 1e9)
             if meet > 0.0:
                 ends = _met(place, cost, ends, meet)
