@@ -1,0 +1,191 @@
+"""A pit across the contact that is narrower than it: how far the roller sinks over both its edges.
+
+In plane strain a roller under a line load, whose contact has the half-width b without a pit, sinks by (b²/R) g more
+over a pit with vertical walls that it does not fill. Where both lands touch, at −e₁ and beyond and at e₂ and beyond,
+the pressure is |x − m| √((x + a₁)(a₂ − x))/√((x + e₁)(x − e₂)) times E'/2R, 0 at the free ends −a₁ and a₂; m follows
+from what it must be far away, a₁ and a₂ from the load and from lands that have sunk equally far. With the middle of a
+pit of width w under the roller it sinks w²/8R, exactly; wherever both lands touch, 0.88…1 times that. The share is
+solved here once, on a grid, and read as a polynomial. On one land alone g(e) = e²/2 + 3k²/4 + ek − ln(k)/2 − 1/4 with
+k = (√(e² + 3) − e)/3 and e in half-widths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+MIDDLE = 1.0 / 8.0
+"""Of the width's square, by which the roller sinks over the pit's middle, by R."""
+WIDEST = 80.0
+"""Widest pit in half-widths; beyond, so little load is left on the lands that they count as if there were more."""
+NARROWEST = 1e-4
+"""The narrowest one: what is left of a square is the same below."""
+HALF = 2.0
+"""Width in half-widths that stands half-way in the polynomials' variable."""
+END_DEGREE = 12
+"""Of the edge at which the far land begins to touch."""
+DEGREES = 7, 6
+"""Of the share of w²/8R in the pit's place between there and the middle, and in its width."""
+PLACES = 12
+POINTS = 400
+
+
+def sinking(near: jax.Array, width: jax.Array, half_width: jax.Array) -> jax.Array:
+    """How far a roller sinks over both edges of a pit, by the width's square and times R: 1/8 in its middle.
+
+    Args:
+      near: how far the nearer edge stands beyond the roller's middle, positive over the pit, at most half of
+        `width` [mm]. width: of the pit [mm], ≥ 0.
+      half_width: of the contact that would carry the same line load without a pit [mm], > 0.
+
+    0 where the pit is beside the contact. Continuous; smooth but where the far land begins to touch.
+    """
+    unit = jnp.maximum(half_width, width / WIDEST)
+    width = jnp.maximum(width, NARROWEST * unit)
+    x = width / unit
+    end, inside = _polynomials()
+    w = 2.0 * x / (x + HALF) * ((WIDEST + HALF) / WIDEST) - 1.0
+    farthest = 1.0 + x * (0.5 - _powers(end, w))
+    place = jnp.minimum(((0.5 * x - near / unit) / farthest) ** 2, 1.0)
+    last = over_one(0.5 * width - unit * farthest, unit) / width**2
+    rest = _powers([_powers(row, w) for row in inside], 2.0 * place - 1.0)
+    share = MIDDLE + place * (last - MIDDLE + (1.0 - place) * rest)
+    return jnp.where(place < 1.0, share, over_one(near, unit) / width**2)
+
+
+def over_one(edge: jax.Array, half_width: jax.Array) -> jax.Array:
+    """How far a roller sinks over one edge, times R [mm²]; 0 where it is beside the contact."""
+    s = jnp.maximum(edge / half_width + 1.0, 0.0)
+    short = _less(s)
+    rest = jnp.log1p(-short) + short + 0.5 * short * short
+    return half_width**2 * (0.5 * s * s + short * short - s * short - 0.5 * rest)
+
+
+def over_one_slope(edge: jax.Array, half_width: jax.Array) -> jax.Array:
+    """Its derivative by the edge [mm]."""
+    s = jnp.maximum(edge / half_width + 1.0, 0.0)
+    return half_width * (s - _less(s))
+
+
+def _less(s: jax.Array) -> jax.Array:
+    """1 − k at the edge s − 1: k is half the width of the contact on the one land."""
+    return (s + (2.0 * s - s * s) / (2.0 + jnp.sqrt(4.0 - 2.0 * s + s * s))) / 3.0
+
+
+class Polynomials(NamedTuple):
+    """Of a pit's width w in half-widths, coefficients of powers of the width's variable: of (e + 1)/w at the edge e
+    where the far land begins to touch; and of what the sinking by w² is more than linear in the place p between the
+    middle and there, by p(1 − p), shape (places, widths)."""
+
+    end: np.ndarray
+    inside: np.ndarray
+
+
+def _powers(coefficients: Sequence[Any] | np.ndarray, x: jax.Array) -> jax.Array:
+    """Σ cₖ xᵏ."""
+    value = coefficients[-1] + jnp.zeros_like(x)
+    for c in coefficients[-2::-1]:
+        value = value * x + c
+    return value
+
+
+@cache
+def _polynomials() -> Polynomials:
+    """Solved and fitted once for all."""
+    rise = 0.5 * (1.0 - np.cos(np.pi * (np.arange(24) + 0.5) / 24))
+    share = rise * WIDEST / (WIDEST + HALF)
+    widths = HALF * share / (1.0 - share)
+    ends = _where_far_land_touches(widths)
+    chebyshev = np.polynomial.chebyshev
+    end = np.asarray(chebyshev.cheb2poly(chebyshev.chebfit(2.0 * rise - 1.0, (ends + 1.0) / widths, END_DEGREE)))
+    places = 0.5 * (1.0 - np.cos(np.pi * (np.arange(PLACES) + 0.5) / PLACES))
+    last, sunk = _over_one(ends) / widths**2, _sunk(widths, 0.5 * widths - ends, places) / widths**2
+    more = sunk - MIDDLE - places[:, None] * (last - MIDDLE)
+    grid = np.meshgrid(2.0 * places - 1.0, 2.0 * rise - 1.0, indexing="ij")
+    weight = (widths**2 / (1.0 + widths**2) * np.ones((PLACES, 1))).ravel()
+    rows = chebyshev.chebvander2d(grid[0].ravel(), grid[1].ravel(), DEGREES)
+    rows = rows * np.repeat(places * (1.0 - places), widths.size)[:, None]
+    found = np.linalg.lstsq(rows * weight[:, None], more.ravel() * weight)[0].reshape(*(n + 1 for n in DEGREES))
+    inside = np.array([chebyshev.cheb2poly(row) for row in found])
+    return Polynomials(end, np.array([chebyshev.cheb2poly(column) for column in inside.T]).T)
+
+
+def _over_one(edge: np.ndarray) -> np.ndarray:
+    """g of one land."""
+    k = _half(edge)
+    return 0.5 * edge * edge + 0.75 * k * k + edge * k - 0.5 * np.log(k) - 0.25
+
+
+def _half(edge: np.ndarray) -> np.ndarray:
+    """Half the width of one land's contact."""
+    return (np.sqrt(edge * edge + 3.0) - edge) / 3.0
+
+
+def _where_far_land_touches(widths: np.ndarray) -> np.ndarray:
+    """The near edge at which the gap over the far one closes."""
+
+    def closed(edge: np.ndarray) -> np.ndarray:
+        k = _half(edge)
+        middle = edge + k
+        z = widths - edge + middle
+        root, area = np.sqrt(np.maximum(z * z - k * k, 0.0)), np.arccosh(np.maximum(z / k, 1.0))
+        return 0.5 * z * root - 0.5 * k * k * area - middle * root - middle * k * area > 0.0
+
+    low, high = -np.ones_like(widths), 0.5 * widths
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = np.where(closed(middle), middle, low), np.where(closed(middle), high, middle)
+    return 0.5 * (low + high)
+
+
+def _sunk(widths: np.ndarray, farthest: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """g of both lands at every place: the square of the distance from the pit's middle by the farthest's; shape
+    (places, widths)."""
+    lands = np.log(np.sqrt(1.0 + 0.25 * widths**2) - 0.5 * widths) * np.ones((2, 1))  # beyond edges beside the middle
+    found = []
+    for place in places:  # from the middle outwards, each from the one before
+        away = np.sqrt(place) * farthest
+        edges = np.stack([0.5 * widths - away, 0.5 * widths + away])
+        for _ in range(14):
+            value = _unbalanced(edges, lands)
+            columns = [(_unbalanced(edges, lands + h) - value) / 1e-7 for h in 1e-7 * np.eye(2)[:, :, None]]
+            (a, c), (b, d) = columns
+            step = np.stack([d * value[0] - b * value[1], a * value[1] - c * value[0]]) / (a * d - b * c)
+            lands = lands - np.clip(step, -1.0, 1.0)
+        found.append(_sinking_of_both(edges, lands))
+    return np.array(found)
+
+
+def _middle(edges: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """m."""
+    return 0.5 * (ends[0] - ends[1] - edges[0] + edges[1])
+
+
+def _unbalanced(edges: np.ndarray, lands: np.ndarray) -> np.ndarray:
+    """How far the load is from that of b = 1, and how much farther one land has sunk than the other; shape (2, n)."""
+    ends = edges + np.exp(lands)
+    m = _middle(edges, ends)
+    second = 0.25 * np.sum(edges**2 - ends**2, axis=0) + 0.5 * m**2
+    x = 0.5 * np.sum(edges, axis=0) * np.cos(np.pi * (np.arange(POINTS)[:, None] + 0.5) / POINTS)
+    x = x + 0.5 * (edges[1] - edges[0])
+    return np.stack([m * m - second - 0.5, np.mean((x - m) * np.sqrt((x + ends[0]) * (ends[1] - x)), axis=0)])
+
+
+def _sinking_of_both(edges: np.ndarray, lands: np.ndarray) -> np.ndarray:
+    """g of both lands: what the near one's outer end has sunk."""
+    (near, far), ends = edges, edges + np.exp(lands)
+    m = -_middle(edges, ends)  # all looked at from the other side
+    u, weight = np.polynomial.legendre.leggauss(POINTS)
+    u, weight = 0.5 * (u + 1.0), 0.5 * weight
+    s = (u**2 / (1.0 - u**2))[:, None]
+    z = ends[0] + s
+    below = (z + far) * (z - near)
+    root = np.sqrt((z + ends[1]) * (z - ends[0]) / below)
+    slope = m * root - z * (2.0 * m * z + near * far - ends[0] * ends[1]) / (below * (1.0 + root))
+    way = (weight * 2.0 * u / (1.0 - u**2) ** 2)[:, None]
+    return 0.5 * ends[0] ** 2 + np.sum(way * (slope - 0.5 / (s + 1.0)), axis=0) - 0.25 - 0.5 * np.log(2.0)
