@@ -13,11 +13,14 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from difftrb import curve, direct, nodes, ramp, status
+from difftrb import curve, direct, gap, nodes, ramp, status
 from difftrb.curve import Curve
 from difftrb.direct import ASIDE, MOVED, Healthy
 from difftrb.geometry import LineContact, Real, Spall
 from difftrb.ramp import Carried, Ramp
+
+NO_LAND = 1.0
+"""Height of the crown [mm] that stands for what lies beyond the roller's end: no approach is as large."""
 
 
 @partial(
@@ -61,17 +64,19 @@ class Atlas:
     status_code: Real
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["contact", "atlases"], meta_fields=["which"])
+@partial(jax.tree_util.register_dataclass, data_fields=["contact", "atlases", "narrow_error"], meta_fields=["which"])
 @dataclasses.dataclass(frozen=True)
 class TableLaw:
     """A roller law from `Atlas`es: the one numbered `which[i]` for the i-th spall of a scene.
 
-    `contact` may differ a little from the atlases': approaches are carried along their exact slopes.
+    `contact` may differ a little from the atlases': approaches are carried along their exact slopes. `narrow_error` is
+    as `Atlas.error`, of spalls with both edges in reach of a roller; None: the law is for wider ones only.
     """
 
     contact: LineContact
     atlases: tuple[Atlas, ...]
     which: tuple[int, ...]
+    narrow_error: Real | None = None
     name = "table"
     hard = False
 
@@ -83,7 +88,8 @@ class TableLaw:
     @property
     def error(self) -> Real:
         """See `Atlas`."""
-        return jnp.max(jnp.stack([jnp.asarray(atlas.error) for atlas in self.atlases]))
+        errors = [jnp.asarray(atlas.error) for atlas in self.atlases]
+        return jnp.max(jnp.stack(errors if self.narrow_error is None else [*errors, jnp.asarray(self.narrow_error)]))
 
     @property
     def status_code(self) -> Real:
@@ -100,6 +106,8 @@ class TableLaw:
         atlases = [self.atlases[which] for which in self.which[: len(spalls)]]
         healthy = _healthy(self.atlases[0], self.contact, _change(self.atlases[0], self.contact, None))
         beside = [ramp_of(atlas, self.contact, spall) for spall, atlas in zip(spalls, atlases, strict=True)]
+        if self.narrow_error is not None:
+            beside = [_narrow(one, self.contact, spall) for spall, one in zip(spalls, beside, strict=True)]
         ramps = [
             [dataclasses.replace(one, edge=direct.over(spall, distances[i], side)) for side in (1.0, -1.0)]
             for i, (spall, one) in enumerate(zip(spalls, beside, strict=True))
@@ -107,8 +115,9 @@ class TableLaw:
         return direct.carried_by(healthy, [one.full for one in beside], ramps, spalls, distances)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
-        """See `Law`: spalls up to 85 % of the roller long, wider than the contact, of a depth and axial offset that
-        the table was built for, on a contact that is the table's or a neighbour of it."""
+        """See `Law`: spalls up to 85 % of the roller long, of a depth and axial offset that the table was built for, on
+        a contact that is the table's or a neighbour of it; narrow ones if the table was made for them and the roller
+        cannot reach their bottom."""
         code = jnp.asarray(status.CONVERGED)
         for i, spall in enumerate(spalls):
             if i >= len(self.which):
@@ -123,7 +132,9 @@ class TableLaw:
             code = status.worst(code, jnp.where(same, status.CONVERGED, status.OTHER_SCENE))
             beside = ramp_of(atlas, self.contact, spall)
             _, end = ramp.extent(beside, curve.end(beside.full, 1.0))
-            code = status.worst(code, jnp.where(0.5 * spall.width > end, status.CONVERGED, status.NARROW))
+            wide = 0.5 * spall.width > end
+            wide = wide if self.narrow_error is None else wide | deep
+            code = status.worst(code, jnp.where(wide, status.CONVERGED, status.NARROW))
             known = spall.length <= atlas.lengths[-1]
             code = status.worst(code, jnp.where(known, status.CONVERGED, status.UNKNOWN_LENGTH))
         return code
@@ -131,7 +142,8 @@ class TableLaw:
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`."""
         beside = ramp_of(self.atlases[self.which[number]], self.contact, spall)
-        return ramp.extent(beside, approach)
+        low, high = ramp.extent(beside, approach)
+        return low, high if self.narrow_error is None else jnp.minimum(high, 0.5 * spall.width)
 
 
 def _change(atlas: Atlas, contact: LineContact, spall: Spall | None) -> jax.Array:
@@ -165,3 +177,10 @@ def ramp_of(atlas: Atlas, contact: LineContact, spall: Spall) -> Ramp:
     return _healthy(atlas, contact, change).beside(
         jnp.zeros(()), full, at @ atlas.sunk, jnp.tensordot(at_edge, share, 1)
     )
+
+
+def _narrow(beside: Ramp, contact: LineContact, spall: Spall) -> Ramp:
+    """The ramp for both edges of the spall."""
+    crown = gap.crown_at(spall.axial_offset + 0.5 * spall.length * jnp.asarray(ramp.ALONG), contact)
+    width = jnp.asarray(spall.width, float)
+    return dataclasses.replace(beside, pit=ramp.Pit(width, jnp.minimum(crown, NO_LAND)))

@@ -5,6 +5,9 @@ land would carry beyond that the share W. t runs from 0, where the edge enters t
 longer meets the land. W is written (1 − t²)/(1 + t² y), in which y is smooth but for a logarithm at t = 1, where the
 contact left on the land is a narrow line; it hardly changes with load and length, so a small polynomial holds it.
 Beyond 0 and 1 the roller is healthy or over the middle of the spall, exactly.
+
+Where both edges of a spall narrower than the contact act, W is that of the one edge over which the roller would sink as
+far by plane strain (`pit`), in the mean over rows along the spall, of which the crown loads those near the ends less.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import curve
+from difftrb import curve, pit
 from difftrb.curve import Curve
 from difftrb.geometry import Real
 
@@ -37,13 +40,29 @@ ROUNDS = 6
 """Of the fit of a share, in which solves that stand out count less and less."""
 NOISE = 5e-4
 """Error of a solve's share that is nothing special."""
+SHARES = 5
+"""Rounds in which the edge is found that a narrow spall's two are worth."""
+ALONG, WEIGHTS = np.polynomial.legendre.leggauss(6)
+"""Rows along a narrow spall, in halves of its length from its middle, and what they count."""
+ROW = 1.3
+"""A row's line load goes with this power of the approach less the crown, as a crowned roller's load does."""
+SHUT = 1e-3
+"""Least of that, in shares of the approach."""
 SLOPES_COUNT = 0.05
 """What the derivative of a share by t counts in the fit beside a share: solves give it less exactly."""
 
 
+class Pit(NamedTuple):
+    """A spall so narrow that both edges may be in reach: its width [mm], shape (…); the roller's crown over it at the
+    places `along` it [mm], shape (ROWS, …)."""
+
+    width: jax.Array
+    crown: jax.Array
+
+
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["edge", "healthy", "full", "half_width", "sunk", "loads", "radius", "share"],
+    data_fields=["edge", "healthy", "full", "half_width", "sunk", "loads", "radius", "share", "pit"],
     meta_fields=[],
 )
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +78,7 @@ class Ramp:
       loads: middle and reach of that log Q [log N], shape (2,).
       radius: of the contact [mm].
       share: y's coefficients: Chebyshev polynomials of log Q, as guessed, by terms of t; shape (k, TERMS, …).
+      pit: what is to be known besides where the spall's other edge may be in reach, too; None: it is not.
     """
 
     edge: jax.Array
@@ -69,6 +89,7 @@ class Ramp:
     loads: jax.Array
     radius: Real
     share: jax.Array
+    pit: Pit | None = None
 
 
 class Carried(NamedTuple):
@@ -100,9 +121,34 @@ def load(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 def _load(ramp: Ramp, approach: jax.Array) -> jax.Array:
     healthy, full, low, high = between(ramp, approach)
-    t = place(ramp.edge, low, high)
+    t = place(ramp.edge if ramp.pit is None else _worth(ramp, ramp.pit, approach, low, high), low, high)
     levels = _chebyshev(_level(ramp, healthy, full, t), ramp.share.shape[0] - 1)
     return full + (healthy - full) * _left(t, [_combined(ramp.share[:, k], levels) for k in range(TERMS)])
+
+
+def _worth(ramp: Ramp, across: Pit, approach: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
+    """The one edge over which the roller would sink as far, in the mean along the spall, as over both."""
+    left = jnp.maximum(1.0 - across.crown / jnp.maximum(approach, 1e-9)[None], SHUT)
+    weight = jnp.asarray(WEIGHTS).reshape(-1, *[1] * (left.ndim - 1)) * left ** (ROW - 1.0)
+    size = -low[None] * left ** (0.5 * ROW)  # of every row's contact without a spall, half its width
+    edge, near = ramp.edge, ramp.edge[None]
+    for _ in range(SHARES):  # the share left decides how wide the contact is, and the edge the share
+        share = _left(place(edge, low, high), list(GUESS))
+        own = jnp.maximum(size * jnp.sqrt(jnp.maximum(share, 1e-6))[None], across.width[None] / pit.WIDEST)
+        sunk = jnp.sum(weight * pit.sinking(near, across.width[None], own), axis=0)
+        met = sunk > 1e-9
+        goal = across.width * jnp.sqrt(jnp.where(met, sunk, 1.0))
+        least = -jnp.max(own, axis=0) * (1.0 - 1e-6)
+        for _ in range(2):
+            square = jnp.where(met, jnp.sum(weight * pit.over_one(edge[None], own), axis=0), 1.0)
+            rate = jnp.where(met, jnp.sum(weight * pit.over_one_slope(edge[None], own), axis=0), 1.0)
+            root = jnp.sqrt(square)
+            edge = jnp.where(met, jnp.maximum(edge - (root - goal) * 2.0 * root / rate, least), ramp.edge)
+    # a spall without width leaves the roller where it is: at the ramp's beginning
+    widest = jnp.max(size, axis=0)
+    beside = ramp.edge <= -widest
+    stretch = (ramp.edge - low) / jnp.where(beside, 1.0, ramp.edge + widest)
+    return jnp.where(beside, ramp.edge, ramp.edge + (edge - ramp.edge) * stretch)
 
 
 def _left(t: jax.Array, coefficients: Sequence[jax.Array]) -> jax.Array:

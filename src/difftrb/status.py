@@ -33,7 +33,8 @@ SENTENCES = {
     "that may reach the spall's bottom, too short a loaded land; for a line load and an edge's intensity a rolling "
     "edge in reach): use solve_contact with method 'cells'",
     OTHER_SCENE: "the roller law was prepared for another scene: prepare this one, by naming its law",
-    NARROW: "a spall is so narrow that both its edges are in reach of a roller at once: use law 'direct'",
+    NARROW: "a spall is so narrow that both its edges are in reach of a roller at once, and the table was made for "
+    "wider ones, or the roller may meet its bottom: prepare the scene with this spall, or use law 'direct'",
     LOOSE: "one of two rows carries nothing, and the other one alone does not hold the shaft's tilt: raise "
     "effects.double_row.preload, leave its spacing out, or name effects.tilt, too",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",

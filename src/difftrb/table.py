@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import curve, direct, nodes, ramp, store
+from difftrb import curve, direct, nodes, ramp, status, store
 from difftrb.atlas import Atlas, TableLaw, ramp_of
 from difftrb.geometry import LineContact, Spall, as_floats
 from difftrb.law import LENGTH_SHARE, load_over
@@ -33,10 +33,11 @@ SHORTEST = 0.04
 BESIDE = 1.03
 """How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
 CHECKS = 24
+NARROW_CHECKS = 16
 MAKERS = (
     "atlas", "contact", "contact_solution", "curve", "direct", "domain", "edges", "gap", "geometry", "given",
-    "halfspace", "hertz", "implicit", "law", "nodes", "press", "ramp", "rows", "special", "strip_model", "strips",
-    "table", "waves",
+    "halfspace", "hertz", "implicit", "law", "nodes", "pit", "press", "ramp", "rows", "special", "strip_model",
+    "strips", "table", "waves",
 )  # fmt: skip
 """Modules that a table is made by: a change in one makes another table."""
 
@@ -67,15 +68,32 @@ def table_law(
         if kind not in kinds:
             kinds.append(kind)
     made = []
-    for depth, axial_offset in kinds:
-        numbers = *jax.tree.leaves(contact), top, depth, axial_offset, accuracy
+    numbers = [(*jax.tree.leaves(contact), top, *kind, accuracy) for kind in kinds]
+    for kind, own in zip(kinds, numbers, strict=True):
         arrays = store.kept(
-            store.key(numbers, MAKERS),
-            partial(_arrays, contact, top, depth, axial_offset, accuracy, progress),
+            store.key(own, MAKERS),
+            partial(_arrays, contact, top, *kind, accuracy, progress),
         )
         made.append(Atlas(**{name: jnp.asarray(value) for name, value in arrays.items()}))
     which = tuple(kinds.index((float(s.depth), float(s.axial_offset))) for s in spalls)
-    return TableLaw(contact, tuple(made), which)
+    law = TableLaw(contact, tuple(made), which)
+    errors = [
+        store.kept(
+            store.key((*numbers[k], NARROW_CHECKS), MAKERS),
+            partial(_narrow_error, contact, made[k], nodes.spall_of(made[k].given), accuracy, progress),
+        )["error"]
+        for k in {k for k, spall in zip(which, spalls, strict=True) if _is_narrow(law, k, spall)}
+    ]
+    return dataclasses.replace(law, narrow_error=float(max(errors))) if errors else law
+
+
+def _is_narrow(law: TableLaw, kind: int, spall: Spall) -> bool:
+    """Whether a law that is not made for both edges at once refuses the spall for that alone."""
+    codes = [
+        int(dataclasses.replace(law, which=(kind,), narrow_error=error).judge((spall,), jnp.zeros((1, 1))))
+        for error in (None, 0.0)
+    ]
+    return codes[0] == status.NARROW != codes[1]
 
 
 def _arrays(*arguments: Any) -> store.Arrays:
@@ -237,7 +255,6 @@ def _extent(built: Atlas, contact: LineContact, length: jax.Array, load: jax.Arr
 def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None) -> float:
     """See `Atlas.error`: at random points in the middle of spalls, and with an edge on the ramp."""
     rng = np.random.default_rng(0)
-    table = TableLaw(contact, (built,), (0,))
     top, longest = float(built.log_loads[-1]), float(built.lengths[-1])
     cases = []
     for k in range(CHECKS):
@@ -245,11 +262,31 @@ def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, pro
         low, high = map(float, _extent(built, contact, length, load))
         shape = dataclasses.replace(like, length=length, width=4.0 * high)
         cases.append(Case(load, shape, 2.0 * high - rng.uniform(low, high) if k % 2 else 0.0))
-    solved = nodes.all_solved(contact, cases, accuracy, progress)
+    return _worst(TableLaw(contact, (built,), (0,)), cases, nodes.all_solved(contact, cases, accuracy, progress))
+
+
+def _narrow_error(
+    contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None
+) -> store.Arrays:
+    """See `TableLaw`: at random points with a roller near the middle of spalls whose edges are both in its reach."""
+    rng = np.random.default_rng(1)
+    top, longest = float(built.log_loads[-1]), float(built.lengths[-1])
+    cases = []
+    for _ in range(NARROW_CHECKS):
+        length, load = longest * rng.uniform(0.05, 1.0), float(np.exp(top - rng.uniform(0.0, np.log(30.0))))
+        low, high = map(float, _extent(built, contact, length, load))
+        shape = dataclasses.replace(like, length=length, width=2.0 * high * rng.uniform(0.05, 1.0))
+        cases.append(Case(load, shape, -low * rng.uniform(0.0, 1.0)))
+    law = TableLaw(contact, (built,), (0,), 0.0)
+    return {"error": np.asarray(_worst(law, cases, nodes.all_solved(contact, cases, accuracy, progress)))}
+
+
+def _worst(law: TableLaw, cases: list[Case], solved: list[Node]) -> float:
+    """The largest error of a load, by what a healthy roller carries there."""
     worst = 0.0
     for case, node in zip(cases, solved, strict=True):
-        found, _ = _one(table, node.approach, case.spall, case.distance)
-        sound, _ = _one(table, node.approach)
+        found, _ = _one(law, node.approach, case.spall, case.distance)
+        sound, _ = _one(law, node.approach)
         worst = max(worst, abs(float(found) - case.load) / float(sound))
     return worst
 
