@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from difftrb import effects
     from difftrb.axes import SweepError
+    from difftrb.choice import prepare
     from difftrb.chunks import write_sweep
     from difftrb.contact import solve_contact
     from difftrb.contact_slopes import approach_slopes
@@ -28,16 +29,17 @@ if TYPE_CHECKING:
     from difftrb.line import LineSolution, line_contact
     from difftrb.measured import MeasuredError, Measurement, load_measured
     from difftrb.optimal_design import Suggestion, next_measurements
-    from difftrb.preparation import prepare
     from difftrb.ring import Load
     from difftrb.scene import Scene, healthy
     from difftrb.scenefile import SceneError, load_scene
-    from difftrb.solution import Assessment, Solution, assess, solve
+    from difftrb.solution import Solution
+    from difftrb.solving import Assessment, assess, solve
     from difftrb.status import SolveError
     from difftrb.sweeping import sweep
     from difftrb.swept import Swept
 
 _HOMES = {
+    "choice": ("prepare",),
     "contact": ("solve_contact",),
     "contact_slopes": ("approach_slopes",),
     "contact_solution": ("ContactSolution",),
@@ -52,10 +54,10 @@ _HOMES = {
     "measured": ("MeasuredError", "Measurement", "load_measured"),
     "optimal_design": ("Suggestion", "next_measurements"),
     "ring": ("Load",),
-    "preparation": ("prepare",),
     "scene": ("Scene", "healthy"),
     "scenefile": ("SceneError", "load_scene"),
-    "solution": ("Assessment", "Solution", "assess", "solve"),
+    "solution": ("Solution",),
+    "solving": ("Assessment", "assess", "solve"),
     "status": ("SolveError",),
     "axes": ("SweepError",),
     "chunks": ("write_sweep",),

@@ -121,14 +121,14 @@ def _run(options: Any) -> int:
     import jax
 
     from difftrb import report, scenefile
+    from difftrb.choice import prepare
     from difftrb.edge_stress import edge_stresses
-    from difftrb.preparation import prepare
-    from difftrb.solution import assess
+    from difftrb.solving import assess
 
     file, path = _read(options)
     scenefile.check_ring(file, path)
     started = time.perf_counter()
-    if file.contact.law in ("table", "direct"):
+    if file.contact.law in ("table", "direct", "auto"):
         with terminal.bar("solving contacts for the roller law") as progress:
             scene = jax.block_until_ready(prepare(file.scene(), progress))
     else:
@@ -206,6 +206,7 @@ def _fit(options: Any) -> int:
     started = time.perf_counter()
     with terminal.bar("solving contacts for the roller law") as progress:
         scene = prepare_fit(file.scene(), rows, progress)
+    _say_picked(scene)
     with terminal.busy("fitting"):
         result = fit(scene, rows, names, options.robust)
         suggestions = next_measurements(result) if bool(result.converged) else ()
@@ -229,6 +230,7 @@ def _sweep(options: Any) -> int:
     file = sweepfile.read(options.scene)
     with terminal.bar("preparing the roller law") as progress:
         plan = file.plan(options.batch, progress)
+    _say_picked(plan.base)
     if options.dry_run:
         with terminal.busy("measuring a small batch"):
             print(forecast.text(plan, options.devices))
@@ -248,6 +250,13 @@ def _draw_sweep(swept: Any, folder: Path) -> None:
     for name in swept.values:
         if not swept.own_dims[name]:
             plot.save(sweep_plot.swept(swept, name), folder, name)
+
+
+def _say_picked(base: Any) -> None:
+    from difftrb import report
+
+    if (picked := getattr(base, "picked", None)) is not None:
+        _say(report.picked_text(picked))
 
 
 def _say(sentence: str) -> None:

@@ -16,14 +16,14 @@ import jax
 import jax.numpy as jnp
 
 from difftrb import clock, scenefile, store
+from difftrb.choice import prepare
 from difftrb.contact import COMPILING, solve_contact
 from difftrb.contact_solution import ContactSolution
 from difftrb.nodes import Progress
-from difftrb.preparation import prepare
 from difftrb.rungs import ALWAYS, RUNGS, Kind, Row, Rung, finer, finest, judged, recommended
 from difftrb.scene import PitchMean, Scene
 from difftrb.scenefile import SceneError, SceneFile
-from difftrb.solution import solve
+from difftrb.solving import solve
 from difftrb.status import SolveError
 
 BATCH = 256
@@ -210,11 +210,12 @@ def _batch_with_gradient(loads: jax.Array, ready: Scene) -> tuple[jax.Array, jax
 
 def _on_contact(rung: Rung, file: SceneFile, path: str | Path) -> Row:
     """Solve the single contact by one method."""
+    file = dataclasses.replace(file, contact=dataclasses.replace(file.contact, accuracy=rung.accuracy))
     scenefile.check_contact(file, path)
-    given = file.single_contact() | {"accuracy": rung.accuracy, "method": rung.way}
+    given = file.single_contact()
 
     def solved() -> ContactSolution:
-        return solve_contact(**given)
+        return solve_contact(**given, method=cast(Any, rung.way))
 
     started = time.perf_counter()
     solution = jax.block_until_ready(solved())

@@ -80,8 +80,10 @@ def manifest_of(plan: Plan, text: str = "") -> dict[str, Any]:
     }
     about = json.loads(json.dumps(about))  # as it comes back from disk
     digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
-    digest.update(repr(jax.tree.structure(plan.base)).encode())
-    for leaf in jax.tree.leaves(plan.base):
+    base = plan.base  # without what "auto" became: it holds times
+    base = dataclasses.replace(base, picked=None) if isinstance(base, Scene) else base
+    digest.update(repr(jax.tree.structure(base)).encode())
+    for leaf in jax.tree.leaves(base):
         is_number = isinstance(leaf, jax.Array | np.ndarray | float | int)
         digest.update(np.asarray(leaf, float).tobytes() if is_number else repr(leaf).encode())
     return about | {"identity": digest.hexdigest()}

@@ -175,6 +175,11 @@ class DirectLaw:
         """Smallest and largest load of the solves [N]."""
         return jnp.exp(self.log_loads[0]), jnp.exp(self.log_loads[-1])
 
+    @property
+    def contacts(self) -> int:
+        """How many were solved."""
+        return self.healthy.size + self.full.size + sum(edges.loads.size for edges in self.edges)
+
     def at(self, contact: LineContact) -> DirectLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)

@@ -19,7 +19,8 @@ from difftrb.geometry import Raceway
 from difftrb.intensity import edge_intensity
 from difftrb.preparation import raceway_contact
 from difftrb.scene import PitchMean, Scene
-from difftrb.solution import Solution, solve
+from difftrb.solution import Solution
+from difftrb.solving import solve
 
 STATIC_LIMIT = 4000.0
 """Contact stress of roller bearings under their basic static load rating [MPa] (ISO 76): from there on raceways yield

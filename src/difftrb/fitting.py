@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from difftrb import confidence, least_squares, observed, preparation, remarks, status
+from difftrb import choice, confidence, least_squares, observed, remarks, status
 from difftrb import unknowns as unknown
 from difftrb.confidence import Profiles
 from difftrb.fitted import Fit, History
@@ -49,7 +49,10 @@ ROUNDS = 3
 
 
 def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | None = None) -> Scene:
-    """The scene with its law built for all loads of `rows`, so that fitting again costs no contact solves."""
+    """The scene with its law built for all loads of `rows`, so that fitting again costs no contact solves.
+
+    "auto" becomes a table, judged under the lightest and the heaviest of these loads at the scene's own spall.
+    """
     if not rows:
         raise MeasuredError("measurements: there are no rows to fit")
     for k, row in enumerate(rows, 1):
@@ -58,9 +61,12 @@ def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | 
         if scene.law.name == "direct":
             raise MeasuredError("contact.law = 'direct' holds for one spall; fit with contact.law = 'table'")
         loads = [Load(float(row.radial), float(row.axial)) for row in rows]
-        hardest = max(loads, key=lambda load: float(largest_load(scene.bearing, load)))
-        scene = dataclasses.replace(scene, load=hardest)
-    return preparation.prepare(scene, progress)
+        loads.sort(key=lambda load: float(largest_load(scene.bearing, load)))
+        ends = [dataclasses.replace(scene, load=load) for load in (loads[0], loads[-1])]
+        scene = ends[-1]
+        if choice.is_auto(scene):
+            return choice.shared(ends, partial(choice.by_name, scene, progress=progress), choice.SOFT)
+    return choice.prepare(scene, progress)
 
 
 def fit(

@@ -11,12 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb import contact as contacts
-from difftrb import curve, given, hertz, ramp, status
+from difftrb import curve, geometry, given, hertz, ramp, status
 from difftrb.files import shown
-from difftrb.geometry import LineContact, Real, Spall
+from difftrb.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.ramp import Carried
 
-NAMES = ("palmgren", "power", "liu2018", "table", "direct")
+AUTO = "auto"
+"""In place of a law's name: one is to be chosen by the accuracy asked for (`difftrb.choice`)."""
+NAMES = ("palmgren", "power", "liu2018", "table", "direct", AUTO)
 
 # Liu et al. 2018, Table 2: spall length [mm], K [N/mmⁿ], n, largest error of the fit
 TABLE_2 = np.array(
@@ -33,6 +35,8 @@ LENGTH_SHARE = 0.85
 """A law from contact solves covers spalls up to this share of the roller's length."""
 LENGTH_NODES = 7
 LOAD_NODES = 9
+CONTACTS = LENGTH_NODES * LOAD_NODES + (LENGTH_NODES - 1) * (LOAD_NODES - 1)
+"""Contact solves of a power law: fitted, and between."""
 
 
 class Law(Protocol):
@@ -264,6 +268,13 @@ def liu2018() -> PowerLaw:
         status_code=float(status.CONVERGED),
         name="liu2018",
     )
+
+
+def is_of_liu2018(bearing: TaperedBearing) -> bool:
+    """Whether Table 2 is of this bearing's rollers and outer raceway."""
+    theirs = geometry.bearing("32008J")
+    unconcerned = {name: getattr(theirs, name) for name in ("arc_radius", "density", "flange_angle")}
+    return dataclasses.replace(bearing, **unconcerned) == theirs
 
 
 def power_law(

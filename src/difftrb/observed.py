@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import solution, status
+from difftrb import solution, solving, status
 from difftrb import unknowns as unknown
 from difftrb.geometry import Real
 from difftrb.measured import Measurement
@@ -115,7 +115,7 @@ def _stiffness(scene: Scene, todo: Plan, preload: Real) -> tuple[jax.Array, jax.
     for definition in definitions:
 
         def one(condition: jax.Array, definition: Definition = definition) -> tuple[jax.Array, jax.Array]:
-            solved = solution.solve(dataclasses.replace(under(condition, False), definition=definition))
+            solved = solving.solve(dataclasses.replace(under(condition, False), definition=definition))
             return jnp.stack([solved.radial_stiffness, solved.axial_stiffness]), solved.status_code
 
         own = [k for k, kind in enumerate(todo.kinds) if kind[0] == definition]

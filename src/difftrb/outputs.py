@@ -10,14 +10,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import ring, status
+from difftrb import choice, ring, status
 from difftrb.axes import Axis, SweepError, number_at, replaced
+from difftrb.choice import prepare
 from difftrb.contact_solution import ContactSolution
 from difftrb.files import shown
 from difftrb.nodes import Progress
-from difftrb.preparation import SEVERAL_SHAPES, of_one_shape, prepare, prepared_law
+from difftrb.preparation import SEVERAL_SHAPES, of_one_shape, prepared_law
 from difftrb.scene import LawName, PitchMean, Scene, healthy
-from difftrb.solution import Solution, solve
+from difftrb.solution import Solution
+from difftrb.solving import solve
 
 STATUS = "status_code"
 """Name under which a function of a member may give its status (`difftrb.status`), an integer of shape ()."""
@@ -112,13 +114,16 @@ def known(names: Sequence[str], outputs: dict[str, Output]) -> Sequence[str]:
 FITTED_FOR = {"power": ("width", "depth", "axial_offset"), "liu2018": ("depth", "axial_offset"),
               "palmgren": ("depth", "axial_offset")}  # fmt: skip
 """Of a spall, what a law by this name is made for one value of, or does not know at all."""
+JUDGED_AT = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""How far along every axis the members are that the law "auto" is judged by."""
 
 
 def prepared(
     scene: Scene, axes: Sequence[Axis], gradients: Sequence[str] = (), progress: Progress | None = None
 ) -> Scene:
     """The scene with one law for all members: made once, for the largest and smallest loads and longest spalls on the
-    axes. A law that the scene brings prepared is kept.
+    axes. A law that the scene brings prepared is kept; "auto" is judged by four members, from end to end of all axes,
+    and by "direct" there: with derivatives by where edges stand at one phase it becomes a table, whose ramps have them.
 
     Raises `SweepError` for a key through which a law by name does not act, or would have to be made for every member.
     """
@@ -131,6 +136,13 @@ def prepared(
         )
     if not isinstance(scene.law, LawName):
         return prepare(scene)
+    if choice.is_auto(scene):
+        edges = any(key.endswith((".width", ".angle", ".phase")) for key in gradients)
+        return choice.shared(
+            _members(scene, axes),
+            lambda law, accuracy: prepared(_named(scene, law, accuracy), axes, gradients, progress),
+            choice.SOFT if edges and not isinstance(scene.phase, PitchMean) else choice.SHARED,
+        )
     name = scene.law.name
     for key in (*ends, *gradients):
         _refuse_frozen(name, key, "gradients: " if key not in ends else "")
@@ -146,6 +158,22 @@ def prepared(
     for key in ends:
         _refuse_other(ready, key, ends[key])
     return ready
+
+
+def _members(scene: Scene, axes: Sequence[Axis]) -> list[Scene]:
+    """Some of a sweep's scenes, from end to end of all axes, by which a law can be judged."""
+    found = []
+    for share in JUDGED_AT:
+        member = scene
+        for axis in axes:
+            for key, values in zip(axis.keys, axis.values, strict=True):
+                member = replaced(member, key, float(values[round(share * (axis.count - 1))]))
+        found.append(member)
+    return found
+
+
+def _named(scene: Scene, law: str, accuracy: float) -> Scene:
+    return dataclasses.replace(scene, law=LawName(law), accuracy=accuracy)
 
 
 def _refuse_frozen(name: str, key: str, where: str) -> None:

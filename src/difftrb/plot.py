@@ -19,7 +19,7 @@ from difftrb.contact_solution import ContactSolution
 from difftrb.geometry import arc_radius
 from difftrb.heightmap import HeightMap
 from difftrb.scene import Scene
-from difftrb.solution import Assessment
+from difftrb.solving import Assessment
 
 HEALTHY, SPALLED, ACCENT = "#4477AA", "#EE6677", "#BBBBBB"  # colour-blind safe (Tol, bright)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from typing import cast, get_args
 
 import jax
@@ -26,9 +27,14 @@ SEVERAL_SHAPES = (
 
 BY_NODES = ("table", "direct")
 TRACED = (
-    "law = 'table' and law = 'direct' need numbers: prepare the scene first, difftrb.prepare(scene), and "
+    "law = 'table', 'direct' and 'auto' need numbers: prepare the scene first, difftrb.prepare(scene), and "
     "differentiate, jit or batch what comes out; derivatives stay complete"
 )
+
+
+def is_traced(scene: Scene) -> bool:
+    """Whether some of the scene's numbers are not known yet."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene))
 
 
 def prepared_law(
@@ -74,7 +80,7 @@ def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
 
 def _by_nodes(scene: Scene, raceway: Raceway, largest: Real, progress: Progress | None) -> Law:
     """A law from contact solves that are made one by one, outside of jit."""
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+    if is_traced(scene):
         raise ValueError(TRACED)
     name = cast(LawName, scene.law).name
     contact, spalls = raceway_contact(scene, raceway), ring.spalls_on(scene.spalls, raceway)
@@ -88,19 +94,10 @@ def _at_edges(scene: Scene, raceway: Raceway, law: direct.DirectLaw) -> list[lis
     """For every spall the distances [mm] at which rollers stand on its ramps, in any phase, and their approaches [mm]
     on the healthy ring."""
     acting = tuple(effect for effect in scene.effects if not isinstance(effect, Raceways))  # its law is not made yet
-
-    def there(phase: Real) -> tuple[effects.Ring, ring.Terms]:
-        here = effects.Ring(scene.bearing, scene.load, (), law, law.contact, phase)
-        return here, effects.terms(acting, here)
-
+    bare = dataclasses.replace(scene, law=law, effects=acting, accuracy=1e-3)  # one program for all
     met = (pitch.Met(raceway, ring.spalls_on(scene.spalls, raceway), law),)
-    phases = phases_of(scene, met, there(0.0)[1])[0]
-
-    def healthy(phase: jax.Array) -> tuple[jax.Array, jax.Array]:
-        here, terms = there(phase)
-        return ring.distances(scene.bearing, law.spalls, here.angles, raceway), here.equilibrium(terms).approach
-
-    distances, approaches = map(np.asarray, jax.jit(jax.vmap(healthy))(phases))
+    phases = phases_of(scene, met, _healthy_ring(bare, 0.0)[1])[0]
+    distances, approaches = map(np.asarray, _healthy_approaches(bare, raceway, phases))
     return [
         sorted({(abs(float(d)), max(float(a), 0.1 * float(approaches.max())))  # out of the load zone: as good as any
                 for d, a in zip(distances[:, i].ravel(), approaches.ravel(), strict=True)
@@ -108,6 +105,25 @@ def _at_edges(scene: Scene, raceway: Raceway, law: direct.DirectLaw) -> list[lis
         for i, spall in enumerate(law.spalls)
         for low, high in [map(float, law.ramp(i, spall, law.full[i, -1]))]
     ]  # fmt: skip
+
+
+def _healthy_ring(scene: Scene, phase: Real) -> tuple[effects.Ring, ring.Terms]:
+    """Without spalls, by the scene's direct law, and what its effects add."""
+    law = cast(direct.DirectLaw, scene.law)
+    here = effects.Ring(scene.bearing, scene.load, (), law, law.contact, phase)
+    return here, effects.terms(scene.effects, here)
+
+
+@partial(jax.jit, static_argnames="raceway")
+def _healthy_approaches(scene: Scene, raceway: Raceway, phases: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Distances from the spalls on a raceway [mm] and approaches there on the healthy ring [mm], at every phase."""
+    spalls = cast(direct.DirectLaw, scene.law).spalls
+
+    def at(phase: jax.Array) -> tuple[jax.Array, jax.Array]:
+        here, terms = _healthy_ring(scene, phase)
+        return ring.distances(scene.bearing, spalls, here.angles, raceway), here.equilibrium(terms).approach
+
+    return jax.vmap(at)(phases)
 
 
 def phases_of(scene: Scene, met: tuple[pitch.Met, ...], terms: ring.Terms = ring.PLAIN) -> tuple[jax.Array, jax.Array]:
@@ -125,14 +141,8 @@ def of_one_shape(spalls: tuple[Spall, ...]) -> bool:
     return len({tuple(float(value) for value in shape) for shape in shapes}) == 1
 
 
-def prepare(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
-    """The scene with its law built, so that solving it again costs microseconds. Errors as in `solve`.
-
-    A prepared "power" law is frozen: bearing, crown, and a spall's width, depth and axial offset no longer act through
-    it; for complete derivatives by those, differentiate the scene with its law by name. "table" and "direct" stay
-    complete, and hold for neighbours of the scene. `progress` is told how many of how many contacts are solved. `least`
-    is the largest roller load [N] of the lightest loaded scene that a "power" law is to serve; default: of this one.
-    """
+def with_law(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
+    """The scene with its law built, unless that is to be chosen: see `difftrb.prepare`."""
     status.require_float64()
     scene = as_floats(scene)
     if scene.definition not in get_args(Definition):

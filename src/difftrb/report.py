@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -19,8 +20,8 @@ from difftrb.chunks import Ended
 from difftrb.contact_solution import ContactSolution
 from difftrb.edge_stress import EdgeStress
 from difftrb.law import Law
-from difftrb.scene import PitchMean, Scene
-from difftrb.solution import Assessment
+from difftrb.scene import Picked, PitchMean, Scene
+from difftrb.solving import Assessment
 
 BAR = 28
 DIRECTIONS = ("radial", "lateral", "axial", "about_radial", "about_lateral")
@@ -35,7 +36,7 @@ def run_json(scene: Scene, result: Assessment, seconds: float, edges: Sequence[E
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
     `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`, with
-    `edges` a key `edge_stress`.
+    `edges` a key `edge_stress`, with the law "auto" a key `picked`.
     """
     spalled, sound = result.spalled, result.healthy
     verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
@@ -65,6 +66,7 @@ def run_json(scene: Scene, result: Assessment, seconds: float, edges: Sequence[E
         "iterations": spalled.iterations,
         **({"effects": spalled.effects} if scene.effects else {}),
         **({"edge_stress": [edge._asdict() for edge in edges]} if edges else {}),
+        **({"picked": dataclasses.asdict(spalled.picked)} if spalled.picked is not None else {}),
         "seconds": seconds,
     })  # fmt: skip
 
@@ -145,6 +147,8 @@ def run_text(scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = ())
             lines.append(f"{name.replace('_', ' ')}: {value:,.5g} {UNITS[name]}")
     lines += [edge.sentence for edge in edges]
     lines.append(law_text(spalled.law, spalled.loads))
+    if spalled.picked is not None:
+        lines.append(picked_text(spalled.picked))
     if scene.spalls and spalled.law.hard and not isinstance(scene.phase, PitchMean):
         lines.append("width: the window is hard, so stiffness changes with width only where a roller enters or leaves")
     lines.append(
@@ -166,6 +170,18 @@ def law_text(law: Law, loads: jax.Array) -> str:
         text += f", made for {low:.0f} … {high:.0f} N ({outside} loaded rollers outside)"
     error = float(law.error)
     return text + (f", error of a load up to {100.0 * error:.1f} %" if math.isfinite(error) else ", error not known")
+
+
+def picked_text(picked: Picked) -> str:
+    """One sentence on what the law "auto" became."""
+    keeps = "for" if picked.error <= picked.asked else "although nothing is known to keep"
+    text = (
+        f"picked: {picked.law} {picked.accuracy:g}, {keeps} stiffness and peak load within {picked.asked:g}; "
+        f"they are off by up to {number(picked.error, '.1e')}"
+    )
+    if picked.finer is None:
+        return text
+    return text + f"; finer: {picked.finer.law} {picked.finer.accuracy:g}, in {picked.finer.seconds:.2g} s or more"
 
 
 def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> RenderableType:

@@ -37,9 +37,40 @@ class LawName:
     name: str
 
 
+@partial(jax.tree_util.register_dataclass, data_fields=["accuracy", "seconds"], meta_fields=["law"])
+@dataclasses.dataclass(frozen=True)
+class Finer:
+    """The next more exact law: its name, the accuracy of its contacts [-], and how many seconds it would take to make
+    here at least, by the contacts that were solved before."""
+
+    law: str
+    accuracy: Real
+    seconds: Real
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["accuracy", "asked", "error", "finer"], meta_fields=["law"])
+@dataclasses.dataclass(frozen=True)
+class Picked:
+    """What the law "auto" became.
+
+    Attributes:
+      law: its name. accuracy: of its contacts [-].
+      asked: the scene's `accuracy`. error: how far radial stiffness, axial stiffness and the largest roller load are
+        known to be off at most, relative [-]; larger than `asked` if nothing keeps that, NaN if a scene without a
+        solution tells nothing.
+      finer: None if there is none.
+    """
+
+    law: str
+    accuracy: Real
+    asked: Real
+    error: Real
+    finer: Finer | None
+
+
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["bearing", "load", "spalls", "law", "design_load", "phase", "effects"],
+    data_fields=["bearing", "load", "spalls", "law", "design_load", "phase", "effects", "picked"],
     meta_fields=["accuracy", "definition"],
 )
 @dataclasses.dataclass(frozen=True)
@@ -51,15 +82,17 @@ class Scene:
       load: radial and axial [N].
       spalls: on the outer raceway, or with the effect `Raceways` on the inner one and on roller 0, too; empty is
         healthy.
-      law: "power" (default), "liu2018", "palmgren", "table", "direct", or a law made before (then nothing is fitted
-        here). "table" and "direct" need `prepare` before the scene is differentiated, jitted or batched.
+      law: "power" (default), "liu2018", "palmgren", "table", "direct", "auto" (chosen: see `prepare`), or a law made
+        before (then nothing is fitted here). "table", "direct" and "auto" need `prepare` before the scene is
+        differentiated, jitted or batched.
       design_load: Q_d of the rollers' crown [N], 0…1e7. Default 6500, with which Liu et al. 2018, Table 2 comes out.
       accuracy: relative accuracy of the contact solves behind the law, 1e-2…1e-4. Default 1e-3: a power law is not
-        worth more.
+        worth more. With law "auto" it is that of stiffness and the largest roller load, 1e-1…1e-3.
       definition: of stiffness, "tangent" (dF/du, default) or "secant" (F/u, as in Liu et al. 2018, Fig. 17).
       phase: angle of roller 0 from the load line [rad], −2π…2π, or "mean": everything is averaged over one roller
         pitch of cage phases.
       effects: what else acts, from `difftrb.effects`; empty is the plain ring.
+      picked: filled in by `prepare` for the law "auto": what was chosen, at the scene that was prepared.
     """
 
     bearing: TaperedBearing
@@ -71,6 +104,7 @@ class Scene:
     definition: Definition = "tangent"
     phase: Phase | PitchMean | Literal["mean"] = 0.0
     effects: tuple[Effect, ...] = ()
+    picked: Picked | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", effects.in_order(self.effects))

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb import effects, geometry, heightmap, ring
+from difftrb import choice, effects, geometry, heightmap, ring
 from difftrb import law as laws
 from difftrb.contact import solve_contact
 from difftrb.contact_solution import ContactSolution
@@ -30,6 +30,8 @@ from difftrb.sentences import UNKNOWN_KEY, in_one_sentence
 from difftrb.solution import Solution
 
 PACKAGED_MAPS = ("spall_map.npz",)
+COARSEST = 1e-2
+"""Accuracy of a contact solve; only "auto" is asked for less, and of something else."""
 
 
 class SceneError(ValueError):
@@ -46,9 +48,9 @@ class ContactTable:
 
     __pydantic_config__ = FILE_RULES
 
-    law: Literal["power", "liu2018", "palmgren", "table", "direct"] = "power"
+    law: Literal["power", "liu2018", "palmgren", "table", "direct", "auto"] = "power"
     design_load: DesignLoad = 6500.0
-    accuracy: Annotated[float, Interval(ge=1e-5, le=1e-2)] = 1e-3
+    accuracy: Annotated[float, Interval(ge=1e-5, le=1e-1)] = 1e-3
     load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
     offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
     tilt: Annotated[Real, Interval(ge=-0.1, le=0.1), Unit("rad")] = 0.0
@@ -145,7 +147,7 @@ def contact_under_spall(file: SceneFile, solution: Solution) -> ContactSolution:
             roller = nearest
         offset = -float(away[roller])
     contact = LineContact.of(file.bearing, "outer", file.contact.design_load)
-    return solve_contact(contact, solution.loads[roller], spall, offset, file.contact.accuracy)
+    return solve_contact(contact, solution.loads[roller], spall, offset, min(file.contact.accuracy, COARSEST))
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -298,6 +300,10 @@ def _across(file: SceneFile, path: str | Path) -> None:
 
 def check_contact(file: SceneFile, path: str | Path) -> None:
     """Refuse what a single contact cannot have; raises `SceneError`."""
+    if file.contact.accuracy > COARSEST:
+        raise SceneError(
+            f"{path}: contact.accuracy = {file.contact.accuracy:g}: must be at most {COARSEST:g} for `difftrb contact`"
+        )
     first = file.spall[0] if file.spall else None
     for i, spall in enumerate(file.spall):
         if first is not None and spall.surface != first.surface:
@@ -314,9 +320,7 @@ def check_contact(file: SceneFile, path: str | Path) -> None:
 
 def check_ring(file: SceneFile, path: str | Path) -> None:
     """Refuse what the contact alone could do but the ring cannot; raises `SceneError`."""
-    theirs = geometry.bearing("32008J")
-    unconcerned = {name: getattr(theirs, name) for name in ("arc_radius", "density", "flange_angle")}
-    if file.contact.law == "liu2018" and dataclasses.replace(file.bearing, **unconcerned) != theirs:
+    if file.contact.law == "liu2018" and not laws.is_of_liu2018(file.bearing):
         raise SceneError(f"{path}: contact.law = 'liu2018' holds for the bearing 32008J only; use 'power'")
     for i, spall in enumerate(file.spall):
         if isinstance(spall, HeightMap):
@@ -324,16 +328,16 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
                 f"{path}: spall.{i}.height_map: the ring takes rectangular spalls; give length and width, or use "
                 "`difftrb contact`, which takes height maps"
             )
-    limits = get_args(Accuracy)[1]
-    if file.contact.accuracy < limits.ge:
+    law, limits = file.contact.law, get_args(Accuracy)[1]
+    least, most = (choice.LEAST, choice.MOST) if law == "auto" else (limits.ge, limits.le)
+    if not least <= file.contact.accuracy <= most:
+        of = "with law = 'auto', of stiffness and peak load" if law == "auto" else "for the ring"
+        more = "; `difftrb contact` goes further" if file.contact.accuracy < least else ""
         raise SceneError(
-            f"{path}: contact.accuracy = {file.contact.accuracy:g}: must be a number in {limits.ge:g} … {limits.le:g} "
-            "for the ring; `difftrb contact` goes further"
+            f"{path}: contact.accuracy = {file.contact.accuracy:g}: must be a number in {least:g} … {most:g} {of}{more}"
         )
-    law = file.contact.law
     roller = file.bearing.roller_length
-    longest = {"power": laws.LENGTH_SHARE * roller, "table": laws.LENGTH_SHARE * roller, "palmgren": 0.99 * roller,
-               "liu2018": laws.TABLE_2[-1, 0], "direct": laws.LENGTH_SHARE * roller}[law]  # fmt: skip
+    longest = {"palmgren": 0.99 * roller, "liu2018": laws.TABLE_2[-1, 0]}.get(law, laws.LENGTH_SHARE * roller)
     for i, spall in enumerate(file.spall):
         if spall.length > longest * (1.0 + 1e-12):
             raise SceneError(

@@ -1,10 +1,10 @@
-"""What comes out of a scene: loads, stiffness, and what a spall takes of it."""
+"""What comes out of a prepared scene: loads and stiffness."""
 
 from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import NamedTuple, cast
+from typing import cast
 
 import jax
 import jax.core
@@ -14,15 +14,15 @@ from difftrb import effects, geometry, ring, status
 from difftrb.effects import Results
 from difftrb.geometry import Real, Spall
 from difftrb.law import Law
-from difftrb.preparation import law_in_effect, met, phases_of, prepare, prepared_law, raceway_contact
+from difftrb.preparation import law_in_effect, met, phases_of, prepared_law, raceway_contact
 from difftrb.ring import Load
-from difftrb.scene import Definition, PitchMean, Scene, healthy
+from difftrb.scene import Definition, Picked, PitchMean, Scene
 
 
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=["angles", "displacement", "approach", "loads", "stiffness", "load_span", "stiffness_span", "law",
-                 "residual", "iterations", "status_code", "effects"],
+                 "residual", "iterations", "status_code", "effects", "picked"],
     meta_fields=["definition"],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +43,7 @@ class Solution(status.Judged):
       residual: largest unbalanced force relative to the load. iterations: Newton steps.
       status_code: see `difftrb.status`; `status` is its sentence.
       effects: what the scene's effects add, by name; empty without.
+      picked: what the law "auto" became; None if the law was named.
       definition: "tangent" or "secant".
     """
 
@@ -58,6 +59,7 @@ class Solution(status.Judged):
     iterations: jax.Array
     status_code: jax.Array
     effects: Results
+    picked: Picked | None
     definition: Definition
 
     @property
@@ -71,18 +73,9 @@ class Solution(status.Judged):
         return self.stiffness[2, 2]
 
 
-def solve(scene: Scene) -> Solution:
-    """Load distribution and stiffness of a scene.
-
-    Differentiable by every leaf of the scene: `jax.grad(lambda s: solve(s).stiffness[0, 0])(scene)` is a scene of
-    gradients. `jit` and `vmap` as you like. Raises SolveError without float64 and ValueError for spalls, effects or a
-    law that cannot be had (together); everything else ends as a status in the result.
-    """
-    return _solve(prepare(scene))
-
-
 @jax.jit
-def _solve(scene: Scene) -> Solution:
+def solved(scene: Scene) -> Solution:
+    """A prepared scene's solution: what `difftrb.solve` does once the law is made."""
     roller_law = prepared_law(scene)
     acting = law_in_effect(scene, roller_law)
 
@@ -114,7 +107,7 @@ def _solve(scene: Scene) -> Solution:
         angles = ring.roller_angles(scene.bearing, 0.5 * geometry.roller_pitch(scene.bearing))
     return Solution(
         angles, rest.displacement, rest.approach, rest.loads, stiffness, load_span, stiffness_span, roller_law,
-        rest.residual, rest.iterations, rest.status_code, more, scene.definition,
+        rest.residual, rest.iterations, rest.status_code, more, scene.picked, scene.definition,
     )  # fmt: skip
 
 
@@ -135,51 +128,3 @@ def _secant(load: Load, displacement: jax.Array) -> jax.Array:
     defined = loaded & (force > 0.0) & (displacement != 0.0)
     secant = force / jnp.where(defined, displacement, 1.0)
     return jnp.diag(jnp.where(defined, secant, jnp.where(jnp.arange(displacement.size) == 1, 0.0, jnp.nan)))
-
-
-class Assessment(NamedTuple):
-    """A spalled bearing beside its healthy self.
-
-    Attributes:
-      spalled, healthy: the two solutions.
-      loss: of radial and axial stiffness by the spalls [%], shape (2,).
-      by_length, by_width: derivatives of radial and axial stiffness by every spall's length and width, the roller law
-        held as prepared [N/mm per mm], shape (2, number of spalls); NaN where the stiffness is.
-    """
-
-    spalled: Solution
-    healthy: Solution
-    loss: jax.Array
-    by_length: jax.Array
-    by_width: jax.Array
-
-
-def assess(scene: Scene) -> Assessment:
-    """Solve a scene with and without its spalls, and how stiffness changes with their sizes.
-
-    As differentiable as `solve`, and the same errors.
-    """
-    return _assess(prepare(scene))
-
-
-@jax.jit
-def _assess(scene: Scene) -> Assessment:
-    sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
-
-    def sized(sizes: jax.Array) -> Scene:
-        spalls = (dataclasses.replace(s, length=v[0], width=v[1]) for s, v in zip(scene.spalls, sizes, strict=True))
-        return dataclasses.replace(scene, spalls=tuple(spalls))
-
-    def both(sizes: jax.Array) -> tuple[jax.Array, Solution]:
-        solution = _solve(sized(sizes))
-        return _stiffness(solution), solution
-
-    slopes, spalled = jax.jacfwd(both, has_aux=True)(sizes)
-    slopes = jnp.where(jnp.isnan(_stiffness(spalled))[:, None, None], jnp.nan, slopes)
-    sound = _solve(healthy(scene))
-    loss = 1.0 - _stiffness(spalled) / _stiffness(sound)
-    return Assessment(spalled, sound, 100.0 * loss, slopes[..., 0], slopes[..., 1])
-
-
-def _stiffness(solution: Solution) -> jax.Array:
-    return jnp.stack([solution.radial_stiffness, solution.axial_stiffness])

@@ -178,7 +178,8 @@ def sweep(
       devices: how many of this process, or on a CPU how many threads. Default all.
       progress: told how many of how many members are done.
 
-    The law of a scene is made once for all members. A member without a solution is NaN, its status says why. Raises
+    The law of a scene is made once for all members; "auto" chooses it by some of them (`difftrb.outputs.prepared`), and
+    `scene.picked` of the plan says which. A member without a solution is NaN, its status says why. Raises
     `SweepError` for axes, keys or names that cannot be.
     """
     plan = planned(what, base, axes, gradients, mode, batch)

@@ -34,6 +34,8 @@ BESIDE = 1.03
 """How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
 CHECKS = 24
 NARROW_CHECKS = 16
+CONTACTS = LENGTHS * direct.LOADS + EDGE_LENGTHS * EDGE_LOADS * (EDGE_PLACES + 2) + CHECKS
+"""Contact solves of one table."""
 MAKERS = (
     "atlas", "contact", "contact_solution", "curve", "direct", "domain", "edges", "gap", "geometry", "given",
     "halfspace", "hertz", "implicit", "law", "nodes", "pit", "press", "ramp", "rows", "special", "strip_model",

@@ -37,7 +37,7 @@ BAD = {
     "unknown surface": ('"outer"', '"top"', ["spall.0.surface = 'top'", "'outer', 'inner', 'roller'"]),
     "one spall as a table": ("[[spall]]", "[spall]", ["[[spall]]"]),
     "unknown law": ("[load]", '[contact]\nlaw = "hooke"\n[load]', ["contact.law = 'hooke'", "power"]),
-    "accuracy": ("[load]", "[contact]\naccuracy = 1e-9\n[load]", ["contact.accuracy = 1e-09", "1e-05 … 0.01"]),
+    "accuracy": ("[load]", "[contact]\naccuracy = 1e-9\n[load]", ["contact.accuracy = 1e-09", "1e-05 … 0.1"]),
     "accuracy of the contact alone": (
         "[load]",
         "[contact]\naccuracy = 1e-5\n[load]",

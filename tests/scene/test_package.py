@@ -11,12 +11,11 @@ ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given
         "edges", "lattice", "implicit", "press", "waves", "strips", "strip_model", "contact_solution", "contact",
         "contact_slopes", "intensity", "line", "curve", "pit", "ramp", "law", "nodes", "direct", "store", "atlas",
         "table", "roller", "slices", "tilting", "pair", "balance", "ring", "pitch", "life", "effect", "double_row",
-        "effects",
-        "scene", "preparation", "solution", "edge_stress", "axes", "outputs", "devices", "swept", "plan", "sweeping",
-        "gathered", "chunks", "forecast", "sentences", "scenefile", "sweepfile", "measured", "unknowns", "observed",
-        "least_squares", "confidence", "fitted", "optimal_design", "remarks", "fitting", "clock", "rungs", "accuracy",
-        "report", "fit_report", "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot", "terminal",
-        "environment", "folders", "__main__"]  # fmt: skip
+        "effects", "scene", "preparation", "solution", "choice", "solving", "edge_stress", "axes", "outputs", "devices",
+        "swept", "plan", "sweeping", "gathered", "chunks", "forecast", "sentences", "scenefile", "sweepfile",
+        "measured", "unknowns", "observed", "least_squares", "confidence", "fitted", "optimal_design", "remarks",
+        "fitting", "clock", "rungs", "accuracy", "report", "fit_report", "accuracy_report", "plot", "sweep_plot",
+        "fit_plot", "accuracy_plot", "terminal", "environment", "folders", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {
     "jaxopt": {"implicit"},
