@@ -1,15 +1,19 @@
-"""Whether the law that `difftrb accuracy` recommends keeps its promise: random scenes, the recommended law's error of
-stiffness against contacts solved at 1e-5, ten times finer than what it was recommended by.
+"""Whether the law "auto" keeps its promise: random scenes × accuracies, the true error of radial stiffness, axial
+stiffness and peak load of what was picked, against contacts solved at 1e-5, ten times finer than the finest it takes.
 
-python experiments/accuracy_promise.py [SCENES] [SEED]   (default 100 0; seconds a scene, after compiling)
+python experiments/accuracy_promise.py [SCENES] [SEED] [FILE]   (default 100 0; seconds a scene, after compiling)
+
+With a FILE every scene is written there when it is done, and not computed again.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import jax
 
@@ -21,69 +25,79 @@ from rich.progress import track  # noqa: E402
 from rich.table import Table  # noqa: E402
 
 import difftrb as trb  # noqa: E402
-from difftrb import accuracy, scenefile  # noqa: E402
-from difftrb.rungs import STIFFNESS, Row, Rung, recommended  # noqa: E402
-from difftrb.scenefile import SceneFile  # noqa: E402
+from difftrb import choice, geometry  # noqa: E402
+from difftrb.scene import Picked  # noqa: E402
 
-ASKED = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3)
-RUNGS = (
-    Rung("ring", "direct", 1e-3), Rung("ring", "direct", 1e-4), Rung("ring", "liu2018", 1e-3),
-    Rung("ring", "power", 1e-2), Rung("ring", "power", 1e-3), Rung("ring", "direct", 1e-2),
-)  # fmt: skip
+ASKED = (1e-1, 1e-2, 3e-3, 1e-3)
 TRUTH = 1e-5
 
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """Of one scene and one accuracy asked for: the law that was recommended, and its true error [-]."""
+    """Of one scene and one accuracy asked for: the accuracy of the contacts that was picked, the error it is said to
+    have and the true one [-]; NaN where there is no truth."""
 
     asked: float
-    law: str
+    accuracy: float
+    said: float
     error: float
 
 
-def scenes(count: int, seed: int) -> list[SceneFile]:
-    """Scenes of 32008J as in Liu et al. 2018 and about: axial load 4 kN … 8 kN, radial up to twice it, one spall of
-    0.5 … 8 mm by 3 … 9 mm at the load line."""
-    rng = np.random.default_rng(seed)
-    file = scenefile.parse(scenefile.example("spall"))
+def scenes(count: int, seed: int) -> Iterator[trb.Scene]:
+    """Scenes of 32008J: axial load 0.5 kN … 20 kN, radial up to twice it, one spall of 0.5 … 9 mm by 1 … 12 mm in the
+    load zone, every second one off the roller's middle, at any cage phase, every tenth in the mean over phases."""
+    bearing = trb.bearing("32008J")
+    for i in range(count):
+        rng = np.random.default_rng([seed, i])
+        axial = float(np.exp(rng.uniform(np.log(500.0), np.log(20000.0))))
+        spall = trb.Spall(
+            float(rng.uniform(0.5, 9.0)),
+            float(rng.uniform(1.0, 12.0)),
+            angle=float(rng.uniform(-0.6, 0.6)),
+            axial_offset=float(rng.uniform(-2.0, 2.0)) if i % 2 else 0.0,
+        )
+        phase = "mean" if i % 10 == 9 else float(rng.uniform(0.0, geometry.roller_pitch(bearing)))
+        load = trb.Load(float(rng.uniform(0.0, 2.0)) * axial, axial)
+        yield trb.Scene(bearing, load, (spall,), law="auto", phase=phase)
+
+
+def outcomes(scene: trb.Scene, asked: Sequence[float] = ASKED, truth: float = TRUTH) -> list[Outcome]:
+    """One for every accuracy asked for."""
+    exact = choice.promised(trb.solve(choice.by_name(scene, "direct", truth)))
     found = []
-    for _ in range(count):
-        axial, share = rng.uniform(4000.0, 8000.0), rng.uniform(0.3, 2.0)
-        spall = trb.Spall(rng.uniform(0.5, 8.0), rng.uniform(3.0, 9.0))
-        found.append(dataclasses.replace(file, load=trb.Load(share * axial, axial), spall=(spall,)))
+    for x in asked:
+        solution = trb.solve(dataclasses.replace(scene, accuracy=x))
+        picked = solution.picked
+        assert isinstance(picked, Picked)
+        error = choice.apart(choice.promised(solution), exact)
+        found.append(Outcome(x, float(picked.accuracy), float(picked.error), error))
     return found
-
-
-def outcomes(
-    file: SceneFile, rungs: Sequence[Rung] = RUNGS, asked: Sequence[float] = ASKED, truth: float = TRUTH
-) -> list[Outcome]:
-    """One for every accuracy for which a law is recommended."""
-    rows = accuracy.measure(file, rungs=rungs, limit=1e9, batch=1).rows
-    exact = trb.solve(trb.prepare(dataclasses.replace(file.scene(), law="direct", accuracy=truth))).check()
-    known = {name: float(getattr(exact, name)) for name in STIFFNESS}
-
-    def error(row: Row) -> float:
-        return max(abs(row.values[name] / value - 1.0) for name, value in known.items() if math.isfinite(value))
-
-    best = [(x, recommended(rows, x)) for x in asked]
-    return [Outcome(x, row.rung.name, error(row)) for x, row in best if row is not None]
 
 
 def main() -> None:
     """Count."""
     count, seed = (int(sys.argv[i]) if len(sys.argv) > i else default for i, default in ((1, 100), (2, 0)))
-    every = [o for file in track(scenes(count, seed), "scenes", transient=True) for o in outcomes(file)]
-    table = Table(title=f"{count} scenes: true error of stiffness by the law recommended")
-    for heading in ("asked", "recommended", "kept", "worst error / asked", "laws"):
+    kept = Path(sys.argv[3]) if len(sys.argv) > 3 else None
+    lines = kept.read_text(encoding="utf-8").splitlines() if kept is not None and kept.exists() else []
+    every = [[Outcome(**o) for o in json.loads(line)] for line in lines]
+    for number, scene in enumerate(track(scenes(count, seed), "scenes", count, transient=True)):
+        if number < len(lines):
+            continue
+        every.append(outcomes(scene))
+        if kept is not None:
+            with kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([dataclasses.asdict(o) for o in every[-1]]) + "\n")
+    table = Table(title=f"{len(every)} scenes: true error of stiffness and peak load by what 'auto' picked")
+    for heading in ("asked", "with a truth", "said to be kept", "kept", "worst / asked", "worst / said", "contacts at"):
         table.add_column(heading, justify="right")
     for asked in ASKED:
-        own = [o for o in every if o.asked == asked]
-        laws = sorted({o.law for o in own})
-        kept = sum(o.error <= asked for o in own)
-        worst = max((o.error / asked for o in own), default=math.nan)
-        table.add_row(f"{asked:g}", str(len(own)), str(kept), f"{worst:.2f}", ", ".join(laws))
-    Console(width=100).print(table)
+        own = [o for scene in every for o in scene if o.asked == asked and math.isfinite(o.error)]
+        said = [o for o in own if o.said <= asked]
+        worst = (max((o.error / getattr(o, by) for o in own), default=math.nan) for by in ("asked", "said"))
+        ways = [f"{sum(o.accuracy == a for o in own)} × {a:g}" for a in sorted({o.accuracy for o in own}, reverse=True)]
+        table.add_row(f"{asked:g}", str(len(own)), str(len(said)), str(sum(o.error <= asked for o in own)),
+                      *(f"{w:.2f}" for w in worst), ", ".join(ways))  # fmt: skip
+    Console(width=120).print(table)
 
 
 if __name__ == "__main__":
