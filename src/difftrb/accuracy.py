@@ -5,7 +5,12 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import json
 import math
+import os
+import pickle
+import subprocess
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -32,6 +37,14 @@ LIMIT = 50.0
 NO_TIME = "no time left after {:g} s; compiled programs are kept, so a second run gets further; --full measures all"
 
 
+PINNED = """
+import os
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+from difftrb import accuracy
+accuracy.pinned()
+"""
+
+
 @dataclasses.dataclass(frozen=True)
 class Measured:
     """All rungs of a scene.
@@ -42,6 +55,8 @@ class Measured:
       finer: the cheapest law with at most half its error, None if there is none.
       yardstick: seconds of a fixed piece of work, see `clock.yardstick`; seconds by this compare across machines.
       device: name of what JAX computes on. cores: how many this process may use. seconds: the whole measurement.
+      one_core: of the ring that is cheapest to make, how many times as long one scene of a batch takes on one core, by
+        itself and with derivatives; None if that was not measured.
     """
 
     rows: tuple[Row, ...]
@@ -53,6 +68,7 @@ class Measured:
     device: str
     cores: int
     seconds: float
+    one_core: tuple[float, float] | None = None
 
     def of(self, kind: Kind) -> list[Row]:
         """The rows of one kind, the cheapest first."""
@@ -71,6 +87,7 @@ def measure(
     limit: float = LIMIT,
     batch: int | None = None,
     progress: Progress | None = None,
+    one_core: bool = False,
 ) -> Measured:
     """Measure every rung on a scene.
 
@@ -81,6 +98,7 @@ def measure(
       limit: seconds after which no further rung is begun (after the first four). Default 50.
       batch: scenes of a batch, their radial load spread over a tenth; default 256.
       progress: told how many of how many rungs are done.
+      one_core: whether a batch is also measured in a process that may use one core alone.
 
     Rungs that the scene cannot have are left out, with the reason. Raises SceneError if not even one can be had.
     """
@@ -116,6 +134,7 @@ def measure(
             rows[i] = _with_gradient(rows[i], ready, batch)
     if not rows:
         raise SceneError(f"{path}: no way to compute it could be measured: {next(iter(left_out.values()), 'none')}")
+    slower = _on_one_core(rows, file, path, batch) if one_core else None
     if progress is not None:
         progress(steps, steps)
     compared = judged(rows)
@@ -123,8 +142,37 @@ def measure(
     best = recommended(compared, wanted)
     return Measured(
         tuple(compared), left_out, float(wanted), best, finer(compared, best), stick,
-        jax.devices()[0].device_kind, clock.cores(), time.perf_counter() - started,
+        jax.devices()[0].device_kind, clock.cores(), time.perf_counter() - started, slower,
     )  # fmt: skip
+
+
+def _on_one_core(rows: Sequence[Row], file: SceneFile, path: str | Path, batch: int) -> tuple[float, float] | None:
+    """See `Measured.one_core`. XLA takes its threads when it starts, so another process measures."""
+    rings = [row for row in rows if row.rung.kind == "ring" and row.each_with_gradient > 0.0]
+    if not rings or not hasattr(os, "sched_setaffinity"):
+        return None
+    here = min(rings, key=lambda row: row.again)
+    environment = os.environ | {"JAX_ENABLE_X64": "1"}
+    if (folder := jax.config.jax_compilation_cache_dir) is not None:  # type: ignore[attr-defined]
+        environment["JAX_COMPILATION_CACHE_DIR"] = folder
+    code = (
+        "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); import difftrb.accuracy as a; a.pinned()"
+    )
+    there = subprocess.run(
+        [sys.executable, "-c", code], env=environment, input=pickle.dumps((file, path, here.rung, batch)),
+        capture_output=True, check=False,
+    )  # fmt: skip
+    if there.returncode != 0:
+        return None
+    each, each_with_gradient = json.loads(there.stdout)
+    return each / here.each, each_with_gradient / here.each_with_gradient
+
+
+def pinned() -> None:
+    """The other process: reads what to measure, writes seconds."""
+    file, path, rung, batch = pickle.load(sys.stdin.buffer)
+    (row,) = measure(file, path, (rung,), batch=batch).rows
+    print(json.dumps([row.each, row.each_with_gradient]))
 
 
 def _on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int) -> tuple[Row, Scene]:

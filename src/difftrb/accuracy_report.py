@@ -44,6 +44,7 @@ def accuracy_json(measured: Measured) -> dict[str, Any]:
         "yardstick": measured.yardstick,
         "device": measured.device,
         "cores": measured.cores,
+        "one_core": measured.one_core and dict(zip(("each", "each_with_gradient"), measured.one_core, strict=True)),
         "seconds": measured.seconds,
     })  # fmt: skip
 
@@ -96,6 +97,9 @@ def _accuracy_lines(measured: Measured) -> list[str]:
         )
         if finer is not None:
             lines.append(f"more exact: {finer.rung.name}, error {_error(finer.error)}, {_duration(finer.seconds)}")
+    if measured.one_core is not None:
+        each, slopes = measured.one_core
+        lines.append(f"on one core alone a batch takes {each:.2g} times as long, with derivatives {slopes:.2g} times")
     reasons: dict[str, list[str]] = {}
     for name, reason in measured.left_out.items():
         reasons.setdefault(reason, []).append(name)

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ ROW_KEYS = {
 }  # fmt: skip
 KEYS = {
     "status", "converged", "asked", "recommended", "finer", "ring", "contact", "truth", "left_out", "yardstick",
-    "device", "cores", "seconds",
+    "device", "cores", "one_core", "seconds",
 }  # fmt: skip
 
 
@@ -148,6 +149,18 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
     assert (record["asked"], record["recommended"], record["truth"]["ring"]) == (1e-2, None, None)
     assert record["truth"]["contact"] == contact
     assert {path.name for path in out.iterdir()} == {"result.json", "accuracy.png", "accuracy.svg"}
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system does not pin processes")
+def test_one_core_is_another_process() -> None:
+    file = scenefile.parse(scenefile.example("spall"))
+    result = accuracy.measure(file, rungs=(Rung("ring", "liu2018", 1e-3),), batch=2, one_core=True)
+    record = accuracy_report.accuracy_json(result)["one_core"]
+    assert record["each"] > 0.0
+    assert record["each_with_gradient"] > 0.0
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(accuracy_report.accuracy_text(result))
+    assert "on one core alone a batch takes" in console.export_text()
 
 
 def test_what_cannot_be_had_is_left_out_with_its_reason(monkeypatch, capsys, tmp_path: Path) -> None:
