@@ -2,8 +2,11 @@
 stiffness and peak load of what was picked, against contacts solved at 1e-5, ten times finer than the finest it takes.
 
 python experiments/accuracy_promise.py [SCENES] [SEED] [FILE]   (default 100 0; seconds a scene, after compiling)
+python experiments/accuracy_promise.py --order [SCENES] [SEED]  (default 9 0)
 
-With a FILE every scene is written there when it is done, and not computed again.
+With a FILE every scene is written there when it is done, and not computed again. With --order the question is another:
+whether stiffness and peak load come closer by a known factor as contacts get ten times as exact, so that they could be
+extrapolated. What is printed is the change by every step of ten over that by the step before.
 """
 
 from __future__ import annotations
@@ -74,8 +77,28 @@ def outcomes(scene: trb.Scene, asked: Sequence[float] = ASKED, truth: float = TR
     return found
 
 
+def steps(scene: trb.Scene, accuracies: Sequence[float] = (*choice.LADDER, TRUTH)) -> np.ndarray:
+    """Change of what is promised by every step over that by the step before, shape (accuracies − 2, 3)."""
+    values = np.array([choice.promised(trb.solve(choice.by_name(scene, "direct", a))) for a in accuracies])
+    change = np.diff(values, axis=0)
+    return change[1:] / change[:-1]
+
+
+def order(count: int, seed: int) -> None:
+    """Print how steps follow each other."""
+    found = np.concatenate([steps(scene) for scene in track(scenes(count, seed), "scenes", count, transient=True)])
+    found = found[np.isfinite(found)]
+    least, middle, most = np.quantile(found, (0.0, 0.5, 1.0))
+    print(f"{found.size} steps in {count} scenes: by {least:.2g} … {most:.2g} of the step before, in the middle "
+          f"{middle:.2g}; {np.sum(found < 0.0)} turn round, {np.sum(np.abs(found) > 1.0)} are larger")  # fmt: skip
+
+
 def main() -> None:
     """Count."""
+    if "--order" in sys.argv:
+        sys.argv.remove("--order")
+        order(*(int(sys.argv[i]) if len(sys.argv) > i else default for i, default in ((1, 9), (2, 0))))
+        return
     count, seed = (int(sys.argv[i]) if len(sys.argv) > i else default for i, default in ((1, 100), (2, 0)))
     kept = Path(sys.argv[3]) if len(sys.argv) > 3 else None
     lines = kept.read_text(encoding="utf-8").splitlines() if kept is not None and kept.exists() else []

@@ -98,7 +98,13 @@ def _by_fineness(rows: Sequence[Row], kind: Kind) -> list[Row]:
 
 
 def judged(rows: Sequence[Row]) -> list[Row]:
-    """The rows with their errors; NaN where there is nothing to compare with."""
+    """The rows with their errors; NaN where there is nothing to compare with.
+
+    The finest row's error is its difference from the second finest, and nothing is extrapolated: contacts ten times as
+    exact, from 1e-2 to 1e-5, bring stiffness and peak load of a ring closer in no clean order. Of 54 such steps on nine
+    random scenes 28 turned round, and 13 were larger than the step before (experiments/accuracy_promise.py --order
+    measures others).
+    """
     result = []
     for row in rows:
         other = next((one for one in _by_fineness(rows, row.rung.kind) if one is not row), None)
