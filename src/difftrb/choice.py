@@ -47,12 +47,14 @@ def prepare(scene: Scene, progress: Progress | None = None, least: Real | None =
     how far a cheaper law is off is known only once "direct" is there, and then that is the better answer, with complete
     derivatives. What is chosen is its contacts' accuracy. Contacts at 1e-2 keep 1e-2 of what comes out
     (experiments/accuracy_promise.py), so no more is made where that is enough. Else it is made at 1e-3, too, and at
-    1e-4 if these two are farther apart than asked; the finest one is taken, its difference from the one before is its
-    error. Cheap laws pay where many scenes share one: `difftrb.sweep` chooses among them, `difftrb.fit` among tables.
-    `picked` of what comes out, and of its solutions, says what was chosen.
+    1e-4 if these two are farther apart than asked. The finest one is taken. Its error is the larger of its contacts'
+    accuracy and of its difference from the one before, which alone may be small by chance. Cheap laws pay where many
+    scenes share one: `difftrb.sweep` chooses among them, `difftrb.fit` among tables. `picked` of what comes out, and of
+    its solutions, says what was chosen.
     """
     if not is_auto(scene):
         return preparation.with_law(scene, progress, least)
+    _check_range(scene.accuracy)
     return _direct(scene, progress)[0]
 
 
@@ -60,7 +62,6 @@ def _direct(scene: Scene, progress: Progress | None = None) -> tuple[Scene, floa
     """The scene with contacts as exact as needed, and about how many seconds one of them took."""
     if preparation.is_traced(scene):
         raise ValueError(preparation.TRACED)
-    _check_range(scene.accuracy)
     ready, before, seconds = scene, None, math.nan
     for number, accuracy in enumerate(LADDER):
         started = time.perf_counter()
@@ -71,7 +72,7 @@ def _direct(scene: Scene, progress: Progress | None = None) -> tuple[Scene, floa
             finer = Finer("direct", LADDER[number + 1], seconds)
         picked = Picked("direct", accuracy, scene.accuracy, math.nan, finer)
         now = promised(solved(_told(made, picked)))
-        error = apart(before, now) if before is not None else accuracy if np.isfinite(now).any() else math.nan
+        error = float(np.maximum(accuracy, apart(now if before is None else before, now)))  # NaN stays NaN
         ready, before = _told(made, dataclasses.replace(picked, error=error)), now
         if error <= scene.accuracy:
             break
@@ -119,17 +120,16 @@ def apart(values: np.ndarray, truth: np.ndarray) -> float:
 def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: Sequence[Made] = SHARED) -> Scene:
     """What `make(law, accuracy)` returns for the cheapest law that keeps `accuracy` in all of some `scenes` of "auto".
 
-    Each of them is solved by "direct" first, see `prepare`, to a tenth of `accuracy` where that can be asked; those
-    without a solution do not count. A law's error is the largest difference from these, plus what they themselves are
-    known to. If none keeps what is asked, the most exact
-    one is taken, and `picked` says its error. "liu2018" is left out for other bearings, and laws for which `make`
-    raises ValueError; if that leaves none, the last one's is raised.
+    Each of them is solved by "direct" first, see `prepare`, to a tenth of `accuracy` if it can; those without a
+    solution do not count. A law's error is the largest difference from these, plus what they themselves are known to.
+    If none keeps what is asked, the most exact one is taken, and `picked` says its error. "liu2018" is left out for
+    other bearings, and laws for which `make` raises ValueError; if that leaves none, the last one's is raised.
     """
     if not laws.is_of_liu2018(scenes[0].bearing):
         among = [made for made in among if made[0] != "liu2018"]
     asked = scenes[0].accuracy
     _check_range(asked)
-    exact = [(scene, *_direct(dataclasses.replace(scene, accuracy=max(LEAST, 0.1 * asked)))) for scene in scenes]
+    exact = [(scene, *_direct(dataclasses.replace(scene, accuracy=0.1 * asked))) for scene in scenes]
     best: Scene | None = None
     for number, (law, accuracy) in enumerate(among):
         try:
