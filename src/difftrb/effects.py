@@ -91,6 +91,12 @@ class Flange(Effect):
         return {**on_the_inner_ring(rest, terms), "flange_angle": jnp.asarray(seat(terms, of).flange)}
 
 
+def cage_share(bearing: TaperedBearing) -> jax.Array:
+    """How far the cage turns in one turn of the inner ring, the outer one at rest, 0…0.5."""
+    inner, outer = jnp.sin(bearing.inner_angle), jnp.sin(bearing.outer_angle)
+    return inner / (inner + outer)  # rolling without slip on both raceways
+
+
 @dataclasses.dataclass(frozen=True)
 class Centrifugal(Effect):
     """Centrifugal force on the rollers: outer loads stay, inner ones fall and flange loads rise at a given axial load;
@@ -113,8 +119,7 @@ class Centrifugal(Effect):
     def force(self, bearing: TaperedBearing) -> jax.Array:
         """On one roller [N]."""
         turning = self.speed_rpm * jnp.pi / 30.0
-        inner, outer = jnp.sin(bearing.inner_angle), jnp.sin(bearing.outer_angle)
-        cage = turning * inner / (inner + outer)  # rolling without slip on both raceways
+        cage = turning * cage_share(bearing)
         metres = 1e-3 * geometry.pitch_radius(bearing)
         return jnp.asarray(geometry.roller_mass(bearing) * metres * cage**2)
 
