@@ -13,7 +13,7 @@ import difftrb as trb
 from difftrb import hertz, table
 from difftrb.law import load_over
 from experiments.paper import clipped, common
-from experiments.paper.common import FAILS, HOLDS, LENGTHS, ONLY_IF, Claim, Progress, Result
+from experiments.paper.common import FAILS, HOLDS, LENGTHS, ONLY_IF, Claim, Printed, Progress, Result
 
 LOAD, LENGTH, WIDTH = 3000.0, 2.0, 1.0
 PLACES = np.concatenate([np.linspace(0.0, 0.2, 3), np.linspace(0.24, 0.66, 43), [0.75]])
@@ -78,7 +78,7 @@ def run(out: Path, progress: Progress) -> Result:
             left.axvline(side * limit, color="black", lw=0.7, ls=":", label=label)
     left.set_xlabel("place of the spall's middle, $D_x$ [mm]")
     left.set_ylabel("approach by healthy, δ/δ₀")
-    left.legend(fontsize=7, loc="lower center")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=2, fontsize=7)
     whole, cut = common.half_space(contact, LOADS), np.asarray(clipped.approaches(
         contact, jnp.asarray(LOADS), jnp.asarray(LENGTHS), clipped.NARROWED, clipped.PAPER_GRID
     ))  # fmt: skip
@@ -153,4 +153,10 @@ def run(out: Path, progress: Progress) -> Result:
         "table_2": table2, "ramp_of_others": {f"{length:g} mm, {load:g} N": v for (length, load), v in others.items()},
         "off_straight": straight, "off_table": off_table,
     }  # fmt: skip
-    return Result("Figures 13 and 14: the approach", text, numbers, claims)
+    words = list(ramps)[1]  # the domain that the paper names
+    printed = tuple(
+        Printed(f"\\|D_x\\| at which the approach {what} [mm] (Figs 10, 13)", f"{0.5 * WIDTH + side * b:.3f}",
+                f"{ramps[words][k]:.3f}", f"{ramps['half-space'][k]:.3f}")
+        for k, (what, side) in enumerate((("begins to rise", 1.0), ("has risen", -1.0)))
+    )  # fmt: skip
+    return Result("Figures 13 and 14: the approach", text, numbers, claims, printed)

@@ -57,7 +57,7 @@ def run(out: Path, progress: Progress) -> Result:
         ax.set_ylim(bottom=0.0)
         ax.set_ylabel(f"roller load [{'N' if unit == 1.0 else 'kN'}]")
         ax.set_title(f"Fig. 15: {load.radial:g}/{load.axial:g} N")
-    panels[0].legend(fontsize=7, loc="lower center")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2, fontsize=7)
     every = {
         name: np.array([np.asarray(trb.solve(common.scene(law, length, WIDTH)).loads) for length in LENGTHS])
         for name, law in laws.items()

@@ -74,7 +74,9 @@ def run(out: Path, progress: Progress) -> Result:
             panels[2].semilogx(
                 RISING / 1e3, values[:, column], style, color=common.HUES[name == "table"], lw=1.3, label=label
             )
-    panels[2].set_xlabel("radial load, axial half of it [kN]")
+    panels[2].set_xticks([0.3, 1.0, 3.0, 10.0, 30.0], ["0.3", "1", "3", "10", "30"])
+    panels[2].minorticks_off()
+    panels[2].set_xlabel("radial load (axial: half) [kN]")
     panels[2].set_ylabel("secant loss by 8 × 7 mm [%]")
     panels[2].set_ylim(bottom=0.0)
     panels[2].legend(fontsize=7)

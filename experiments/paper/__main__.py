@@ -27,6 +27,7 @@ def write_page(out: Path, page: Path) -> None:
     results = [json.loads(path.read_text(encoding="utf-8")) for path in files]
     folder = out.relative_to(page.parent).as_posix() if out.is_relative_to(page.parent) else out.as_posix()
     claims = [[c["sentence"], f"**{c['verdict']}**", c["ours"]] for result in results for c in result["claims"]]
+    printed = [list(row.values()) for result in results for row in result["printed"]]
     parts = [
         "# The source paper, reproduced",
         "Liu, Zhu, Yan, Wang, Hong (2018), A novel method to model effects of natural defect on roller bearing, "
@@ -35,12 +36,19 @@ def write_page(out: Path, page: Path) -> None:
         f"writes every picture as SVG and every number as JSON ([{folder}]({folder})). Bearing 32008J (Table 1); loads "
         "radial/axial; a spall at the load line with a roller over its middle unless said otherwise; loss: share of "
         "stiffness that the spall costs. Figure 8, the geometry, is [the drawing of axes](axes.png).",
+        "## Its numbers",
+        "*By its way*: clipped domain, power law, hard window; *half-space*: the whole contact, tables, ramps.",
+        common.grid(["", "the paper", "ours, by its way", "ours, half-space"], printed),
         "## Its sentences",
         common.grid(["the paper says", "", "ours"], claims),
     ]
-    for path, result in zip(files, results, strict=True):
-        source = f"(`experiments/paper/{path.stem}.py`)"
-        parts += [f"## {int(path.stem[:2])}. {result['title']}", source, result["page"].replace("{folder}", folder)]
+    for heading, beyond in (("## Its tables and figures", False), ("## Beyond the paper", True)):
+        parts.append(heading)
+        for path, result in zip(files, results, strict=True):
+            if result["beyond"] == beyond:
+                title = f"### {int(path.stem[:2])}. {result['title']}"
+                source = f"(`experiments/paper/{path.stem}.py`)"
+                parts += [title, source, result["page"].replace("{folder}", folder)]
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 

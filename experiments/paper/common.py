@@ -20,10 +20,11 @@ from cycler import cycler  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
 import difftrb as trb  # noqa: E402
-from difftrb import plot, report, status, table  # noqa: E402
+from difftrb import effects, plot, report, solution, status, table  # noqa: E402
 from difftrb.environment import set_up_jax  # noqa: E402
 from difftrb.geometry import Raceway, Real  # noqa: E402
 from difftrb.law import Law  # noqa: E402
+from difftrb.scene import PitchMean  # noqa: E402
 from experiments.paper import clipped  # noqa: E402
 
 LENGTHS = (0.0, 2.0, 4.0, 6.0, 8.0)
@@ -58,6 +59,16 @@ class Claim:
 
 
 @dataclasses.dataclass(frozen=True)
+class Printed:
+    """Numbers that the paper prints, ours by its own way (`remade`) and on the whole half-space; words with units."""
+
+    what: str
+    paper: str
+    remade: str
+    half_space: str
+
+
+@dataclasses.dataclass(frozen=True)
 class Result:
     """What a script found.
 
@@ -66,12 +77,16 @@ class Result:
       page: the section, Markdown; pictures by name alone (`picture`).
       numbers: everything measured, for the JSON file.
       claims: sentences of the paper that it judges.
+      printed: numbers of the paper beside ours.
+      beyond: whether the paper has nothing of it.
     """
 
     title: str
     page: str
     numbers: dict[str, Any]
     claims: tuple[Claim, ...] = ()
+    printed: tuple[Printed, ...] = ()
+    beyond: bool = False
 
 
 def set_up() -> None:
@@ -123,7 +138,8 @@ def write(result: Result, out: Path, name: str) -> None:
     out.mkdir(parents=True, exist_ok=True)
     content = {
         "title": result.title, "numbers": _rounded(report.plain(result.numbers)),
-        "claims": [dataclasses.asdict(claim) for claim in result.claims], "page": result.page,
+        "claims": [dataclasses.asdict(claim) for claim in result.claims],
+        "printed": [dataclasses.asdict(row) for row in result.printed], "beyond": result.beyond, "page": result.page,
     }  # fmt: skip
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False, default=_number)
     (out / f"{name}.json").write_text(text + "\n", encoding="utf-8")
@@ -140,6 +156,11 @@ def _rounded(value: Any) -> Any:
 
 def _number(value: Any) -> Any:
     return value.item()
+
+
+def listed(values: Any, digits: int) -> str:
+    """Numbers one after the other."""
+    return ", ".join(f"{float(value):.{digits}f}" for value in values)
 
 
 def percent(value: Any, digits: int = 2) -> str:
@@ -162,29 +183,50 @@ def contact(raceway: Raceway = "outer") -> trb.LineContact:
 
 
 @functools.partial(jax.jit, static_argnames=("accuracy",))
-def _half_space(
-    contact: trb.LineContact, loads: jax.Array, lengths: jax.Array, accuracy: float
+def _over_spalls(
+    contact: trb.LineContact, lengths: jax.Array, loads: jax.Array, accuracy: float
 ) -> tuple[jax.Array, jax.Array]:
     def one(case: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        length, load = case
-        s = trb.solve_contact(contact, load, trb.Spall(length, 100.0), 0.0, accuracy, "cells")
+        s = trb.solve_contact(contact, case[1], trb.Spall(case[0], 100.0), 0.0, accuracy, "cells")
         return s.approach, s.status_code
 
-    cases = jnp.meshgrid(lengths, loads, indexing="ij")
-    found, codes = jax.lax.map(one, (cases[0].ravel(), cases[1].ravel()))
-    sound = jax.lax.map(lambda q: trb.solve_contact(contact, q, None, 0.0, accuracy, "cells").approach, loads)
-    found = jnp.where(lengths[:, None] > 0.0, found.reshape(lengths.size, loads.size), sound[None])
-    return found, jnp.max(jnp.where(cases[0].ravel() > 0.0, codes, 0))
+    return jax.lax.map(one, (lengths, loads))
+
+
+@functools.partial(jax.jit, static_argnames=("accuracy",))
+def _healthy(contact: trb.LineContact, loads: jax.Array, accuracy: float) -> tuple[jax.Array, jax.Array]:
+    def one(load: jax.Array) -> tuple[jax.Array, jax.Array]:
+        s = trb.solve_contact(contact, load, None, 0.0, accuracy, "cells")
+        return s.approach, s.status_code
+
+    return jax.lax.map(one, loads)
 
 
 def half_space(
-    contact: trb.LineContact, loads: Real | np.ndarray, lengths: Sequence[float] = LENGTHS, accuracy: float = 1e-3
-) -> np.ndarray:
+    contact: trb.LineContact, loads: Sequence[float] | np.ndarray, lengths: Sequence[float] = LENGTHS,
+    accuracy: float = 1e-3,
+) -> np.ndarray:  # fmt: skip
     """Approach [mm] on the whole half-space over the middle of wide spalls (0: healthy): shape (lengths, loads)."""
-    found, code = _half_space(contact, jnp.asarray(loads, float), jnp.asarray(lengths, float), accuracy)
-    if int(code):
-        raise trb.SolveError(f"a contact of the half-space was not solved: {status.describe(int(code))}")
-    return np.asarray(found)
+    contact = jax.tree.map(jnp.asarray, contact)
+    cases = np.stack([v.ravel() for v in np.meshgrid(lengths, loads, indexing="ij")], axis=1)
+    approach, code = np.zeros(len(cases)), np.zeros(len(cases), int)
+    for kind, solve in (
+        (cases[:, 0] == 0.0, lambda part: _healthy(contact, part[:, 1], accuracy)),
+        (cases[:, 0] > 0.0, lambda part: _over_spalls(contact, part[:, 0], part[:, 1], accuracy)),
+    ):
+        if kind.any():
+            approach[kind], code[kind] = in_batches(solve, cases[kind], 15)
+    if code.any():
+        raise trb.SolveError(f"a contact of the half-space was not solved: {status.describe(int(code.max()))}")
+    return approach.reshape(len(lengths), len(loads))
+
+
+def in_batches(function: Callable[[jax.Array], Any], states: np.ndarray, size: int) -> Any:
+    """`function` of `states`, so many at a time: batches of any number are made of one program, for compiling takes
+    longer than solving."""
+    filled = np.concatenate([states, np.repeat(states[-1:], -len(states) % size, axis=0)])
+    parts = [function(jnp.asarray(filled[k : k + size])) for k in range(0, len(filled), size)]
+    return jax.tree.map(lambda *values: np.concatenate([np.asarray(v) for v in values])[: len(states)], *parts)
 
 
 # ---------------------------------------------------------------------------------------------------- laws
@@ -214,9 +256,54 @@ def whole_law() -> trb.PowerLaw:
 
 
 @functools.cache
-def table_law(depth: float = DEPTH) -> table.TableLaw:
+def table_law(raceway: Raceway = "outer") -> table.TableLaw:
     """The smooth law, which knows no power, for rollers of 6.5…6500 N: from the cache, or built in about 40 s."""
-    return table.table_law(contact(), 4900.0, (trb.Spall(4.0, 7.0, depth),), 1e-3)
+    return table.table_law(contact(raceway), 4900.0, (trb.Spall(4.0, 7.0, DEPTH),), 1e-3)
+
+
+def for_several(law: table.TableLaw, spalls: int) -> table.TableLaw:
+    """The same law for so many spalls that rollers meet on its raceway."""
+    return dataclasses.replace(law, which=law.which[:1] * spalls)
+
+
+@functools.cache
+def in_series() -> trb.Scene:
+    """Both raceways elastic, by tables of half-space contacts, with a spall on either and one on roller 0."""
+    surfaces = "outer", "inner", "roller"
+    spalls = tuple(trb.Spall(0.0, 1.0, DEPTH, surface=surface) for surface in surfaces)
+    outer, inner = (for_several(table_law(raceway), 2) for raceway in ("outer", "inner"))
+    acting = (effects.SeriesRaceways(None, inner),)
+    one = trb.Scene(bearing(), HEAVY, spalls, outer, phase=0.0, effects=acting)
+    return jax.tree.map(jnp.asarray, one)
+
+
+@jax.jit
+def _in_series(one: trb.Scene, states: jax.Array) -> jax.Array:
+    def at(state: jax.Array) -> jax.Array:
+        spalls = tuple(
+            dataclasses.replace(spall, length=length, width=width, angle=angle)
+            for spall, length, width, angle in zip(one.spalls, *state[:9].reshape(3, 3), strict=True)
+        )
+        return both_stiffnesses(dataclasses.replace(one, spalls=spalls, phase=state[9]))
+
+    return jax.lax.map(at, states)
+
+
+def losses_in_series(lengths: Any, widths: Any, angles: Any, phases: Any = 0.0) -> np.ndarray:
+    """Radial and axial loss of tangent, then of secant stiffness [%], both raceways elastic, shape (n, 4).
+
+    Args:
+      lengths, widths, angles: of the spalls on outer ring, inner ring and roller 0 [mm, rad], each of a shape that
+        broadcasts to (n, 3); length 0 is none.
+      phases: of the cage [rad], shape () or (n,).
+    """
+    sizes = [np.asarray(v, float) for v in (lengths, widths, angles)]
+    n, _ = np.broadcast_shapes((1, 3), (np.size(phases), 1), *(v.shape for v in sizes))
+    states = np.empty((n, 10))
+    for k, size in enumerate(sizes):
+        states[:, 3 * k : 3 * k + 3] = size
+    states[:, 9] = phases
+    return lost(functools.partial(_in_series, in_series()), states, slice(0, 3), 64)
 
 
 def four_laws() -> dict[str, Law]:
@@ -243,26 +330,54 @@ def losses(one: trb.Scene) -> jax.Array:
     return 100.0 * share[jnp.array([0, 2])]
 
 
-BATCH = 8
-"""Scenes of one program: batches of any size are made of these, for compiling takes longer than solving."""
+def both_stiffnesses(one: trb.Scene) -> jax.Array:
+    """Radial and axial tangent stiffness, then secant [N/mm], shape (4,), of a scene that names "tangent"."""
+    load, ends = jnp.stack([jnp.asarray(one.load.radial), jnp.asarray(one.load.axial)]), jnp.array([0, 2])
+
+    def at(phase: Any) -> jax.Array:
+        r = trb.solve(dataclasses.replace(one, phase=phase))
+        return jnp.concatenate([jnp.diagonal(r.stiffness)[ends], load / r.displacement[ends]])
+
+    if not isinstance(one.phase, PitchMean):
+        return at(one.phase)
+    phases, weights = solution.phases(one)
+    return weights @ jax.vmap(at)(phases)
 
 
 @jax.jit
-def _losses_over(one: trb.Scene, sizes: jax.Array) -> jax.Array:
-    def at(size: jax.Array) -> jax.Array:
-        spall = dataclasses.replace(one.spalls[0], length=size[0], width=size[1])
-        return losses(dataclasses.replace(one, spalls=(spall,)))
+def _one_spall(one: trb.Scene, states: jax.Array) -> jax.Array:
+    def at(state: jax.Array) -> jax.Array:
+        spall = dataclasses.replace(one.spalls[0], length=state[0], width=state[1], angle=state[2])
+        here = dataclasses.replace(one, spalls=(spall,))
+        return both_stiffnesses(here if isinstance(one.phase, PitchMean) else dataclasses.replace(here, phase=state[3]))
 
-    return jax.lax.map(at, sizes)
+    return jax.lax.map(at, states)
 
 
-def losses_over(law: Law, lengths: Any, widths: Any, **options: Any) -> np.ndarray:
-    """`losses` of spalls of these lengths and widths (broadcast, shape (n,)): shape (n, 2). `options`: of `scene`."""
-    lengths, widths = np.broadcast_arrays(np.asarray(lengths, float), np.asarray(widths, float))
-    sizes = np.stack([lengths, widths], axis=1)
-    filled = np.concatenate([sizes, np.repeat(sizes[-1:], -len(sizes) % BATCH, axis=0)]).reshape(-1, BATCH, 2)
-    one = jax.tree.map(jnp.asarray, scene(law, 1.0, 1.0, **options))  # numbers as arrays: one program for all of them
-    return np.concatenate([_losses_over(one, jnp.asarray(batch)) for batch in filled])[: len(sizes)]
+def lost(stiffnesses: Callable[[jax.Array], jax.Array], states: np.ndarray, lengths: slice, size: int) -> np.ndarray:
+    """Losses [%] of `stiffnesses` of `states` against those of the same states with `lengths` 0, which is healthy: one
+    program for both, so many states at a time."""
+    sound = states.copy()
+    sound[:, lengths] = 0.0
+    spalled, whole = np.split(in_batches(stiffnesses, np.concatenate([states, sound]), size), 2)
+    return 100.0 * (1.0 - spalled / whole)
+
+
+def losses_over(
+    law: Law, lengths: Any, widths: Any, load: trb.Load = HEAVY, definition: str = "secant", phase: Any = 0.0,
+    angle: Any = 0.0,
+) -> np.ndarray:  # fmt: skip
+    """Radial and axial loss [%] by spalls of these lengths, widths [mm] and angles [rad] at these phases [rad]
+    (broadcast, shape (n,)), or with phase "mean": shape (n, 2)."""
+    if isinstance(law, trb.PowerLaw):
+        law = dataclasses.replace(law, name="power")  # one program for all power laws
+    mean = isinstance(phase, str)
+    of = lengths, widths, angle, 0.0 if mean else phase
+    states = np.stack(np.broadcast_arrays(*(np.asarray(v, float) for v in of)), axis=-1)
+    one = scene(law, 1.0, 1.0, load, "tangent", "mean" if mean else 0.0)
+    one = jax.tree.map(jnp.asarray, one)  # numbers as arrays: one program for all of them
+    tangent, secant = np.split(lost(functools.partial(_one_spall, one), states, slice(0, 1), 8), 2, axis=1)
+    return tangent if definition == "tangent" else secant
 
 
 def numbers(law: Law) -> dict[str, list[float]]:

@@ -112,16 +112,79 @@ def test_scripts_in_small(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
         np.testing.assert_allclose(losses[0], [4.19, 1.60], atol=0.01)
 
 
+@pytest.fixture
+def printed_in_series(monkeypatch: pytest.MonkeyPatch):
+    """Table 2's law on both raceways, in place of tables of contact solves."""
+    monkeypatch.setattr(common, "table_law", lambda raceway="outer": trb.liu2018())
+    monkeypatch.setattr(common, "for_several", lambda law, spalls: law)
+    common.in_series.cache_clear()
+    yield
+    common.in_series.cache_clear()
+
+
+@pytest.mark.usefixtures("printed_in_series")
+def test_a_spall_costs_the_same_on_any_surface_under_one_roller() -> None:
+    """By one law on both raceways. On both at once it costs what it does where one raceway alone is elastic; a roller's
+    costs nothing while it faces neither."""
+    surfaces = script("12_surfaces")
+    size, none = (8.0, 7.0), (0.0, 7.0)
+    outer, inner = (surfaces.losses(surface, size, 0.0, 0.0)[0] for surface in surfaces.SURFACES[:2])
+    own = surfaces.losses("roller", size, np.array([0.0, np.pi, 0.5 * np.pi]), 0.0)
+    np.testing.assert_allclose(own[0], outer, rtol=1e-9)
+    np.testing.assert_allclose(own[1], inner, rtol=1e-9)
+    np.testing.assert_allclose(own[2], 0.0, atol=1e-9)
+    np.testing.assert_allclose(surfaces.losses("inner ring", none, 0.0, 0.0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(inner, outer, rtol=0.01)
+    both = common.losses_in_series([[8.0, 8.0, 0.0]], [[7.0, 7.0, 7.0]], [[0.0, 0.0, 0.0]])[0]
+    np.testing.assert_allclose(both, [7.09, 3.28, 8.78, 3.42], atol=0.005)
+
+
+def test_contacts_with_a_spall_in_a_turn() -> None:
+    """Every roller passes the outer spall or is passed by the inner one; rolling on one apex."""
+    passes = script("12_surfaces").passes()
+    assert passes["outer ring"] + passes["inner ring"] == pytest.approx(23.0, rel=1e-12)
+    assert passes["outer ring"] == pytest.approx(23 * np.sin(0.1949) / (np.sin(0.1949) + np.sin(0.2473)), rel=1e-12)
+    assert passes["roller"] == pytest.approx(8.25, abs=0.01)
+
+
+def test_what_a_spall_costs_by_its_surface() -> None:
+    """Both raceways elastic, 8 × 7 mm: no surface differs from another where it stands; an inner one turns away."""
+    kept = record("12_surfaces")["numbers"]
+    np.testing.assert_allclose(kept["centred"]["outer ring, 8 x 7 mm"], [4.29, 1.98, 5.90, 1.94], rtol=0.01)
+    np.testing.assert_allclose(kept["centred"]["inner ring, 8 x 7 mm"], [4.41, 2.04, 6.01, 1.97], rtol=0.01)
+    assert kept["surfaces_apart"] < 0.05
+    turned = kept["mean_of_turns"]
+    assert turned["roller, 8 x 7 mm"][0] < turned["inner ring, 8 x 7 mm"][0] < 0.4 * turned["outer ring, 8 x 7 mm"][0]
+
+
+def test_several_spalls() -> None:
+    """Two that touch are one; apart in a row they sink a roller twice as far as one; under two rollers they add up;
+    over one another they rob one roller."""
+    kept = record("13_several")["numbers"]
+    assert kept["pairs"][0] == pytest.approx(kept["two"], abs=2e-3)
+    assert kept["pairs"][-1] - 1.0 == pytest.approx(2.0 * (kept["one"] - 1.0), rel=0.15)
+    alone, pair = np.array(kept["alone"]), np.array(kept["pair"])
+    np.testing.assert_allclose(pair, alone[0] + alone[1 : 1 + len(pair)], rtol=0.035)
+    both, outer, inner = (np.array(kept["passing"][name]) for name in ("both", "outer", "inner"))
+    middle = len(both) // 2
+    assert both[middle] < 0.96 * (outer + inner)[middle]
+
+
 def test_page_is_made_of_all_results(tmp_path: Path) -> None:
     claim = common.Claim("the moon is round", common.HOLDS, "nearly")
-    result = common.Result("A title", common.picture("moon", "the moon"), {"x": np.array([1.0, np.nan])}, (claim,))
+    row = common.Printed("its distance [km]", "384400", "384000", "384399")
+    result = common.Result(
+        "A title", common.picture("moon", "the moon"), {"x": np.array([1.0, np.nan])}, (claim,), (row,)
+    )
     out = tmp_path / "pictures"
     common.write(result, out, "01_moon")
     assert json.loads((out / "01_moon.json").read_text(encoding="utf-8"))["numbers"] == {"x": [1.0, None]}
     paper.write_page(out, tmp_path / "page.md")
     text = (tmp_path / "page.md").read_text(encoding="utf-8")
     assert "| the moon is round | **holds** | nearly |" in text
-    assert "## 1. A title\n\n(`experiments/paper/01_moon.py`)\n\n![the moon](pictures/moon.png)" in text
+    assert "### 1. A title\n\n(`experiments/paper/01_moon.py`)\n\n![the moon](pictures/moon.png)" in text
+    assert "| its distance [km] | 384400 | 384000 | 384399 |" in text
+    assert text.index("## Its tables and figures") < text.index("### 1. A title") < text.index("## Beyond the paper")
 
 
 def test_page_is_complete() -> None:
