@@ -111,7 +111,7 @@ def run(out: Path, progress: Progress) -> Result:
     right.legend(fontsize=7, loc="upper center")
     picture = common.save(figure, out, "several_spalls")
     table = [
-        [f"{name} spalls, {step} rollers apart", *(f"{v:.2f}" for v in (*values[k], *sum_[k]))]
+        [name, step, *(f"{v:.2f}" for v in (*values[k], *sum_[k]))]
         for name, values, sum_ in (("two", pair, sums[0]), ("three", triple, sums[1]))
         for k, step in enumerate(STEPS) if step in (1, 2, 4, 11)
     ]  # fmt: skip
@@ -126,13 +126,13 @@ def run(out: Path, progress: Progress) -> Result:
         f"**Around the outer ring**, {LENGTH:g} × {WIDTH:g} mm each, table law, {HEAVY.radial:g}/{HEAVY.axial:g} N, "
         f"the first at the load line, a roller over the middle of each. Secant loss [%], and the sum of what each "
         f"costs alone (one at the load line: {alone[0][0]:.2f} / {alone[0][1]:.2f}):",
-        common.grid(["", "radial", "axial", "sum, radial", "axial"], table),
+        common.grid(["spalls", "rollers apart", "radial", "axial", "sum, radial", "axial"], table),
         f"Spalls under different rollers add up: sums miss by {100 * off[0]:.1f} % (two) and {100 * off[1]:.1f} % "
         "(three) of the loss at most.",
         f"**On both rings**, in series as in section 12: when the inner spall stands over the outer one with the "
-        f"roller at the load line between them they cost {both[meet, 0]:.2f} % (radial, tangent), less than "
-        f"{outer[meet, 0]:.2f} and {inner[meet, 0]:.2f} % alone: it is one roller that both rob of its load. Elsewhere "
-        "they add up. (Peaks: two rollers stand in the inner spall at once.)",
+        f"roller at the load line between them they cost {both[meet, 0]:.2f} % (radial, tangent), less than the sum "
+        f"of {outer[meet, 0]:.2f} and {inner[meet, 0]:.2f} % alone: it is one roller that both rob of its load. "
+        "Elsewhere they add up. (Peaks: two rollers stand in the inner spall at once.)",
     )  # fmt: skip
     numbers = {
         "apart": APART, "pairs": pairs, "one": one, "two": two, "steps": STEPS, "alone": alone, "pair": pair,

@@ -99,7 +99,8 @@ def run(out: Path, progress: Progress) -> Result:
         f"ramps, averaged over the cage's phases: {loss[..., 0].size} sizes and their gradients in one batch each. "
         "Arrows: the gradient, in shares of the axes' ranges, lengths as the square root of its size. Crosses: the "
         f"paper's 3 × 3 and 8 × 7 mm. The lines have corners at widths of {PITCH:.1f} mm and its multiples, from which "
-        "on one roller more is always in the spall.",
+        "on one roller more is always in the spall, and where a large spall lifts the first rollers off on the far "
+        "side.",
         common.picture(picture, "Loss of radial and axial stiffness over spall length and width, with gradient arrows"),
         f"Largest losses on the map: {loss[..., 0].max():.1f} % radially, {loss[..., 1].max():.1f} % axially. The "
         f"paper's 3 × 3 mm costs {small[0]:.2f} and {small[1]:.2f} %. Along the line of 9 mm² the radial loss is "
@@ -112,8 +113,8 @@ def run(out: Path, progress: Progress) -> Result:
             [[f"{a:g} × {b:g}", f"{g:.4f}", f"{d:.4f}", f"{h:.4f}", f"{e:.4f}"] for a, b, g, h, d, e in checks],
         ),
         f"Worst on the map: {LENGTHS[i + 1]:g} × {WIDTHS[k]:.1f} mm, by length {slopes[i + 1, k, 0, 0]:.1f}, by "
-        f"differences between its neighbours {by_neighbours[i, k]:.1f} points per mm: so large a spall empties rollers "
-        "far from it, and the tangent stiffness of one about to lift off at a phase has hardly a derivative.",
+        f"differences between its neighbours {by_neighbours[i, k]:.1f} points per mm: so large a spall lifts rollers "
+        "off on the far side, and the tangent stiffness of one about to lift off at a phase has hardly a derivative.",
     )  # fmt: skip
     numbers = {
         "lengths": LENGTHS, "widths": WIDTHS, "loss": loss, "by_size": slopes, "checks": checks, "loss_3_by_3": small,
