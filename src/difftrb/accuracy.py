@@ -37,14 +37,6 @@ LIMIT = 50.0
 NO_TIME = "no time left after {:g} s; compiled programs are kept, so a second run gets further; --full measures all"
 
 
-PINNED = """
-import os
-os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-from difftrb import accuracy
-accuracy.pinned()
-"""
-
-
 @dataclasses.dataclass(frozen=True)
 class Measured:
     """All rungs of a scene.
