@@ -123,7 +123,7 @@ def figure(record: dict[str, Any], told: dict[str, Any]) -> None:
         left.plot([aside, 1.0 + aside], [own[key][name] for name in NAMES], marker, color=colour, label=label)
     left.set(xlim=(-0.6, 1.6), ylabel="95 % intervals that hold the truth [%]", title=f"{own['sets']} data sets")
     left.set_xticks(range(len(NAMES)), list(NAMES))
-    left.legend(frameon=False, title="band: chance, 95 %", loc="center")
+    left.legend(frameon=False, title="band: chance, 95 %", loc="lower right")
     size = np.array([float(SPALL.length), float(SPALL.width)])
     for i, (name, marker, colour) in enumerate(zip(NAMES, "os", (plot.HEALTHY, plot.SPALLED), strict=True)):
         for k, design in enumerate(told):

@@ -41,7 +41,7 @@ class Fit(status.Judged):
         weighed by, shape (rows,); `sigma_estimated` if none was given. residuals: measured minus predicted in sigma.
       chi2: sum of squared residuals (of how they count, if robust). freedom: rows less parameters.
       remarks: what is worth knowing, in sentences. `determined`: whether every parameter has a closed interval less
-        than a factor of 1.5 wide (angle: 0.5 rad).
+        than a factor of 1.5 wide (angle: 0.5 rad), and no other answer fits nearly as well.
       robust: how deviations counted. scene: prepared, with the fitted spall. history: of all starts.
       profiles, problem, place (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends),
         solve (the program that fitted): for figures and designs.

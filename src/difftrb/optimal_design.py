@@ -110,6 +110,18 @@ def next_measurements(
     return tuple(chosen)
 
 
+def telling(fit: Fit, values: np.ndarray) -> tuple[Measurement, float]:
+    """The measurement among `candidates` that tells the fitted values best from other ones, shape (parameters,), and by
+    how many sigma it would differ."""
+    among = candidates(fit)
+    todo = observed.plan(fit.scene, among)
+    other = np.asarray(fit.problem.unknowns.coordinates(jnp.asarray(values)))
+    here, there = (np.asarray(_told(fit.problem, todo, jnp.asarray(u))[0]) for u in (fit.place, other))
+    sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, here, strict=True)])
+    apart = np.nan_to_num(np.abs(there - here) / sigma)
+    return among[int(np.argmax(apart))], float(np.max(apart))
+
+
 @jax.jit
 def _told(problem: Problem, todo: Plan, u: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Predictions of other rows, shape (rows,), and their slopes by coordinates, shape (rows, unknowns)."""

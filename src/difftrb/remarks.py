@@ -20,6 +20,8 @@ FAR = 4.0
 """Deviation [sigma] at which one row is named."""
 REPEAT = 4.0
 """Difference [sigma] between two rows that ought to agree at which both are named."""
+TOLD_APART = 2.0
+"""Difference [sigma] of two answers below which a measurement does not tell which one is right."""
 
 
 def of(fit: Fit, starts: np.ndarray) -> dict[str, Any]:
@@ -29,12 +31,13 @@ def of(fit: Fit, starts: np.ndarray) -> dict[str, Any]:
     said = [*_about_rows(fit), *_about_misfit(fit), *_beyond(fit, starts), *_bounds(fit)]
     if unclear:
         said.append(_unclear(fit, unclear))
-    said += _rivals(fit, unclear)
+    rivals = [] if unclear else _rivals(fit)
+    said += [_of_rival(fit, values, chi2) for values, chi2 in rivals]
     if fit.sigma_estimated:
         kind = "losses" if all(row.is_loss for row in fit.rows) else "values"
         middle = 100.0 * float(np.median(fit.sigma / np.array([abs(float(row.value)) or 1.0 for row in fit.rows])))
         said.append(f"no sigma was given: from how the fit misses the {kind} it is estimated as {middle:.2g} % of them")
-    return {"remarks": tuple(said), "determined": not unclear}
+    return {"remarks": tuple(said), "determined": not unclear and not rivals}
 
 
 def _is_open(fit: Fit, i: int) -> bool:
@@ -154,19 +157,25 @@ def _product(powers: dict[str, float]) -> str:
     return " × ".join(factors)
 
 
-def _rivals(fit: Fit, unclear: list[int]) -> list[str]:
-    """Other places that fit as well, apart from the best one's interval."""
-    if unclear:
-        return []
-    said: list[str] = []
-    for values, chi2 in zip(fit.history.last, fit.history.chi2, strict=True):
-        outside = [
-            i for i in range(len(values))
-            if not fit.intervals[i][0] * 0.999 - 1e-6 <= values[i] <= fit.intervals[i][1] * 1.001 + 1e-6
-        ]  # fmt: skip
-        if outside and chi2 - fit.chi2 < fit.limit:
-            other = ", ".join(f"{n} {v:.4g} {u}" for n, v, u in zip(fit.parameters, values, fit.units, strict=True))
-            sentence = f"another answer fits nearly as well: {other}"
-            if all(not s.startswith(sentence[:60]) for s in said):
-                said.append(sentence)
-    return said[:2]
+def _rivals(fit: Fit) -> list[tuple[np.ndarray, float]]:
+    """Other places that fit as well, apart from the best one's interval, the best two of them, and their χ²."""
+    found: list[tuple[np.ndarray, float]] = []
+    near = 1e-3 * np.abs(fit.values) + 1e-6
+    low, high = fit.intervals[:, 0] - near, fit.intervals[:, 1] + near
+    for k in np.argsort(fit.history.chi2):
+        values, chi2 = fit.history.last[k], float(fit.history.chi2[k])
+        outside = (values < low) | (values > high)
+        known = any(np.allclose(values, other, rtol=1e-2, atol=1e-3) for other, _ in found)
+        if outside.any() and not known and chi2 - fit.chi2 < fit.limit:
+            found.append((values, chi2))
+    return found[:2]
+
+
+def _of_rival(fit: Fit, values: np.ndarray, chi2: float) -> str:
+    """What it is, and which measurement tells it from the fit."""
+    other = ", ".join(f"{n} {v:.4g} {u}" for n, v, u in zip(fit.parameters, values, fit.units, strict=True))
+    row, apart = optimal_design.telling(fit, values)
+    advice = f"measure {optimal_design.in_words(row)}, where they differ by {apart:.2g} sigma"
+    if apart < TOLD_APART:
+        advice = "no load and phase like those measured tells them apart"
+    return f"another answer fits nearly as well: {other} (χ² {chi2:.3g}, here {fit.chi2:.3g}): {advice}"

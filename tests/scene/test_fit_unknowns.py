@@ -99,8 +99,10 @@ def test_place_preload_and_scale_are_found(liu: trb.Scene) -> None:
     found = fit(liu, measured(liu, rows("mean"), TURNED), tuple(TURNED), model_error=0.0).check()
     mirrored = np.abs(found.values)  # the load line is a line of symmetry
     np.testing.assert_allclose(mirrored, list(TURNED.values()), rtol=1e-6)
-    assert found.determined
-    assert any("another answer" in remark and "angle" in remark for remark in found.remarks)
+    (rival,) = (remark for remark in found.remarks if "another answer" in remark)
+    assert not found.determined
+    assert "angle" in rival
+    assert "measure the" in rival  # means are as symmetric as the load; at one phase rollers stand unevenly about it
 
 
 def test_losses_alone_do_not_tell_the_scale(liu: trb.Scene) -> None:
