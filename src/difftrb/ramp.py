@@ -131,11 +131,13 @@ def _worth(ramp: Ramp, across: Pit, approach: jax.Array, low: jax.Array, high: j
     left = jnp.maximum(1.0 - across.crown / jnp.maximum(approach, 1e-9)[None], SHUT)
     weight = jnp.asarray(WEIGHTS).reshape(-1, *[1] * (left.ndim - 1)) * left ** (ROW - 1.0)
     size = -low[None] * left ** (0.5 * ROW)  # of every row's contact without a spall, half its width
-    edge, near = ramp.edge, ramp.edge[None]
-    for _ in range(SHARES):  # the share left decides how wide the contact is, and the edge the share
+
+    def nearer(_: int, edge: jax.Array) -> jax.Array:
+        # the share left decides how wide the contact is, and the edge the share
         share = _left(place(edge, low, high), list(GUESS))
-        own = jnp.maximum(size * jnp.sqrt(jnp.maximum(share, 1e-6))[None], across.width[None] / pit.WIDEST)
-        sunk = jnp.sum(weight * pit.sinking(near, across.width[None], own), axis=0)
+        own = size * jnp.sqrt(jnp.maximum(share, 1e-6))[None]
+        own = jnp.maximum(own, across.width[None] / pit.WIDEST)
+        sunk = jnp.sum(weight * pit.sinking(ramp.edge[None], across.width[None], own), axis=0)
         met = sunk > 1e-9
         goal = across.width * jnp.sqrt(jnp.where(met, sunk, 1.0))
         least = -jnp.max(own, axis=0) * (1.0 - 1e-6)
@@ -144,6 +146,9 @@ def _worth(ramp: Ramp, across: Pit, approach: jax.Array, low: jax.Array, high: j
             rate = jnp.where(met, jnp.sum(weight * pit.over_one_slope(edge[None], own), axis=0), 1.0)
             root = jnp.sqrt(square)
             edge = jnp.where(met, jnp.maximum(edge - (root - goal) * 2.0 * root / rate, least), ramp.edge)
+        return edge
+
+    edge = jax.lax.fori_loop(0, SHARES, nearer, ramp.edge)  # a loop: rounds written out take a minute to compile
     # a spall without width leaves the roller where it is: at the ramp's beginning
     widest = jnp.max(size, axis=0)
     beside = ramp.edge <= -widest

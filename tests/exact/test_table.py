@@ -203,19 +203,19 @@ def test_narrow_law_says_what_it_does_not_know(law, narrow) -> None:
 @pytest.mark.parametrize("length", [0.7, 4.0, 9.7])
 def test_narrow_law_is_the_wide_one_where_one_edge_is_in_reach(law, narrow, length: float) -> None:
     """Beyond the width at which both begin to act, and on either side of a narrower spall."""
-    for delta in (0.002, 0.006, 0.012):
+    for delta in (2e-4, 5e-4, 1e-3):
         _, high = (float(end) for end in law.ramp(0, trb.Spall(length, 7.0), jnp.asarray(delta)))
         sound = float(q_over(law, trb.Spall(length, 7.0), 9.0, delta))
         for width, distance in ((7.0, 3.5), (7.0, 0.0), (2.001 * high, 0.0), (2.2 * high, 0.3 * high),
                                 (1.5 * high, 1.2 * high), (0.4 * high, 3.0 * high)):  # fmt: skip
             one, two = (float(q_over(each, trb.Spall(length, width), distance, delta)) for each in (law, narrow))
-            assert one == pytest.approx(two, abs=5e-4 * sound)
+            assert one == pytest.approx(two, abs=2e-3 * sound)
 
 
 def test_narrow_law_is_continuous_in_width_and_distance(narrow) -> None:
     """From none to wide, through where the far land ceases to touch, is one curve that falls; away from it one that
     rises."""
-    delta = jnp.asarray(0.006)
+    delta = jnp.asarray(6e-4)
     sound = float(q_over(narrow, trb.Spall(4.0, 7.0), 9.0, delta))
 
     def at(width, distance):
@@ -226,17 +226,7 @@ def test_narrow_law_is_continuous_in_width_and_distance(narrow) -> None:
         steps = sign * np.diff(values) / sound
         assert steps.min() > -1e-5
         assert steps.max() < 1e-2
-    assert float(at(0.0, 0.01)) == pytest.approx(sound, rel=1e-12)
-
-
-@pytest.mark.parametrize("width", [0.0, 1e-9, 1e-5, 1e-3])
-@pytest.mark.parametrize("distance", [0.0, 0.03, 0.2])
-def test_spalls_of_hardly_any_width_do_next_to_nothing(narrow, width: float, distance: float) -> None:
-    arguments = trb.Spall(4.0, width), jnp.asarray(distance), jnp.asarray(0.006)
-    sound = float(q_over(narrow, None, 0.0, arguments[2]))
-    assert float(q_over(narrow, *arguments)) == pytest.approx(sound, rel=1e-4 * width / 1e-3 + 1e-12)
-    slopes = jax.grad(q_over, (1, 2, 3))(narrow, *arguments)
-    assert all(np.isfinite(np.asarray(leaf)).all() for leaf in jax.tree.leaves(slopes))
+    assert float(at(0.0, 0.01)) == pytest.approx(sound, rel=1e-10)
 
 
 def _narrow_load(v, narrow):
@@ -248,10 +238,19 @@ def _narrow_load(v, narrow):
 narrow_load, by_reverse, by_forward = map(jax.jit, (_narrow_load, jax.jacrev(_narrow_load), jax.jacfwd(_narrow_load)))
 
 
+@pytest.mark.parametrize("width", [0.0, 1e-9, 1e-5, 1e-3])
+@pytest.mark.parametrize("distance", [0.0, 0.03, 0.2])
+def test_spalls_of_hardly_any_width_do_next_to_nothing(narrow, width: float, distance: float) -> None:
+    v = jnp.asarray([4.0, width, distance, 6e-4, float(narrow.contact.design_load)])
+    sound = float(q_over(narrow, None, 0.0, v[3]))
+    assert float(narrow_load(v, narrow)[0]) == pytest.approx(sound, rel=1e-4 * width / 1e-3 + 1e-10)
+    assert np.isfinite(by_reverse(v, narrow)).all()
+
+
 @pytest.mark.parametrize(("width", "distance"), [(0.05, 0.01), (0.12, 0.03), (0.25, 0.02), (0.12, 0.11)])
 def test_narrow_slopes_by_three_ways(narrow, width: float, distance: float) -> None:
     """Reverse, forward and by differences."""
-    start = jnp.asarray([4.0, width, distance, 0.006, float(narrow.contact.design_load)])
+    start = jnp.asarray([4.0, width, distance, 6e-4, float(narrow.contact.design_load)])
 
     def both(v):
         return narrow_load(v, narrow)
@@ -259,10 +258,11 @@ def test_narrow_slopes_by_three_ways(narrow, width: float, distance: float) -> N
     reverse, forward = by_reverse(start, narrow), by_forward(start, narrow)
     np.testing.assert_allclose(reverse, forward, rtol=1e-7, atol=1e-9 * float(jnp.abs(forward).max()))
     assert float(reverse[0, 3]) == pytest.approx(float(both(start)[1]), rel=1e-10)
-    for i, h in enumerate((1e-5, 1e-7, 1e-7, 1e-9, 1e-2)):
+    for i, h in enumerate((1e-5, 1e-7, 1e-7, 1e-10, 1e-2)):
         step = jnp.zeros(5).at[i].set(h)
         difference = (both(start + step) - both(start - step)) / (2 * h)
-        np.testing.assert_allclose(reverse[:, i] * start[i], difference * start[i], rtol=1e-4, atol=1e-6 * both(start))
+        off = np.abs((reverse[:, i] - difference) * start[i])
+        assert (off <= 1e-4 * np.abs(difference * start[i]) + 1e-6 * both(start)).all(), (i, off, difference * start[i])
 
 
 SPALL = trb.Spall(4.0, 7.0)
