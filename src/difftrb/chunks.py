@@ -22,7 +22,7 @@ import numpy as np
 from difftrb import gathered, status, store
 from difftrb.axes import SweepError
 from difftrb.devices import lanes_of, wait
-from difftrb.gathered import MANIFEST, RESUME
+from difftrb.gathered import MANIFEST, RESUME, WHOLE
 from difftrb.law import Law
 from difftrb.outputs import STATUS
 from difftrb.plan import Plan, front, labelled, own_dims
@@ -127,12 +127,13 @@ def run(
     with _stays_good(folder, plan):
         if jax.process_index() == 0:
             folder.mkdir(parents=True, exist_ok=True)
+            for name in (MANIFEST, *WHOLE):
+                _clear(folder / name)
             with store.replacing(folder / MANIFEST) as scratch:
                 scratch.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
         for chunk in mine:
             path = folder / _name(chunk)
-            for scratch in store.leftovers(path):
-                scratch.unlink()
+            _clear(path)
             found = _sound(path, plan, manifest, chunk) if resume else None
             if found is None and resume and path.exists():
                 say(f"{path} is damaged: computed again")
@@ -179,6 +180,12 @@ def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any]) -> tuple[Path,
         for name, array in found.items():
             taken[name].append(array[members[low:high] - first])
     return file, counts, labelled(plane, {name: np.concatenate(arrays) for name, arrays in taken.items()}, manifest)
+
+
+def _clear(path: Path) -> None:
+    """Of what a killed process left of it, half written."""
+    for scratch in store.leftovers(path):
+        scratch.unlink()
 
 
 @contextlib.contextmanager

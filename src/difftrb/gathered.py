@@ -18,6 +18,8 @@ from difftrb.plan import Plan, own_dims
 from difftrb.swept import Swept, column_of
 
 MANIFEST = "manifest.json"
+WHOLE = "sweep.nc", "sweep.npz"
+"""The file with everything, with xarray's netCDF and without."""
 RESUME = "go on with --resume"
 Pieces = Callable[..., Iterator[tuple[int, store.Arrays]]]
 """From the start: the first member of every chunk and its columns, or those of the names that are given."""
@@ -31,7 +33,7 @@ def write(
     The file is there, whole, when all of them have gone by.
     """
     to_netcdf = util.find_spec("h5netcdf") is not None
-    path = folder / ("sweep.nc" if to_netcdf else "sweep.npz")
+    path = folder / WHOLE[0 if to_netcdf else 1]
     with store.replacing(path) as scratch:
         for first, found in (_netcdf if to_netcdf else _npz)(plan, scratch, manifest, pieces):
             yield path, first, found

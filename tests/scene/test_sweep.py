@@ -225,7 +225,8 @@ def test_resuming_computes_what_is_missing_or_damaged(plan: Plan, whole: Path, t
     flipped[len(flipped) // 2] ^= 1
     (out / "chunk_000001.npz").write_bytes(flipped)
     (out / "chunk_000002.npz").write_bytes(before["chunk_000003.npz"])  # sound, but not this one
-    (out / "chunk_000000.npz-abc.part").write_bytes(b"left by a killed process")
+    for name in ("chunk_000000.npz", "manifest.json", "sweep.nc", "sweep.npz"):
+        (out / f"{name}-abc.part").write_bytes(b"left by a killed process")
     (out / "sweep.npz").unlink(missing_ok=True)  # sweep.nc where h5netcdf is installed
     (out / "manifest.json").write_text("{ cut")
     said: list[str] = []
