@@ -81,7 +81,12 @@ def _direct(scene: Scene, progress: Progress | None = None) -> tuple[Scene, floa
 
 def by_name(scene: Scene, law: str, accuracy: float, progress: Progress | None = None) -> Scene:
     """The scene prepared by a named law."""
-    return preparation.with_law(dataclasses.replace(scene, law=LawName(law), accuracy=accuracy), progress)
+    return preparation.with_law(named(scene, law, accuracy), progress)
+
+
+def named(scene: Scene, law: str, accuracy: float) -> Scene:
+    """The scene with a law by name and the accuracy of its contacts."""
+    return dataclasses.replace(scene, law=LawName(law), accuracy=accuracy)
 
 
 def _told(made: Scene, picked: Picked) -> Scene:

@@ -140,7 +140,7 @@ def prepared(
         edges = any(key.endswith((".width", ".angle", ".phase")) for key in gradients)
         return choice.shared(
             _members(scene, axes),
-            lambda law, accuracy: prepared(_named(scene, law, accuracy), axes, gradients, progress),
+            lambda law, accuracy: prepared(choice.named(scene, law, accuracy), axes, gradients, progress),
             choice.SOFT if edges and not isinstance(scene.phase, PitchMean) else choice.SHARED,
         )
     name = scene.law.name
@@ -170,10 +170,6 @@ def _members(scene: Scene, axes: Sequence[Axis]) -> list[Scene]:
                 member = replaced(member, key, float(values[round(share * (axis.count - 1))]))
         found.append(member)
     return found
-
-
-def _named(scene: Scene, law: str, accuracy: float) -> Scene:
-    return dataclasses.replace(scene, law=LawName(law), accuracy=accuracy)
 
 
 def _refuse_frozen(name: str, key: str, where: str) -> None:

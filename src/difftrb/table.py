@@ -254,14 +254,20 @@ def _extent(built: Atlas, contact: LineContact, length: jax.Array, load: jax.Arr
     return ramp.extent(beside, curve.approach(beside.full, load))
 
 
+def _drawn(rng: np.random.Generator, contact: LineContact, built: Atlas) -> tuple[float, float, float, float]:
+    """A random length of spall [mm] and load [N], and where the ramp begins and ends there [mm]."""
+    length = float(built.lengths[-1]) * rng.uniform(0.05, 1.0)
+    load = float(np.exp(float(built.log_loads[-1]) - rng.uniform(0.0, np.log(30.0))))
+    low, high = map(float, _extent(built, contact, length, load))
+    return length, load, low, high
+
+
 def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None) -> float:
     """See `Atlas.error`: at random points in the middle of spalls, and with an edge on the ramp."""
     rng = np.random.default_rng(0)
-    top, longest = float(built.log_loads[-1]), float(built.lengths[-1])
     cases = []
     for k in range(CHECKS):
-        length, load = longest * rng.uniform(0.05, 1.0), float(np.exp(top - rng.uniform(0.0, np.log(30.0))))
-        low, high = map(float, _extent(built, contact, length, load))
+        length, load, low, high = _drawn(rng, contact, built)
         shape = dataclasses.replace(like, length=length, width=4.0 * high)
         cases.append(Case(load, shape, 2.0 * high - rng.uniform(low, high) if k % 2 else 0.0))
     return _worst(TableLaw(contact, (built,), (0,)), cases, nodes.all_solved(contact, cases, accuracy, progress))
@@ -272,11 +278,9 @@ def _narrow_error(
 ) -> store.Arrays:
     """See `TableLaw`: at random points with a roller near the middle of spalls whose edges are both in its reach."""
     rng = np.random.default_rng(1)
-    top, longest = float(built.log_loads[-1]), float(built.lengths[-1])
     cases = []
     for _ in range(NARROW_CHECKS):
-        length, load = longest * rng.uniform(0.05, 1.0), float(np.exp(top - rng.uniform(0.0, np.log(30.0))))
-        low, high = map(float, _extent(built, contact, length, load))
+        length, load, low, high = _drawn(rng, contact, built)
         shape = dataclasses.replace(like, length=length, width=2.0 * high * rng.uniform(0.05, 1.0))
         cases.append(Case(load, shape, -low * rng.uniform(0.0, 1.0)))
     law = TableLaw(contact, (built,), (0,), 0.0)
