@@ -47,7 +47,8 @@ class Rollers(NamedTuple):
 
 def tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:
     """Σ dQ/dδ n nᵀ [N/mm], shape (3, 3)."""
-    return _dot(normals.T * slopes[None, :], normals)
+    squares = normals[:, :, None] * normals[:, None, :]
+    return _dot(slopes, squares.reshape(slopes.size, -1)).reshape(squares.shape[1:])
 
 
 System = tuple[Rollers, jax.Array, jax.Array, jax.Array, Real | None]
@@ -101,7 +102,7 @@ def _newton(system: System) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
 
     def unfinished(state):
         _, r, _, damping, k = state
-        return (jnp.max(jnp.abs(r)) > 0.01 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
+        return (jnp.max(jnp.abs(r)) > 0.1 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
 
     state = start, *_linearised(start, system), jnp.zeros(()), jnp.asarray(0)
     u, r, _, _, k = jax.lax.while_loop(unfinished, step, state)

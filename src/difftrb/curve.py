@@ -103,7 +103,6 @@ def _spread(count: int) -> list[int]:
 
 
 def load(curve: Curve, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Q [N] and dQ/dδ [N/mm] at `approach` δ [mm], in the shape of the curves; both 0 where δ ≤ δ₀."""
     above = approach - curve.shift
     touching = above > 0.0
     depth = jnp.where(touching, above, 1.0)
@@ -113,9 +112,14 @@ def load(curve: Curve, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
     return Q, Q * rate / (curve.reach * depth)
 
 
+def at_least(x: jax.Array, bound: Real) -> jax.Array:
+    """The larger of both. As `jnp.maximum`, whose derivative, a half where they are equal, costs a division."""
+    return jnp.where(x > bound, x, bound)
+
+
 def straight(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Σ cₖ zᵏ, coefficients of shape (degree + 1, …), and its derivative by z; straight outside −1…1."""
-    inside = jnp.clip(z, -1.0, 1.0) if coefficients.shape[0] > 2 else z
+    inside = -at_least(-at_least(z, -1.0), -1.0) if coefficients.shape[0] > 2 else z
     value, rate = coefficients[-1], jnp.zeros_like(z)
     for c in coefficients[-2::-1]:
         value, rate = value * inside + c, rate * inside + value

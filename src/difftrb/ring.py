@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import balance, curve, geometry, pair, status
+from difftrb import balance, curve, geometry, load_zone, pair, status
 from difftrb.balance import Rollers
 from difftrb.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
 from difftrb.law import Law
@@ -248,12 +248,20 @@ def _norm(force: jax.Array) -> jax.Array:
 
 
 def _start(rollers: Rollers, healthy: Carried, force: jax.Array, terms: Terms) -> jax.Array:
-    """All rollers as loaded as the first one would be, were the load shared equally; if all are clear of what they
-    stand over, beyond the least of these gaps: without a loaded roller Newton's method knows no way."""
+    """Where Newton's method begins: the load zone of a healthy ring, or, of a pair of rows, all rollers as loaded as
+    were the load shared equally. If all are clear of what they stand over, beyond the least of these gaps: without a
+    loaded roller Newton's method knows no way."""
     if terms.axial is not None:
         return jnp.zeros(3).at[2].set(terms.axial)
-    axial = rollers.normals[0, 2]
-    share = _norm(force) / (rollers.normals.shape[0] * axial)
+    sound, count, axial = curve.of(healthy.each, 0), rollers.normals.shape[0], rollers.normals[0, 2]
+    radial = jnp.sqrt(1.0 - axial**2)
+    largest, narrow = _norm(force) / (count * axial), jnp.zeros(())
+    if terms.pair is None:
+        share = force[2] / (count * axial)
+        at_share = curve.approach(sound, share)
+        load, slope = curve.load(sound, at_share)
+        zone = load_zone.of(force[0] * axial / (radial * force[2]), at_share * slope / load)
+        largest, narrow = share * zone.largest, zone.narrowness
     clear = jnp.maximum(jnp.min(rollers.curves.each.shift - rollers.interference), 0.0)
-    pressed = curve.approach(curve.of(healthy.each, 0), share) + jax.lax.stop_gradient(clear)
-    return jnp.zeros(3).at[2].set(pressed / axial)
+    pressed = curve.approach(sound, largest) + clear
+    return jax.lax.stop_gradient(pressed * jnp.stack([narrow / radial, jnp.zeros(()), (1.0 - narrow) / axial]))

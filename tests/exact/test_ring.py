@@ -8,7 +8,7 @@ import pytest
 from scipy import optimize
 
 import difftrb as trb
-from difftrb import geometry, law, ring, status
+from difftrb import geometry, law, load_zone, ring, status
 
 LIU = trb.liu2018()
 
@@ -115,3 +115,21 @@ def test_secant_is_force_over_displacement(bearing) -> None:
     axial_only = trb.solve(dataclasses.replace(scene, load=trb.Load(0.0, 4500.0)))
     assert jnp.isnan(axial_only.radial_stiffness)
     assert jnp.isfinite(axial_only.axial_stiffness)
+
+
+@pytest.mark.parametrize("exponent", [1.1, 1.2, 1.35])
+@pytest.mark.parametrize("narrowness", [0.05, 0.5, 1.0, 3.0])
+def test_load_zone_of_many_rollers(exponent: float, narrowness: float) -> None:
+    """Sums over 600 rollers give back, through the ratio of their forces, the load zone they were made of."""
+    angles = 2.0 * np.pi * np.arange(600) / 600
+    share = np.maximum(1.0 - narrowness * (1.0 - np.cos(angles)), 0.0) ** exponent
+    ratio = np.sum(share * np.cos(angles)) / np.sum(share)
+    zone = load_zone.of(jnp.asarray(ratio), jnp.asarray(exponent))
+    assert float(zone.narrowness) == pytest.approx(narrowness, rel=0.05)
+    assert float(zone.largest) == pytest.approx(1.0 / np.mean(share), rel=0.03)
+
+
+@pytest.mark.parametrize("axial", [2600.0, 4500.0, 9000.0, 1e5])
+def test_newton_begins_at_the_load_zone(bearing, axial: float) -> None:
+    """From rollers all loaded alike it takes up to eight steps."""
+    assert int(rest(bearing, 9000.0, axial, (trb.Spall(4.0, 7.0),)).iterations) <= 4
