@@ -1,8 +1,6 @@
 """What a ring costs once its law is prepared: one scene of a jitted batch, value and gradient.
 
 taskset -c 0 python experiments/speed_of_ring.py [SCENES] [LAW]   (default 10000 power; pin one core to compare)
-
-With the law "table" the same rings are also solved one by one by scipy from the same curves.
 """
 
 from __future__ import annotations
@@ -18,10 +16,8 @@ jax.config.update("jax_enable_x64", True)
 
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
-from scipy import optimize  # noqa: E402
 
 import difftrb as trb  # noqa: E402
-from difftrb import ring  # noqa: E402
 from difftrb.law import Law  # noqa: E402
 from difftrb.scene import LawName  # noqa: E402
 
@@ -72,40 +68,6 @@ def measure(law: Law, count: int) -> dict[str, tuple[float, float]]:
     return results
 
 
-def by_scipy(law: Law, count: int) -> float:
-    """Seconds per ring, one by one: scipy's root on the same curves in numpy, with their derivative.
-
-    At phase 0 no roller of the scene is on a ramp.
-    """
-    scene = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law=law)
-    angles = ring.roller_angles(scene.bearing, 0.0)
-    own = law.curves(scene.spalls, ring.distances(scene.bearing, scene.spalls, angles)).each
-    coefficients, middle, reach, shift = (np.asarray(field) for field in jax.tree.leaves(own))
-    normals = np.asarray(ring.directions(scene.bearing, angles))
-
-    def loads(delta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        touching = delta > shift
-        depth = np.where(touching, delta - shift, 1.0)
-        z = (np.log(depth) - middle) / reach
-        inside = np.clip(z, -1.0, 1.0)
-        value, rate = coefficients[-1], np.zeros_like(z)
-        for c in coefficients[-2::-1]:
-            value, rate = value * inside + c, rate * inside + value
-        Q = np.where(touching, np.exp(value + rate * (z - inside)), 0.0)
-        return Q, Q * rate / (reach * depth)
-
-    def unbalanced(u: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        Q, slopes = loads(normals @ u)
-        return normals.T @ Q - force, (normals.T * slopes) @ normals
-
-    start = np.array([0.0, 0.0, 0.02])
-    started = time.perf_counter()
-    for axial in np.linspace(4000.0, 6000.0, count):
-        found = optimize.root(unbalanced, start, args=(np.array([9000.0, 0.0, axial]),), jac=True, tol=1e-10)
-        assert found.success
-    return (time.perf_counter() - started) / count
-
-
 def main() -> None:
     """Measure with the default scene's law and print."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 10000
@@ -113,8 +75,6 @@ def main() -> None:
     scene = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law=name)
     law = trb.prepare(scene).law
     assert not isinstance(law, str | LawName)
-    if name == "table":
-        print(f"{'the same by scipy':42s} {1e6 * by_scipy(law, 20):.0f} µs per scene")
     for name, (first, each) in measure(law, count).items():
         print(f"{name:42s} first call {first:.2f} s, then {each:.2f} µs per scene in a batch of {count}")
 

@@ -5,15 +5,16 @@ import importlib.util
 import json
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import line
+from difftrb import line, rungs
 from difftrb.contact import Resolution
+from difftrb.rungs import Rung
 
 FOLDER = Path(__file__).parents[2] / "experiments"
 
@@ -189,8 +190,22 @@ def test_width_and_phase(tmp_path: Path) -> None:
     assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
 
 
-def test_scipy_solves_the_same_ring() -> None:
-    assert script("speed_of_ring").by_scipy(trb.liu2018(), 2) > 0.0
+def test_ring_against_peers(tmp_path: Path) -> None:
+    """scipy solves the same ring."""
+    experiment = importlib.import_module("experiments.ring_against_peers")
+    spall = (trb.Spall(4.0, 7.0),)
+    scene = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), spall, trb.liu2018())
+    ours = trb.solve(scene)
+    values = {f"{way}_stiffness": float(getattr(ours, f"{way}_stiffness")) for way in ("radial", "axial")}
+    rung = Rung("ring", "liu2018", 1e-3)
+    row = rungs.Row(rung, 0.1, 1e-3, 1e-4, 1e-6, 1e-6, 0.0, values, "converged", dict.fromkeys(values, 0.04))
+    measured = SimpleNamespace(rows=(row,), truth=lambda _: row)
+    peers = experiment.peer_rows(scene, measured, ("liu2018",), (20, 6))
+    assert [each.setting for each in peers] == ["liu2018", "40×400, clipped", "40×400, whole"]
+    assert peers[0].error < 1e-9
+    assert 0.0 < peers[1].error < 0.2
+    experiment.draw([*experiment.own_rows(measured), *peers], 1e-4, tmp_path)
+    assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
 
 
 def test_effects_and_their_cost(tmp_path: Path) -> None:
@@ -207,14 +222,25 @@ def test_effects_and_their_cost(tmp_path: Path) -> None:
 
 
 def test_became_slower_than_the_baseline() -> None:
-    """More than noise: the quickest run now against the slowest then."""
+    """More than noise: the quickest round now against three quarters of those then, both in yardsticks."""
     experiment = script("became_slower")
+    stats = {"yardstick": (2.0, 3.0), "a": (3.0, 18.0), "b": (3.2, 3.4), "new": (18.0, 18.0)}
+    record = [{"name": f"test_{k}", "stats": {"min": low, "q3": high}} for k, (low, high) in stats.items()]
+    now = experiment.spans({"benchmarks": record})
+    assert now == {"a": (1.5, 9.0), "b": (1.6, 1.7), "new": (9.0, 9.0)}
     before = {"a": (1.0, 1.2), "b": (1.0, 1.2), "gone": (1.0, 1.0)}
-    assert experiment.slower({"a": (1.5, 9.0), "b": (1.6, 1.7), "new": (9.0, 9.0)}, before) == ["b"]
-    kept = json.loads(experiment.BASELINE.read_text(encoding="utf-8"))
+    assert experiment.slower(now, before) == ["b"]
+
+
+def test_baseline_is_of_the_benchmarks() -> None:
+    suite = script("benchmarks")
+    kept = json.loads(script("became_slower").BASELINE.read_text(encoding="utf-8"))
     assert all(0.0 < low <= high for low, high in kept.values())
-    names = {name.split(":")[0] for name in kept}
-    assert names == {f"{rung.kind} {rung.name}" for rung in experiment.RUNGS}
+    rings = {f"{name}[{law}]" for law in suite.LAWS
+             for name in ("prepare", "solve", "batch", "batch_with_gradient")}  # fmt: skip
+    assert kept.keys() == rings | {f"contact[{method}]" for method in suite.METHODS}
+    slopes = suite._slopes(trb.prepare(suite.named("liu2018")), suite.SIZES, suite.RADIALS[:2])[1]
+    assert (np.asarray(slopes)[:, 0] < 0.0).all()
 
 
 def test_auto_keeps_its_promise_in_small() -> None:
