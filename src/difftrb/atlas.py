@@ -13,7 +13,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from difftrb import curve, direct, gap, nodes, ramp, status
+from difftrb import curve, direct, gap, hertz, nodes, ramp, status
 from difftrb.curve import Curve
 from difftrb.direct import ASIDE, MOVED, Healthy
 from difftrb.geometry import LineContact, Real, Spall
@@ -38,7 +38,7 @@ class Atlas:
       log_loads: of the nodes [log N], shape (loads,).
       healthy, healthy_slopes: approaches [mm], shape (loads,), and by the inputs, (loads, inputs).
       half_width: see `Ramp`, shape (coefficients,).
-      lengths: of spalls [mm], Chebyshev–Lobatto, the first 0, shape (lengths,).
+      lengths: of spalls [mm], Chebyshev–Lobatto in `spread`, the first 0, shape (lengths,).
       full, full_slopes: approaches over a spall's middle, shape (lengths, loads), (lengths, loads, inputs).
       sunk: see `Ramp`, shape (lengths, coefficients).
       edge_lengths: logarithms of spalls' lengths [log mm], shape (edge lengths,).
@@ -164,11 +164,24 @@ def _fulls(atlas: Atlas, contact: LineContact, like: Spall, change: jax.Array) -
     return curve.through(atlas.log_loads, approaches.T, crowns(atlas.lengths))
 
 
+def spread(length: Real, contact: LineContact, top: Real) -> jax.Array:
+    """What curves are interpolated in for the length of a spall [mm], of any shape, up to a load `top` [N]: its root,
+    rounded off where a spall is shorter than the contact is wide [√mm]. In the length itself it takes twice the nodes,
+    for what a spall's ends take with them is all there once it is longer than that."""
+    return jnp.sqrt(length + shortest(contact, top))
+
+
+def shortest(contact: LineContact, top: Real) -> Real:
+    """Width of the contact without a spall [mm]."""
+    return 2.0 * hertz.line_half_width(top / contact.length, contact.radius, contact.modulus)
+
+
 def ramp_of(atlas: Atlas, contact: LineContact, spall: Spall) -> Ramp:
     """The ramp of this spall with its edge under the roller's middle."""
     change = _change(atlas, contact, spall)
     length = jnp.asarray(spall.length, float)
-    at = curve.weights(atlas.lengths, length)
+    solved, top = nodes.contact_of(atlas.given), jnp.exp(atlas.log_loads[-1])
+    at = curve.weights(spread(atlas.lengths, solved, top), spread(length, solved, top))
     fulls = _fulls(atlas, contact, spall, change)
     full = Curve(fulls.coefficients @ at, at @ fulls.middle, at @ fulls.reach, direct.shift_over(contact, spall))
     longer = jnp.log(jnp.maximum(length, jnp.exp(atlas.edge_lengths[0])))

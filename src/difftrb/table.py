@@ -16,13 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb import curve, direct, nodes, ramp, status, store
-from difftrb.atlas import Atlas, TableLaw, ramp_of
+from difftrb.atlas import Atlas, TableLaw, ramp_of, shortest, spread
 from difftrb.geometry import LineContact, Spall, as_floats
 from difftrb.law import LENGTH_SHARE, load_over
 from difftrb.nodes import Case, Node, Progress
 from difftrb.ramp import Ramp
 
-LENGTHS = 10
+LENGTHS = 13
 EDGE_LENGTHS = 6
 EDGE_LOADS = 4
 EDGE_PLACES = 8
@@ -122,7 +122,9 @@ def atlas(
     """
     loads = direct.log_loads(top)
     longest = LENGTH_SHARE * float(contact.length)
-    lengths = np.asarray(curve.chebyshev(LENGTHS, 0.0, longest))
+    ends = (float(spread(length, contact, top)) for length in (0.0, longest))
+    places = np.asarray(curve.chebyshev(LENGTHS, *ends))
+    lengths = np.maximum(places**2 - float(shortest(contact, top)), 0.0)
     like = direct.wide(Spall(0.0, 0.0, depth, axial_offset=axial_offset))
     shapes = [dataclasses.replace(like, length=float(length)) for length in lengths[1:]]
     levels = direct.solved_levels(contact, shapes, loads, accuracy, progress)
@@ -136,7 +138,7 @@ def atlas(
         lengths=jnp.asarray(lengths),
         full=_values(levels),
         full_slopes=_slopes(levels),
-        sunk=jnp.asarray(np.concatenate([_at_zero(lengths, below)[None], below])),
+        sunk=jnp.asarray(np.concatenate([_at_zero(places, below)[None], below])),
         edge_lengths=curve.chebyshev(EDGE_LENGTHS, np.log(SHORTEST * longest), np.log(longest)),
         share=jnp.broadcast_to(ramp.guess(DEGREE), (EDGE_LENGTHS, DEGREE + 1, ramp.TERMS)),
         share_slopes=jnp.zeros((EDGE_LENGTHS, DEGREE + 1, ramp.TERMS, nodes.INPUTS)),
@@ -147,9 +149,9 @@ def atlas(
     return dataclasses.replace(built, error=_error(contact, built, like, accuracy, progress))
 
 
-def _at_zero(lengths: np.ndarray, below: np.ndarray) -> np.ndarray:
+def _at_zero(places: np.ndarray, below: np.ndarray) -> np.ndarray:
     """What the first two spalls say of none at all: it has no middle to tell it."""
-    return below[0] - (below[1] - below[0]) * lengths[1] / (lengths[2] - lengths[1])
+    return below[0] - (below[1] - below[0]) * (places[1] - places[0]) / (places[2] - places[1])
 
 
 def _values(levels: list[list[Node]]) -> jax.Array:
