@@ -112,14 +112,14 @@ def load(curve: Curve, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
     return Q, Q * rate / (curve.reach * depth)
 
 
-def at_least(x: jax.Array, bound: Real) -> jax.Array:
-    """The larger of both. As `jnp.maximum`, whose derivative, a half where they are equal, costs a division."""
-    return jnp.where(x > bound, x, bound)
+def within(x: jax.Array, low: Real, high: Real) -> jax.Array:
+    """As `jnp.clip`, whose derivative, a half at either end, costs divisions."""
+    return jnp.where(x > low, jnp.where(x < high, x, high), low)
 
 
 def straight(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Σ cₖ zᵏ, coefficients of shape (degree + 1, …), and its derivative by z; straight outside −1…1."""
-    inside = -at_least(-at_least(z, -1.0), -1.0) if coefficients.shape[0] > 2 else z
+    inside = within(z, -1.0, 1.0) if coefficients.shape[0] > 2 else z
     value, rate = coefficients[-1], jnp.zeros_like(z)
     for c in coefficients[-2::-1]:
         value, rate = value * inside + c, rate * inside + value

@@ -158,7 +158,7 @@ def _worth(ramp: Ramp, across: Pit, approach: jax.Array, low: jax.Array, high: j
 
 def _left(t: jax.Array, coefficients: Sequence[jax.Array]) -> jax.Array:
     """W for the coefficients of y."""
-    return (1.0 - t * t) / curve.at_least(1.0 + t * t * _combined(coefficients, _terms(t)), 0.1)
+    return (1.0 - t * t) / curve.within(1.0 + t * t * _combined(coefficients, _terms(t)), 0.1, jnp.inf)
 
 
 def _combined(coefficients: Sequence[jax.Array] | jax.Array, terms: list[jax.Array]) -> jax.Array:
@@ -189,24 +189,24 @@ def extent(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 def place(edge: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
     """t in 0…1."""
-    return -curve.at_least(-curve.at_least((edge - low) / (high - low), 0.0), -1.0)
+    return curve.within((edge - low) / (high - low), 0.0, 1.0)
 
 
 def _of_load(ramp: Ramp, load: jax.Array) -> jax.Array:
     least = jnp.exp(ramp.loads[0] - ramp.loads[1])
-    return (jnp.log(curve.at_least(load, least)) - ramp.loads[0]) / ramp.loads[1]
+    return (jnp.log(curve.within(load, least, jnp.inf)) - ramp.loads[0]) / ramp.loads[1]
 
 
 def _level(ramp: Ramp, healthy: jax.Array, full: jax.Array, t: jax.Array) -> jax.Array:
     """log Q as guessed, brought to −1…1."""
     top = jnp.exp(jnp.sum(ramp.loads))
-    load = -curve.at_least(-curve.at_least(guessed(healthy, full, t), top / LEAST), -top)
+    load = curve.within(guessed(healthy, full, t), top / LEAST, top)
     return 1.0 + 2.0 * jnp.log(load / top) / np.log(LEAST)
 
 
 def _terms(t: jax.Array) -> list[jax.Array]:
     """What y is made of: Chebyshev polynomials and the logarithm."""
-    return [*_chebyshev(2.0 * t - 1.0, DEGREE), -jnp.log(curve.at_least(1.0 - t, 1e-12))]
+    return [*_chebyshev(2.0 * t - 1.0, DEGREE), -jnp.log(curve.within(1.0 - t, 1e-12, 1.0))]
 
 
 def _chebyshev(x: jax.Array, degree: int) -> list[jax.Array]:

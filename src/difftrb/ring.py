@@ -257,10 +257,11 @@ def _start(rollers: Rollers, healthy: Carried, force: jax.Array, terms: Terms) -
     radial = jnp.sqrt(1.0 - axial**2)
     largest, narrow = _norm(force) / (count * axial), jnp.zeros(())
     if terms.pair is None:
-        share = force[2] / (count * axial)
+        push = jnp.maximum(force[2], axial * _norm(force))  # less than that holds no load; thrown rollers may take it
+        share = push / (count * axial)
         at_share = curve.approach(sound, share)
         load, slope = curve.load(sound, at_share)
-        zone = load_zone.of(force[0] * axial / (radial * force[2]), at_share * slope / load)
+        zone = load_zone.of(force[0] * axial / (radial * push), at_share * slope / load)
         largest, narrow = share * zone.largest, zone.narrowness
     clear = jnp.maximum(jnp.min(rollers.curves.each.shift - rollers.interference), 0.0)
     pressed = curve.approach(sound, largest) + clear
