@@ -10,7 +10,7 @@ import difftrb as trb
 ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given", "special", "rows", "gap", "domain",
         "edges", "lattice", "implicit", "press", "waves", "strips", "strip_model", "contact_solution", "contact",
         "contact_slopes", "intensity", "line", "curve", "pit", "ramp", "law", "nodes", "direct", "store", "atlas",
-        "table", "roller", "slices", "tilting", "pair", "balance", "ring", "pitch", "life", "effect", "double_row",
+        "table", "roller", "slices", "tilting", "pair", "load_zone", "balance", "ring", "pitch", "life", "effect", "double_row",
         "effects", "scene", "preparation", "solution", "choice", "solving", "edge_stress", "axes", "outputs", "devices",
         "swept", "plan", "sweeping", "gathered", "chunks", "forecast", "sentences", "scenefile", "sweepfile",
         "measured", "unknowns", "observed", "least_squares", "confidence", "fitted", "optimal_design", "remarks",
