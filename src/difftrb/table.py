@@ -32,6 +32,8 @@ SHORTEST = 0.04
 """Shortest spall whose edges are solved, as a share of the longest; shorter ones have its share."""
 BESIDE = 1.03
 """How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
+SURELY = 1.2
+"""By what squares of half-widths have to differ for a spall to be wide without asking."""
 CHECKS = 24
 NARROW_CHECKS = 16
 CONTACTS = LENGTHS * direct.LOADS + EDGE_LENGTHS * EDGE_LOADS * (EDGE_PLACES + 2) + CHECKS
@@ -91,6 +93,11 @@ def table_law(
 
 def _is_narrow(law: TableLaw, kind: int, spall: Spall) -> bool:
     """Whether a law that is not made for both edges at once refuses the spall for that alone."""
+    farthest = 2.0 * float(law.contact.radius) * float(np.max(law.atlases[kind].full))  # no ramp ends beyond its root
+    if (
+        0.25 * float(spall.width) ** 2 > SURELY * farthest
+    ):  # so most need not be judged, which takes a tenth of a second
+        return False
     codes = [
         int(dataclasses.replace(law, which=(kind,), narrow_error=error).judge((spall,), jnp.zeros((1, 1))))
         for error in (None, 0.0)
