@@ -6,33 +6,14 @@ import jax.numpy as jnp
 import pytest
 
 import difftrb as trb
-
-# Continuum limit of the half-space contact problem: Polonsky–Keer on edge-aligned grids up to 640 × 1366 and
-# 80 × 10928 cells, Richardson-extrapolated; relative error estimated at 3e-7 … 7e-5. Length 13.66 mm, E 2.1e5 MPa,
-# ν 0.278, eq. (2) crown with a design load of 3000 N, radius 3.623 mm, spall width 1 mm, depth 0.2 mm.
-# load [N], spall length [mm], offset [mm], approach [mm]
-TRUTHS = [
-    (100, 0, 0, 5.365688403e-04), (100, 2, 0, 6.137801635e-04), (100, 4, 0, 7.425538780e-04),
-    (100, 6, 0, 9.291261844e-04), (100, 8, 0, 1.207644344e-03), (1000, 0, 0, 3.023218433e-03),
-    (1000, 2, 0, 3.267867384e-03), (1000, 4, 0, 3.690234545e-03), (1000, 6, 0, 4.306116163e-03),
-    (1000, 8, 0, 5.243200774e-03), (3000, 0, 0, 7.588983207e-03), (3000, 2, 0, 8.111204602e-03),
-    (3000, 4, 0, 9.046521489e-03), (3000, 6, 0, 1.041452150e-02), (3000, 8, 0, 1.248768281e-02),
-    (10000, 0, 0, 2.174177485e-02), (10000, 2, 0, 2.298730331e-02), (10000, 4, 0, 2.533746477e-02),
-    (10000, 6, 0, 2.877591004e-02), (10000, 8, 0, 3.391902836e-02), (3000, 2, 0.2, 8.111234095e-03),
-    (3000, 2, 0.3, 8.111234179e-03), (3000, 2, 0.36, 7.985099359e-03), (3000, 2, 0.4, 7.874553700e-03),
-    (3000, 2, 0.46, 7.734098573e-03), (3000, 2, 0.48, 7.696276107e-03), (3000, 2, 0.5, 7.663558878e-03),
-    (3000, 2, 0.54, 7.614832562e-03), (3000, 2, 0.56, 7.599585052e-03), (3000, 2, 0.6, 7.588990986e-03),
-]  # fmt: skip
+from difftrb import continuum
 
 
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-3, 1e-4])
 def test_accuracy_is_kept_against_continuum_truths(accuracy: float) -> None:
-    modulus = 2.1e5 / (2.0 * (1.0 - 0.278**2))
-    contact = trb.LineContact(radius=3.623, length=13.66, modulus=modulus, design_load=3000.0)
-    for load, length, offset, approach in TRUTHS:
-        spall = trb.Spall(length, 1.0, 0.2) if length else None
-        solution = trb.solve_contact(contact, load, spall, offset, accuracy).check()
-        assert float(solution.approach) == pytest.approx(approach, rel=accuracy), (load, length, offset)
+    for truth in continuum.TRUTHS:
+        solution = trb.solve_contact(continuum.CONTACT, truth.load, truth.spall, truth.offset, accuracy).check()
+        assert float(solution.approach) == pytest.approx(truth.approach, rel=accuracy), truth
 
 
 def test_spalls_at_plus_and_minus_offset_are_alike(contact: trb.LineContact) -> None:
