@@ -182,7 +182,7 @@ def _accuracy(options: Any) -> int:
     file, path = _read(options)
     ways, limit = (rungs.FULL, float("inf")) if options.full else (rungs.RUNGS, accuracy.LIMIT)
     with terminal.bar("measuring what accuracy costs") as progress:
-        measured = accuracy.measure(file, path, ways, options.accuracy, limit, progress=progress, one_core=options.full)
+        measured = accuracy.measure(file, path, ways, options.accuracy, limit, progress=progress, thorough=options.full)
 
     def figures(folder: Path) -> None:
         from difftrb import accuracy_plot, plot

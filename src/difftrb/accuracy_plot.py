@@ -31,7 +31,9 @@ def work_precision(measured: Measured) -> Any:
     for ax, (kind, label) in zip(axes[0], kinds, strict=True):
         rows = [row for row in measured.of(kind) if row.error > 0.0]
         for way in dict.fromkeys(row.rung.way for row in rows):
-            own = sorted((row for row in rows if row.rung.way == way), key=lambda row: -row.rung.accuracy)
+            own = sorted(
+                (row for row in rows if row.rung.way == way), key=lambda row: row.rung.coarseness, reverse=True
+            )
             marker, colour = WAYS[way]
             errors = [row.error for row in own]
             style = {"marker": marker, "color": colour, "markeredgecolor": "black", "markeredgewidth": 0.6, "ms": 7}

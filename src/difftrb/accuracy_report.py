@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from difftrb import report
+from difftrb import continuum, report, rung_times
 from difftrb.accuracy import Measured
 from difftrb.rungs import Kind, Row
 
 KINDS: tuple[Kind, ...] = ("ring", "contact")
 ERRORS_SHOWN = {"radial_stiffness": "radial", "axial_stiffness": "axial", "load": "load", "by_length": "length",
                 "by_width": "width"}  # fmt: skip
+
+TIMES: dict[Kind, dict[str, Callable[[Row], float]]] = {
+    "ring": {
+        "first": lambda row: row.first, "again": lambda row: row.again, "solve": lambda row: row.single,
+        "batch": lambda row: row.each, "slopes": lambda row: row.each_with_gradient,
+    },
+    "contact": {"first": lambda row: row.first, "solve": lambda row: row.single},
+}  # fmt: skip
 
 
 def accuracy_json(measured: Measured) -> dict[str, Any]:
@@ -23,10 +32,12 @@ def accuracy_json(measured: Measured) -> dict[str, Any]:
 
     def entry(row: Row | None) -> dict[str, Any] | None:
         return None if row is None else {
-            "way": row.rung.way, "accuracy": row.rung.accuracy, "status": row.status, "error": row.error,
+            "way": row.rung.way, "accuracy": None if row.rung.size else row.rung.accuracy, "size": row.rung.size,
+            "status": row.status, "error": row.error,
             "errors": row.errors, "values": row.values, "first": row.first, "again": row.again, "single": row.single,
             "each": row.each, "each_with_gradient": row.each_with_gradient, "new": row.seconds,
             "yardsticks": row.seconds / measured.yardstick, "memory": row.memory, "device": measured.device,
+            "there": row.there, "continuum": row.continuum,
         }  # fmt: skip
 
     truths = [measured.truth(kind) for kind in KINDS]
@@ -45,6 +56,8 @@ def accuracy_json(measured: Measured) -> dict[str, Any]:
         "device": measured.device,
         "cores": measured.cores,
         "one_core": measured.one_core and dict(zip(("each", "each_with_gradient"), measured.one_core, strict=True)),
+        "accelerator": measured.accelerator,
+        "importing": measured.importing,
         "seconds": measured.seconds,
     })  # fmt: skip
 
@@ -64,15 +77,19 @@ def accuracy_text(measured: Measured) -> RenderableType:
         table.add_column("", no_wrap=True)
         for name in names:
             table.add_column(ERRORS_SHOWN.get(name, "error of approach"), justify="right", no_wrap=True)
-        times = ("first", "again", "solve", "batch", "slopes") if kind == "ring" else ("first", "solve")
-        for heading in times:
+        columns = [(heading, _duration, get) for heading, get in TIMES[kind].items()]
+        if kind == "contact":
+            columns.append(("continuum", _error, lambda row: row.continuum))
+        elif measured.accelerator is not None:
+            columns.append(("there", _duration, lambda row: row.there))
+        columns = [column for column in columns if any(math.isfinite(column[2](row)) for row in rows)]
+        for heading, *_ in columns:
             table.add_column(heading, justify="right", no_wrap=True)
         truth = measured.truth(kind)
         for row in rows:
             sign = "±" if row is truth and row.error >= 0.0 else ""
             errors = [sign + _error(row.errors.get(name, math.nan)) for name in names]
-            spent = row.first, row.again, row.single, row.each, row.each_with_gradient
-            table.add_row(row.rung.name, *errors, *(_duration(v) for v in spent if kind == "ring" or v == v))
+            table.add_row(row.rung.name, *errors, *(shown(get(row)) for _, shown, get in columns))
         parts.append(table)
     return Group(*parts, *(Text(line) for line in _accuracy_lines(measured)))
 
@@ -104,27 +121,33 @@ def _accuracy_lines(measured: Measured) -> list[str]:
     for name, reason in measured.left_out.items():
         reasons.setdefault(reason, []).append(name)
     lines += [f"left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
+    if any(math.isfinite(row.continuum) for row in measured.rows):
+        lines.append(
+            f"continuum: the largest error on {len(continuum.TRUTHS)} contacts with a known continuum solution"
+        )
+    if measured.accelerator is not None:
+        lines.append(f"there: one of a batch of {rung_times.BATCH_THERE} on {measured.accelerator}")
     memory = max(row.memory for row in measured.rows)
     return [
         *lines,
         "first: until the first result, with programs compiled that no rung before had; again: the law made anew, "
         "compiled; solve: the scene by that law; batch: one of a batch; slopes: one, with derivatives by length and "
         "width",
-        f"on {measured.device}, {measured.cores} cores; yardstick {_duration(measured.yardstick)}; memory "
-        f"{report.number(memory, '.0f')} MiB; measured in {_duration(measured.seconds)}",
+        f"on {measured.device}, {measured.cores} cores; yardstick {_duration(measured.yardstick)}; difftrb imported in "
+        f"{_duration(measured.importing)}; memory {report.number(memory, '.0f')} MiB; measured in "
+        f"{_duration(measured.seconds)}",
     ]
 
 
-def _error(error: float) -> str:
-    return report.number(error, ".1e").replace("e-0", "e-").replace("e+00", "")
+def _error(value: float) -> str:
+    return report.number(value, ".1e").replace("e-0", "e-").replace("e+00", "")
 
 
-def _duration(seconds: float) -> str:
+def _duration(value: float) -> str:
     """Two digits and a unit."""
-    if not math.isfinite(seconds):
+    if not math.isfinite(value):
         return "–"
     for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if seconds >= 0.995 * scale or unit == "µs":
-            value = float(f"{seconds / scale:.2g}")
-            return f"{value:g} {unit}"
+        if value >= 0.995 * scale or unit == "µs":
+            return f"{float(f'{value / scale:.2g}'):g} {unit}"
     raise AssertionError

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -42,6 +43,13 @@ def timed(function: Callable[[], Any], repeats: int = 7, budget: float = 1.0) ->
     """What a function returns, and the median of its seconds after a first call."""
     result, times = _times(function, repeats, budget)
     return result, float(np.median(times))
+
+
+def importing() -> float:
+    """Seconds that a process of its own takes to import difftrb; NaN if it cannot."""
+    code = "import time; t = time.perf_counter(); import difftrb; print(time.perf_counter() - t)"
+    there = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    return float(there.stdout) if there.returncode == 0 else math.nan
 
 
 def memory() -> float:

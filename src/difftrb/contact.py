@@ -114,6 +114,21 @@ def solve_contact(
     return by("strips", 2)[0] if traced and method == "strips" else _first_that_does(method, arguments, by)[0]
 
 
+def on_lattice(
+    size: tuple[int, int],
+    contact: LineContact,
+    load: Real,
+    spall: Defect = None,
+    offset: Real | Sequence[Real] = 0.0,
+    accuracy: float = 1e-3,
+    tilt: Real = 0.0,
+) -> ContactSolution:
+    """As `solve_contact` by a lattice of any `size`, cells across and along the roller, to compare with; `accuracy`
+    changes nothing."""
+    arguments, _, _ = given(contact, load, spall, offset, tilt, "lattice")
+    return _by_lattice(*arguments, (size[1], size[0]), accuracy)
+
+
 def approach_and_gradient(
     contact: LineContact,
     load: Real,

@@ -27,6 +27,11 @@ def lanes_of(count: int | None = None) -> list[Any]:
     return [here[i % len(here)] for i in range(count or most)]
 
 
+def accelerator() -> Any:
+    """The first device of this process that is no CPU, None if there is none."""
+    return next((device for device in jax.local_devices() if device.platform != "cpu"), None)
+
+
 def join(
     coordinator: str | None = None,
     processes: int | None = None,

@@ -6,21 +6,22 @@ import math
 import os
 from pathlib import Path
 
+import jax
 import pytest
 from rich.console import Console
 
 from difftrb import __main__ as cli
-from difftrb import accuracy, accuracy_plot, accuracy_report, plot, rungs, scenefile
+from difftrb import accuracy, accuracy_plot, accuracy_report, devices, plot, rung_times, rungs, scenefile
 from difftrb.accuracy import Measured
 from difftrb.rungs import Row, Rung
 
 ROW_KEYS = {
     "way", "accuracy", "status", "error", "errors", "values", "first", "again", "single", "each", "each_with_gradient",
-    "new", "yardsticks", "memory", "device",
+    "new", "yardsticks", "memory", "device", "size", "there", "continuum",
 }  # fmt: skip
 KEYS = {
     "status", "converged", "asked", "recommended", "finer", "ring", "contact", "truth", "left_out", "yardstick",
-    "device", "cores", "one_core", "seconds",
+    "device", "cores", "one_core", "seconds", "accelerator", "importing",
 }  # fmt: skip
 
 
@@ -45,6 +46,12 @@ def measured(rows: tuple[Row, ...], asked: float = 1e-3) -> Measured:
     return Measured(
         tuple(compared), {"ring palmgren": "no"}, asked, best, rungs.finer(compared, best), 1e-2, "cpu", 2, 60.0
     )
+
+
+def shown(result: Measured, width: int) -> str:
+    console = Console(width=width, record=True, file=io.StringIO())
+    console.print(accuracy_report.accuracy_text(result))
+    return console.export_text()
 
 
 def test_errors_are_from_the_finest_rung_and_its_own_from_the_next() -> None:
@@ -98,9 +105,7 @@ def test_without_a_truth_the_record_has_the_reason() -> None:
 
 
 def test_text_fits_a_page() -> None:
-    console = Console(width=80, record=True, file=io.StringIO())
-    console.print(accuracy_report.accuracy_text(measured(ROWS)))
-    text = console.export_text()
+    text = shown(measured(ROWS), 80)
     for words in (
         "direct 1e-4",
         "±4.0e-4",
@@ -127,7 +132,7 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
     path = tmp_path / "mean.toml"
     path.write_text(scenefile.example("spall") + '\n[stiffness]\nphase = "mean"\n', encoding="utf-8")
     out = tmp_path / "out"
-    few = Rung("ring", "liu2018", 1e-3), Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-2)
+    few = Rung("ring", "liu2018", 1e-3), Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-3, (8, 80))
     monkeypatch.setattr(rungs, "RUNGS", few)
     monkeypatch.setattr(accuracy, "BATCH", 2)
     code = cli.main(["--no-cache", "accuracy", str(path), "--json", "--accuracy", "1e-2", "--out", str(out)])
@@ -154,13 +159,34 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system does not pin processes")
 def test_one_core_is_another_process() -> None:
     file = scenefile.parse(scenefile.example("spall"))
-    result = accuracy.measure(file, rungs=(Rung("ring", "liu2018", 1e-3),), batch=2, one_core=True)
+    result = accuracy.measure(file, rungs=(Rung("ring", "liu2018", 1e-3),), batch=2, thorough=True)
     record = accuracy_report.accuracy_json(result)["one_core"]
     assert record["each"] > 0.0
     assert record["each_with_gradient"] > 0.0
-    console = Console(width=100, record=True, file=io.StringIO())
-    console.print(accuracy_report.accuracy_text(result))
-    assert "on one core alone a batch takes" in console.export_text()
+    assert "on one core alone a batch takes" in shown(result, 100)
+
+
+def test_with_an_accelerator_a_batch_is_timed_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(devices, "accelerator", lambda: jax.local_devices(backend="cpu")[0])  # stands for one
+    monkeypatch.setattr(rung_times, "BATCH_THERE", 3)
+    file = scenefile.parse(scenefile.example("spall"))
+    result = accuracy.measure(file, rungs=(Rung("ring", "liu2018", 1e-3),), batch=2)
+    record = accuracy_report.accuracy_json(result)
+    assert record["accelerator"] == record["device"]
+    assert record["ring"][0]["there"] > 0.0
+    assert shown(result, 100).count("there") == 2  # the column, and what it is
+
+
+def test_ways_to_solve_a_contact_are_compared_with_the_continuum_if_asked() -> None:
+    file = scenefile.parse(scenefile.example("spall"))
+    few = Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-3, (8, 80))
+    result = accuracy.measure(file, rungs=few, thorough=True)
+    cells, lattice = (row.continuum for row in result.rows)
+    assert 0.0 < cells < 1e-2
+    assert 1e-3 < lattice < 1e-1
+    assert "lattice 8×80" in shown(result, 100)
+    assert shown(result, 100).count("continuum") == 3
+    assert result.importing > 0.0
 
 
 def test_what_cannot_be_had_is_left_out_with_its_reason(monkeypatch, capsys, tmp_path: Path) -> None:
