@@ -18,7 +18,7 @@ from difftrb.plan import Plan, own_dims
 from difftrb.swept import Swept, column_of
 
 MANIFEST = "manifest.json"
-WHOLE = "sweep.nc", "sweep.npz"
+NETCDF, NPZ = WHOLE = "sweep.nc", "sweep.npz"
 """The file with everything, with xarray's netCDF and without."""
 RESUME = "go on with --resume"
 Pieces = Callable[..., Iterator[tuple[int, store.Arrays]]]
@@ -33,7 +33,7 @@ def write(
     The file is there, whole, when all of them have gone by.
     """
     to_netcdf = util.find_spec("h5netcdf") is not None
-    path = folder / WHOLE[0 if to_netcdf else 1]
+    path = folder / (NETCDF if to_netcdf else NPZ)
     with store.replacing(path) as scratch:
         for first, found in (_netcdf if to_netcdf else _npz)(plan, scratch, manifest, pieces):
             yield path, first, found
@@ -119,12 +119,12 @@ def load_sweep(folder: str | Path) -> Swept:
         about = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         raise SweepError(f"{folder}: there is no sweep here, or its {MANIFEST} is damaged") from None
-    if (folder / "sweep.npz").exists():
-        found = store.read(folder / "sweep.npz")
-    elif (folder / "sweep.nc").exists():
+    if (folder / NPZ).exists():
+        found = store.read(folder / NPZ)
+    elif (folder / NETCDF).exists():
         import h5netcdf  # pyright: ignore[reportMissingImports]
 
-        with h5netcdf.File(folder / "sweep.nc", "r") as file:
+        with h5netcdf.File(folder / NETCDF, "r") as file:
             found = {name: variable[...] for name, variable in file.variables.items()}
     else:
         raise SweepError(f"{folder}: the sweep is not finished; {RESUME}")
