@@ -56,21 +56,28 @@ System = tuple[Rollers, jax.Array, jax.Array, jax.Array, Real | None]
 the axial displacement [mm] if that is held."""
 
 
-def found(system: System) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-    """The displacement in equilibrium [mm], shape (3,) (with tilt (5,)), the largest unbalanced force by what forces
-    are measured by, and Newton steps."""
-    return implicit.root(_unbalanced, _newton, _respond, system)
+RollerLoads = tuple[jax.Array, jax.Array]
+"""Load [N] and its slope [N/mm] of every roller."""
 
 
-def _unbalanced(u: jax.Array, system: System) -> jax.Array:
+def found(system: System) -> tuple[jax.Array, RollerLoads, tuple[jax.Array, jax.Array]]:
+    """The displacement in equilibrium [mm], shape (3,) (with tilt (5,)), what rollers carry there, the largest
+    unbalanced force by what forces are measured by, and Newton steps."""
+    return implicit.root(_unbalanced, _carried, _newton, _respond, system)
+
+
+def _carried(u: jax.Array, system: System) -> RollerLoads:
+    return system[0].carried(system[0].approach(u))
+
+
+def _unbalanced(u: jax.Array, carried: RollerLoads, system: System) -> jax.Array:
     """Force left over at displacement u, relative to the load, shape (3,)."""
-    return _linearised(u, system)[0]
+    return _linearised(u, carried, system)[0]
 
 
-def _linearised(u: jax.Array, system: System) -> tuple[jax.Array, jax.Array]:
+def _linearised(u: jax.Array, carried: RollerLoads, system: System) -> tuple[jax.Array, jax.Array]:
     """The unbalanced force and its derivative by u, relative to the load."""
-    rollers, force, start, size, axial = system
-    loads, slopes = rollers.carried(rollers.approach(u))
+    (rollers, force, start, size, axial), (loads, slopes) = system, carried
     unbalanced = (_dot(rollers.normals.T, loads) - force) / size  # Liu et al. 2018, eq. (5)
     jacobian = tangent(rollers.normals, slopes) / size
     if axial is None:
@@ -81,32 +88,35 @@ def _linearised(u: jax.Array, system: System) -> tuple[jax.Array, jax.Array]:
     return unbalanced, jnp.where(free[:, None], jacobian, scale * jnp.eye(u.size))
 
 
-def _respond(u: jax.Array, system: System, right: jax.Array) -> jax.Array:
+def _respond(u: jax.Array, carried: RollerLoads, system: System, right: jax.Array) -> jax.Array:
     """By how much the displacement changes for a change of the unbalanced force."""
-    return _solve(_linearised(u, system)[1], right)
+    return _solve(_linearised(u, carried, system)[1], right)
 
 
-def _newton(system: System) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+def _newton(system: System) -> tuple[jax.Array, RollerLoads, tuple[jax.Array, jax.Array]]:
     """A step p is taken unless the energy climbs again steeply at its end (force·p), else retaken shorter, by
     damping."""
     start = system[2]
 
     def step(state):
-        u, r, J, damping, k = state
+        u, carried, r, J, damping, k = state
         p = -_solve(J + damping * jnp.trace(J) * jnp.eye(start.size), r)
-        r_new, J_new = _linearised(u + p, system)
+        carried_new = _carried(u + p, system)
+        r_new, J_new = _linearised(u + p, carried_new, system)
         better = jnp.vdot(r_new, p) <= 0.5 * jnp.abs(jnp.vdot(r, p))
         relaxed, stiffened = jnp.where(damping > 1e-9, 0.1 * damping, 0.0), jnp.maximum(10.0 * damping, 1e-4)
-        u, r, J = (jnp.where(better, new, old) for new, old in ((u + p, u), (r_new, r), (J_new, J)))
-        return u, r, J, jnp.where(better, relaxed, stiffened), k + 1
+        now, before = (u + p, carried_new, r_new, J_new), (u, carried, r, J)
+        taken = jax.tree.map(lambda new, old: jnp.where(better, new, old), now, before)
+        return *taken, jnp.where(better, relaxed, stiffened), k + 1
 
     def unfinished(state):
-        _, r, _, damping, k = state
+        _, _, r, _, damping, k = state
         return (jnp.max(jnp.abs(r)) > 0.1 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
 
-    state = start, *_linearised(start, system), jnp.zeros(()), jnp.asarray(0)
-    u, r, _, _, k = jax.lax.while_loop(unfinished, step, state)
-    return u, (jnp.max(jnp.abs(r)), k)
+    first = _carried(start, system)
+    state = start, first, *_linearised(start, first, system), jnp.zeros(()), jnp.asarray(0)
+    u, carried, r, _, _, k = jax.lax.while_loop(unfinished, step, state)
+    return u, carried, (jnp.max(jnp.abs(r)), k)
 
 
 def _solve(matrix: jax.Array, right: jax.Array) -> jax.Array:

@@ -103,10 +103,8 @@ def carried_by(
             for taken in at:  # no roller twice: it may be the nearest to both edges
                 here = here & ~taken
             at.append(here)
-    every = [ramp for pair in ramps for ramp in pair]
-    loads, radius = healthy.loads, healthy.radius
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves, axis=-1), *every)
-    return Carried(each, dataclasses.replace(stacked, loads=loads, radius=radius), jnp.stack(at).astype(float))
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[ramp for pair in ramps for ramp in pair])
+    return Carried(each, stacked, jnp.stack(at).astype(float))
 
 
 def next_to(spall: Spall, distances: jax.Array, side: float) -> jax.Array:

@@ -23,23 +23,35 @@ Pytree = Any
 Pressed = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
-def root(residual: Callable, solver: Callable, respond: Callable, parameters: Pytree) -> tuple[jax.Array, Pytree]:
-    """The vector x, shape (n,), with `residual(x, parameters)` = 0, and whatever else `solver` reports.
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2, 3))
+def root(
+    residual: Callable, outcome: Callable, solver: Callable, respond: Callable, parameters: Pytree
+) -> tuple[jax.Array, Pytree, Pytree]:
+    """The vector x, shape (n,), with `residual(x, y, parameters)` = 0 for y = `outcome(x, parameters)`; that y; and
+    whatever else `solver` reports.
 
-    `solver(parameters)` returns (x, auxiliary); auxiliary outputs carry no derivative. `respond(x, parameters, right)`
-    solves with the (n, n) Jacobian of `residual` by x at x, which must be invertible there; where it is not,
+    `solver(parameters)` returns all three; the last carries no derivative. `respond(x, y, parameters, right)` solves
+    with the (n, n) Jacobian of the residual by x, through y too, which must be invertible at x; where it is not,
     derivatives are NaN and the solver's status has to say so.
     """
     return solver(parameters)
 
 
 @root.defjvp
-def _root_jvp(residual: Callable, solver: Callable, respond: Callable, primals: tuple, tangents: tuple):
+def _root_jvp(
+    residual: Callable, outcome: Callable, solver: Callable, respond: Callable, primals: tuple, tangents: tuple
+):
     (parameters,), (change,) = primals, tangents
-    x, auxiliary = root(residual, solver, respond, parameters)
-    x_change = root_jvp(residual, x, (parameters,), (change,), solve=lambda _, right: respond(x, parameters, right))
-    return (x, auxiliary), (x_change, jax.tree.map(_zero_tangent, auxiliary))
+    x, y, auxiliary = root(residual, outcome, solver, respond, parameters)
+    # y by parameters and by x apart: the former is all that the residual needs of it
+    _, by_parameters = jax.jvp(lambda p: outcome(x, p), (parameters,), (change,))
+    x_change = root_jvp(
+        residual, x, (y, parameters), (by_parameters, change),
+        solve=lambda _, right: respond(x, y, parameters, right),
+    )  # fmt: skip
+    _, by_x = jax.jvp(lambda v: outcome(v, parameters), (x,), (x_change,))
+    y_change = jax.tree.map(jnp.add, by_parameters, by_x)
+    return (x, y, auxiliary), (x_change, y_change, jax.tree.map(_zero_tangent, auxiliary))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))

@@ -171,13 +171,20 @@ def _crown(setting: _Setting, y: jax.Array) -> jax.Array:
     return setting.scale * gaps.log_crown(2.0 * y / setting.length, 1e-9)
 
 
-def _misfit(setting: _Setting, x: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """How far each panel's middle is from lying on the other body, its derivative by line loads, panel lengths.
+Ends = tuple[jax.Array, jax.Array]
+"""Starts and ends of all panels."""
+
+
+def _ends(x: jax.Array, given: tuple[_Setting, jax.Array]) -> Ends:
+    return _panels(given[0], jnp.maximum(x[:-1], 0.0))
+
+
+def _misfit(setting: _Setting, x: jax.Array, ends: Ends) -> tuple[jax.Array, jax.Array]:
+    """How far each panel's middle is from lying on the other body, and its derivative by line loads.
 
     The derivative leaves out that panels move with the load beside an edge.
     """
-    loads, approach = jnp.maximum(x[:-1], 0.0), x[-1]
-    start, end = _panels(setting, loads)
+    (start, end), loads, approach = ends, jnp.maximum(x[:-1], 0.0), x[-1]
     square = setting.squares @ loads
     positive = square > 1e-9  # beside a spall's end unloaded panels keep a trace of the local load
     b = jnp.sqrt(jnp.where(positive, square, 1.0))
@@ -194,19 +201,20 @@ def _misfit(setting: _Setting, x: jax.Array) -> tuple[jax.Array, jax.Array, jax.
     if setting.mirrored:  # half-widths do not matter at the distance of the image, but for the next term in b/s
         near, far = (line[None] + y[:, None] for line in (start, end))
         influence += jnp.log(far / near) + 0.0625 * b[None] ** 2 * (1.0 / far**2 - 1.0 / near**2)
-    return influence @ loads + _crown(setting, y) - approach, influence + by_square @ setting.squares, end - start
+    return influence @ loads + _crown(setting, y) - approach, influence + by_square @ setting.squares
 
 
-def _residual(x: jax.Array, given: tuple[_Setting, jax.Array]) -> jax.Array:
+def _residual(x: jax.Array, ends: Ends, given: tuple[_Setting, jax.Array]) -> jax.Array:
     setting, _ = given
-    misfit, _, lengths = _misfit(setting, x)
+    misfit, _ = _misfit(setting, x, ends)
     loaded = x[:-1] > 0.0
-    rest = jnp.vdot(lengths, jnp.where(loaded, x[:-1], 0.0)) - setting.load
+    rest = jnp.vdot(ends[1] - ends[0], jnp.where(loaded, x[:-1], 0.0)) - setting.load
     return jnp.concatenate([jnp.where(loaded, misfit, x[:-1]), rest[None]])
 
 
-def _respond(x: jax.Array, given: tuple[_Setting, jax.Array], right: jax.Array) -> jax.Array:
-    return jnp.linalg.solve(jax.jacfwd(_residual)(x, given), right)
+def _respond(x: jax.Array, ends: Ends, given: tuple[_Setting, jax.Array], right: jax.Array) -> jax.Array:
+    del ends  # which move with x
+    return jnp.linalg.solve(jax.jacfwd(lambda v: _residual(v, _ends(v, given), given))(x), right)
 
 
 def _start(setting: _Setting, approach: jax.Array) -> jax.Array:
@@ -217,20 +225,21 @@ def _start(setting: _Setting, approach: jax.Array) -> jax.Array:
     return jax.lax.stop_gradient(jnp.append(loads, approach))
 
 
-def _newton(given: tuple[_Setting, jax.Array]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+def _newton(given: tuple[_Setting, jax.Array]) -> tuple[jax.Array, Ends, tuple[jax.Array, jax.Array]]:
     """Newton's method on the loaded panels; those in tension leave, those that overlap return."""
-    setting, start = given
+    setting, first = given
 
     def step(state: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
         x, _, count = state
-        misfit, slope, lengths = _misfit(setting, x)
+        start, end = _ends(x, given)
+        misfit, slope = _misfit(setting, x, (start, end))
         loads = x[:-1]
         loaded = loads > 0.0
         both = loaded[:, None] & loaded[None]
         matrix = jnp.where(both, slope, jnp.eye(loads.shape[0]))
         right = jnp.stack([jnp.where(loaded, -misfit, 0.0), jnp.where(loaded, 1.0, 0.0)], axis=1)
         moved, lifted = jnp.linalg.solve(matrix, right).T
-        lengths = jnp.where(loaded, lengths, 0.0)
+        lengths = jnp.where(loaded, end - start, 0.0)
         rise = (setting.load - jnp.vdot(lengths, loads + moved)) / jnp.vdot(lengths, lifted)
         new = jnp.maximum(loads + moved + rise * lifted, 0.0)
         new = jnp.where(
@@ -243,8 +252,8 @@ def _newton(given: tuple[_Setting, jax.Array]) -> tuple[jax.Array, tuple[jax.Arr
     def unfinished(state: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
         return (state[1] > TOLERANCE) & (state[2] < PASSES)
 
-    x, change, count = jax.lax.while_loop(unfinished, step, (start, jnp.asarray(1.0), jnp.asarray(0)))
-    return x, (change, count)
+    x, change, count = jax.lax.while_loop(unfinished, step, (first, jnp.asarray(1.0), jnp.asarray(0)))
+    return x, _ends(x, given), (change, count)
 
 
 @partial(jax.jit, static_argnums=(5, 6))
@@ -269,8 +278,7 @@ def _solve(
         *_beside_edges(lows / unit, tip / unit, panels, spall is not None), panels, mirrored, spall is not None,
     )  # fmt: skip
     first = _start(setting, push * estimate)
-    x, (change, count) = implicit.root(_residual, _newton, _respond, (setting, first))
-    start, end = _panels(setting, x[:-1])
+    x, (start, end), (change, count) = implicit.root(_residual, _ends, _newton, _respond, (setting, first))
     approach = x[-1] / push
 
     lands = tip - lows

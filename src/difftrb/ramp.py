@@ -93,8 +93,9 @@ class Ramp:
 
 
 class Carried(NamedTuple):
-    """What every roller of a ring carries: `each` its curve, shape (rollers,), but for those at one of `ramps`, shape
-    (ramps,), of which `at` says with a one in zeros, shape (ramps, rollers), which they are."""
+    """What every roller of a ring carries: `each` its curve, shape (rollers,), but for those at one of `ramps`, one
+    behind the other along a first axis of every field, of which `at` says with a one in zeros, shape (ramps, rollers),
+    which they are."""
 
     each: Curve
     ramps: Ramp | None = None
@@ -108,9 +109,10 @@ def carried(curves: Carried, approach: jax.Array) -> tuple[jax.Array, jax.Array]
         return loads, slopes
     # products of matrices, for what one of them takes is computed once and not for every roller
     product = partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
-    there = jnp.stack(load(curves.ramps, product(curves.at, approach)))
+    # one after the other: then a batch is what a ramp's programs run along, not two edges
+    there = jax.lax.map(lambda ramp_at: load(*ramp_at), (curves.ramps, product(curves.at, approach)))
     elsewhere = 1.0 - jnp.sum(curves.at, axis=0)
-    loads, slopes = jnp.stack([loads, slopes]) * elsewhere[None] + product(there, curves.at)
+    loads, slopes = (a * elsewhere + product(b, curves.at) for a, b in zip((loads, slopes), there, strict=True))
     return loads, slopes
 
 

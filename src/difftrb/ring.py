@@ -212,9 +212,8 @@ def equilibrium(
     if terms.axial is not None or terms.pair is not None:  # what presses without a load
         still = start if terms.pair is None else jnp.zeros_like(start)
         size = jnp.maximum(size, jax.lax.stop_gradient(jnp.sum(rollers.carried(rollers.approach(still))[0])))
-    u, (residual, iterations) = balance.found((rollers, safe, start, size, terms.axial))
+    u, (loads, slopes), (residual, iterations) = balance.found((rollers, safe, start, size, terms.axial))
     approach = rollers.approach(u)
-    loads, slopes = rollers.carried(approach)
     tangent = balance.tangent(rollers.normals, slopes)
     if terms.slices is not None:
         approach, loads = approach.reshape(angles.size, -1), loads.reshape(angles.size, -1)
