@@ -155,8 +155,7 @@ def draw(rows: list[Row], known_to: float, out: Path) -> None:
                      "mew": 0.6, "label": f"difftrb, {way}" if solver == "difftrb" else solver}  # fmt: skip
             errors = [r.error for r in own]
             ax.loglog([r.ring if more else r.law + r.ring for r in own], errors, **style)
-            for r in own if solver != "scipy" and not more else ():
-                note, at = r.setting.partition(" ")[2], (r.law + r.ring, r.error)
+            for note, at in _notes(own) if solver != "scipy" and not more else ():
                 ax.annotate(note, at, (3, 5), textcoords="offset points", rotation=40, fontsize=8)
             if more and solver == "difftrb":
                 ax.loglog([r.each for r in own], errors, **style | {"mfc": "none", "mec": colour, "label": None})
@@ -172,6 +171,17 @@ def draw(rows: list[Row], known_to: float, out: Path) -> None:
     panels[0].figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, frameon=False)
     out.mkdir(parents=True, exist_ok=True)
     plot.save(panels[0], out, "ring_against_peers")
+
+
+def _notes(own: list[Row]) -> list[tuple[str, tuple[float, float]]]:
+    """What to write at rows of one way, in order, and where; neighbours that would be written over share a note."""
+    notes: list[tuple[str, tuple[float, float]]] = []
+    for r in own:
+        note, at = r.setting.partition(" ")[2], (r.law + r.ring, r.error)
+        if notes and np.hypot(*np.log10(np.divide(at, notes[-1][1]))) < 0.3:
+            note = f"{notes.pop()[0].partition(' … ')[0]} … {note}"
+        notes.append((note, at))
+    return notes
 
 
 def main() -> None:
