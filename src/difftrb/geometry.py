@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from annotated_types import Interval, Unit
 
 Tree = TypeVar("Tree")
@@ -126,7 +127,7 @@ def as_floats(tree: Tree) -> Tree:
         if isinstance(leaf, int):
             return float(leaf)
         kind = getattr(leaf, "dtype", None)
-        short = kind is not None and jnp.issubdtype(kind, jnp.floating) and kind != jnp.float64
+        short = kind is not None and kind != np.float64 and jnp.issubdtype(kind, jnp.floating)
         return jnp.asarray(leaf, float) if short else leaf
 
     return jax.tree.map(as_float, tree)

@@ -141,14 +141,25 @@ def of_one_shape(spalls: tuple[Spall, ...]) -> bool:
     return len({tuple(float(value) for value in shape) for shape in shapes}) == 1
 
 
-def with_law(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
-    """The scene with its law built, unless that is to be chosen: see `difftrb.prepare`."""
+def has_its_laws(scene: Scene) -> bool:
+    """Whether nothing has to be built for the scene, nor carried to its inner raceway."""
+    return not isinstance(scene.law, LawName) and not any(isinstance(effect, Raceways) for effect in scene.effects)
+
+
+def checked(scene: Scene) -> Scene:
+    """The scene in floats. Raises SolveError without float64, ValueError for what cannot be had together."""
     status.require_float64()
     scene = as_floats(scene)
     if scene.definition not in get_args(Definition):
         raise ValueError(f"definition = {scene.definition!r} is unknown; use one of {', '.join(get_args(Definition))}")
     if (sentence := unmet(scene)) is not None:
         raise ValueError(sentence)
+    return scene
+
+
+def with_law(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
+    """The scene with its law built, unless that is to be chosen: see `difftrb.prepare`."""
+    scene = checked(scene)
     acting = tuple(
         SeriesRaceways(effect.inner_design_load, _inner_law(scene, effect, progress, least))
         if isinstance(effect, Raceways) else effect

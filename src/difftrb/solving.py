@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from difftrb import preparation
 from difftrb.choice import prepare
 from difftrb.scene import Scene, healthy
 from difftrb.solution import Solution, solved
@@ -20,7 +21,8 @@ def solve(scene: Scene) -> Solution:
     gradients. `jit` and `vmap` as you like. Raises SolveError without float64 and ValueError for spalls, effects or a
     law that cannot be had (together); everything else ends as a status in the result.
     """
-    return solved(prepare(scene))
+    # a law that is there is carried to the scene's bearing in the compiled program, not one operation at a time
+    return solved(preparation.checked(scene) if preparation.has_its_laws(scene) else prepare(scene))
 
 
 class Assessment(NamedTuple):
