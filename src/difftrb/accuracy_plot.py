@@ -27,7 +27,7 @@ def work_precision(measured: Measured) -> Any:
     kinds = [entry for entry in kinds if any(row.error > 0.0 for row in measured.of(entry[0]))]
     if not kinds:
         raise ValueError("no error is known: fewer than two rungs of a kind were measured")
-    _, axes = plt.subplots(1, len(kinds), figsize=(4.4 * len(kinds), 3.8), layout="constrained", squeeze=False)
+    _, axes = plt.subplots(1, len(kinds), figsize=(4.4 * len(kinds), 4.3), layout="constrained", squeeze=False)
     for ax, (kind, label) in zip(axes[0], kinds, strict=True):
         rows = [row for row in measured.of(kind) if row.error > 0.0]
         for way in dict.fromkeys(row.rung.way for row in rows):
@@ -52,6 +52,7 @@ def work_precision(measured: Measured) -> Any:
         ax.set_ylim(10.0 ** np.floor(low), 10.0 ** np.ceil(high))
     for ax, (kind, _) in zip(axes[0], kinds, strict=True):
         ax.set_xlabel("time per scene [s]" if kind == "ring" else "time per solve [s]")
-        ax.legend(frameon=False, fontsize=8, title="filled: new scene; hollow: in a batch" if kind == "ring" else None,
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3, frameon=False, fontsize=8,
+                  title="filled: new scene; hollow: in a batch" if kind == "ring" else None,
                   title_fontsize=8)  # fmt: skip
     return axes[0, 0]
