@@ -93,10 +93,9 @@ def table_law(
 
 def _is_narrow(law: TableLaw, kind: int, spall: Spall) -> bool:
     """Whether a law that is not made for both edges at once refuses the spall for that alone."""
-    farthest = 2.0 * float(law.contact.radius) * float(np.max(law.atlases[kind].full))  # no ramp ends beyond its root
-    if (
-        0.25 * float(spall.width) ** 2 > SURELY * farthest
-    ):  # so most need not be judged, which takes a tenth of a second
+    # no ramp ends beyond this square's root, so most need not be judged, which takes a tenth of a second
+    farthest = 2.0 * float(law.contact.radius) * float(np.max(law.atlases[kind].full))
+    if (0.5 * float(spall.width)) ** 2 > SURELY * farthest:
         return False
     codes = [
         int(dataclasses.replace(law, which=(kind,), narrow_error=error).judge((spall,), jnp.zeros((1, 1))))
