@@ -9,6 +9,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import nodes, status, table
+from difftrb.contact import COMPILING
 from difftrb.law import load_over
 from experiments import build_of_table
 from tests.closed_form import approach, healthy, load_at
@@ -164,7 +165,10 @@ def _narrow_load(v, narrow):
     return jnp.stack(load_over(law, v[3], trb.Spall(v[0], v[1]), v[2]))
 
 
-narrow_load, by_reverse, by_forward = map(jax.jit, (_narrow_load, jax.jacrev(_narrow_load), jax.jacfwd(_narrow_load)))
+narrow_load, by_reverse, by_forward = (
+    jax.jit(one, compiler_options=COMPILING)
+    for one in (_narrow_load, jax.jacrev(_narrow_load), jax.jacfwd(_narrow_load))
+)
 
 
 @pytest.mark.parametrize("width", [0.0, 1e-9, 1e-5, 1e-3])
