@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 FOLDER = Path(__file__).parent
@@ -63,7 +64,7 @@ def main() -> int:
         table.add_column(heading)
     for name, span in now.items():
         both = ["–" if s is None else f"{s[0]:.3g} … {s[1]:.3g}" for s in (before.get(name), span)]
-        table.add_row(name, *both, "slower" if name in found else "")
+        table.add_row(escape(name), *both, "slower" if name in found else "")
     Console(width=100).print(table)
     return 1 if found else 0
 
