@@ -3,6 +3,7 @@ compared with the finest of them."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -11,7 +12,7 @@ import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import jax
@@ -38,8 +39,8 @@ class Measured:
       asked: accuracy of stiffness that `recommended` meets: the cheapest such rung, None if none does.
       finer: the cheapest law with at most half its error, None if there is none.
       yardstick: seconds of a fixed piece of work, see `clock.yardstick`; seconds by this compare across machines.
-      device: name of what JAX computes on. cores: how many this process may use. seconds: the whole measurement.
-      importing: seconds to import difftrb in a process of its own.
+      device: name of the CPU. cores: how many this process may use. seconds: the whole measurement.
+      importing: see `clock.importing`.
       one_core: of the ring that is cheapest to make, how many times as long one scene of a batch takes on one core, by
         itself and with derivatives; None if that was not measured.
       accelerator: name of what `Row.there` was measured on; None without one.
@@ -67,6 +68,14 @@ class Measured:
         return finest(self.rows, kind)
 
 
+@contextlib.contextmanager
+def _on_cpu() -> Iterator[None]:
+    """All that is not sent elsewhere is computed on the CPU."""
+    with jax.default_device(jax.local_devices(backend="cpu")[0]):
+        yield
+
+
+@_on_cpu()
 def measure(
     file: SceneFile,
     path: str | Path = "scene",
@@ -92,15 +101,8 @@ def measure(
     All is computed on the CPU; if there is an accelerator, batches are also computed there. Rungs that the scene cannot
     have are left out, with the reason. Raises SceneError if not even one can be had.
     """
-    with jax.default_device(jax.local_devices(backend="cpu")[0]):
-        return _measured(file, path, rungs, asked, limit, batch or BATCH, progress, thorough)
-
-
-def _measured(
-    file: SceneFile, path: str | Path, rungs: Sequence[Rung], asked: float | None, limit: float, batch: int,
-    progress: Progress | None, thorough: bool,
-) -> Measured:  # fmt: skip
     started = time.perf_counter()
+    batch = batch or BATCH
     stick = clock.yardstick()
     importing, accelerator = clock.importing(), devices.accelerator()
     rows: list[Row] = []
@@ -167,8 +169,9 @@ def _on_one_core(rows: Sequence[Row], file: SceneFile, path: str | Path, batch: 
     return each / here.each, each_with_gradient / here.each_with_gradient
 
 
+@_on_cpu()
 def pinned() -> None:
     """The other process: reads what to measure, writes seconds."""
     file, path, rung, batch = pickle.load(sys.stdin.buffer)
-    (row,) = measure(file, path, (rung,), batch=batch).rows
+    row = rung_times.with_gradient(*rung_times.on_ring(rung, file, path, batch), batch)
     print(json.dumps([row.each, row.each_with_gradient]))
