@@ -99,23 +99,25 @@ def _newton(system: System) -> tuple[jax.Array, RollerLoads, tuple[jax.Array, ja
     start = system[2]
 
     def step(state):
-        u, carried, r, J, damping, k = state
-        p = -_solve(J + damping * jnp.trace(J) * jnp.eye(start.size), r)
+        (u, carried, r, J), p, damping, k = state
         carried_new = _carried(u + p, system)
         r_new, J_new = _linearised(u + p, carried_new, system)
         better = jnp.vdot(r_new, p) <= 0.5 * jnp.abs(jnp.vdot(r, p))
         relaxed, stiffened = jnp.where(damping > 1e-9, 0.1 * damping, 0.0), jnp.maximum(10.0 * damping, 1e-4)
         now, before = (u + p, carried_new, r_new, J_new), (u, carried, r, J)
-        taken = jax.tree.map(lambda new, old: jnp.where(better, new, old), now, before)
-        return *taken, jnp.where(better, relaxed, stiffened), k + 1
+        u, carried, r, J = jax.tree.map(lambda new, old: jnp.where(better, new, old), now, before)
+        damping = jnp.where(better, relaxed, stiffened)
+        p = -_solve(J + damping * jnp.trace(J) * jnp.eye(start.size), r)
+        return (u, carried, r, J), p, damping, k + 1
 
     def unfinished(state):
-        _, _, r, _, damping, k = state
+        (_, _, r, _), _, damping, k = state
         return (jnp.max(jnp.abs(r)) > 0.1 * TOLERANCE) & (k < ITERATIONS) & (damping < 1e6)
 
-    first = _carried(start, system)
-    state = start, first, *_linearised(start, first, system), jnp.zeros(()), jnp.asarray(0)
-    u, carried, r, _, _, k = jax.lax.while_loop(unfinished, step, state)
+    none = jax.tree.map(lambda v: jnp.zeros(v.shape), jax.eval_shape(_carried, start, system))
+    unknown = start, none, jnp.ones(start.size), jnp.zeros((start.size, start.size))
+    first = unknown, jnp.zeros(start.size), jnp.zeros(()), jnp.asarray(-1)  # a step of no length finds what is there
+    (u, carried, r, _), _, _, k = jax.lax.while_loop(unfinished, step, first)
     return u, carried, (jnp.max(jnp.abs(r)), k)
 
 
