@@ -59,7 +59,9 @@ def weights(places: jax.Array | np.ndarray, x: jax.Array | np.ndarray) -> jax.Ar
     for k in range(count - 1):
         below.append(below[-1] * away[k])
         above.append(above[-1] * away[count - 1 - k])
-    return jnp.stack([scale[k] * below[k] * above[count - 1 - k] for k in range(count)], axis=-1)
+    found = jnp.stack([scale[k] * below[k] * above[count - 1 - k] for k in range(count)], axis=-1)
+    # or else XLA writes out products with them, a sum of so many, wherever the result is used
+    return jax.lax.optimization_barrier(found)
 
 
 def through(log_loads: jax.Array, approaches: jax.Array, shift: jax.Array) -> Curve:
