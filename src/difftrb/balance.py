@@ -25,6 +25,15 @@ def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
     return jnp.matmul(a, b, precision=jax.lax.Precision.HIGHEST)
 
 
+RollerLoads = tuple[jax.Array, jax.Array]
+"""Load [N] and its slope [N/mm] of every roller, both of shape (rollers,)."""
+
+
+def _each(held: tuple[Seat | None, Carried], approach: jax.Array) -> RollerLoads:
+    seat, curves = held
+    return ramp.carried(curves, approach) if seat is None else roller.carried(seat, curves, approach)
+
+
 class Rollers(NamedTuple):
     """What equilibrium needs of the rollers (or their slices): unit normals, shape (rollers, 3), interference [mm],
     shape (rollers,), what the outer raceway carries, and what else holds them."""
@@ -38,11 +47,9 @@ class Rollers(NamedTuple):
         """Approach of the ring to every roller at displacement u [mm], shape (rollers,)."""
         return _dot(self.normals, u) + self.interference
 
-    def carried(self, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Load [N] and its slope [N/mm] of every roller at that, both of shape (rollers,)."""
-        if self.seat is None:
-            return ramp.carried(self.curves, approach)
-        return roller.carried(self.seat, self.curves, approach)
+    def carried(self, approach: jax.Array) -> RollerLoads:
+        """What every roller carries at that."""
+        return implicit.pointwise(_each, None, (self.seat, self.curves), approach)
 
 
 def tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:
@@ -54,10 +61,6 @@ def tangent(normals: jax.Array, slopes: jax.Array) -> jax.Array:
 System = tuple[Rollers, jax.Array, jax.Array, jax.Array, Real | None]
 """Rollers, force [N] and a displacement to start from [mm], both of shape (3,), what forces are measured by [N], and
 the axial displacement [mm] if that is held."""
-
-
-RollerLoads = tuple[jax.Array, jax.Array]
-"""Load [N] and its slope [N/mm] of every roller."""
 
 
 def found(system: System) -> tuple[jax.Array, RollerLoads, tuple[jax.Array, jax.Array]]:

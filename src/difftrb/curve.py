@@ -121,11 +121,25 @@ def within(x: jax.Array, low: Real, high: Real) -> jax.Array:
 
 def straight(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Σ cₖ zᵏ, coefficients of shape (degree + 1, …), and its derivative by z; straight outside −1…1."""
+    return implicit.pointwise(_straight, _bending, coefficients, z)
+
+
+def _straight(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
     inside = within(z, -1.0, 1.0) if coefficients.shape[0] > 2 else z
     value, rate = coefficients[-1], jnp.zeros_like(z)
     for c in coefficients[-2::-1]:
         value, rate = value * inside + c, rate * inside + value
     return value + rate * (z - inside), rate
+
+
+def _bending(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The first two derivatives by z."""
+    _, rate = straight(coefficients, z)
+    if coefficients.shape[0] <= 2:
+        return rate, jnp.zeros_like(rate)
+    powers = jnp.arange(1.0, coefficients.shape[0]).reshape(-1, *[1] * (coefficients.ndim - 1))
+    _, bend = straight(powers * coefficients[1:], z)
+    return rate, jnp.where(jnp.abs(z) < 1.0, bend, 0.0)
 
 
 def end(curve: Curve, z: float) -> jax.Array:

@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # jaxopt announces at import that it is no longer developed
@@ -37,21 +38,67 @@ def root(
     return solver(parameters)
 
 
-@root.defjvp
 def _root_jvp(
     residual: Callable, outcome: Callable, solver: Callable, respond: Callable, primals: tuple, tangents: tuple
 ):
-    (parameters,), (change,) = primals, tangents
+    (parameters,) = primals
     x, y, auxiliary = root(residual, outcome, solver, respond, parameters)
+    moving, changes, among = _moving(parameters, tangents[0])
     # y by parameters and by x apart: the former is all that the residual needs of it
-    _, by_parameters = jax.jvp(lambda p: outcome(x, p), (parameters,), (change,))
+    _, by_parameters = jax.jvp(lambda p: outcome(x, among(p)), (moving,), (changes,))
     x_change = root_jvp(
-        residual, x, (y, parameters), (by_parameters, change),
+        lambda x, y, p: residual(x, y, among(p)), x, (y, moving), (by_parameters, changes),
         solve=lambda _, right: respond(x, y, parameters, right),
     )  # fmt: skip
     _, by_x = jax.jvp(lambda v: outcome(v, parameters), (x,), (x_change,))
     y_change = jax.tree.map(jnp.add, by_parameters, by_x)
     return (x, y, auxiliary), (x_change, y_change, jax.tree.map(_zero_tangent, auxiliary))
+
+
+root.defjvp(_root_jvp, symbolic_zeros=True)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def pointwise(function: Callable, rates: Callable | None, parameters: Pytree, x: jax.Array) -> Pytree:
+    """y = `function(parameters, x)`, a pytree whose leaves have the shape of x and know x entry by entry.
+
+    dy/dx is then as large as y, and is computed once for however many changes of x; so is its own derivative. `rates`
+    is a function that returns it for less than differentiating `function` takes; None: there is none.
+    """
+    return function(parameters, x)
+
+
+def _pointwise_jvp(function: Callable, rates: Callable | None, primals: tuple, tangents: tuple):
+    (parameters, x), (_, x_change) = primals, tangents
+    moving, changes, among = _moving(parameters, tangents[0])
+    parts = []
+    if moving:
+        parts.append(jax.jvp(lambda some: function(among(some), x), (moving,), (changes,))[1])
+    if not isinstance(x_change, SymbolicZero):
+        by_x = rates(parameters, x) if rates else pointwise(partial(_rates, function), None, parameters, x)
+        parts.append(jax.tree.map(lambda rate: rate * x_change, by_x))
+    return pointwise(function, rates, parameters, x), jax.tree.map(lambda *of: sum(of[1:], of[0]), *parts)
+
+
+pointwise.defjvp(_pointwise_jvp, symbolic_zeros=True)
+
+
+def _rates(function: Callable, parameters: Pytree, x: jax.Array) -> Pytree:
+    return jax.jvp(lambda at: function(parameters, at), (x,), (jnp.ones_like(x),))[1]
+
+
+def _moving(tree: Pytree, tangents: Pytree) -> tuple[list, list, Callable[[list], Pytree]]:
+    """The leaves that change, their tangents, and what puts such leaves back among the others: XLA would compute with
+    zeros what becomes of those that do not."""
+    leaves, form = jax.tree.flatten(tree)
+    changes = form.flatten_up_to(tangents)
+    which = [k for k, change in enumerate(changes) if not isinstance(change, SymbolicZero)]
+
+    def among(moving: list) -> Pytree:
+        replaced = dict(zip(which, moving, strict=True))
+        return form.unflatten([replaced.get(k, leaf) for k, leaf in enumerate(leaves)])
+
+    return [leaves[k] for k in which], [changes[k] for k in which], among
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))

@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import curve, pit
+from difftrb import curve, implicit, pit
 from difftrb.curve import Curve
 from difftrb.geometry import Real
 
@@ -160,7 +160,11 @@ def _worth(ramp: Ramp, across: Pit, approach: jax.Array, low: jax.Array, high: j
 
 def _left(t: jax.Array, coefficients: Sequence[jax.Array]) -> jax.Array:
     """W for the coefficients of y."""
-    return (1.0 - t * t) / curve.within(1.0 + t * t * _combined(coefficients, _terms(t)), 0.1, jnp.inf)
+    return (1.0 - t * t) / curve.within(1.0 + t * t * implicit.pointwise(_y, None, coefficients, t), 0.1, jnp.inf)
+
+
+def _y(coefficients: Sequence[jax.Array], t: jax.Array) -> jax.Array:
+    return _combined(coefficients, _terms(t))
 
 
 def _combined(coefficients: Sequence[jax.Array] | jax.Array, terms: list[jax.Array]) -> jax.Array:

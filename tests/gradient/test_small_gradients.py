@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import domain, gap, geometry, ring
+from difftrb import curve, domain, gap, geometry, ring
 from difftrb.geometry import LineContact, Spall
 from difftrb.heightmap import HeightMap, height_at
 
@@ -34,11 +34,19 @@ def bearing(v: jax.Array) -> trb.TaperedBearing:
     return jax.tree.unflatten(tree, values)
 
 
+def polynomial(v: jax.Array) -> jax.Array:
+    """A curve's logarithm, its slope and the change of that, within and beyond the nodes."""
+    value, rate = curve.straight(v[:4], v[4:])
+    bend = jax.grad(lambda z: jnp.sum(curve.straight(v[:4], z)[1]))(v[4:])
+    return jnp.vdot(jnp.concatenate([value, rate, bend]), jnp.arange(1.0, 13.0))
+
+
 SMOOTH: dict[str, tuple[Function, list[float]]] = {
     "height_at": (height, [1.3, 0.03, 0.05, 0.004, 0.007, 0.021, -0.017]),
     "crown_scale": (lambda v: jnp.asarray(gap.crown_scale(roller(v))), [3.6, 13.66, 1.1e5, 6500.0]),
     "crown_at": (lambda v: gap.crown_at(v[4], roller(v)), [3.6, 13.66, 1.1e5, 6500.0, 6.2]),
     "crown_at, straight": (lambda v: gap.crown_at(v[1], LineContact(3.6, v[0], 1.1e5, v[2])), [13.66, 6.2, 10.0]),
+    "straight": (polynomial, [5.3, 2.9, -0.14, 0.05, -1.3, -0.4, 0.7, 1.2]),
     "needed_axial": (lambda v: ring.needed_axial(bearing(v[0]), v[1], v[2]), [0.25, 9000.0, 0.09]),
     "largest_load, part loaded": (
         lambda v: jnp.asarray(ring.largest_load(bearing(v[0]), trb.Load(v[1], v[2]))), [0.25, 9000.0, 3000.0],
