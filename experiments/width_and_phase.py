@@ -1,7 +1,7 @@
 """What a wider spall does to stiffness: at one cage phase under a hard window (a staircase), at one phase with the
 edge's ramp, and in the mean over phases; and the mean's derivative by width against brute force.
 
-python experiments/width_and_phase.py [FOLDER]   (figure width_and_phase.png and .svg; default: figures)
+python experiments/width_and_phase.py [FOLDER]   (figure width_and_phase.png and .svg; default: out)
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def draw(lines: dict[str, np.ndarray], widths: np.ndarray, folder: Path) -> None
 
 def main() -> None:
     """Draw the figure and compare the mean with 20 000 phases."""
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "figures")
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
     spall = trb.Spall(4.0, WIDTH)
     scene = trb.prepare(trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (spall,), "table", phase=0.09))
     mean = dataclasses.replace(scene, phase="mean")
