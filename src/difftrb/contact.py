@@ -40,27 +40,27 @@ class Grid:
 GRIDS = {
     1e-2: Grid(
         Resolution(16, 12, 6),
-        Fineness(6, 3, 2, 2, 3, Frequencies(4, 8, 10, 9.0), Frequencies(4, 8, 12, 12.0)),
+        Fineness(6, 4, 2, 2, 3, Frequencies(4, 8, 10, 9.0), Frequencies(4, 8, 20, 30.0)),
         (256, 32),
     ),
     1e-3: Grid(
         Resolution(32, 20, 8),
-        Fineness(8, 3, 3, 2, 3, Frequencies(4, 10, 11, 10.0), Frequencies(4, 10, 16, 17.0)),
+        Fineness(11, 5, 3, 2, 3, Frequencies(4, 12, 12, 12.0), Frequencies(4, 10, 36, 60.0)),
         (512, 48),
     ),
     1e-4: Grid(
         Resolution(64, 64, 16),
-        Fineness(16, 5, 3, 2, 3, Frequencies(4, 12, 12, 12.0), Frequencies(4, 12, 30, 40.0)),
+        Fineness(20, 6, 3, 2, 3, Frequencies(6, 16, 16, 16.0), Frequencies(5, 14, 64, 120.0)),
         (1024, 64),
     ),
     3e-5: Grid(
         Resolution(64, 64, 16),
-        Fineness(24, 6, 4, 2, 3, Frequencies(6, 16, 16, 16.0), Frequencies(5, 14, 36, 40.0)),
+        Fineness(26, 9, 4, 2, 3, Frequencies(6, 16, 16, 16.0), Frequencies(5, 14, 110, 200.0)),
         (1024, 64),
     ),
     1e-5: Grid(
         Resolution(64, 64, 16),
-        Fineness(34, 8, 5, 2, 4, Frequencies(6, 18, 26, 25.0), Frequencies(6, 18, 48, 50.0)),
+        Fineness(32, 12, 5, 2, 3, Frequencies(6, 18, 26, 25.0), Frequencies(6, 18, 160, 250.0)),
         (1024, 64),
     ),
 }

@@ -34,7 +34,8 @@ class Fineness:
 
 THIN = 2  # rows of land at a spall's end that share an outline
 NEAR_HOLLOW = 2  # rows of the hollow at a spall's end that share an outline
-GATHERED = 3.0  # power with which rows grow from an edge and from the contact's end
+GATHERED = 3.0  # power with which rows of land grow from an edge and from the contact's end
+HOLLOW = 2.0  # and rows of the hollow, of which only the last has a corner to follow
 REACHED = 2.75  # where the raceway may still be touched, in the unit of length: strips end at LARGEST
 SETTLED = 1e-6  # last change of a free boundary, in Hertz half-widths, at which strips count as converged
 LEAST_LAND = 20.0  # loaded length in Hertz half-widths: below, it is no line contact, and rows are no longer than wide
@@ -161,11 +162,11 @@ def _groups(
     high = jnp.minimum(high, tip - least)
     upper = Rows(rows.graded(high, tip, fine.land, GATHERED, GATHERED), False, "low")
     if mirrored:
-        hollow = Rows(rows.graded(jnp.zeros(()), high, fine.hollow, 1.0, GATHERED), True, "high")
+        hollow = Rows(rows.graded(jnp.zeros(()), high, fine.hollow, 1.0, HOLLOW), True, "high")
         return (upper, hollow) if edges else (upper,)
     low = jnp.clip(low, -tip + least, high - least)
     lower = Rows(-rows.graded(-low, tip, fine.land, GATHERED, GATHERED)[::-1], False, "high")
-    hollow = Rows(rows.graded(low, high, 2 * fine.hollow, GATHERED, GATHERED), False, "both")
+    hollow = Rows(rows.graded(low, high, 2 * fine.hollow, HOLLOW, HOLLOW), False, "both")
     return (lower, hollow, upper) if edges else (lower, upper)
 
 

@@ -22,9 +22,10 @@ from difftrb import implicit, waves
 from difftrb.waves import LARGEST, LEFT, MEETING, MIDDLE, PLACES, RIGHT, Layout
 
 TOLERANCE = 1e-7
-LEAST = 1e-3  # smallest width of one
+LEAST = 2.0  # width of the narrowest strip at an edge, by 1/κ of the last wave: below, it cannot tell its own width
 ASIDE = 0.1  # width of the strip that stands for a spall which is nowhere near
 PASSES = 60
+SLACK = 3e-4  # overlap that strips away from edges bear without load, by the approach: else the last rows never settle
 WAITING = 0.35  # size of an outline without load, as a share of its size at first
 NEAR = 0.1  # last change of the ends below which Newton's method takes over
 CLOSE, SHRINKING = 0.005, 0.1  # below this, and this times the one before, it does without a new Jacobian
@@ -70,6 +71,9 @@ def _coupling(layout: Layout, problem: Problem) -> jax.Array:
 
 Unknowns = tuple[jax.Array, jax.Array, jax.Array]
 """Mode loads (strips, modes), ends of the outlines (outlines, 2; half widths (outlines, 1) if even), approach."""
+Choice = tuple[jax.Array, jax.Array, jax.Array]
+"""Of the outlines: which are loaded, (outlines,); which ends do not move, like the ends; which are as narrow as can be,
+beside a bound of their low (−1) or high (1) end, (outlines,), else 0."""
 
 
 def _contact(
@@ -87,12 +91,10 @@ def _contact(
     return residual, (wave, by_ends, jnp.einsum("iz,iemz->ime", field, by_ends) + gap_by_ends)
 
 
-def _equations(
-    layout: Layout, x: Unknowns, choice: tuple[jax.Array, jax.Array], problem: Problem, residual: jax.Array
-) -> jax.Array:
+def _equations(layout: Layout, x: Unknowns, choice: Choice, problem: Problem, residual: jax.Array) -> jax.Array:
     """All equations: contact of loaded strips, no load on others, pressure zero at free ends (those that are not held),
     the sum of loads."""
-    loads, (active, held) = x[0], choice
+    loads, (active, held, _) = x[0], choice
     on, fixed = active[np.asarray(layout.outlines)][:, None], held | ~active[:, None]
     total = jnp.vdot(problem.weight[np.asarray(layout.rows)], loads[:, 0]) - problem.load
     at_ends = _shares(layout, problem) @ loads @ waves.signs(layout).T
@@ -102,11 +104,11 @@ def _equations(
 
 
 def _jacobian(
-    layout: Layout, loads: jax.Array, choice: tuple[jax.Array, jax.Array], problem: Problem, coupling: jax.Array,
+    layout: Layout, loads: jax.Array, choice: Choice, problem: Problem, coupling: jax.Array,
     parts: tuple[jax.Array, ...],
 ) -> jax.Array:  # fmt: skip
     """Of the equations by all unknowns."""
-    (active, held), (wave, by_ends, own) = choice, parts
+    (active, held, _), (wave, by_ends, own) = choice, parts
     (strips, n), (outlines, k) = loads.shape, (len(layout.sides), by_ends.shape[1])
     a, e = strips * n, outlines * k
     member, weight = layout.member, problem.weight[np.asarray(layout.rows)]
@@ -164,13 +166,14 @@ def solve(layout: Layout, problem: Problem, start: jax.Array) -> tuple[Unknowns,
     return x, choice[0][np.asarray(layout.outlines)], change, count
 
 
-def _residual(layout: Layout, x: Unknowns, choice: tuple[jax.Array, jax.Array], problem: Problem) -> jax.Array:
-    """The equations as functions of the problem, with held ends on the spall's edges."""
+def _residual(layout: Layout, x: Unknowns, choice: Choice, problem: Problem) -> jax.Array:
+    """The equations as functions of the problem, with held ends where the spall's edges hold them."""
     residual, _ = _contact(layout, x, problem, _coupling(layout, problem))
     equations = _equations(layout, x, choice, problem, residual)
     if layout.even:
         return equations
-    off = jnp.where(choice[1] & choice[0][:, None], x[1] - bounds(layout, problem), 0.0)
+    active, held, narrow = choice
+    off = jnp.where(held & active[:, None], x[1] - _places(layout, bounds(layout, problem), narrow), 0.0)
     first = x[0].size
     return equations.at[first : first + x[1].size].add(off.ravel())
 
@@ -184,6 +187,13 @@ def bounds(layout: Layout, problem: Problem) -> jax.Array:
     high = jnp.where(sides == LEFT, left, jnp.where(sides == MIDDLE, right, LARGEST))
     low = jnp.where(sides == RIGHT, right, jnp.where(sides == MIDDLE, left, -LARGEST))
     return high[:, None] if layout.even else jnp.stack([low, high], axis=1)
+
+
+def _places(layout: Layout, bound: jax.Array, narrow: jax.Array) -> jax.Array:
+    """Where ends that do not move stand: on their bounds, or next to the other one's."""
+    least = LEAST / layout.frequencies.highest
+    low = jnp.where(narrow > 0, bound[:, 1] - least, bound[:, 0])
+    return jnp.stack([low, jnp.where(narrow < 0, bound[:, 0] + least, bound[:, 1])], axis=1)
 
 
 def _beside(layout: Layout) -> np.ndarray:
@@ -210,15 +220,19 @@ def _search(layout: Layout, problem: Problem, start: jax.Array, exact: bool):
     # where an outline waits without load for the bodies to overlap: about the place where they are nearest
     nearest = 0.0 if layout.even else jnp.clip(0.0, bound[:, :1], bound[:, 1:])
     small = nearest + WAITING * (ends_at_first - nearest)
+    sided = np.isin(sides, (LEFT, RIGHT))
+    if not layout.even:
+        small = jnp.where(sided[:, None], _places(layout, bound, jnp.asarray(-sides)), small)
 
     def step(carry):
-        (loads, ends, approach), active, held, rest, change, near, count, _, choice, factors = carry
-        x = loads, ends, approach
+        x, active, held, narrow, rest, change, near, count, _, choice, factors = carry
+        loads, ends, approach = x
         newton = change < NEAR
         residual, parts = _contact(layout, x, problem, coupling)
-        called = ~active & (rest <= 0) & (share @ residual[:, 0] < 0.0)  # they overlap without load
+        overlap = share @ residual[:, 0] < jnp.where(sided, 0.0, -SLACK * approach)
+        called = ~active & (rest <= 0) & overlap  # they overlap without load
         active_now = active | called
-        chosen = active_now, held | ~newton
+        chosen = active_now, held | ~newton, narrow
         same = jnp.all(chosen[0] == choice[0]) & jnp.all(chosen[1] == choice[1])
         fresh = ~(near & same) | (exact & (change <= TOLERANCE))
         equations = _equations(layout, x, chosen, problem, residual)
@@ -234,21 +248,23 @@ def _search(layout: Layout, problem: Problem, start: jax.Array, exact: bool):
         tip, slope = share @ loads @ signs.T, share @ (loads * squares) @ signs.T
         guess = jnp.where(slope < 0.0, -2.0 * tip / jnp.where(slope < 0.0, slope, -1.0), 0.3 * jnp.sign(tip))
         guess = outward * b * jnp.clip(guess, -0.4, 0.5)
-        by_newton = jnp.clip(found[strips * n : -1].reshape(outlines, k), -0.4 * b, 0.4 * b)
+        by_newton = found[strips * n : -1].reshape(outlines, k)
+        free = active_now[:, None] & ~held
+        by_newton = by_newton / jnp.maximum(1.0, jnp.max(jnp.where(free, jnp.abs(by_newton) / (0.4 * b), 0.0)))
         move = jnp.where(newton & ~held, by_newton, guess)
         new = jnp.where(active_now[:, None], ends + move, ends)
         new = jnp.where(tension[:, None], small, new)
         held_new = outward * (bound - new) <= 0.0
-        if not layout.even:
-            held_new = held_new | (beside @ jnp.where((next_active[:, None] & held_new)[:, ::-1], 1.0, 0.0) > 0.0)
         new = jnp.where(held_new, bound, new)
-        if not layout.even:  # no strip vanishes
-            short = new[:, 1] - new[:, 0] < LEAST
-            leftward = (sides == LEFT) | ((sides == MIDDLE) & held_new[:, 1] & ~held_new[:, 0])
-            low = jnp.where(short & leftward, new[:, 1] - LEAST, new[:, 0])
-            new = jnp.stack([low, jnp.where(short & ~leftward, new[:, 0] + LEAST, new[:, 1])], axis=1)
-        overlap = jnp.any(~next_active & (share @ residual[:, 0] < 0.0))  # one that still rests is not done with
-        settled = jnp.all(next_active == active) & jnp.all((held_new == held) | ~next_active[:, None]) & ~overlap
+        narrow_new = narrow
+        if not layout.even:  # no strip vanishes, and none hangs in the air beyond an edge
+            short = new[:, 1] - new[:, 0] < 1.0001 * LEAST / layout.frequencies.highest
+            narrow_new = jnp.where(sided, -sides, held_new[:, 1].astype(int) - held_new[:, 0]) * short
+            goes_on = held_new & (next_active & (narrow_new == 0))[:, None]
+            held_new = held_new | (narrow_new != 0)[:, None] | (beside @ jnp.where(goes_on[:, ::-1], 1.0, 0.0) > 0.0)
+            new = jnp.where(held_new, _places(layout, bound, narrow_new), new)
+        rests = ~next_active & overlap  # one that still rests is not done with
+        settled = jnp.all((next_active == active) & ~rests) & jnp.all((held_new == held) | ~next_active[:, None])
         moved = jnp.max(jnp.where(next_active[:, None], jnp.abs(new - ends), 0.0))
         moved = jnp.where(settled, moved, 0.5)
         moved = jnp.where(newton, moved, jnp.maximum(moved, 2.0 * TOLERANCE))
@@ -256,24 +272,25 @@ def _search(layout: Layout, problem: Problem, start: jax.Array, exact: bool):
         loads = jnp.where(next_active[np.asarray(layout.outlines)][:, None], loads, 0.0)
         near = moved < jnp.minimum(SHRINKING * change, CLOSE)
         x = loads, new, approach + found[-1]
-        return x, next_active, held_new, rest, moved, near, count + 1, fresh, chosen, factors
+        return x, next_active, held_new, narrow_new, rest, moved, near, count + 1, fresh, chosen, factors
 
     def unfinished(carry):
-        change, _, count, fresh = carry[4:8]
+        change, _, count, fresh = carry[5:9]
         return ((change > TOLERANCE) | (exact & ~fresh)) & (count < PASSES)
 
     size = strips * n + outlines * k + 1
     held = outward * (bound - ends_at_first) <= 0.0
-    on, no = jnp.ones(outlines, bool), jnp.asarray(False)
+    no, none = jnp.asarray(False), jnp.zeros(outlines, int)
+    begun = jnp.ones(outlines, bool), held, none
     first = (
-        (jnp.zeros((strips, n)).at[:, 0].set(1.0), ends_at_first, jnp.asarray(1.0)), on, held,
-        jnp.zeros(outlines, int), jnp.asarray(0.5), no, jnp.asarray(0), no, (on, held),
+        (jnp.zeros((strips, n)).at[:, 0].set(1.0), ends_at_first, jnp.asarray(1.0)), *begun, none, jnp.asarray(0.5),
+        no, jnp.asarray(0), no, begun,
         (jnp.zeros((size, size)), jnp.zeros(size, jnp.int32)),
     )  # fmt: skip
-    x, active, held, _, change, _, count, _, _, (lu, pivots) = jax.lax.while_loop(unfinished, step, first)
+    x, *choice, _, change, _, count, _, _, (lu, pivots) = jax.lax.while_loop(unfinished, step, first)
     # where it went astray the last change says so, and numbers to go on with keep NaN out of derivatives of what is
     # taken in its place
     sane = jnp.all(jnp.array([jnp.all(jnp.isfinite(v)) for v in (*x, lu)])) & jnp.all(jnp.diagonal(lu) != 0.0)
     x = jax.tree.map(lambda found, begun: jnp.where(sane, found, begun), x, first[0])
     factors = jnp.where(sane, lu, jnp.eye(size)), jnp.where(sane, pivots, jnp.arange(size, dtype=pivots.dtype))
-    return x, (active, held), factors, (jnp.where(sane, change, jnp.inf), count)
+    return x, tuple(choice), factors, (jnp.where(sane, change, jnp.inf), count)

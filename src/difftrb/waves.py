@@ -12,6 +12,7 @@ from functools import lru_cache
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.special
 
 LAND, RIGHT, LEFT, MIDDLE = 0, 1, -1, 2
 # Ends that strips share: which sides, low or high end, and whether pressure may be singular there.
@@ -93,10 +94,7 @@ def _tables(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     terms = int(LARGEST * layout.frequencies.highest) + 26
     angles = np.pi * (np.arange(terms) + 0.5) / terms
     x = LARGEST * np.cos(angles)[:, None] * kappa
-    turn = 2.0 * np.pi * (np.arange(4 * terms) + 0.5) / (4 * terms)
-    wave = [
-        np.mean(np.cos(m * turn - x[..., None] * np.sin(turn)), axis=-1) for m in layout.orders
-    ]  # Bessel's integral
+    wave = [scipy.special.jv(m, x) for m in layout.orders]
     to_terms = 2.0 / terms * np.cos(np.outer(np.arange(terms), angles))
     to_terms[0] *= 0.5
     return (

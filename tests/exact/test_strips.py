@@ -91,6 +91,27 @@ def test_strips_and_cells_agree(spall: trb.Spall | None, offset: float) -> None:
     assert int(strips.unknowns) < 150
 
 
+SLIVERS = (
+    (4683.0, 7.44, 1.787, 1.5488662687e-02), (1140.0, 7.75, 1.870, 5.3331256861e-03),
+    (3735.0, 2.92, 1.825, 1.0572018885e-02), (1048.0, 7.76, 1.809, 6.0499778444e-03),
+    (432.0, 6.13, 1.894, 2.6510343735e-03), (1942.0, 7.53, 1.765, 9.1822547572e-03),
+    (2216.0, 7.77, 1.846, 8.5538523861e-03),
+)  # fmt: skip
+"""Load [N], length of a spall 4 mm wide and its offset [mm], approach [mm] by strips far finer than any here:
+Fineness(36, 14, 5, 2, 3, Frequencies(6, 18, 32, 32.0), Frequencies(6, 18, 200, 300.0)); known to 5e-5."""
+
+
+@pytest.mark.parametrize(("accuracy", "median", "worst"), [(1e-3, 6e-4, 2e-3), (1e-4, 2e-4, 6e-4)])
+def test_slivers_of_land(contact: trb.LineContact, accuracy: float, median: float, worst: float) -> None:
+    """A rolling edge so far out that the roller meets the land beyond it in a sliver, which ends along the spall."""
+    errors = []
+    for load, length, offset, truth in SLIVERS:
+        s = trb.solve_contact(contact, load, trb.Spall(length, 4.0), offset, accuracy, method="strips").check()
+        errors.append(abs(float(s.approach) / truth - 1.0))
+    assert np.median(errors) < median
+    assert max(errors) < worst
+
+
 def test_strips_know_where_they_end() -> None:
     straight = trb.LineContact(3.623, 13.66, 113794.5, 0.0)
     crowned = trb.LineContact(3.623, 13.66, 113794.5, 3000.0)
