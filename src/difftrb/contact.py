@@ -36,7 +36,8 @@ class Grid:
     lattice: tuple[int, int]
 
 
-# Relative accuracy of the approach, and the grids measured to meet it (experiments/accuracy_of_contact.py).
+# Relative accuracy of the approach, and the grids measured to meet it: experiments/accuracy_of_contact.py and
+# accuracy_of_strips.py.
 GRIDS = {
     1e-2: Grid(
         Resolution(16, 12, 6),

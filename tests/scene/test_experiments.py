@@ -13,7 +13,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import line, rungs
-from difftrb.contact import Resolution
+from difftrb.contact import GRIDS, Resolution
 from difftrb.rungs import Rung
 
 FOLDER = Path(__file__).parents[2] / "experiments"
@@ -37,6 +37,17 @@ def test_accuracy_of_contact(contact: trb.LineContact) -> None:
     np.testing.assert_allclose(coarse, fine, rtol=2e-2)
     assert to_compile > 0.0
     assert seconds > 0.0
+
+
+def test_accuracy_of_strips(contact: trb.LineContact) -> None:
+    experiment = script("accuracy_of_strips")
+    cases = experiment.random_cases("sliver", 2, contact)
+    (coarse, settled, milliseconds), (fine, _, _) = (
+        experiment.approaches(GRIDS[accuracy].strips, contact, cases, 1) for accuracy in (1e-2, 1e-3)
+    )
+    np.testing.assert_allclose(coarse, fine, rtol=1e-2)
+    assert settled.all()
+    assert milliseconds > 0.0
 
 
 def test_speed_of_ring(power: trb.PowerLaw) -> None:

@@ -1,0 +1,103 @@
+"""How far strips are from far finer ones where a rolling edge stands anywhere on its way through the contact, and over
+spalls narrower than it: the measurements behind `contact.GRIDS`, and the way's hardest part apart.
+
+python experiments/accuracy_of_strips.py [CASES] [ACCURACIES …]   (default 24 1e-2 1e-3 1e-4 3e-5)
+
+Random contacts of 32008J: loads of 0.3 … 9 kN, spalls 1 … 9 mm long. `edge`: one edge anywhere from the beginning of
+its ramp to where the roller no longer meets the land beyond; `sliver`: in the last 0.4 of that, where only a sliver of
+land is left; `both`: two edges less apart than that. Times are medians of single solves, compiled.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.progress import track  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+import difftrb as trb  # noqa: E402
+from difftrb import contact as contacts  # noqa: E402
+from difftrb import nodes, strip_model  # noqa: E402
+from difftrb.direct import wide  # noqa: E402
+from difftrb.strip_model import Fineness  # noqa: E402
+from difftrb.waves import Frequencies  # noqa: E402
+
+FINEST = Fineness(36, 14, 5, 2, 3, Frequencies(6, 18, 32, 32.0), Frequencies(6, 18, 200, 300.0))
+KINDS = {"edge": (0.0, 1.0), "sliver": (0.6, 0.985), "both": (0.1, 1.0)}
+"""Where the edge stands on its ramp; of `both`, how wide a spall is, by twice the ramp's end."""
+WIDTH = 4.0
+
+
+def random_cases(kind: str, count: int, contact: trb.LineContact) -> np.ndarray:
+    """Load [N], spall length, width and offset [mm], shape (count, 4)."""
+    rng = np.random.default_rng(11)
+    rows = []
+    for _ in range(count):
+        load, length = 300.0 * 30.0 ** rng.random(), rng.uniform(1.0, 9.0)
+        over = nodes.solved(contact, nodes.Case(load, wide(trb.Spall(length, WIDTH))), 1e-3)
+        healthy = nodes.solved(contact, nodes.Case(load), 1e-3)
+        place = rng.uniform(*KINDS[kind])
+        if kind == "both":
+            width = 2.0 * over.reach * place
+            rows.append((load, length, width, 0.5 * width * rng.random()))
+        else:
+            edge = place * (over.reach + healthy.half_width) - healthy.half_width
+            rows.append((load, length, WIDTH, 0.5 * WIDTH - edge))
+    return np.array(rows)
+
+
+def approaches(
+    fineness: Fineness, contact: trb.LineContact, cases: np.ndarray, edges: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Approach of every case [mm], whether it converged, and milliseconds of one."""
+    cells = contacts.GRIDS[1e-2].cells  # pressure is laid on them, and not asked for
+
+    @jax.jit
+    def one(case: jax.Array) -> tuple[jax.Array, jax.Array]:
+        spall = trb.Spall(case[1], case[2])
+        under, _, _ = contacts._stage(contact, case[0], spall, case[3], cells, True)
+        solved = strip_model.solve(contact, case[0], spall, case[3], True, edges, fineness, under)
+        return solved.approach, solved.change < strip_model.SETTLED
+
+    solve = one.lower(jnp.asarray(cases[0])).compile(compiler_options=contacts.COMPILING)
+    results, times = [], []
+    for case in cases:
+        started = time.perf_counter()
+        results.append(jax.block_until_ready(solve(jnp.asarray(case))))
+        times.append(time.perf_counter() - started)
+    found, settled = map(np.array, zip(*results, strict=True))
+    return found, settled, 1e3 * float(np.median(times))
+
+
+def compare(count: int, accuracies: Sequence[float], finest: Fineness = FINEST) -> Table:
+    """Errors of each accuracy's strips, of contacts that converged on both."""
+    contact = trb.LineContact.of(trb.bearing("32008J"), "outer", design_load=6500.0)
+    table = Table("contacts", "accuracy", "median", "90 %", "worst", "not converged", "ms")
+    for kind in track(KINDS, "kinds", transient=True):
+        cases, edges = random_cases(kind, count, contact), 1 + (kind == "both")
+        truth, known, _ = approaches(finest, contact, cases, edges)
+        for accuracy in accuracies:
+            found, settled, milliseconds = approaches(contacts.grid_for(accuracy).strips, contact, cases, edges)
+            error = np.abs(found / truth - 1.0)[known & settled]
+            figures = [f"{np.quantile(error, q):.1e}" for q in (0.5, 0.9, 1.0)]
+            table.add_row(kind, f"{accuracy:g}", *figures, f"{np.sum(~settled)} of {count}", f"{milliseconds:.1f}")
+        table.add_row(kind, "truth", "", "", "", f"{np.sum(~known)} of {count}", "", end_section=True)
+    return table
+
+
+def main() -> None:
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 24
+    Console().print(compare(count, [float(a) for a in sys.argv[2:]] or [1e-2, 1e-3, 1e-4, 3e-5]))
+
+
+if __name__ == "__main__":
+    main()
