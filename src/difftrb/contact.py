@@ -90,16 +90,17 @@ def solve_contact(
       method: "strips" are fast and smooth and take one rectangular spall, deeper than the approach, and a crowned
         roller that is not tilted. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion on
         the others: its error falls with the first power of a cell, so `accuracy` only names its size. "auto" takes
-        strips and, where they cannot describe the contact or do not converge, cells; the lattice for height maps.
+        strips; where they do not converge those of the two next finer accuracies (of the finest, of coarser ones);
+        cells where they do not either or cannot describe the contact; the lattice for height maps.
       tilt: of the roller about its middle [rad]: the gap grows by `tilt`·y along it. The approach is the middle's.
         Any size at which the roller still meets the raceway as a line, ± 0.01 or so. Default 0.
 
     A contact of which every `axial_offset` and the tilt are 0, and not being traced, is solved on half the roller.
     Differentiable by every number in `contact`, `spall`, `load`, `offset` and `tilt`, forward and reverse; `jit` and
     `vmap` as you like (`lax.map` is faster for batches on a CPU). With numbers, "auto" compiles what this case needs;
-    inside `jit`, `grad` or `vmap` it compiles all and chooses as it runs. Raises ValueError for an accuracy out of
-    range, a method that cannot take the case, or offsets that are not as many as spalls; SolveError without float64;
-    everything else ends as a status in the result.
+    inside `jit`, `grad` or `vmap` it compiles strips of this accuracy and cells and chooses as it runs. Raises
+    ValueError for an accuracy out of range, a method that cannot take the case, or offsets that are not as many as
+    spalls; SolveError without float64; everything else ends as a status in the result.
     """
     arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
@@ -109,10 +110,12 @@ def solve_contact(
 
     solve = _by if traced else _alone
 
-    def by(method: Method, edges: int) -> tuple[ContactSolution]:
+    def by(method: Method, edges: int, accuracy: float) -> tuple[ContactSolution]:
         return (solve(method, arguments, mirrored, edges, accuracy),)
 
-    return by("strips", 2)[0] if traced and method == "strips" else _first_that_does(method, arguments, by)[0]
+    if traced and method == "strips":
+        return by("strips", 2, accuracy)[0]
+    return _first_that_does(method, arguments, accuracy, by)[0]
 
 
 def on_lattice(
@@ -143,22 +146,32 @@ def approach_and_gradient(
     tilt, each in the form of the input itself (None where that is None, or a tilt of 0). For numbers, not tracers."""
     arguments, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
-    return _first_that_does(method, arguments, lambda way, edges: _slopes(*arguments, mirrored, edges, accuracy, way))
+
+    def by(way: Method, edges: int, accuracy: float) -> tuple[ContactSolution, tuple]:
+        return _slopes(*arguments, mirrored, edges, accuracy, way)
+
+    return _first_that_does(method, arguments, accuracy, by)
 
 
-def _first_that_does(method: Method, arguments: Arguments, by: Callable[[Method, int], tuple]) -> tuple:
-    """What the way named by `method` returns or, for "auto", strips if they do and else cells. For numbers only.
+def _first_that_does(
+    method: Method, arguments: Arguments, accuracy: float, by: Callable[[Method, int, float], tuple]
+) -> tuple:
+    """What the way named by `method` returns or, for "auto", strips if they do, else strips of another fineness, else
+    cells. For numbers only.
 
-    `by` takes a way and how many rolling edges may be in reach of strips, and returns a `ContactSolution` first.
+    `by` takes a way, how many rolling edges may be in reach of strips, and an accuracy; it returns a `ContactSolution`
+    first.
     """
     if method in ("cells", "lattice"):
-        return by(method, 0)
+        return by(method, 0, accuracy)
     edges, suited = _outlook(*arguments[:4])
-    if method == "strips" or suited:
-        result = by("strips", int(edges))
-        if method == "strips" or result[0].status_code == status.CONVERGED:
+    if method == "strips":
+        return by("strips", int(edges), accuracy)
+    for own in (accuracy, *_others(accuracy)) if suited else ():
+        result = by("strips", int(edges), own)
+        if result[0].status_code == status.CONVERGED:
             return result
-    return by("cells", 0)
+    return by("cells", 0, accuracy)
 
 
 # XLA's newer emitters of CPU code take twice as long to compile as the older, for programs no faster here (jax 0.10.1:
@@ -184,10 +197,21 @@ def _by(method: Method, arguments: Arguments, mirrored: bool, edges: int, accura
 
 def grid_for(accuracy: float) -> Grid:
     """The cheapest grid measured to reach a relative `accuracy` of the approach."""
+    return GRIDS[_reached(accuracy)]
+
+
+def _reached(accuracy: float) -> float:
+    """What `grid_for` is known for."""
     enough = [a for a in GRIDS if a <= accuracy * (1.0 + 1e-9)]
     if not enough or not accuracy <= max(GRIDS):
         raise ValueError(f"accuracy = {accuracy!r} is out of range: {min(GRIDS):g} … {max(GRIDS):g}")
-    return GRIDS[max(enough)]
+    return max(enough)
+
+
+def _others(accuracy: float) -> list[float]:
+    """The two next finer accuracies; where there are not two, coarser ones."""
+    own = _reached(accuracy)
+    return ([a for a in GRIDS if a < own] + [a for a in reversed(GRIDS) if a > own])[:2]
 
 
 @jax.jit

@@ -41,7 +41,8 @@ class ContactSolution(status.Judged):
       iterations: applications of the influence matrix, or passes over the strips.
       unknowns: of the solve: cells, or modes of all strips.
       status_code: see `difftrb.status`; `status` is its sentence.
-      accuracy: the relative accuracy of the approach that was asked for.
+      accuracy: the relative accuracy of the approach that it was solved to: what was asked for or, where strips of
+        that did not converge, another.
     """
 
     approach: jax.Array

@@ -94,7 +94,7 @@ def _reach(contact: LineContact, solution: ContactSolution) -> float:
         force, y = 0.5 * np.concatenate([force, force]), np.concatenate([y, -y])
     middle = float(spall.axial_offset) if abs(float(spall.axial_offset)) > 0.5 * float(spall.length) else 0.0
     radius, approach = float(contact.radius), float(solution.approach)
-    edge = np.sqrt(2.0 * radius * approach)
+    edge = np.sqrt(2.0 * radius * max(approach, 0.0))
     for _ in range(30):
         apart = np.hypot(x[None, :] - edge, y[:, None] - middle)
         sunk = float(np.sum(force / apart)) / (np.pi * float(contact.modulus))

@@ -112,6 +112,16 @@ def test_slivers_of_land(contact: trb.LineContact, accuracy: float, median: floa
     assert max(errors) < worst
 
 
+def test_finer_strips_do_where_these_do_not(contact: trb.LineContact) -> None:
+    """A sliver at which strips of 1e-2 do not converge and which cells' domain cuts off, 1.5e-2 off. The approach is by
+    strips of 1e-5."""
+    case = 403.0, trb.Spall(6.3068, 4.0), 1.8794, 1e-2
+    assert not bool(trb.solve_contact(contact, *case, method="strips").converged)
+    found = trb.solve_contact(contact, *case).check()
+    assert found.accuracy < 1e-2
+    assert float(found.approach) == pytest.approx(2.731817e-3, rel=3e-4)
+
+
 def test_strips_know_where_they_end() -> None:
     straight = trb.LineContact(3.623, 13.66, 113794.5, 0.0)
     crowned = trb.LineContact(3.623, 13.66, 113794.5, 3000.0)
