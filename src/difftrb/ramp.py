@@ -2,8 +2,10 @@
 
 At an approach δ the roller carries Q = Qₛ + (Qₕ − Qₛ) W(t): what it would over the middle of the spall, and of what the
 land would carry beyond that the share W. t runs from 0, where the edge enters the contact, to 1, where the roller no
-longer meets the land. W is written (1 − t²)/(1 + t² y), in which y is smooth but for a logarithm at t = 1, where the
-contact left on the land is a narrow line; it hardly changes with load and length, so a small polynomial holds it.
+longer meets the land. W is written (1 − t²)/(1 + t² y), in which y hardly changes with load and length and is smooth
+but at its ends. At t = 1 the contact left on the land is a narrow line, for which y has a logarithm, and a short one,
+for land is highest in the line's middle: its length ends as √(1 − t), for which y has one over that. At t = 0 the edge
+enters the middle of the contact first, for the same reason. A small polynomial and these three hold y.
 Beyond 0 and 1 the roller is healthy or over the middle of the spall, exactly.
 
 Where both edges of a spall narrower than the contact act, W is that of the one edge over which the roller would sink as
@@ -25,10 +27,14 @@ from difftrb import curve, implicit, pit
 from difftrb.curve import Curve
 from difftrb.geometry import Real
 
-DEGREE = 4
-"""Of the polynomial in t in y, beside the term with a logarithm."""
-TERMS = DEGREE + 2
-GUESS = np.array([0.07, 0.0, 0.0, 0.0, 0.0, 0.23])
+DEGREE = 2
+"""Of the polynomial in t in y, beside the terms for its ends."""
+BEND = 1e-3
+"""1 − t at which the term for a short line stops growing."""
+ENTRY = 0.1
+"""t within which the edge has entered all of the contact."""
+TERMS = DEGREE + 4
+GUESS = np.array([0.07] + [0.0] * DEGREE + [0.23, 0.0, 0.0])
 """y of any roller to about 0.2 % of Qₕ: near enough to choose the loads at which contacts are solved."""
 LEAST = 40.0
 """Largest by smallest load between which y changes; below, it is as at the smallest: such loads matter little."""
@@ -211,8 +217,10 @@ def _level(ramp: Ramp, healthy: jax.Array, full: jax.Array, t: jax.Array) -> jax
 
 
 def _terms(t: jax.Array) -> list[jax.Array]:
-    """What y is made of: Chebyshev polynomials and the logarithm."""
-    return [*_chebyshev(2.0 * t - 1.0, DEGREE), -jnp.log(curve.within(1.0 - t, 1e-12, 1.0))]
+    """What y is made of: Chebyshev polynomials, a narrow line, a short one, and the edge's entry."""
+    left = 1.0 - t
+    narrow, short = -jnp.log(curve.within(left, 1e-12, 1.0)), jax.lax.rsqrt(left + BEND)
+    return [*_chebyshev(2.0 * t - 1.0, DEGREE), narrow, short, 1.0 / (1.0 + (t / ENTRY) ** 2)]
 
 
 def _chebyshev(x: jax.Array, degree: int) -> list[jax.Array]:
