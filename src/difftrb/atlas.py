@@ -41,7 +41,7 @@ class Atlas:
       lengths: of spalls [mm], Chebyshev–Lobatto in `spread`, the first 0, shape (lengths,).
       full, full_slopes: approaches over a spall's middle, shape (lengths, loads), (lengths, loads, inputs).
       sunk: see `Ramp`, shape (lengths, coefficients).
-      edge_lengths: of spalls whose edges were solved [mm], shape (edge lengths,).
+      edge_lengths: logarithms of spalls' lengths [log mm], shape (edge lengths,).
       share, share_slopes: see `Ramp`, shape (edge lengths, powers, terms), and by the inputs, (…, inputs).
       error: largest error of a load against contact solves at random points that the table was not built from,
         relative to what a healthy roller carries at the same approach.
@@ -184,9 +184,9 @@ def ramp_of(atlas: Atlas, contact: LineContact, spall: Spall) -> Ramp:
     at = curve.weights(spread(atlas.lengths, solved, top), spread(length, solved, top))
     fulls = _fulls(atlas, contact, spall, change)
     full = Curve(fulls.coefficients @ at, at @ fulls.middle, at @ fulls.reach, direct.shift_over(contact, spall))
-    longer = jnp.maximum(length, atlas.edge_lengths[0])
+    longer = jnp.log(jnp.maximum(length, jnp.exp(atlas.edge_lengths[0])))
     share = atlas.share + atlas.share_slopes @ change
-    at_edge = curve.weights(spread(atlas.edge_lengths, solved, top), spread(longer, solved, top))
+    at_edge = curve.weights(atlas.edge_lengths, longer)
     return _healthy(atlas, contact, change).beside(
         jnp.zeros(()), full, at @ atlas.sunk, jnp.tensordot(at_edge, share, 1)
     )

@@ -127,8 +127,10 @@ def atlas(
     Needs numbers, not tracers.
     """
     loads = direct.log_loads(top)
-    lengths = _lengths(contact, top, LENGTHS, 0.0)
-    places = np.asarray(spread(jnp.asarray(lengths), contact, top))
+    longest = LENGTH_SHARE * float(contact.length)
+    ends = (float(spread(length, contact, top)) for length in (0.0, longest))
+    places = np.asarray(curve.chebyshev(LENGTHS, *ends))
+    lengths = np.maximum(places**2 - float(shortest(contact, top)), 0.0)
     like = direct.wide(Spall(0.0, 0.0, depth, axial_offset=axial_offset))
     shapes = [dataclasses.replace(like, length=float(length)) for length in lengths[1:]]
     levels = direct.solved_levels(contact, shapes, loads, accuracy, progress)
@@ -143,7 +145,7 @@ def atlas(
         full=_values(levels),
         full_slopes=_slopes(levels),
         sunk=jnp.asarray(np.concatenate([_at_zero(places, below)[None], below])),
-        edge_lengths=jnp.asarray(_lengths(contact, top, EDGE_LENGTHS, SHORTEST)),
+        edge_lengths=curve.chebyshev(EDGE_LENGTHS, np.log(SHORTEST * longest), np.log(longest)),
         share=jnp.broadcast_to(ramp.guess(DEGREE), (EDGE_LENGTHS, DEGREE + 1, ramp.TERMS)),
         share_slopes=jnp.zeros((EDGE_LENGTHS, DEGREE + 1, ramp.TERMS, nodes.INPUTS)),
         error=np.nan,
@@ -151,13 +153,6 @@ def atlas(
     )
     built = _with_edges(contact, built, like, accuracy, progress)
     return dataclasses.replace(built, error=_error(contact, built, like, accuracy, progress))
-
-
-def _lengths(contact: LineContact, top: float, count: int, first: float) -> np.ndarray:
-    """Of spalls [mm] to solve, from `first`, a share of the longest, to the longest."""
-    longest = LENGTH_SHARE * float(contact.length)
-    ends = (float(spread(length, contact, top)) for length in (first * longest, longest))
-    return np.maximum(np.asarray(curve.chebyshev(count, *ends)) ** 2 - float(shortest(contact, top)), 0.0)
 
 
 def _at_zero(places: np.ndarray, below: np.ndarray) -> np.ndarray:
@@ -178,7 +173,7 @@ def _slopes(levels: list[list[Node]]) -> jax.Array:
 
 def _with_edges(contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None) -> Atlas:
     """The atlas with its ramps fitted to contact solves."""
-    lengths = built.edge_lengths
+    lengths = np.exp(built.edge_lengths)
     loads, edges = map(np.array, zip(*[_aims(built, contact, length) for length in lengths], strict=True))
     width = 4.0 * float(edges.max())
     cases = [
