@@ -171,7 +171,7 @@ def _first_that_does(
         result = by("strips", int(edges), own)
         if result[0].status_code == status.CONVERGED:
             return result
-        if result[0].status_code == status.UNSUITED:  # nor are finer ones
+        if result[0].status_code != status.NOT_CONVERGED:  # finer ones say the same
             break
     return by("cells", 0, accuracy)
 

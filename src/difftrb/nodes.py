@@ -94,7 +94,9 @@ def _reach(contact: LineContact, solution: ContactSolution) -> float:
         force, y = 0.5 * np.concatenate([force, force]), np.concatenate([y, -y])
     middle = float(spall.axial_offset) if abs(float(spall.axial_offset)) > 0.5 * float(spall.length) else 0.0
     radius, approach = float(contact.radius), float(solution.approach)
-    edge = np.sqrt(2.0 * radius * max(approach, 0.0))
+    if approach <= 0.0:  # no solution, as its status says
+        return 0.0
+    edge = np.sqrt(2.0 * radius * approach)
     for _ in range(30):
         apart = np.hypot(x[None, :] - edge, y[:, None] - middle)
         sunk = float(np.sum(force / apart)) / (np.pi * float(contact.modulus))
