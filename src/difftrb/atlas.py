@@ -1,8 +1,8 @@
 """The smooth roller law as it is read: curves over load and spall length, and the ramps of spalls' edges.
 
 Between lengths the coefficients of curves through contact solves are interpolated. Beside the middle of a spall a
-roller carries what `ramp` says, with a share of the land's load fitted to solves at several lengths, loads and places
-of the edge. `table` builds it.
+roller carries what `ramp` says, with a share of the land's load fitted to solves at several lengths, approaches and
+places of the edge. `table` builds it.
 """
 
 from __future__ import annotations

@@ -24,8 +24,6 @@ LEAST, MOST = 1e-3, 1e-1
 """What can be asked of "auto": below, contact solves at 1e-4 are not known to suffice; above, why ask."""
 LADDER = (1e-2, 1e-3, 1e-4)
 """Accuracies of the contact solves of `direct`, the cheapest first."""
-CONTACTS = {"power": laws.CONTACTS, "table": table.CONTACTS}
-"""Contact solves of a law that many scenes can share."""
 Made = tuple[str, float]
 """A law's name and its contacts' accuracy."""
 SOFT: tuple[Made, ...] = (("table", 1e-3), ("table", 1e-4))
@@ -147,7 +145,7 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
         finer = None
         if number + 1 < len(among):
             following, its = among[number + 1]
-            finer = Finer(following, its, CONTACTS[following] * min(seconds for *_, seconds in exact))
+            finer = Finer(following, its, _contacts(following, its) * min(seconds for *_, seconds in exact))
         picked = Picked(law, accuracy, asked, max(errors, key=_size, default=math.nan), finer)
         made = _told(made, picked)
         if best is None or _size(picked.error) < _size(cast(Picked, best.picked).error):
@@ -155,6 +153,11 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
         if picked.error <= picked.asked:
             return made
     return cast(Scene, best)
+
+
+def _contacts(law: str, accuracy: float) -> int:
+    """Contact solves of a law that many scenes can share."""
+    return laws.CONTACTS if law == "power" else table.contacts(accuracy)
 
 
 def _error(made: Scene, scene: Scene, truth: Scene) -> float:

@@ -36,8 +36,9 @@ ENTRY = 0.1
 TERMS = DEGREE + 4
 GUESS = np.array([0.07] + [0.0] * DEGREE + [0.23, 0.0, 0.0])
 """y of any roller to about 0.2 % of Qₕ: near enough to choose the loads at which contacts are solved."""
-LEAST = 40.0
-"""Largest by smallest load between which y changes; below, it is as at the smallest: such loads matter little."""
+LEAST = 12.0
+"""Largest by smallest load of a healthy roller between which y changes; below, it is as at the smallest: such rollers
+matter little. By its own load a roller is the worse told, of which long spalls leave a tenth."""
 LAST = 0.985
 """t beyond which a share is too small to be told from the error of a contact solve."""
 RIDGE = 5e-4
@@ -83,7 +84,7 @@ class Ramp:
         carry, coefficients of its logarithm [log mm/N], shape (m, …). Both in powers of log Q, brought to −1…1.
       loads: middle and reach of that log Q [log N], shape (2,).
       radius: of the contact [mm].
-      share: y's coefficients: Chebyshev polynomials of log Q, as guessed, by terms of t; shape (k, TERMS, …).
+      share: y's coefficients: Chebyshev polynomials of log Qₕ by terms of t; shape (k, TERMS, …).
       pit: what is to be known besides where the spall's other edge may be in reach, too; None: it is not.
     """
 
@@ -130,7 +131,7 @@ def load(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
 def _load(ramp: Ramp, approach: jax.Array) -> jax.Array:
     healthy, full, low, high = between(ramp, approach)
     t = place(ramp.edge if ramp.pit is None else _worth(ramp, ramp.pit, approach, low, high), low, high)
-    levels = _chebyshev(_level(ramp, healthy, full, t), ramp.share.shape[0] - 1)
+    levels = _chebyshev(_level(ramp, healthy), ramp.share.shape[0] - 1)
     return full + (healthy - full) * _left(t, [_combined(ramp.share[:, k], levels) for k in range(TERMS)])
 
 
@@ -209,11 +210,10 @@ def _of_load(ramp: Ramp, load: jax.Array) -> jax.Array:
     return (jnp.log(curve.within(load, least, jnp.inf)) - ramp.loads[0]) / ramp.loads[1]
 
 
-def _level(ramp: Ramp, healthy: jax.Array, full: jax.Array, t: jax.Array) -> jax.Array:
-    """log Q as guessed, brought to −1…1."""
+def _level(ramp: Ramp, healthy: jax.Array) -> jax.Array:
+    """log Qₕ, brought to −1…1."""
     top = jnp.exp(jnp.sum(ramp.loads))
-    load = curve.within(guessed(healthy, full, t), top / LEAST, top)
-    return 1.0 + 2.0 * jnp.log(load / top) / np.log(LEAST)
+    return 1.0 + 2.0 * jnp.log(curve.within(healthy, top / LEAST, top) / top) / np.log(LEAST)
 
 
 def _terms(t: jax.Array) -> list[jax.Array]:
@@ -235,7 +235,7 @@ def fitted(ramp: Ramp, approach: jax.Array, load: jax.Array, by_edge: jax.Array,
 
     Args:
       approach [mm], load [N]: of the solves, shape (n,). by_edge: dQ/d(edge) at fixed approach [N/mm], shape (n,).
-      degree: of y in log Q.
+      degree: of y in log Qₕ.
 
     Solves that stand out count less.
     """
@@ -303,7 +303,7 @@ class _Seen(NamedTuple):
 def _seen(ramp: Ramp, approach: jax.Array, load: jax.Array) -> _Seen:
     healthy, full, low, high = between(ramp, approach)
     t, loss = place(ramp.edge, low, high), healthy - full
-    return _Seen(t, (load - full) / loss, healthy, loss, high - low, _level(ramp, healthy, full, t))
+    return _Seen(t, (load - full) / loss, healthy, loss, high - low, _level(ramp, healthy))
 
 
 def _equations(seen: _Seen, degree: int) -> tuple[jax.Array, jax.Array, jax.Array]:

@@ -1,15 +1,15 @@
 """The smooth roller law as it is built and kept: contact solves over load and spall length, and at spalls' edges.
 
 Healthy, and over the middle of spalls of several lengths, contacts are solved at the same loads for `atlas`'s curves to
-go through; ramps are fitted to solves at several lengths, loads and places of the edge. The error is measured at random
-contacts that it was not built from.
+go through; ramps are fitted to solves at several lengths, approaches and places of the edge. The error is measured at
+random contacts that it was not built from.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,11 +23,23 @@ from difftrb.nodes import Case, Node, Progress
 from difftrb.ramp import Ramp
 
 LENGTHS = 13
-EDGE_LENGTHS = 6
-EDGE_LOADS = 4
-EDGE_PLACES = 8
-DEGREE = 3
-"""Of a ramp's share in log Q."""
+
+
+class EdgeNodes(NamedTuple):
+    """How many lengths, approaches and places of the edge ramps are fitted to."""
+
+    lengths: int
+    approaches: int
+    places: int
+
+
+EDGE_NODES = EdgeNodes(6, 4, 8)
+FINER_NODES = EdgeNodes(8, 5, 10)
+FINER_FROM = 1.5e-4
+"""Accuracy from which on contacts are exact enough for these to tell more."""
+LIGHTEST = 0.08
+"""Least load of a solve at an edge, by what the roller carries on a healthy raceway: lighter ones tell nothing, and
+over long spalls there is none."""
 SHORTEST = 0.04
 """Shortest spall whose edges are solved, as a share of the longest; shorter ones have its share."""
 BESIDE = 1.03
@@ -36,14 +48,23 @@ SURELY = 1.2
 """By what squares of half-widths have to differ for a spall to be wide without asking."""
 CHECKS = 24
 NARROW_CHECKS = 16
-CONTACTS = LENGTHS * direct.LOADS + EDGE_LENGTHS * EDGE_LOADS * (EDGE_PLACES + 2) + CHECKS
-"""Contact solves of one table."""
 MAKERS = (
     "atlas", "contact", "contact_solution", "curve", "direct", "domain", "edges", "gap", "geometry", "given",
     "halfspace", "hertz", "implicit", "law", "nodes", "pit", "press", "ramp", "rows", "special", "strip_model",
     "strips", "table", "waves",
 )  # fmt: skip
 """Modules that a table is made by: a change in one makes another table."""
+
+
+def edge_nodes(accuracy: float) -> EdgeNodes:
+    """Of a table with contacts of this accuracy."""
+    return FINER_NODES if accuracy <= FINER_FROM else EDGE_NODES
+
+
+def contacts(accuracy: float) -> int:
+    """Contact solves of one table."""
+    of = edge_nodes(accuracy)
+    return LENGTHS * direct.LOADS + of.lengths * of.approaches * (of.places + 2) + CHECKS
 
 
 def table_law(
@@ -134,6 +155,7 @@ def atlas(
     like = direct.wide(Spall(0.0, 0.0, depth, axial_offset=axial_offset))
     shapes = [dataclasses.replace(like, length=float(length)) for length in lengths[1:]]
     levels = direct.solved_levels(contact, shapes, loads, accuracy, progress)
+    of = edge_nodes(accuracy)
     below = np.stack([direct.sunk(contact, level, loads) for level in levels[1:]])
     built = Atlas(
         given=nodes.inputs(contact, dataclasses.replace(like, width=0.0), 0.0),
@@ -145,9 +167,9 @@ def atlas(
         full=_values(levels),
         full_slopes=_slopes(levels),
         sunk=jnp.asarray(np.concatenate([_at_zero(places, below)[None], below])),
-        edge_lengths=curve.chebyshev(EDGE_LENGTHS, np.log(SHORTEST * longest), np.log(longest)),
-        share=jnp.broadcast_to(ramp.guess(DEGREE), (EDGE_LENGTHS, DEGREE + 1, ramp.TERMS)),
-        share_slopes=jnp.zeros((EDGE_LENGTHS, DEGREE + 1, ramp.TERMS, nodes.INPUTS)),
+        edge_lengths=curve.chebyshev(of.lengths, np.log(SHORTEST * longest), np.log(longest)),
+        share=jnp.broadcast_to(ramp.guess(of.approaches - 1), (of.lengths, of.approaches, ramp.TERMS)),
+        share_slopes=jnp.zeros((of.lengths, of.approaches, ramp.TERMS, nodes.INPUTS)),
         error=np.nan,
         status_code=nodes.worst_status([node for level in levels for node in level]),
     )
@@ -173,8 +195,8 @@ def _slopes(levels: list[list[Node]]) -> jax.Array:
 
 def _with_edges(contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None) -> Atlas:
     """The atlas with its ramps fitted to contact solves."""
-    lengths = np.exp(built.edge_lengths)
-    loads, edges = map(np.array, zip(*[_aims(built, contact, length) for length in lengths], strict=True))
+    lengths, of = np.exp(built.edge_lengths), edge_nodes(accuracy)
+    loads, edges = map(np.array, zip(*[_aims(built, contact, length, of) for length in lengths], strict=True))
     width = 4.0 * float(edges.max())
     cases = [
         Case(float(q), dataclasses.replace(like, length=float(length), width=width), 0.5 * width - float(edge))
@@ -195,31 +217,24 @@ def _with_edges(contact: LineContact, built: Atlas, like: Spall, accuracy: float
     return dataclasses.replace(built, share=jnp.stack(shares), share_slopes=jnp.stack(by_inputs), status_code=code)
 
 
-@jax.jit
-def _aims(built: Atlas, contact: LineContact, length: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Loads [N] and places of the edge [mm] at which the ramp of spalls of this length is solved, shape (loads,
-    places): the first and the last place lie just beyond the ramp, the others at the same t for all loads, nearly."""
+@partial(jax.jit, static_argnums=3)
+def _aims(built: Atlas, contact: LineContact, length: jax.Array, of: EdgeNodes) -> tuple[jax.Array, jax.Array]:
+    """Loads [N] and places of the edge [mm] at which the ramp of spalls of this length is solved, shape (approaches,
+    places + 2), at nearly the same approaches and the same t: the first and the last place lie just beyond the ramp."""
     beside = _plain(built, contact, length)
-    spread = 0.5 * ramp.LAST * (1.0 - np.cos(np.pi * (np.arange(EDGE_PLACES) + 0.5) / EDGE_PLACES))
+    t = jnp.asarray(0.5 * ramp.LAST * (1.0 - np.cos(np.pi * (np.arange(of.places) + 0.5) / of.places)))
 
     def at(load: jax.Array) -> tuple[jax.Array, jax.Array]:
-        ends = curve.approach(beside.healthy, load), curve.approach(beside.full, load)
-
-        def edge(t: jax.Array) -> jax.Array:
-            def halve(_: int, ends: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-                middle = jnp.sqrt(ends[0] * ends[1])
-                more = ramp.guessed(*ramp.between(beside, middle)[:2], t) > load
-                return jnp.where(more, ends[0], middle), jnp.where(more, middle, ends[1])
-
-            low, high = ramp.extent(beside, jax.lax.fori_loop(0, 40, halve, ends)[0])
-            return low + (high - low) * t
-
-        (low, _), (_, high) = (ramp.extent(beside, end) for end in ends)
-        places = jnp.concatenate([BESIDE * low[None], jax.vmap(edge)(jnp.asarray(spread)), BESIDE * high[None]])
-        return jnp.broadcast_to(load, places.shape), places
+        healthy, full, low, high = ramp.between(beside, curve.approach(beside.healthy, load))
+        least = LIGHTEST * healthy
+        last = jnp.maximum(full, least)
+        _, end = ramp.extent(beside, curve.approach(beside.full, last))
+        loads = jnp.maximum(ramp.guessed(healthy, full, t), least)
+        places = [BESIDE * low[None], low + (high - low) * t, BESIDE * end[None]]
+        return jnp.concatenate([healthy[None], loads, last[None]]), jnp.concatenate(places)
 
     top = built.log_loads[-1]
-    return jax.vmap(at)(jnp.exp(curve.chebyshev(EDGE_LOADS, top - np.log(ramp.LEAST), top)))
+    return jax.vmap(at)(jnp.exp(curve.chebyshev(of.approaches, top - np.log(ramp.LEAST), top)))
 
 
 @jax.jit
@@ -231,13 +246,13 @@ def _fit(
     beside = _plain(built, contact, length)
     # the levels that edges join, as these solves have them and as the curves do
     first = curve.approach(beside.healthy, loads[:, :1]) / approaches[:, :1]
-    last = curve.approach(beside.full, loads[:, :1]) / approaches[:, -1:]
-    way = (approaches - approaches[:, :1]) / (approaches[:, -1:] - approaches[:, :1])
+    last = curve.approach(beside.full, loads[:, -1:]) / approaches[:, -1:]
+    way = (loads - loads[:, :1]) / (loads[:, -1:] - loads[:, :1])
     approaches = approaches * (first * (1.0 - way) + last * way)
     load, edge, approach, by_edge = (field[:, 1:-1].ravel() for field in (loads, edges, approaches, by_edge))
     carried = slopes[:, 1:-1].reshape(-1, nodes.INPUTS)
-    at = dataclasses.replace(beside, edge=edge)
-    share = ramp.fitted(at, approach, load, by_edge, DEGREE)
+    at, degree = dataclasses.replace(beside, edge=edge), loads.shape[0] - 1
+    share = ramp.fitted(at, approach, load, by_edge, degree)
 
     def off(change: jax.Array) -> jax.Array:
         now = built.given + change
@@ -246,7 +261,7 @@ def _fit(
         )
         return ramp.residual(dataclasses.replace(here, share=share), approach + carried @ change, load)
 
-    matrix = ramp.equations(at, approach, load, DEGREE)
+    matrix = ramp.equations(at, approach, load, degree)
     return share, ramp.least_squares(matrix, -jax.jacfwd(off)(jnp.zeros(nodes.INPUTS))).reshape(*share.shape, -1)
 
 
@@ -256,18 +271,17 @@ def _plain(built: Atlas, contact: LineContact, length: jax.Array) -> Ramp:
 
 
 @jax.jit
-def _extent(built: Atlas, contact: LineContact, length: jax.Array, load: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Where the ramp begins and ends [mm] for a roller that carries `load` [N] over the middle of the spall."""
+def _between(built: Atlas, contact: LineContact, length: jax.Array, load: jax.Array) -> tuple[jax.Array, ...]:
+    """`ramp.between` at the approach of a roller that carries `load` [N] on a healthy raceway."""
     beside = _plain(built, contact, length)
-    return ramp.extent(beside, curve.approach(beside.full, load))
+    return ramp.between(beside, curve.approach(beside.healthy, load))
 
 
-def _drawn(rng: np.random.Generator, contact: LineContact, built: Atlas) -> tuple[float, float, float, float]:
-    """A random length of spall [mm] and load [N], and where the ramp begins and ends there [mm]."""
+def _drawn(rng: np.random.Generator, contact: LineContact, built: Atlas) -> tuple[float, ...]:
+    """A random length of spall [mm] and, at a random approach, what `ramp.between` returns."""
     length = float(built.lengths[-1]) * rng.uniform(0.05, 1.0)
     load = float(np.exp(float(built.log_loads[-1]) - rng.uniform(0.0, np.log(30.0))))
-    low, high = map(float, _extent(built, contact, length, load))
-    return length, load, low, high
+    return length, *map(float, _between(built, contact, length, load))
 
 
 def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None) -> float:
@@ -275,9 +289,11 @@ def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, pro
     rng = np.random.default_rng(0)
     cases = []
     for k in range(CHECKS):
-        length, load, low, high = _drawn(rng, contact, built)
+        length, healthy, full, low, high = _drawn(rng, contact, built)
+        t = rng.uniform() if k % 2 else 1.0
+        load = max(float(ramp.guessed(*map(jnp.asarray, (healthy, full, t)))), LIGHTEST * healthy)
         shape = dataclasses.replace(like, length=length, width=4.0 * high)
-        cases.append(Case(load, shape, 2.0 * high - rng.uniform(low, high) if k % 2 else 0.0))
+        cases.append(Case(load, shape, 2.0 * high - (low + (high - low) * t) if k % 2 else 0.0))
     return _worst(TableLaw(contact, (built,), (0,)), cases, nodes.all_solved(contact, cases, accuracy, progress))
 
 
@@ -288,7 +304,7 @@ def _narrow_error(
     rng = np.random.default_rng(1)
     cases = []
     for _ in range(NARROW_CHECKS):
-        length, load, low, high = _drawn(rng, contact, built)
+        length, load, _, low, high = _drawn(rng, contact, built)
         shape = dataclasses.replace(like, length=length, width=2.0 * high * rng.uniform(0.05, 1.0))
         cases.append(Case(load, shape, -low * rng.uniform(0.0, 1.0)))
     law = TableLaw(contact, (built,), (0,), 0.0)
