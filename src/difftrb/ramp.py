@@ -36,7 +36,7 @@ ENTRY = 0.1
 TERMS = DEGREE + 4
 GUESS = np.array([0.07] + [0.0] * DEGREE + [0.23, 0.0, 0.0])
 """y of any roller to about 0.2 % of Qₕ: near enough to choose the loads at which contacts are solved."""
-LEAST = 12.0
+LEAST = 16.0
 """Largest by smallest load of a healthy roller between which y changes; below, it is as at the smallest: such rollers
 matter little. By its own load a roller is the worse told, of which long spalls leave a tenth."""
 LAST = 0.985
