@@ -17,6 +17,7 @@ import numpy as np
 
 from difftrb import curve, direct, nodes, ramp, status, store
 from difftrb.atlas import Atlas, TableLaw, ramp_of, shortest, spread
+from difftrb.contact import GRIDS
 from difftrb.geometry import LineContact, Spall, as_floats
 from difftrb.law import LENGTH_SHARE, load_over
 from difftrb.nodes import Case, Node, Progress
@@ -26,17 +27,19 @@ LENGTHS = 13
 
 
 class EdgeNodes(NamedTuple):
-    """How many lengths, approaches and places of the edge ramps are fitted to."""
+    """How many lengths, approaches and places of the edge ramps are fitted to, and the accuracy of contacts there by
+    that of the others."""
 
     lengths: int
     approaches: int
     places: int
+    finer: float
 
 
-EDGE_NODES = EdgeNodes(6, 4, 8)
-FINER_NODES = EdgeNodes(8, 5, 10)
+EDGE_NODES = EdgeNodes(6, 4, 8, 1.0)
+FINER_NODES = EdgeNodes(8, 5, 10, 0.3)
 FINER_FROM = 1.5e-4
-"""Accuracy from which on contacts are exact enough for these to tell more."""
+"""Accuracy from which on these tell more. With contacts as exact as the others long spalls are told half as well."""
 LIGHTEST = 0.08
 """Least load of a solve at an edge, by what the roller carries on a healthy raceway: lighter ones tell nothing, and
 over long spalls there is none."""
@@ -203,7 +206,7 @@ def _with_edges(contact: LineContact, built: Atlas, like: Spall, accuracy: float
         for length, *aims in zip(lengths, loads, edges, strict=True)
         for q, edge in zip(*map(np.ravel, aims), strict=True)
     ]
-    solved = nodes.all_solved(contact, cases, accuracy, progress)
+    solved = nodes.all_solved(contact, cases, max(of.finer * accuracy, min(GRIDS)), progress)
     approaches, compliances = (
         np.array([getattr(node, name) for node in solved]).reshape(loads.shape) for name in ("approach", "compliance")
     )

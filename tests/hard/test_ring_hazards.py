@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import balance, geometry, ring, status
+from difftrb import balance, direct, geometry, ring, status
 
 
 def test_random_rings_all_come_to_rest(bearing) -> None:
@@ -159,6 +159,12 @@ def test_phase_on_a_window_edge(bearing) -> None:
     )
     assert inside < outside
     assert at in (pytest.approx(inside, rel=1e-6), pytest.approx(outside, rel=1e-6))
+
+
+def test_ramps_of_contacts_without_a_solution_are_nan() -> None:
+    """And nothing else warns of it: the law's status says it."""
+    loads = direct.log_loads(1000.0)
+    assert np.isnan(direct.extents(loads, np.where(np.arange(loads.size) == 3, -1.0, 0.1))).all()
 
 
 def test_spalls_on_other_surfaces_are_refused_by_the_plain_ring(bearing) -> None:
