@@ -37,6 +37,32 @@ def test_table_is_the_closed_form(law, length: float) -> None:
     assert float(law.error) < 1e-3
 
 
+class Asked(Exception):
+    """Carries how many contacts a table wanted solved, and how exactly."""
+
+
+@pytest.mark.parametrize(("accuracy", "solves", "at"), [(1e-3, 240, 1e-3), (1e-4, 480, 3e-5), (1e-5, 480, 1e-5)])
+def test_exact_tables_solve_more_and_more_exact_edges(law, monkeypatch, accuracy, solves, at) -> None:
+    """But none more exact than there is a grid for; and it is known beforehand how many contacts a table takes."""
+
+    def all_solved(contact, cases, accuracy, progress):
+        raise Asked(len(cases), accuracy)
+
+    monkeypatch.setattr(nodes, "all_solved", all_solved)
+    atlas, of = law.atlases[0], table.edge_nodes(accuracy)
+    built = dataclasses.replace(
+        atlas,
+        edge_lengths=jnp.linspace(atlas.edge_lengths[0], atlas.edge_lengths[-1], of.lengths),
+        share=jnp.broadcast_to(atlas.share[0], (of.lengths, *atlas.share.shape[1:])),
+        share_slopes=jnp.broadcast_to(atlas.share_slopes[0], (of.lengths, *atlas.share_slopes.shape[1:])),
+    )
+    with pytest.raises(Asked) as asked:
+        table._with_edges(law.contact, built, trb.Spall(0.0, 0.0), accuracy, None)
+    assert asked.value.args == (solves, pytest.approx(at))
+    others = table.LENGTHS * law.atlases[0].log_loads.size + table.CHECKS
+    assert table.contacts(accuracy) == solves + others
+
+
 def test_out_of_reach_is_exactly_healthy_or_exactly_over_the_middle(law) -> None:
     """At the solver's own loads, where nothing is interpolated but in length."""
     spall = trb.Spall(float(law.atlases[0].lengths[4]), 7.0)
