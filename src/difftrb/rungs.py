@@ -121,7 +121,7 @@ def judged(rows: Sequence[Row]) -> list[Row]:
 
     The finest row's error is its difference from the second finest, and nothing is extrapolated: contacts ten times as
     exact, from 1e-2 to 1e-5, bring stiffness and peak load of a ring closer in no clean order. Of 54 such steps on nine
-    random scenes 22 turned round, and 8 were larger than the step before; the median is a tenth of it
+    random scenes 20 turned round, and 8 were larger than the step before; the median is a tenth of it
     (experiments/accuracy_promise.py --order measures others).
     """
     result = []

@@ -84,7 +84,7 @@ def table_law(
       largest: estimate of the largest roller load [N]. Tables reach 1.3 times it or more: the design load halved or
         doubled so often, so that neighbouring scenes share one.
       spalls: of each, depth and axial offset are tabulated.
-      accuracy: relative accuracy of every contact solve, 1e-2…1e-5.
+      accuracy: relative accuracy of contact solves, 1e-2…1e-5; from `FINER_FROM` on those at edges are more exact.
       progress: told how many of how many solves are done, in each of three rounds.
     """
     contact = as_floats(contact)
@@ -145,7 +145,7 @@ def atlas(
 
     Args:
       contact: from `LineContact.of`. top: the largest load of the table [N]; it begins at a three-hundredth.
-      accuracy: relative accuracy of every contact solve, 1e-2…1e-5.
+      accuracy: relative accuracy of contact solves, 1e-2…1e-5; from `FINER_FROM` on those at edges are more exact.
       progress: told how many of how many solves are done, in each of three rounds.
 
     Needs numbers, not tracers.
