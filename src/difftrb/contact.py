@@ -169,9 +169,10 @@ def _first_that_does(
         return by("strips", int(edges), accuracy)
     for own in (accuracy, *_others(accuracy)) if suited else ():
         result = by("strips", int(edges), own)
-        if result[0].status_code == status.CONVERGED:
+        code = int(result[0].status_code)
+        if code == status.CONVERGED:
             return result
-        if result[0].status_code != status.NOT_CONVERGED:  # finer ones say the same
+        if code != status.NOT_CONVERGED:  # finer ones say the same
             break
     return by("cells", 0, accuracy)
 

