@@ -17,7 +17,6 @@ import numpy as np
 
 from difftrb import curve, direct, nodes, ramp, status, store
 from difftrb.atlas import Atlas, TableLaw, ramp_of, shortest, spread
-from difftrb.contact import GRIDS
 from difftrb.geometry import LineContact, Spall, as_floats
 from difftrb.law import LENGTH_SHARE, load_over
 from difftrb.nodes import Case, Node, Progress
@@ -27,19 +26,16 @@ LENGTHS = 13
 
 
 class EdgeNodes(NamedTuple):
-    """How many lengths, approaches and places of the edge ramps are fitted to, and the accuracy of contacts there by
-    that of the others."""
+    """How many lengths, approaches and places of the edge ramps are fitted to."""
 
     lengths: int
     approaches: int
     places: int
-    finer: float
 
 
-EDGE_NODES = EdgeNodes(6, 4, 8, 1.0)
-FINER_NODES = EdgeNodes(8, 5, 10, 0.3)
-FINER_FROM = 1.5e-4
-"""Accuracy from which on these tell more. With contacts as exact as the others long spalls are told half as well."""
+EDGE_NODES = EdgeNodes(6, 4, 8)
+FINER_NODES = EdgeNodes(8, 5, 10)
+"""For `direct.FINER_FROM` on."""
 LIGHTEST = 0.08
 """Least load of a solve at an edge, by what the roller carries on a healthy raceway: lighter ones tell nothing, and
 over long spalls there is none."""
@@ -61,7 +57,7 @@ MAKERS = (
 
 def edge_nodes(accuracy: float) -> EdgeNodes:
     """Of a table with contacts of this accuracy."""
-    return FINER_NODES if accuracy <= FINER_FROM else EDGE_NODES
+    return FINER_NODES if accuracy <= direct.FINER_FROM else EDGE_NODES
 
 
 def contacts(accuracy: float) -> int:
@@ -84,7 +80,7 @@ def table_law(
       largest: estimate of the largest roller load [N]. Tables reach 1.3 times it or more: the design load halved or
         doubled so often, so that neighbouring scenes share one.
       spalls: of each, depth and axial offset are tabulated.
-      accuracy: relative accuracy of contact solves, 1e-2…1e-5; from `FINER_FROM` on those at edges are more exact.
+      accuracy: relative accuracy of contact solves, 1e-2…1e-5; see `direct.accuracy_at_edges`.
       progress: told how many of how many solves are done, in each of three rounds.
     """
     contact = as_floats(contact)
@@ -145,7 +141,7 @@ def atlas(
 
     Args:
       contact: from `LineContact.of`. top: the largest load of the table [N]; it begins at a three-hundredth.
-      accuracy: relative accuracy of contact solves, 1e-2…1e-5; from `FINER_FROM` on those at edges are more exact.
+      accuracy: relative accuracy of contact solves, 1e-2…1e-5; see `direct.accuracy_at_edges`.
       progress: told how many of how many solves are done, in each of three rounds.
 
     Needs numbers, not tracers.
@@ -206,7 +202,7 @@ def _with_edges(contact: LineContact, built: Atlas, like: Spall, accuracy: float
         for length, *aims in zip(lengths, loads, edges, strict=True)
         for q, edge in zip(*map(np.ravel, aims), strict=True)
     ]
-    solved = nodes.all_solved(contact, cases, max(of.finer * accuracy, min(GRIDS)), progress)
+    solved = nodes.all_solved(contact, cases, direct.accuracy_at_edges(accuracy), progress)
     approaches, compliances = (
         np.array([getattr(node, name) for node in solved]).reshape(loads.shape) for name in ("approach", "compliance")
     )
