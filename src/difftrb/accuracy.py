@@ -19,15 +19,16 @@ import jax
 
 from difftrb import clock, devices, rung_times
 from difftrb.nodes import Progress
-from difftrb.rungs import ALWAYS, RUNGS, Kind, Row, Rung, finer, finest, judged, recommended
+from difftrb.rungs import ALWAYS, RUNGS, Kind, Row, Rung, Step, finer, finest, judged, recommended, steps
 from difftrb.scene import Scene
 from difftrb.scenefile import SceneError, SceneFile
 from difftrb.status import SolveError
 
 BATCH = 256
-LIMIT = 50.0
-"""Seconds after which no further rung is begun, unless all are asked for: the last one begun takes its time."""
-NO_TIME = "no time left after {:g} s; compiled programs are kept, so a second run gets further; --full measures all"
+LIMIT = 55.0
+"""Seconds within which all is to be done, unless all rungs are asked for; starting and drawing take the others of a
+minute."""
+NO_TIME = "no time left within {:g} s; compiled programs are kept, so a second run gets further; --full measures all"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Measured:
     """All rungs of a scene.
 
     Attributes:
-      rows: in the order of `RUNGS`. left_out: names of rungs that were not measured, and why.
+      rows: in the order in which they were measured. left_out: names of rungs that were not measured, and why.
       asked: accuracy of stiffness that `recommended` meets: the cheapest such rung, None if none does.
       finer: the cheapest law with at most half its error, None if there is none.
       yardstick: seconds of a fixed piece of work, see `clock.yardstick`; seconds by this compare across machines.
@@ -92,7 +93,8 @@ def measure(
       file: the scene, from `scenefile.read`; `path` names it in sentences.
       rungs: which; `FULL` has those that take minutes, too.
       asked: relative accuracy of stiffness to recommend a rung for; default `contact.accuracy`.
-      limit: seconds after which no further rung is begun (after the first four). Default 50.
+      limit: seconds; what would not be done by then is not begun (after the first four rungs), judging by what others
+        took here and usually take. Default 55.
       batch: scenes of a batch, their radial load spread over a tenth; default 256.
       progress: told how many of how many rungs are done.
       thorough: whether a batch is also measured in a process that may use one core alone, and ways to solve a contact
@@ -107,36 +109,42 @@ def measure(
     importing, accelerator = clock.importing(), devices.accelerator()
     rows: list[Row] = []
     left_out: dict[str, str] = {}
-    rings: dict[int, Scene] = {}  # prepared, by the number of their row
-    steps = len(rungs) + sum(rung.kind == "ring" for rung in rungs)
+    rings: dict[Rung, tuple[int, Scene]] = {}  # number of the row, and the prepared scene
+    order, begun, usual = steps(rungs), time.perf_counter(), 0.0
 
-    def in_time(done: int, name: str) -> bool:
+    def in_time(done: int, step: Step) -> bool:
+        now = time.perf_counter()
+        slower = (now - begun) / usual if usual else 0.0  # this machine, with what is compiled by now
+        return done < ALWAYS or now - started + slower * step.usual <= limit
+
+    for done, step in enumerate(order):
+        rung = step.rung
         if progress is not None:
-            progress(done, steps)
-        if done >= ALWAYS and time.perf_counter() - started > limit:
+            progress(done, len(order))
+        if step.slopes and rung not in rings:
+            continue
+        name = f"slopes of {rung.name}" if step.slopes else f"{rung.kind} {rung.name}"
+        if not in_time(done, step):
             left_out[name] = NO_TIME.format(limit)
-            return False
-        return True
-
-    for done, rung in enumerate(rungs):
-        if not in_time(done, f"{rung.kind} {rung.name}"):
             continue
         try:
-            if rung.kind == "contact":
+            if step.slopes:
+                number, ready = rings[rung]
+                rows[number] = rung_times.with_gradient(rows[number], ready, batch)
+            elif rung.kind == "contact":
                 rows.append(rung_times.on_contact(rung, file, path, thorough))
             else:
-                row, rings[len(rows)] = rung_times.on_ring(rung, file, path, batch, accelerator)
+                row, ready = rung_times.on_ring(rung, file, path, batch, accelerator)
+                rings[rung] = len(rows), ready
                 rows.append(row)
+            usual += step.usual
         except (ValueError, SolveError) as error:
-            left_out[f"{rung.kind} {rung.name}"] = str(error).removeprefix(f"{path}: ")
-    for done, (i, ready) in enumerate(rings.items(), len(rungs)):  # last, for they take longest to compile
-        if in_time(done, f"slopes of {rows[i].rung.name}"):
-            rows[i] = rung_times.with_gradient(rows[i], ready, batch)
+            left_out[name] = str(error).removeprefix(f"{path}: ")
     if not rows:
         raise SceneError(f"{path}: no way to compute it could be measured: {next(iter(left_out.values()), 'none')}")
     slower = _on_one_core(rows, file, path, batch) if thorough else None
     if progress is not None:
-        progress(steps, steps)
+        progress(len(order), len(order))
     compared = judged(rows)
     wanted = file.contact.accuracy if asked is None else asked
     best = recommended(compared, wanted)

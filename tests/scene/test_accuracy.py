@@ -1,10 +1,12 @@
 """What accuracy costs: errors and recommendations of rungs made up, and the command with two that compile fast."""
 
+import dataclasses
 import io
 import json
 import math
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import pytest
@@ -187,6 +189,32 @@ def test_ways_to_solve_a_contact_are_compared_with_the_continuum_if_asked() -> N
     assert "lattice 8×80" in shown(result, 100)
     assert shown(result, 100).count("continuum") == 3
     assert result.importing > 0.0
+
+
+@pytest.mark.parametrize(("slower", "rows", "slopes"), [(0.2, 17, 8), (0.6, 15, 4), (1.0, 6, 1), (3.0, 4, 0)])
+def test_what_would_not_be_done_in_time_is_not_begun(monkeypatch, slower: float, rows: int, slopes: int) -> None:
+    """The first four are measured on the slowest machine; then what takes least time comes first."""
+    clock, slopes_of, told = [0.0], [], []
+
+    def lasts(rung: Rung, slopes: bool) -> Row:
+        clock[0] += slower * rungs.Step(rung, slopes).usual
+        return dataclasses.replace(row(rung.way, rung.accuracy, 1.0, 2.0, 1.0), rung=rung)
+
+    def with_gradient(done: Row, *_) -> Row:
+        slopes_of.append(done.rung)
+        return lasts(done.rung, True)
+
+    monkeypatch.setattr(accuracy, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    monkeypatch.setattr(rung_times, "on_ring", lambda rung, *_: (lasts(rung, False), None))
+    monkeypatch.setattr(rung_times, "on_contact", lambda rung, *_: lasts(rung, False))
+    monkeypatch.setattr(rung_times, "with_gradient", with_gradient)
+    result = accuracy.measure(scenefile.parse(scenefile.example("spall")), progress=lambda *at: told.append(at))
+    assert (len(result.rows), len(slopes_of)) == (rows, slopes)
+    assert {r.rung for r in result.rows} >= set(slopes_of)
+    assert all("no time left within 55 s" in reason for reason in result.left_out.values())
+    always = sum(rungs.Step(rung, False).usual for rung in rungs.RUNGS[: rungs.ALWAYS])
+    assert result.seconds <= max(accuracy.LIMIT, slower * always)
+    assert told[-1] == (25, 25)
 
 
 def test_what_cannot_be_had_is_left_out_with_its_reason(monkeypatch, capsys, tmp_path: Path) -> None:
