@@ -28,13 +28,13 @@ import numpy as np  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import Progress  # noqa: E402
 from rich.table import Table  # noqa: E402
-from scipy import optimize  # noqa: E402
 
 import difftrb as trb  # noqa: E402
-from difftrb import accuracy, clock, curve, plot, preparation, ring, scenefile  # noqa: E402
+from difftrb import accuracy, clock, plot, preparation, scenefile  # noqa: E402
 from difftrb.accuracy_plot import WAYS  # noqa: E402
 from difftrb.law import Law  # noqa: E402
 from difftrb.rungs import Rung  # noqa: E402
+from experiments import by_scipy  # noqa: E402
 from experiments.paper import clipped, common  # noqa: E402
 
 RUNGS = tuple(
@@ -71,43 +71,6 @@ def own_rows(measured: accuracy.Measured) -> list[Row]:
     ]  # fmt: skip
 
 
-def by_scipy(scene: trb.Scene) -> tuple[np.ndarray, float]:
-    """Radial and axial tangent stiffness [N/mm] of a prepared scene without a roller on a ramp, and seconds for that.
-
-    scipy's root on the law's curves in numpy, with their derivative.
-    """
-    law = cast(Law, scene.law)
-    angles = ring.roller_angles(scene.bearing, 0.0)
-    own = law.curves(scene.spalls, ring.distances(scene.bearing, scene.spalls, angles)).each
-    coefficients, middle, reach, shift = (np.asarray(field) for field in jax.tree.leaves(own))
-    normals = np.asarray(ring.directions(scene.bearing, angles))
-    force = np.array([scene.load.radial, 0.0, scene.load.axial])
-    share = np.sum(force) / (normals.shape[0] * normals[0, 2])
-    start = np.array([0.0, 0.0, float(curve.approach(curve.of(own, 1), jnp.asarray(share))) / normals[0, 2]])
-
-    def loads(delta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        touching = delta > shift
-        depth = np.where(touching, delta - shift, 1.0)
-        z = (np.log(depth) - middle) / reach
-        inside = np.clip(z, -1.0, 1.0) if len(coefficients) > 2 else z
-        value, rate = coefficients[-1], np.zeros_like(z)
-        for c in coefficients[-2::-1]:
-            value, rate = value * inside + c, rate * inside + value
-        Q = np.where(touching, np.exp(value + rate * (z - inside)), 0.0)
-        return Q, Q * rate / (reach * depth)
-
-    def unbalanced(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        Q, slopes = loads(normals @ u)
-        return normals.T @ Q - force, (normals.T * slopes) @ normals
-
-    def solved() -> np.ndarray:
-        found = optimize.root(unbalanced, start, jac=True, tol=1e-10)
-        assert found.success
-        return np.diag(unbalanced(found.x)[1])[[0, 2]]
-
-    return clock.timed(solved, 21)
-
-
 def by_paper(contact: trb.LineContact, reach: float, size: tuple[int, int]) -> tuple[trb.PowerLaw, float]:
     """Its law from 75 contacts on a domain of ±`reach` Hertz half widths, and seconds for that."""
     loads, lengths = jnp.asarray(clipped.LOADS), jnp.asarray(common.LENGTHS)
@@ -129,7 +92,8 @@ def peer_rows(
     exact = np.array([truth.values["radial_stiffness"], truth.values["axial_stiffness"]])
 
     def row(solver: str, setting: str, law: Law, seconds: float) -> Row:
-        found, each = by_scipy(dataclasses.replace(scene, law=law))
+        (stiffness, _), each = clock.timed(by_scipy.in_numpy(dataclasses.replace(scene, law=law)), 21)
+        found = np.diag(stiffness)[[0, 2]]
         return Row(solver, setting, float(np.max(np.abs(found / exact - 1.0))), seconds, each, None)
 
     rows = []

@@ -1,6 +1,9 @@
-"""What a ring costs once its law is prepared: one scene of a jitted batch, value and gradient.
+"""What a ring costs once its law is prepared: one scene of a jitted batch, value and gradient, and the same by scipy.
 
-taskset -c 0 python experiments/speed_of_ring.py [SCENES] [LAW]   (default 10000 power; pin one core to compare)
+taskset -c 0 python -m experiments.speed_of_ring [SCENES] [LAW]   (default 10000 power; pin one core to compare)
+
+scipy finds one ring at a time, on the law's curves written out in numpy, which are taken as known, or on the law
+itself. It has the same stiffness matrix and loads, and their derivatives by length and width from four rings more.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ import numpy as np  # noqa: E402
 import difftrb as trb  # noqa: E402
 from difftrb.law import Law  # noqa: E402
 from difftrb.scene import LawName  # noqa: E402
+from experiments import by_scipy  # noqa: E402
 
 PIECE = 500
 """Scenes of the batch that are computed at once: curves of all 10 000 do not fit into a core's cache, which takes
@@ -36,10 +40,18 @@ def seconds(function: Callable, *arguments: jax.Array) -> tuple[float, float]:
     return times[0], float(np.median(times[1:]))
 
 
+VALUE, SLOPES = "loads", "stiffness, loads, all by length and width"
+
+
+def the_scene(law: Law | str) -> trb.Scene:
+    """The README's, with a law."""
+    return trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law=law)
+
+
 def measure(law: Law, count: int) -> dict[str, tuple[float, float]]:
     """First call [s] and time per scene [µs] for loads, for stiffness with its length derivative, and for stiffness,
     loads and all their derivatives by length and width."""
-    scene = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law=law)
+    scene = the_scene(law)
 
     def at(length: jax.Array, axial: jax.Array) -> trb.Solution:
         spalls = (dataclasses.replace(scene.spalls[0], length=length),)
@@ -63,9 +75,9 @@ def measure(law: Law, count: int) -> dict[str, tuple[float, float]]:
     batch = jnp.linspace(0.5, 8.0, count), jnp.linspace(4000.0, 6000.0, count)
     results = {}
     for name, function in (
-        ("loads", loads),
+        (VALUE, loads),
         ("stiffness matrix and d(radial)/d(length)", sensitive),
-        ("stiffness, loads, all by length and width", everything),
+        (SLOPES, everything),
     ):
         pieces = jax.jit(lambda *batch, one=function: jax.lax.map(lambda x: one(*x), batch, batch_size=PIECE))
         first, again = seconds(pieces, *batch)
@@ -77,11 +89,15 @@ def main() -> None:
     """Measure with the default scene's law and print."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 10000
     name = sys.argv[2] if len(sys.argv) > 2 else "power"
-    scene = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law=name)
-    law = trb.prepare(scene).law
-    assert not isinstance(law, str | LawName)
-    for name, (first, each) in measure(law, count).items():
-        print(f"{name:42s} first call {first:.2f} s, then {each:.2f} µs per scene in a batch of {count}")
+    ready = trb.prepare(the_scene(name))
+    assert not isinstance(ready.law, str | LawName)
+    found = measure(ready.law, count)
+    for what, (first, each) in found.items():
+        print(f"{what:42s} first call {first:.2f} s, then {each:.2f} µs per scene in a batch of {count}")
+    for way, pair in by_scipy.seconds(ready).items():
+        for what, seconds in zip((VALUE, SLOPES), pair, strict=True):
+            times = 1e6 * seconds / found[what][1]
+            print(f"{what:42s} by scipy on {way}: {1e6 * seconds:.0f} µs, {times:.0f} times that")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import difftrb as trb
 from difftrb import line, rungs
 from difftrb.contact import GRIDS, Resolution
 from difftrb.rungs import Rung
+from experiments import by_scipy
 
 FOLDER = Path(__file__).parents[2] / "experiments"
 
@@ -54,6 +56,18 @@ def test_speed_of_ring(power: trb.PowerLaw) -> None:
     for first, each in script("speed_of_ring").measure(power, 4).values():
         assert first > 0.0
         assert each > 0.0
+
+
+@pytest.mark.parametrize("way", [by_scipy.in_numpy, by_scipy.on_law])
+def test_scipy_finds_the_same_ring(power: trb.PowerLaw, way) -> None:
+    scene = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law=power)
+    (stiffness, loads), (by_length, _), (by_width, _) = by_scipy.with_slopes(scene, way)()
+    ours = trb.solve(scene).check()
+    np.testing.assert_allclose(stiffness, ours.stiffness, rtol=1e-8, atol=1e-4)
+    np.testing.assert_allclose(loads, ours.loads, rtol=1e-8, atol=1e-5)
+    slope = jax.grad(lambda s: trb.solve(s).stiffness[0, 0])(scene).spalls[0]
+    assert by_length[0, 0] == pytest.approx(float(slope.length), rel=1e-5)
+    assert by_width[0, 0] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_drawing_of_axes(tmp_path: Path) -> None:
