@@ -145,7 +145,7 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
         finer = None
         if number + 1 < len(among):
             following, its = among[number + 1]
-            finer = Finer(following, its, _contacts(following, its) * min(seconds for *_, seconds in exact))
+            finer = Finer(following, its, _effort(following, its) * min(seconds for *_, seconds in exact))
         picked = Picked(law, accuracy, asked, max(errors, key=_size, default=math.nan), finer)
         made = _told(made, picked)
         if best is None or _size(picked.error) < _size(cast(Picked, best.picked).error):
@@ -155,9 +155,9 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
     return cast(Scene, best)
 
 
-def _contacts(law: str, accuracy: float) -> int:
-    """Contact solves of a law that many scenes can share."""
-    return laws.CONTACTS if law == "power" else table.contacts(accuracy)
+def _effort(law: str, accuracy: float) -> float:
+    """Contact solves of a law that many scenes can share, by the time of one without an edge in reach."""
+    return laws.CONTACTS if law == "power" else table.effort(accuracy)
 
 
 def _error(made: Scene, scene: Scene, truth: Scene) -> float:

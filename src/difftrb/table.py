@@ -26,15 +26,17 @@ LENGTHS = 13
 
 
 class EdgeNodes(NamedTuple):
-    """How many lengths, approaches and places of the edge ramps are fitted to."""
+    """How many lengths, approaches and places of the edge ramps are fitted to, and how many times as long as another
+    contact one there takes."""
 
     lengths: int
     approaches: int
     places: int
+    takes: float
 
 
-EDGE_NODES = EdgeNodes(6, 4, 8)
-FINER_NODES = EdgeNodes(8, 5, 10)
+EDGE_NODES = EdgeNodes(6, 4, 8, 3.0)
+FINER_NODES = EdgeNodes(8, 5, 10, 9.0)
 """For `direct.FINER_FROM` on."""
 LIGHTEST = 0.08
 """Least load of a solve at an edge, by what the roller carries on a healthy raceway: lighter ones tell nothing, and
@@ -60,10 +62,10 @@ def edge_nodes(accuracy: float) -> EdgeNodes:
     return FINER_NODES if accuracy <= direct.FINER_FROM else EDGE_NODES
 
 
-def contacts(accuracy: float) -> int:
-    """Contact solves of one table."""
+def effort(accuracy: float) -> float:
+    """Contact solves of one table, those at edges counted by the time that they take."""
     of = edge_nodes(accuracy)
-    return LENGTHS * direct.LOADS + of.lengths * of.approaches * (of.places + 2) + CHECKS
+    return LENGTHS * direct.LOADS + of.takes * of.lengths * of.approaches * (of.places + 2) + CHECKS
 
 
 def table_law(

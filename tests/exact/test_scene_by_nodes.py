@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
+from difftrb import nodes
 from difftrb.contact import COMPILING
 
 SPALL = trb.Spall(4.0, 7.0)
@@ -53,6 +54,36 @@ def test_scene_by_table_is_the_scene_by_direct(closed, bearing) -> None:
     one, two = (prepared(bearing, name) for name in ("table", "direct"))
     assert [len(edges.loads) for edges in two.law.edges] == [1]
     agree(one, two, jax.grad)
+
+
+def test_errors_of_solves_hardly_move_a_derivative(closed, bearing) -> None:
+    """Approaches at edges 3e-5 off and their slopes 1e-3, as of contacts at 1e-4: loads in a closer window would make
+    ten times as much of it."""
+    scene, rng = prepared(bearing, "direct"), np.random.default_rng(0)
+    edges = scene.law.edges[0]
+    wanted = np.asarray(slopes(scene, jax.grad)[0])
+    for _ in range(5):
+        off = rng.standard_normal(edges.approaches.shape)
+        noisy = edges._replace(
+            approaches=edges.approaches * (1.0 + 3e-5 * off), slopes=edges.slopes * (1.0 + 1e-3 * off[..., None])
+        )
+        moved = dataclasses.replace(scene.law, edges=(noisy,))
+        got = np.asarray(slopes(dataclasses.replace(scene, law=moved), jax.grad)[0])
+        assert got[:2] == pytest.approx(wanted[:2], rel=5e-3)
+
+
+@pytest.mark.parametrize(("accuracy", "at"), [(1e-2, 1e-2), (1e-3, 1e-3), (1e-4, 3e-5), (1e-5, 1e-5)])
+def test_exact_laws_solve_more_exact_edges(closed, bearing, monkeypatch, accuracy: float, at: float) -> None:
+    asked: list[float] = []
+    solved = nodes.all_solved
+
+    def all_solved(contact, cases, accuracy, progress=None):
+        asked.append(accuracy)
+        return solved(contact, cases, accuracy, progress)
+
+    monkeypatch.setattr(nodes, "all_solved", all_solved)
+    prepared(bearing, "direct", accuracy=accuracy)
+    assert asked == [accuracy, pytest.approx(at)]
 
 
 def test_mean_by_table_is_the_mean_by_direct(closed, bearing) -> None:

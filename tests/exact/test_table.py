@@ -43,7 +43,7 @@ class Asked(Exception):
 
 @pytest.mark.parametrize(("accuracy", "solves", "at"), [(1e-3, 240, 1e-3), (1e-4, 480, 3e-5), (1e-5, 480, 1e-5)])
 def test_exact_tables_solve_more_and_more_exact_edges(law, monkeypatch, accuracy, solves, at) -> None:
-    """But none more exact than there is a grid for; and it is known beforehand how many contacts a table takes."""
+    """But none more exact than there is a grid for; and it is known beforehand what a table takes."""
 
     def all_solved(contact, cases, accuracy, progress):
         raise Asked(len(cases), accuracy)
@@ -60,7 +60,7 @@ def test_exact_tables_solve_more_and_more_exact_edges(law, monkeypatch, accuracy
         table._with_edges(law.contact, built, trb.Spall(0.0, 0.0), accuracy, None)
     assert asked.value.args == (solves, pytest.approx(at))
     others = table.LENGTHS * law.atlases[0].log_loads.size + table.CHECKS
-    assert table.contacts(accuracy) == solves + others
+    assert table.effort(accuracy) == of.takes * solves + others
 
 
 def test_out_of_reach_is_exactly_healthy_or_exactly_over_the_middle(law) -> None:
