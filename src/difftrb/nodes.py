@@ -11,6 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from difftrb import contact as contacts
 from difftrb import status
@@ -113,7 +114,8 @@ def all_solved(
 ) -> list[Node]:
     """Solve every case, on as many cores as there are."""
     nodes: list[Node] = []
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    # LAPACK's own threads, besides these, only wait for each other: exact edges would take twice as long
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
         for node in pool.map(lambda case: solved(contact, case, accuracy), cases):
             nodes.append(node)
             if progress is not None:
