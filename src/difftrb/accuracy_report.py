@@ -67,7 +67,7 @@ def accuracy_text(measured: Measured) -> RenderableType:
     parts: list[RenderableType] = []
     for kind in KINDS:
         rows = measured.of(kind)
-        names = [name for name in ERRORS_SHOWN if any(name in row.values for row in rows)]
+        names = [n for n in ERRORS_SHOWN if any(math.isfinite(row.errors.get(n, math.nan)) for row in rows)]
         if kind == "contact":
             names = ["approach"]
         if not rows:
@@ -87,8 +87,8 @@ def accuracy_text(measured: Measured) -> RenderableType:
             table.add_column(heading, justify="right", no_wrap=True)
         truth = measured.truth(kind)
         for row in rows:
-            sign = "±" if row is truth and row.error >= 0.0 else ""
-            errors = [sign + _error(row.errors.get(name, math.nan)) for name in names]
+            own = [row.errors.get(name, math.nan) for name in names]
+            errors = ["±" * (row is truth and math.isfinite(error)) + _error(error) for error in own]
             table.add_row(row.rung.name, *errors, *(shown(get(row)) for _, shown, get in columns))
         parts.append(table)
     return Group(*parts, *(Text(line) for line in _accuracy_lines(measured)))

@@ -120,6 +120,15 @@ def test_text_fits_a_page() -> None:
     assert "…" not in text
 
 
+def test_what_is_not_known_of_any_rung_has_no_column() -> None:
+    few = tuple(dataclasses.replace(r, values={k: v for k, v in r.values.items() if k != "by_length"}) for r in ROWS)
+    assert "length" in shown(measured(ROWS), 80).splitlines()[2]
+    assert "length" not in shown(measured(few), 80).splitlines()[2]
+    assert "radial" in shown(measured(few), 80).splitlines()[2]
+    assert "±–" not in shown(measured((few[0], *ROWS[1:])), 80)
+    assert "±–" not in shown(measured((ROWS[0], few[1], *ROWS[2:])), 80)
+
+
 def test_the_figure_has_a_panel_for_what_was_measured(tmp_path: Path) -> None:
     ax = accuracy_plot.work_precision(measured(ROWS))
     assert len(ax.figure.axes) == 1
