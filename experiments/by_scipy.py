@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import cast
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -25,26 +25,35 @@ Rollers = Callable[[np.ndarray], Answer]
 """From approaches [mm] to loads [N] and their slopes [N/mm], all of shape (rollers,)."""
 
 
-def root(scene: trb.Scene, rollers: Rollers, start: float) -> Answer:
-    """In equilibrium, from an approach of all rollers alike [mm]."""
+class Task(NamedTuple):
+    """What is known before the clock starts: normals, shape (rollers, 3); the load [N], shape (3,); displacements to
+    start from [mm], shape (3,), at which all rollers alike would carry the load."""
+
+    normals: np.ndarray
+    force: np.ndarray
+    start: np.ndarray
+
+
+def task(scene: trb.Scene) -> Task:
+    """Of a prepared scene."""
     normals = np.asarray(ring.directions(scene.bearing, _angles(scene)))
     force = np.array([scene.load.radial, 0.0, scene.load.axial], float)
+    share = np.sum(force) / (normals.shape[0] * normals[0, 2])
+    alike = float(curve.approach(curve.of(_curves(scene).each, 1), jnp.asarray(share)))
+    return Task(normals, force, np.array([0.0, 0.0, alike / normals[0, 2]]))
+
+
+def root(task: Task, rollers: Rollers) -> Answer:
+    """In equilibrium."""
 
     def unbalanced(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        loads, slopes = rollers(normals @ u)
-        return normals.T @ loads - force, (normals.T * slopes) @ normals
+        loads, slopes = rollers(task.normals @ u)
+        return task.normals.T @ loads - task.force, (task.normals.T * slopes) @ task.normals
 
-    found = optimize.root(unbalanced, [0.0, 0.0, start / normals[0, 2]], jac=True, tol=1e-10)
+    found = optimize.root(unbalanced, task.start, jac=True, tol=1e-10)
     assert found.success
-    return unbalanced(found.x)[1], rollers(normals @ found.x)[0]
-
-
-def alike(scene: trb.Scene) -> float:
-    """The approach [mm] with which all rollers alike carry the load."""
-    curves = _curves(scene).each
-    angle = float(scene.bearing.outer_angle)
-    share = (scene.load.radial + scene.load.axial) / (scene.bearing.rollers * np.sin(angle))
-    return float(curve.approach(curve.of(curves, 1), jnp.asarray(share)))
+    loads, slopes = rollers(task.normals @ found.x)
+    return (task.normals.T * slopes) @ task.normals, loads
 
 
 def _angles(scene: trb.Scene) -> jax.Array:
@@ -62,7 +71,7 @@ _carried = jax.jit(ramp.carried)
 def in_numpy(scene: trb.Scene) -> Callable[[], Answer]:
     """Of a prepared scene without a roller on a ramp: its curves are taken over, and only the root is left to find."""
     coefficients, middle, reach, shift = (np.asarray(field) for field in jax.tree.leaves(_curves(scene).each))
-    start = alike(scene)
+    known = task(scene)
 
     def rollers(delta: np.ndarray) -> Answer:
         touching = delta > shift
@@ -75,17 +84,17 @@ def in_numpy(scene: trb.Scene) -> Callable[[], Answer]:
         Q = np.where(touching, np.exp(value + rate * (z - inside)), 0.0)
         return Q, Q * rate / (reach * depth)
 
-    return lambda: root(scene, rollers, start)
+    return lambda: root(known, rollers)
 
 
 def on_law(scene: trb.Scene) -> Callable[[], Answer]:
     """Of any prepared scene: its law is asked for its curves, as every scene of a batch has to, and for loads on them,
     by difftrb's compiled programs."""
-    start = alike(scene)
+    known = task(scene)
 
     def solved() -> Answer:
         curves = _curves(scene)
-        return root(scene, lambda delta: cast(Answer, tuple(map(np.asarray, _carried(curves, delta)))), start)
+        return root(known, lambda delta: cast(Answer, tuple(map(np.asarray, _carried(curves, delta)))))
 
     return solved
 

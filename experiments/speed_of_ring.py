@@ -95,9 +95,9 @@ def main() -> None:
     for what, (first, each) in found.items():
         print(f"{what:42s} first call {first:.2f} s, then {each:.2f} µs per scene in a batch of {count}")
     for way, pair in by_scipy.seconds(ready).items():
-        for what, seconds in zip((VALUE, SLOPES), pair, strict=True):
-            times = 1e6 * seconds / found[what][1]
-            print(f"{what:42s} by scipy on {way}: {1e6 * seconds:.0f} µs, {times:.0f} times that")
+        for what, took in zip((VALUE, SLOPES), pair, strict=True):
+            each = 1e6 * took
+            print(f"{what:42s} by scipy on {way}: {each:.0f} µs, {each / found[what][1]:.0f} times that")
 
 
 if __name__ == "__main__":

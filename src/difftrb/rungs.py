@@ -75,7 +75,7 @@ class Step(NamedTuple):
     @property
     def usual(self) -> float:
         """See `USUAL`; of others, the most that any takes."""
-        return USUAL.get(self.rung, (54.0, 11.0))[self.slopes]
+        return USUAL.get(self.rung, max(USUAL.values()))[self.slopes]
 
 
 def steps(rungs: Sequence[Rung]) -> list[Step]:
