@@ -17,6 +17,7 @@ from difftrb import curve, direct, gap, hertz, nodes, ramp, status
 from difftrb.curve import Curve
 from difftrb.direct import ASIDE, MOVED, Healthy
 from difftrb.geometry import LineContact, Real, Spall
+from difftrb.law import Rest, of_one_deep_spall, within_range
 from difftrb.ramp import Carried, Ramp
 
 NO_LAND = 1.0
@@ -114,11 +115,11 @@ class TableLaw:
         ]
         return direct.carried_by(healthy, [one.full for one in beside], ramps, spalls, distances)
 
-    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`: spalls up to 85 % of the roller long, of a depth and axial offset that the table was built for, on
         a contact that is the table's or a neighbour of it; narrow ones if the table was made for them and the roller
         cannot reach their bottom."""
-        code = jnp.asarray(status.CONVERGED)
+        code = status.worst(within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest))
         for i, spall in enumerate(spalls):
             if i >= len(self.which):
                 return jnp.asarray(status.OTHER_SCENE)

@@ -16,7 +16,7 @@ from difftrb import gap as gaps
 from difftrb.contact import GRIDS
 from difftrb.curve import Curve
 from difftrb.geometry import LineContact, Real, Spall, as_floats
-from difftrb.law import spalls_under
+from difftrb.law import Rest, of_one_deep_spall, spalls_under, within_range
 from difftrb.nodes import Case, Node, Progress
 from difftrb.ramp import Carried, Ramp
 
@@ -245,8 +245,9 @@ class DirectLaw:
         beside = healthy.beside(jnp.zeros(()), full, self.sunk[number], ramp.guess())
         return ramp.extent(beside, approach)
 
-    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
-        """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls."""
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
+        """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls; no
+        roller over several spalls or on a bottom: that is `local.LocalLaw`'s."""
         same = jnp.max(jnp.abs(self._healthy() / self.healthy - 1.0)) < MOVED
         if len(spalls) not in (0, len(self.spalls)):
             return jnp.asarray(status.OTHER_SCENE)
@@ -257,7 +258,8 @@ class DirectLaw:
                 edge = over(spall, distances[i], side)
                 apart = jnp.abs(self.edges[i].given[:, -1] - (0.5 * spall.width - edge))
                 same = same & ((jnp.min(apart, initial=jnp.inf) < ASIDE) | (edge < low) | (edge > high))
-        return jnp.where(same, status.CONVERGED, status.OTHER_SCENE)
+        code = status.worst(within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest))
+        return jnp.where(same, code, status.OTHER_SCENE)
 
 
 def without_edges(

@@ -14,7 +14,7 @@ import jax.core
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import geometry, life, ring, roller, slices, status
+from difftrb import geometry, life, ring, roller, slices
 from difftrb.double_row import DoubleRow
 from difftrb.effect import Effect, Length, Moment, Results, Ring, held_by, on_the_inner_ring, seat, thicker
 from difftrb.geometry import Real, TaperedBearing
@@ -51,8 +51,8 @@ class SeriesRaceways(Raceways):
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Inner contacts that give way."""
         law, spalls, away = cast(Law, self.law), ring.spalls_on(of.spalls, "inner"), of.distances("inner", terms)
-        known = status.worst(law.judge(spalls, away), jnp.asarray(law.status_code).astype(int))
-        return terms._replace(seat=seat(terms, of)._replace(inner_curves=law.curves(spalls, away)), known=known)
+        facing = ring.Facing(law, spalls, away, geometry.equivalent_radius(of.bearing, "inner"))
+        return terms._replace(seat=seat(terms, of)._replace(inner_curves=law.curves(spalls, away)), facing=facing)
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`inner_loads`, `flange_loads` [N], shape (rollers,)."""

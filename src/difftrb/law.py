@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -39,13 +39,36 @@ CONTACTS = LENGTH_NODES * LOAD_NODES + (LENGTH_NODES - 1) * (LOAD_NODES - 1)
 """Contact solves of a power law: fitted, and between."""
 
 
+class Rest(NamedTuple):
+    """Rollers at rest on one raceway, as far as a law is judged by it.
+
+    Attributes:
+      radius: equivalent radius of the contacts [mm], shape ().
+      approach: of every roller's contact, or more [mm], shape (rollers,).
+      loads: [N], shape (rollers,).
+    """
+
+    radius: Real
+    approach: jax.Array
+    loads: jax.Array
+
+    def in_reach(self, spall: Spall, distances: jax.Array) -> jax.Array:
+        """Whether each roller, its contact at `distances` [mm] from the spall's middle, may meet it, shape (rollers,).
+
+        Beyond √(2Rδ) from the contact's middle the gap exceeds the approach.
+        """
+        beside = jnp.maximum(jnp.abs(distances) - 0.5 * spall.width, 0.0)
+        return (beside**2 < 2.0 * self.radius * self.approach) & (self.approach > 0.0) & (spall.length > 0.0)
+
+
 class Law(Protocol):
     """What a law has to answer.
 
     `error` is the largest relative error of Q against what it was fitted to (NaN if unknown), inside `load_range` [N];
     `hard` says whether a roller is in a spall or not, with nothing in between. `curves` gives what every roller
     carries, Q(δ), from the distances of their contacts from the spalls' centres in the rolling direction [mm], shape
-    (spalls, rollers). `judge` a status: whether the law knows such spalls and distances. `ramp` says between which
+    (spalls, rollers). `judge` a status: whether the law knows such spalls and distances and, if the rollers are `at`
+    rest, the states they are in. `ramp` says between which
     distances from its rolling edge [mm], positive over the spall, the spall numbered `number` lets down a roller whose
     approach [mm] is given. `at` is the law for a contact of other numbers: the same law, unless it knows better.
     """
@@ -62,7 +85,7 @@ class Law(Protocol):
     def status_code(self) -> Real: ...
     def at(self, contact: LineContact) -> Law: ...
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried: ...
-    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array: ...
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array: ...
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]: ...
 
 
@@ -99,6 +122,28 @@ def _lengths(spalls: tuple[Spall, ...]) -> jax.Array:
 def known_up_to(longest: Real, spalls: tuple[Spall, ...]) -> jax.Array:
     """Status: whether no spall is longer than `longest` [mm]."""
     return jnp.where(jnp.asarray(longest) >= jnp.max(_lengths(spalls)), status.CONVERGED, status.UNKNOWN_LENGTH)
+
+
+def of_one_deep_spall(spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None) -> jax.Array:
+    """Status: whether no roller meets several spalls, or may meet a spall's bottom."""
+    if rest is None or not spalls:
+        return jnp.asarray(status.CONVERGED)
+    met = jnp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
+    depths = jnp.stack([jnp.asarray(spall.depth, float) for spall in spalls])
+    shallow = jnp.any(met & (depths[:, None] < rest.approach[None]))
+    code = jnp.where(shallow, status.BOTTOM, status.CONVERGED)
+    if len(spalls) < 2:
+        return code
+    return jnp.where(jnp.any(jnp.sum(met, axis=0) > 1), status.SEVERAL, code)
+
+
+def within_range(load_range: tuple[Real, Real], rest: Rest | None) -> jax.Array:
+    """Status: whether the most loaded roller is in the range of loads [N] that a law was made for."""
+    if rest is None:
+        return jnp.asarray(status.CONVERGED)
+    largest = jnp.max(rest.loads)
+    inside = (largest >= load_range[0]) & (largest <= load_range[1])
+    return jnp.where(inside | (largest <= 0.0), status.CONVERGED, status.OUTSIDE)
 
 
 @partial(
@@ -144,9 +189,9 @@ class PowerLaw:
         under = spalls_under(spalls, distances)
         return Carried(curve.chosen(curve.power(*self.coefficients(_lengths(spalls))), under))
 
-    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`."""
-        return known_up_to(self.lengths[-1], spalls)
+        return status.worst(known_up_to(self.lengths[-1], spalls), of_one_deep_spall(spalls, distances, rest))
 
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`: a step."""
@@ -179,9 +224,9 @@ class Palmgren:
         K = hertz.palmgren_approach(1.0, self.length - _lengths(spalls)) ** -n
         return Carried(curve.chosen(curve.power(K, jnp.full_like(K, n)), spalls_under(spalls, distances)))
 
-    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`: up to 99 % of the roller."""
-        return known_up_to(0.99 * self.length, spalls)
+        return status.worst(known_up_to(0.99 * self.length, spalls), of_one_deep_spall(spalls, distances, rest))
 
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`: a step."""
@@ -228,9 +273,10 @@ class Through:
         depth = sum((jnp.where(under == i + 1, spall.depth, 0.0) for i, spall in enumerate(spalls)), jnp.zeros(()))
         return Carried(dataclasses.replace(each, shift=each.shift + depth))
 
-    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
-        """See `Law`."""
-        return self.base.judge((), distances[:0])
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
+        """See `Law`: one spall under a roller; of its bottom it knows."""
+        deep = tuple(dataclasses.replace(spall, depth=jnp.inf) for spall in spalls)
+        return status.worst(self.base.judge((), distances[:0], rest), of_one_deep_spall(deep, distances, rest))
 
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`: a step."""

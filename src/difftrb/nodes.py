@@ -17,7 +17,7 @@ from difftrb import contact as contacts
 from difftrb import status
 from difftrb.contact import ContactSolution
 from difftrb.geometry import LineContact, Real, Spall
-from difftrb.given import is_symmetric
+from difftrb.given import is_symmetric, listed
 
 OF_CONTACT = ("radius", "length", "modulus", "design_load")
 OF_SPALL = ("length", "width", "depth", "axial_offset")
@@ -29,17 +29,18 @@ Progress = Callable[[int, int], None]
 
 
 class Case(NamedTuple):
-    """One contact: load [N], spall (None is healthy), distance of the contact from the spall's middle [mm]."""
+    """One contact: load [N], spall (None is healthy, a tuple is several), distance of the contact from the spall's
+    middle [mm], of several one each."""
 
     load: float
-    spall: Spall | None = None
-    distance: float = 0.0
+    spall: Spall | tuple[Spall, ...] | None = None
+    distance: float | Sequence[float] = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Node:
-    """A solved `Case`: approach [mm], by the load [mm/N] and by `inputs`, shape (INPUTS,); the rest as in
-    `ContactSolution`."""
+    """A solved `Case`: approach [mm], by the load [mm/N] and by `inputs`, shape (INPUTS,), longer with several spalls;
+    the rest as in `ContactSolution`."""
 
     approach: float
     compliance: float
@@ -49,11 +50,16 @@ class Node:
     reach: float
 
 
-def inputs(contact: LineContact, spall: Spall | None, distance: Real) -> jnp.ndarray:
-    """What slopes are by: contact, spall and distance in one vector, shape (INPUTS,); no spall counts as zeros."""
-    of_spall = (0.0,) * len(OF_SPALL) if spall is None else tuple(getattr(spall, name) for name in OF_SPALL)
-    values = (*(getattr(contact, name) for name in OF_CONTACT), *of_spall, distance)
-    return jnp.stack([jnp.asarray(value, float) for value in values])
+def inputs(
+    contact: LineContact, spall: Spall | tuple[Spall, ...] | None, distance: Real | Sequence[Real]
+) -> jnp.ndarray:
+    """What slopes are by: contact, spall and distance in one vector, shape (INPUTS,); no spall counts as zeros. Of
+    several spalls all sizes, then all distances: shape (contact's + spalls · (INPUTS − contact's),)."""
+    spalls = spall if isinstance(spall, tuple) else (spall,)
+    of_spalls = [0.0 if each is None else getattr(each, name) for each in spalls for name in OF_SPALL]
+    values = (*(getattr(contact, name) for name in OF_CONTACT), *of_spalls)
+    away = jnp.broadcast_to(jnp.asarray(distance, float), (len(spalls),))
+    return jnp.concatenate([jnp.stack([jnp.asarray(value, float) for value in values]), away])
 
 
 _inputs = jax.jit(inputs)  # twenty times as fast, of numbers
@@ -77,12 +83,12 @@ def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
         contact, case.load, case.spall, case.distance, accuracy
     )
     slopes = np.array(_inputs(by_contact, by_spall, by_distance if case.spall is not None else 0.0))
-    if is_symmetric(case.spall):  # half the roller was solved
-        slopes[INPUTS - 2] = 0.0
+    if is_symmetric(case.spall):  # half the roller was solved: `axial_offset` is the last of a spall's numbers
+        slopes[INPUTS - 2 : len(OF_CONTACT) + len(OF_SPALL) * len(listed(case.spall)) : len(OF_SPALL)] = 0.0
     return Node(
         float(solution.approach), float(by_load), slopes, int(solution.status_code),
         0.5 * float(solution.contact_width),
-        _reach(contact, solution) if case.spall is not None and case.distance == 0.0 else 0.0,
+        _reach(contact, solution) if isinstance(case.spall, Spall) and case.distance == 0.0 else 0.0,
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from functools import partial
 from typing import cast, get_args
 
@@ -11,7 +12,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import direct, effects, pitch, ring, status, table
+from difftrb import direct, effects, geometry, pitch, ring, settling, status, table
 from difftrb import law as laws
 from difftrb.effects import DoubleRow, Raceways, SeriesRaceways, Through
 from difftrb.geometry import LineContact, Raceway, Real, Spall, as_floats
@@ -25,6 +26,10 @@ SEVERAL_SHAPES = (
 )
 
 
+NOT_IN_THE_MEAN = (
+    "phase = 'mean': several spalls under one roller, or a bottom that rollers may meet, are known at one phase only; "
+    "give the phase a number"
+)
 BY_NODES = ("table", "direct")
 TRACED = (
     "law = 'table', 'direct' and 'auto' need numbers: prepare the scene first, difftrb.prepare(scene), and "
@@ -160,12 +165,60 @@ def checked(scene: Scene) -> Scene:
 def with_law(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
     """The scene with its law built, unless that is to be chosen: see `difftrb.prepare`."""
     scene = checked(scene)
+    if isinstance(scene.law, LawName) and scene.law.name == "direct" and scene.spalls and not is_traced(scene):
+        bases = _healthy_laws(scene, progress)
+        if any(_is_met_otherwise(scene, raceway, base) for raceway, base in bases.items()):
+            if isinstance(scene.phase, PitchMean):
+                raise ValueError(NOT_IN_THE_MEAN)
+            return with_laws(scene, settling.settled(scene, bases, progress))
     acting = tuple(
         SeriesRaceways(effect.inner_design_load, _inner_law(scene, effect, progress, least))
         if isinstance(effect, Raceways) else effect
         for effect in scene.effects
     )  # fmt: skip
     return dataclasses.replace(scene, law=prepared_law(scene, progress, least=least), effects=acting)
+
+
+def with_laws(scene: Scene, laws: Mapping[Raceway, Law]) -> Scene:
+    """The scene with a law for every raceway that gives way."""
+    acting = tuple(
+        SeriesRaceways(effect.inner_design_load, laws["inner"]) if isinstance(effect, Raceways) else effect
+        for effect in scene.effects
+    )
+    return dataclasses.replace(scene, law=laws["outer"], effects=acting)
+
+
+def _healthy_laws(scene: Scene, progress: Progress | None) -> dict[Raceway, direct.DirectLaw]:
+    """Of healthy rollers, on every raceway that gives way."""
+    raceways: list[Raceway] = ["outer"]
+    if any(isinstance(effect, Raceways) for effect in scene.effects):
+        raceways.append("inner")
+    largest = float(_largest_load(scene))
+    return {
+        raceway: direct.without_edges(raceway_contact(scene, raceway), largest, (), scene.accuracy, progress)
+        for raceway in raceways
+    }
+
+
+def _is_met_otherwise(scene: Scene, raceway: Raceway, base: direct.DirectLaw) -> bool:
+    """Whether rollers may meet several of the scene's spalls at once, or a spall's bottom."""
+    spalls = ring.spalls_on(scene.spalls, raceway)
+    if any(isinstance(effect, Through) for effect in scene.effects) or not spalls:
+        return False
+    deepest = float(base.healthy[-1])
+    if min(float(spall.depth) for spall in spalls) < deepest:
+        return True
+    half = np.array([0.5 * float(spall.width) for spall in spalls]) + np.sqrt(
+        2.0 * float(base.contact.radius) * deepest
+    )
+    if isinstance(scene.phase, PitchMean):
+        turn = 2.0 * np.pi * float(geometry.arc_radius(scene.bearing, raceway))
+        places = np.sort([float(spall.angle) % (2.0 * np.pi) / (2.0 * np.pi) * turn for spall in spalls])
+        order = np.argsort([float(spall.angle) % (2.0 * np.pi) for spall in spalls])
+        apart = np.diff(places, append=places[0] + turn)
+        return bool(len(spalls) > 1 and np.any(apart < half[order] + np.roll(half[order], -1)))
+    away = np.asarray(ring.distances(scene.bearing, spalls, ring.roller_angles(scene.bearing, scene.phase), raceway))
+    return bool(np.any(np.sum(np.abs(away) < half[:, None], axis=0) > 1))
 
 
 def _inner_law(scene: Scene, effect: Raceways, progress: Progress | None, least: Real | None) -> Law:

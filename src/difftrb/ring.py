@@ -15,10 +15,10 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import balance, curve, geometry, load_zone, pair, status
+from difftrb import balance, curve, geometry, load_zone, pair, roller, status
 from difftrb.balance import Rollers
 from difftrb.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
-from difftrb.law import Law
+from difftrb.law import Law, Rest
 from difftrb.pair import Pair
 from difftrb.ramp import Carried
 from difftrb.roller import Seat
@@ -134,6 +134,25 @@ def largest_load(bearing: TaperedBearing, load: Load) -> Real:
     return jnp.maximum(half_zone, all_loaded)
 
 
+class Facing(NamedTuple):
+    """The inner raceway as it is judged: its law, the spalls met there, their distances from the rollers' contacts
+    [mm], shape (spalls, rollers), and the contacts' equivalent radius [mm]."""
+
+    law: Law
+    spalls: tuple[Spall, ...]
+    distances: jax.Array
+    radius: Real
+
+    def judge(self, rest: Rest) -> jax.Array:
+        """Status: whether the law knows what it meets; `rest` as of the outer raceway."""
+        code = self.law.judge(self.spalls, self.distances, rest._replace(radius=self.radius))
+        return status.worst(code, jnp.asarray(self.law.status_code).astype(int))
+
+
+OWN = 0.75
+"""Share of a roller's approach by two raceways in series that is either contact's at the most."""
+
+
 class Terms(NamedTuple):
     """What effects add to the plain ring.
 
@@ -144,7 +163,7 @@ class Terms(NamedTuple):
       slices: what slices of rollers carry, shape (rollers · slices,), roller by roller; None: rollers are whole.
       tilting: of rings that tilt; None: they stay parallel.
       extra: force on the ring beside the load [N], shape (3,).
-      known: status: whether further laws know the spalls they meet; None: there are no further laws.
+      facing: the inner raceway's law and spalls, where there is one that gives way; None: there is none.
       pair: a second row; None: there is none. With it, rollers in all else are those of both rows, the first's first.
     """
 
@@ -154,7 +173,7 @@ class Terms(NamedTuple):
     slices: Carried | None = None
     tilting: Tilting | None = None
     extra: jax.Array | None = None
-    known: jax.Array | None = None
+    facing: Facing | None = None
     pair: Pair | None = None
 
 
@@ -192,9 +211,6 @@ def equilibrium(
     if terms.pair is not None:
         away = pair.beside(away)
         angles, normals = jnp.tile(angles, 2), pair.both(normals)
-    known = roller_law.judge(spalls, away)
-    if terms.known is not None:
-        known = status.worst(known, terms.known)
     extra = jnp.broadcast_to(0.0 if terms.interference is None else terms.interference, angles.shape)
     healthy = roller_law.curves((), away[:0])
     rollers = Rollers(normals, extra, roller_law.curves(spalls, away) if spalls else healthy, terms.seat)
@@ -221,6 +237,7 @@ def equilibrium(
     if terms.tilting is not None:
         u, tangent = terms.tilting.in_radians(u, tangent)
 
+    known = _known(bearing, spalls, away, roller_law, approach, loads, terms)
     converged = (residual <= balance.TOLERANCE) & jnp.all(jnp.isfinite(u))
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
     if terms.pair is not None and terms.tilting is not None and terms.slices is None:
@@ -240,6 +257,21 @@ def equilibrium(
         return Equilibrium(u, approach, loads, tangent, residual, iterations, code)
     first, second = jnp.split(loads, 2)
     return Equilibrium(u, approach[: first.size], first, tangent, residual, iterations, code, second)
+
+
+def _known(
+    bearing: TaperedBearing, spalls: tuple[Spall, ...], away: jax.Array, roller_law: Law, approach: jax.Array,
+    loads: jax.Array, terms: Terms,
+) -> jax.Array:  # fmt: skip
+    """Status: whether the laws know the spalls met, and the states that rollers are in."""
+    approach, loads = map(jax.lax.stop_gradient, (approach, loads))
+    if terms.facing is not None:
+        approach = OWN * approach
+    rest = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads)
+    known = roller_law.judge(spalls, away, rest)
+    if terms.facing is None or terms.seat is None:
+        return known
+    return status.worst(known, terms.facing.judge(rest._replace(loads=roller.inner_load(terms.seat, loads))))
 
 
 def _norm(force: jax.Array) -> jax.Array:

@@ -18,6 +18,9 @@ UNSUITED = 7
 OTHER_SCENE = 8
 NARROW = 9
 LOOSE = 10
+SEVERAL = 11
+BOTTOM = 12
+OUTSIDE = 13
 UNDEFINED = 100
 
 SENTENCES = {
@@ -37,6 +40,12 @@ SENTENCES = {
     "wider ones, or the roller may meet its bottom: prepare the scene with this spall, or use law 'direct'",
     LOOSE: "one of two rows carries nothing, and the other one alone does not hold the shaft's tilt: raise "
     "effects.double_row.preload, leave its spacing out, or name effects.tilt, too",
+    SEVERAL: "several spalls are under one roller at once, and this roller law knows one: use contact.law = 'direct' "
+    "at one phase",
+    BOTTOM: "a roller may meet the bottom of a spall, which this roller law does not know: use contact.law = 'direct' "
+    "at one phase, or give the spall its true depth",
+    OUTSIDE: "rollers carry loads outside the range that the roller law was made for: prepare this scene, by naming "
+    "its law",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
     UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }
