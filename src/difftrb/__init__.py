@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from difftrb import effects
+    from difftrb.audit import Audit, verify
     from difftrb.axes import SweepError
     from difftrb.choice import prepare
     from difftrb.chunks import write_sweep
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from difftrb.swept import Swept
 
 _HOMES = {
+    "audit": ("Audit", "verify"),
     "choice": ("prepare",),
     "contact": ("solve_contact",),
     "contact_slopes": ("approach_slopes",),

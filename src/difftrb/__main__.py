@@ -70,6 +70,9 @@ def _parser() -> argparse.ArgumentParser:
         sub = command(name, function, text)
         sub.add_argument("scene", nargs="?", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
         _add_output(sub)
+        if name == "run":
+            text = "solve the rollers' contacts afresh, and say how far off the law is"
+            sub.add_argument("--verify", action="store_true", help=text)
         if name == "accuracy":
             sub.add_argument("--full", action="store_true", help="measure every way; takes minutes, not one")
             sub.add_argument("--accuracy", metavar="X", type=float, help="of stiffness, to recommend a law for")
@@ -121,6 +124,7 @@ def _run(options: Any) -> int:
     import jax
 
     from difftrb import report, scenefile
+    from difftrb.audit import verify
     from difftrb.choice import prepare
     from difftrb.edge_stress import edge_stresses
     from difftrb.solving import assess
@@ -137,7 +141,11 @@ def _run(options: Any) -> int:
     with terminal.busy("solving the ring"):
         result = jax.block_until_ready(assess(scene))
         edges = edge_stresses(scene, result.spalled)
-    record = report.run_json(scene, result, time.perf_counter() - started, edges)
+    checked = None
+    if options.verify and bool(result.spalled.converged):
+        with terminal.bar("solving the rollers' contacts afresh") as progress:
+            checked = verify(scene, result.spalled, progress)
+    record = report.run_json(scene, result, time.perf_counter() - started, edges, checked)
 
     def figures(folder: Path) -> None:
         from difftrb import plot
@@ -150,7 +158,10 @@ def _run(options: Any) -> int:
         else:
             print(f"difftrb: {path}: no pressure map: {pressed.status}", file=sys.stderr)
 
-    return _deliver(options, path, record, lambda: report.run_text(scene, result, edges), figures)
+    code = _deliver(options, path, record, lambda: report.run_text(scene, result, edges, checked), figures)
+    if code == EXIT_OK and checked is not None and not checked.kept:
+        return _refuse(f"{path}: the audit finds loads farther off than promised", EXIT_NO_SOLUTION)
+    return code
 
 
 def _contact(options: Any) -> int:

@@ -10,7 +10,7 @@ import jax.core
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import hertz, pair
+from difftrb import pair
 from difftrb.effect import Effect, Length, Moment, Results, Ring, thicker
 from difftrb.geometry import Real, TaperedBearing
 from difftrb.given import is_given
@@ -43,6 +43,7 @@ class DoubleRow(Effect):
     """
 
     key = "double_row"
+    presses = True
     excludes = {"mounting": "a pair's own preload or end play places its rings, and the axial load is given"}  # noqa: RUF012
 
     preload: Length = 0.0
@@ -56,11 +57,6 @@ class DoubleRow(Effect):
     def reach(self, bearing: TaperedBearing) -> jax.Array | None:
         """See `Pair`."""
         return None if self.spacing is None else pair.reach(bearing, self.spacing, self.arrangement == "back_to_back")
-
-    def pressed(self, bearing: TaperedBearing) -> jax.Array:
-        """About the load of every roller by the preload alone [N]; 0 with end play."""
-        each = 0.5 * jnp.maximum(self.preload, 0.0) * jnp.sin(bearing.outer_angle)
-        return hertz.lamina_stiffness(bearing.roller_length) * each ** (10.0 / 9.0)
 
     def check(self, bearing: TaperedBearing, load: Load) -> None:
         """A spacing for moments, and load centres apart."""

@@ -52,6 +52,8 @@ class Effect:
     key: ClassVar[str]
     excludes: ClassVar[dict[str, str]] = {}
     """Keys of effects that cannot be had together with this one, and why."""
+    presses: ClassVar[bool] = False
+    """Whether rollers may carry more with it than the bearing's load lets expect."""
 
     def check(self, bearing: TaperedBearing, load: Load) -> None:
         """Raise ValueError, in one sentence, if this effect cannot be had so. Outside jit only."""

@@ -111,6 +111,7 @@ class Centrifugal(Effect):
     """
 
     key = "centrifugal"
+    presses = True
 
     speed_rpm: Annotated[Real, Interval(ge=0.0, le=1e5), Unit("rev/min")]
     control: Literal["force", "position"] = dataclasses.field(default="force", metadata={"static": True})
@@ -160,6 +161,7 @@ class Mounting(Effect):
     """
 
     key = "mounting"
+    presses = True
 
     preload: Length = 0.0
     shaft_interference: Length = 0.0
@@ -215,6 +217,7 @@ class Diameters(Effect):
     """
 
     key = "diameters"
+    presses = True
 
     deviations: tuple[Length, ...]
 

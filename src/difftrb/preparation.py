@@ -14,7 +14,7 @@ import numpy as np
 
 from difftrb import direct, effects, geometry, pitch, ring, settling, status, table
 from difftrb import law as laws
-from difftrb.effects import DoubleRow, Raceways, SeriesRaceways, Through
+from difftrb.effects import Raceways, SeriesRaceways, Through
 from difftrb.geometry import LineContact, Raceway, Real, Spall, as_floats
 from difftrb.law import Law
 from difftrb.nodes import Progress
@@ -66,12 +66,24 @@ def prepared_law(
 
 
 def _largest_load(scene: Scene) -> Real:
-    """A first estimate of the most loaded roller's load [N]."""
+    """A first estimate of the most loaded roller's load [N], by the load and by what else presses."""
     largest = ring.largest_load(scene.bearing, scene.load)
-    for effect in scene.effects:
-        if isinstance(effect, DoubleRow):
-            largest = largest + effect.pressed(scene.bearing)
-    return largest
+    if not any(effect.presses for effect in scene.effects):
+        return largest
+    pressed = _pressed(dataclasses.replace(scene, law=laws.Palmgren(scene.bearing.roller_length), spalls=()))
+    return jnp.maximum(largest, pressed)
+
+
+@jax.jit
+def _pressed(scene: Scene) -> jax.Array:
+    """The largest load [N] on the healthy ring, by Palmgren's law: by a third or so too large for one contact alone,
+    and by more if the inner one gives way, too."""
+    acting = tuple(effect for effect in scene.effects if not isinstance(effect, Raceways))  # its law is not made yet
+    contact = raceway_contact(scene, "outer")
+    here = effects.Ring(scene.bearing, scene.load, (), cast(Law, scene.law), contact, 0.0)
+    rest = here.equilibrium(effects.terms(acting, here))
+    loads = rest.loads if rest.second_loads is None else jnp.concatenate([rest.loads, rest.second_loads])
+    return jnp.nan_to_num(jnp.max(loads))
 
 
 def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
@@ -217,7 +229,9 @@ def _is_met_otherwise(scene: Scene, raceway: Raceway, base: direct.DirectLaw) ->
         order = np.argsort([float(spall.angle) % (2.0 * np.pi) for spall in spalls])
         apart = np.diff(places, append=places[0] + turn)
         return bool(len(spalls) > 1 and np.any(apart < half[order] + np.roll(half[order], -1)))
-    away = np.asarray(ring.distances(scene.bearing, spalls, ring.roller_angles(scene.bearing, scene.phase), raceway))
+    away = np.asarray(
+        ring.distances(scene.bearing, spalls, ring.roller_angles(scene.bearing, cast(Real, scene.phase)), raceway)
+    )
     return bool(np.any(np.sum(np.abs(away) < half[:, None], axis=0) > 1))
 
 

@@ -16,11 +16,14 @@ from rich.table import Table
 from rich.text import Text
 
 from difftrb import status
+from difftrb.audit import Audit
 from difftrb.chunks import Ended
 from difftrb.contact_solution import ContactSolution
 from difftrb.edge_stress import EdgeStress
 from difftrb.law import Law
+from difftrb.promise import rollers_on_edges
 from difftrb.scene import Picked, PitchMean, Scene
+from difftrb.solution import Solution
 from difftrb.solving import Assessment
 
 BAR = 28
@@ -29,14 +32,18 @@ UNITS = {"centrifugal_force": "N", "axial_force": "N", "load_rating": "N", "flan
          **dict.fromkeys((f"{row}_row_{way}" for row in ("first", "second") for way in ("radial", "axial")), "N"),
          "second_row_share": "%", "basic_life": "million revolutions",
          "reference_life": "million revolutions"}  # fmt: skip
+FAR = 1.1
+"""How far beyond its range of loads a law is taken to hold without a remark."""
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
-def run_json(scene: Scene, result: Assessment, seconds: float, edges: Sequence[EdgeStress] = ()) -> dict[str, Any]:
+def run_json(
+    scene: Scene, result: Assessment, seconds: float, edges: Sequence[EdgeStress] = (), audit: Audit | None = None
+) -> dict[str, Any]:
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
     `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`, with
-    `edges` a key `edge_stress`, with the law "auto" a key `picked`.
+    `edges` a key `edge_stress`, with the law "auto" a key `picked`, with an `audit` a key of that name.
     """
     spalled, sound = result.spalled, result.healthy
     verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
@@ -67,8 +74,27 @@ def run_json(scene: Scene, result: Assessment, seconds: float, edges: Sequence[E
         **({"effects": spalled.effects} if scene.effects else {}),
         **({"edge_stress": [edge._asdict() for edge in edges]} if edges else {}),
         **({"picked": dataclasses.asdict(spalled.picked)} if spalled.picked is not None else {}),
+        **({"audit": audit.record()} if audit is not None else {}),
+        "remarks": remarks(scene, spalled),
         "seconds": seconds,
     })  # fmt: skip
+
+
+def remarks(scene: Scene, solution: Solution) -> list[str]:
+    """What a reader has to know before the numbers, a sentence each."""
+    found, of = [], solution.law
+    loads, (low, high) = np.asarray(solution.loads), (float(v) for v in of.load_range)
+    if float(loads.max()) > high * FAR:
+        found.append(
+            f"rollers carry up to {loads.max():,.0f} N, and law {of.name!r} was made for {low:,.0f} … {high:,.0f} N: "
+            "its error there is not known; name the law anew, or use 'direct'"
+        )
+    if of.hard and not isinstance(scene.phase, PitchMean) and (count := rollers_on_edges(scene, solution)):
+        found.append(
+            f"{count} roller{'s stand' if count > 1 else ' stands'} on a spall's rolling edge, which law {of.name!r} "
+            "does not know: in or out, with nothing between; use 'table' or 'direct'"
+        )
+    return found
 
 
 def contact_json(solution: ContactSolution, slopes: dict[str, Any], seconds: float) -> dict[str, Any]:
@@ -103,9 +129,11 @@ def plain(value: Any) -> Any:
     return value
 
 
-def run_text(scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = ()) -> RenderableType:
-    """The main job's result for people: stiffness and its losses, sensitivities, a bar of load for every roller, and a
-    sentence for every one of `edges`."""
+def run_text(
+    scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = (), audit: Audit | None = None
+) -> RenderableType:
+    """The main job's result for people: remarks, stiffness and its losses, sensitivities, a bar of load for every
+    roller, a sentence for every one of `edges`, and the `audit`'s."""
     spalled = result.spalled
     kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
     stiffness = house_table(f"Stiffness, {kind} [N/mm]")
@@ -154,7 +182,10 @@ def run_text(scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = ())
     lines.append(
         f"{spalled.status}; unbalanced force {spalled.residual:.1e} of the load after {spalled.iterations} steps"
     )
-    return Group(stiffness, loads, *(Text(line) for line in lines))
+    if audit is not None:
+        lines.append(audit.sentence)
+    first = (Text(f"note: {sentence}") for sentence in remarks(scene, spalled))
+    return Group(*first, stiffness, loads, *(Text(line) for line in lines))
 
 
 def number(value: Any, style: str) -> str:

@@ -53,7 +53,7 @@ def settled(scene: Scene, bases: Bases, progress: Progress | None = None) -> Law
 
     A scene that does not settle keeps the last laws, and its own status says that rollers are elsewhere.
     """
-    spalls = {raceway: ring.spalls_on(scene.spalls, raceway) for raceway in bases}
+    spalls: dict[Raceway, tuple[Spall, ...]] = {way: ring.spalls_on(scene.spalls, way) for way in bases}
     laws: Laws = {
         raceway: LocalLaw(base, (), (), (), len(spalls[raceway]), settling=True) for raceway, base in bases.items()
     }
@@ -106,7 +106,7 @@ def _at_rest(
     share = FARTHER * (ring.OWN if "inner" in laws else 1.0)
     reached: dict[Raceway, list[Reached]] = {}
     for raceway in laws:
-        rest = Rest(float(laws[raceway].contact.radius), share * np.asarray(approach), np.asarray(found[raceway]))
+        rest = Rest(float(laws[raceway].contact.radius), share * approach, found[raceway])
         distances = np.asarray(away[raceway])
         met = np.array([np.asarray(rest.in_reach(s, d)) for s, d in zip(spalls[raceway], distances, strict=True)])
         reached[raceway] = [
@@ -129,7 +129,7 @@ def _solved(
     loads: dict[Raceway, jax.Array] = {"outer": rest.loads}
     if terms.facing is not None and terms.seat is not None:
         loads["inner"] = roller.inner_load(terms.seat, rest.loads)
-    away = {raceway: here.distances(raceway, ring.PLAIN) for raceway in loads}
+    away: dict[Raceway, jax.Array] = {raceway: here.distances(raceway, ring.PLAIN) for raceway in loads}
     return loads, away, rest.approach
 
 
