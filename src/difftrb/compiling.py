@@ -26,7 +26,7 @@ def quick() -> dict[str, Any]:
     return {name: value for name, value in OPTIONS.items() if _taken(name, value)}
 
 
-def _taken(name: str, value: bool | int) -> bool:
+def _taken(name: str, value: Any) -> bool:
     """Whether a trivial program compiles with the option."""
     try:
         jax.jit(lambda: 0.0).lower().compile(compiler_options={name: value})
