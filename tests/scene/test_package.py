@@ -15,7 +15,7 @@ ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given
         "scene", "preparation", "solution", "choice", "solving", "edge_stress", "axes", "outputs",
         "devices", "swept", "plan", "sweeping", "gathered", "chunks", "forecast", "sentences",
         "scenefile", "sweepfile", "measured", "unknowns", "observed", "least_squares", "confidence",
-        "fitted", "optimal_design", "remarks", "fitting", "clock", "rungs", "rung_times", "accuracy",
+        "light_load", "fitted", "optimal_design", "remarks", "fitting", "clock", "rungs", "rung_times", "accuracy",
         "report", "fit_report", "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot",
         "terminal", "environment", "folders", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
