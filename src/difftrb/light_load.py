@@ -58,4 +58,6 @@ def _remark(given: str, share: float) -> str | None:
     light = f"{given}: the equivalent load is {share:.2g} of the bearing's dynamic load rating C (ISO 281)"
     if share * THOUSAND <= 1.0:
         return f"{light}; loads are in N, and this looks like kN"
-    return f"{light}, less than the {LEAST:g} C its rollers need to roll; loads are in N: check for a lost factor of ten"
+    return (
+        f"{light}, less than the {LEAST:g} C its rollers need to roll; loads are in N: check for a lost factor of ten"
+    )
