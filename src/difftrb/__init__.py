@@ -8,9 +8,11 @@ Names are imported when first used, so that the command line can set up JAX befo
 from __future__ import annotations
 
 import importlib
+from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from difftrb import effects
     from difftrb.audit import Audit, verify
     from difftrb.axes import SweepError
@@ -73,6 +75,8 @@ __all__ = sorted([*_HOME_OF, "effects"])  # pyright: ignore[reportUnsupportedDun
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return metadata.version("difftrb")  # pyproject.toml's
     if name == "effects":
         return importlib.import_module("difftrb.effects")
     if name not in _HOME_OF:
@@ -81,4 +85,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return [*__all__, "__version__"]

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import difftrb
 from difftrb import terminal
 from difftrb.environment import set_up_jax
 from difftrb.folders import write_folder
@@ -52,6 +53,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="difftrb",
         description="Load distribution and stiffness of a spalled tapered roller bearing, with gradients.",
     )
+    parser.add_argument("--version", action="version", version=f"difftrb {difftrb.__version__}")
     parser.add_argument(
         "--no-cache", dest="cache", action="store_false", help="do not keep compiled programs and tables on disk"
     )
@@ -123,7 +125,7 @@ def _read(options: Any) -> tuple[Any, str]:
 def _run(options: Any) -> int:
     import jax
 
-    from difftrb import report, scenefile
+    from difftrb import light_load, report, scenefile
     from difftrb.audit import verify
     from difftrb.choice import prepare
     from difftrb.edge_stress import edge_stresses
@@ -131,6 +133,7 @@ def _run(options: Any) -> int:
 
     file, path = _read(options)
     scenefile.check_ring(file, path)
+    _remark(light_load.of_scene(file), path)
     started = time.perf_counter()
     if file.contact.law in ("table", "direct", "auto"):
         with terminal.bar("solving contacts for the roller law") as progress:
@@ -167,11 +170,12 @@ def _run(options: Any) -> int:
 def _contact(options: Any) -> int:
     import jax
 
-    from difftrb import report, scenefile
+    from difftrb import light_load, report, scenefile
     from difftrb.contact_slopes import approach_and_slopes
 
     file, path = _read(options)
     scenefile.check_contact(file, path)
+    _remark(light_load.of_contact(file), path)
     started = time.perf_counter()
     with terminal.busy("solving the contact"):
         solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
@@ -186,11 +190,12 @@ def _contact(options: Any) -> int:
 
 
 def _accuracy(options: Any) -> int:
-    from difftrb import accuracy, accuracy_report, rungs, scenefile
+    from difftrb import accuracy, accuracy_report, light_load, rungs, scenefile
 
     if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
         raise scenefile.SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
     file, path = _read(options)
+    _remark(light_load.of_scene(file), path)
     ways, limit = (rungs.FULL, float("inf")) if options.full else (rungs.RUNGS, accuracy.LIMIT)
     with terminal.bar("measuring what accuracy costs") as progress:
         measured = accuracy.measure(file, path, ways, options.accuracy, limit, progress=progress, thorough=options.full)
@@ -206,13 +211,14 @@ def _accuracy(options: Any) -> int:
 
 
 def _fit(options: Any) -> int:
-    from difftrb import fit_report, measured, scenefile
+    from difftrb import fit_report, light_load, measured, scenefile
     from difftrb.fitting import fit, prepare_fit
     from difftrb.optimal_design import next_measurements
 
     file, path = _read(options)
     scenefile.check_ring(file, path)
     rows = measured.load_measured(options.measured)
+    _remark(light_load.of_rows(file.bearing, rows), options.measured)
     names = [name.strip() for name in options.parameters.split(",")]
     started = time.perf_counter()
     with terminal.bar("solving contacts for the roller law") as progress:
@@ -232,13 +238,15 @@ def _fit(options: Any) -> int:
 
 
 def _sweep(options: Any) -> int:
-    from difftrb import chunks, devices, forecast, report, sweepfile
+    from difftrb import chunks, devices, forecast, light_load, report, sweepfile
 
     folder: Path = options.out
     if folder is None and not options.dry_run:
         return _refuse("sweep needs --out DIR, or --dry-run", EXIT_BAD_FILE)
     devices.join(options.coordinator, options.processes, options.process)  # before anything is computed
     file = sweepfile.read(options.scene)
+    if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
+        _remark((light_load.of_contact if file.of_contact else light_load.of_scene)(file.scene), options.scene)
     with terminal.bar("preparing the roller law") as progress:
         plan = file.plan(options.batch, progress)
     _say_picked(plan.base)
@@ -270,15 +278,22 @@ def _say_picked(base: Any) -> None:
         _say(report.picked_text(picked))
 
 
+def _remark(sentence: str | None, path: str) -> None:
+    """What may be wrong with a file that is in order."""
+    if sentence is not None:
+        _say(f"{path}: {sentence}")
+
+
 def _say(sentence: str) -> None:
     print(f"difftrb: {sentence}", file=sys.stderr)
 
 
 def _check(options: Any) -> int:
-    from difftrb import scenefile
+    from difftrb import light_load, scenefile
 
     file = scenefile.read(options.scene)
     scenefile.check_ring(file, options.scene)
+    _remark(light_load.of_scene(file), options.scene)
     spalls = f"{len(file.spall)} spall{'s' if len(file.spall) != 1 else ''}" if file.spall else "healthy"
     print(f"{options.scene}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
           f"axial {file.load.axial:g} N, law {file.contact.law}")  # fmt: skip
@@ -287,15 +302,16 @@ def _check(options: Any) -> int:
 
 def _example(options: Any) -> int:
     from difftrb import measured, scenefile
+    from difftrb.files import shown
 
+    files = {name: scenefile.example(name) for name in scenefile.example_names()} | {"measured": measured.example()}
     if options.name is None:
-        for name in scenefile.example_names():
-            print(f"{name:16s} {scenefile.example(name).splitlines()[0].removeprefix('# ')}")
-        print(f"{'measured':16s} {measured.example().splitlines()[0].removeprefix('# ')}")
-    elif options.name == "measured":
-        print(measured.example(), end="")
+        for name, text in files.items():
+            print(f"{name:16s} {text.splitlines()[0].removeprefix('# ')}")
+    elif options.name not in files:
+        return _refuse(f"no example named {shown(options.name)}; there are {', '.join(files)}", EXIT_BAD_FILE)
     else:
-        print(scenefile.example(options.name), end="")
+        print(files[options.name], end="")
     return EXIT_OK
 
 

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 
 from difftrb import edges, halfspace, lattice, status, strip_model
 from difftrb import gap as gaps
+from difftrb.compiling import jit_quickly
 from difftrb.contact_solution import ContactSolution, assembled, border, extent, verdict
 from difftrb.domain import Resolution, fitted_cells
 from difftrb.geometry import LineContact, Real, Spall
@@ -177,12 +178,7 @@ def _first_that_does(
     return by("cells", 0, accuracy)
 
 
-# XLA's newer emitters of CPU code take twice as long to compile as the older, for programs no faster here (jax 0.10.1:
-# strips 14 s → 8 s). Options count at the outermost `jit` only.
-COMPILING = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
-
-
-@partial(jax.jit, static_argnums=(0, 2, 3, 4), compiler_options=COMPILING)
+@jit_quickly(static_argnums=(0, 2, 3, 4))
 def _alone(method: Method, arguments: Arguments, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
     """`_by`, outside any other `jit`."""
     return _by(method, arguments, mirrored, edges, accuracy)
@@ -324,7 +320,7 @@ def _by_either(
     )  # fmt: skip
 
 
-@partial(jax.jit, static_argnums=(5, 6, 7, 8), compiler_options=COMPILING)
+@jit_quickly(static_argnums=(5, 6, 7, 8))
 def _slopes(
     contact: LineContact, load: jax.Array, spall: Defect, offset: jax.Array, tilt: jax.Array | None, mirrored: bool,
     edges: int, accuracy: float, method: Method,

@@ -7,7 +7,6 @@ import dataclasses
 import math
 import time
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,7 +15,8 @@ import jax.numpy as jnp
 
 from difftrb import clock, continuum, scenefile, store
 from difftrb.choice import prepare
-from difftrb.contact import COMPILING, on_lattice, solve_contact
+from difftrb.compiling import jit_quickly
+from difftrb.contact import on_lattice, solve_contact
 from difftrb.contact_solution import ContactSolution
 from difftrb.rungs import Row, Rung
 from difftrb.scene import PitchMean, Scene
@@ -94,12 +94,12 @@ def _sizes(ready: Scene) -> jax.Array:
     return jnp.stack([jnp.asarray(v, float) for v in ((spall.length, spall.width) if spall else (1.0, 1.0))])
 
 
-@partial(jax.jit, compiler_options=COMPILING)
+@jit_quickly()
 def _batch(loads: jax.Array, ready: Scene) -> jax.Array:
     return jax.vmap(lambda radial: _radial(_sizes(ready), radial, ready))(loads)
 
 
-@partial(jax.jit, compiler_options=COMPILING)
+@jit_quickly()
 def _batch_with_gradient(loads: jax.Array, ready: Scene) -> tuple[jax.Array, jax.Array]:
     def one(radial: jax.Array) -> tuple[jax.Array, jax.Array]:
         def twice(sizes: jax.Array) -> tuple[jax.Array, jax.Array]:

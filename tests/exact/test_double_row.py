@@ -5,7 +5,6 @@ against the integrals for a single one (Sjövall 1933, as in NSK E728g), which a
 """
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import effects, geometry, hertz, law, life, pair, pitch, ring, status
-from difftrb.contact import COMPILING
+from difftrb.compiling import jit_quickly
 
 LIU = trb.liu2018()
 LOAD = trb.Load(9000.0, 4500.0)
@@ -173,7 +172,7 @@ def _mean_answer(bearing, values: dict[str, float], name: str):
     return jax.jvp(lambda v: _mean_values(values | {name: v}, bearing), (jnp.asarray(values[name]),), (jnp.ones(()),))
 
 
-@partial(jax.jit, compiler_options=COMPILING)
+@jit_quickly()
 def _mean_values(v: dict[str, jax.Array], bearing) -> jax.Array:
     row = effects.DoubleRow(v["preload"], spacing=v["spacing"], moment_lateral=v["moment_lateral"])
     mean = trb.Scene(

@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 import os
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +11,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import curve, effects, geometry, law, life, ramp, ring, roller, solution, status
-from difftrb.contact import COMPILING
+from difftrb.compiling import jit_quickly
 
 LIU = trb.liu2018()
 SOLID = law.PowerLaw(jnp.zeros(1), jnp.log(jnp.array([1e24])), jnp.array([1.2]), (0.0, np.inf), np.nan, 0.0, "given")
@@ -252,7 +251,7 @@ def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
     held = "mounting" in pair
     acting = tuple(KINDS[name] for name in pair)
 
-    @partial(jax.jit, compiler_options=COMPILING)
+    @jit_quickly()
     def answer(by: jax.Array) -> tuple[jax.Array, jax.Array]:
         def solved(by: jax.Array) -> tuple[jax.Array, jax.Array]:
             numbers, treedef = jax.tree.flatten(acting)

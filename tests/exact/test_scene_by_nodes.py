@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +10,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import nodes
-from difftrb.contact import COMPILING
+from difftrb.compiling import jit_quickly
 
 SPALL = trb.Spall(4.0, 7.0)
 
@@ -22,7 +21,7 @@ def prepared(bearing, roller_law: str, **changes) -> trb.Scene:
     return trb.prepare(dataclasses.replace(scene, **changes))
 
 
-@partial(jax.jit, static_argnums=1, compiler_options=COMPILING)
+@jit_quickly(static_argnums=1)
 def slopes(scene: trb.Scene, derivative: Callable) -> tuple[jax.Array, trb.Solution]:
     """Of radial stiffness by length, width, angle, design load and modulus; the solution."""
 

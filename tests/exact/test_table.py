@@ -9,7 +9,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import nodes, status, table
-from difftrb.contact import COMPILING
+from difftrb.compiling import jit_quickly
 from difftrb.law import load_over
 from experiments import build_of_table
 from tests.closed_form import approach, healthy, load_at
@@ -192,8 +192,7 @@ def _narrow_load(v, narrow):
 
 
 narrow_load, by_reverse, by_forward = (
-    jax.jit(one, compiler_options=COMPILING)
-    for one in (_narrow_load, jax.jacrev(_narrow_load), jax.jacfwd(_narrow_load))
+    jit_quickly()(one) for one in (_narrow_load, jax.jacrev(_narrow_load), jax.jacfwd(_narrow_load))
 )
 
 

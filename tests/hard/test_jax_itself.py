@@ -1,8 +1,11 @@
-"""The JAX that is installed computes this package's kind of expression correctly."""
+"""The JAX that is installed computes this package's kind of expression correctly and takes its compile options."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
+
+from difftrb import compiling
 
 
 def test_batched_small_matrix_products() -> None:
@@ -15,3 +18,18 @@ def test_batched_small_matrix_products() -> None:
 
 def test_it_is_not_the_release_that_is_wrong() -> None:
     assert jax.__version__ != "0.10.2"
+
+
+def test_options_that_xla_does_not_know_are_left_out(monkeypatch) -> None:
+    """As on jax 0.11 and later, which have no older emitters."""
+    known = {"xla_backend_optimization_level": 1}
+    monkeypatch.setattr(compiling, "OPTIONS", {"xla_no_such_option": False} | known)
+    compiling.quick.cache_clear()
+    try:
+        with pytest.raises(jax.errors.JaxRuntimeError, match="No such compile option"):
+            jax.jit(lambda: 0.0, compiler_options=compiling.OPTIONS)()
+        double = compiling.jit_quickly(static_argnames="times")(lambda x, times: times * x)
+        assert float(double(2.0, times=3.0)) == 6.0
+        assert compiling.quick() == known
+    finally:
+        compiling.quick.cache_clear()

@@ -1,13 +1,15 @@
 """The command line, in process: output, exit codes, and what is (not) written."""
 
+import dataclasses
 import json
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb import environment, folders, geometry, plot, scenefile
+from difftrb import environment, folders, geometry, light_load, measured, plot, scenefile
 
 PAPER = scenefile.example("paper")
 
@@ -344,3 +346,44 @@ def test_check_and_example(capsys, paper: Path) -> None:
     code, _, err = call(capsys, "example", "none")
     assert code == 2
     assert "there are contact, diameters, double_row, fit, flange" in err
+    assert err.endswith(", measured\n")
+
+
+def test_version_is_that_of_the_package(capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"difftrb {metadata.version('difftrb')}\n"
+    assert trb.__version__ == metadata.version("difftrb")
+
+
+@pytest.mark.parametrize(
+    ("radial", "axial", "words"),
+    [
+        ("9000.0", "4500.0", None),
+        ("900.0", "450.0", "is 0.019 of the bearing's dynamic load rating C (ISO 281), less than the 0.02 C"),
+        ("120.0", "60.0", "check for a lost factor of ten"),
+        ("9.0", "4.5", "loads are in N, and this looks like kN"),
+    ],
+)
+def test_small_loads_get_a_remark(capsys, tmp_path: Path, radial: str, axial: str, words: str | None) -> None:
+    """In one sentence on stderr; the scene is as much in order as before."""
+    path = tmp_path / "light.toml"
+    path.write_text(PAPER.replace("9000.0", radial).replace("4500.0", axial), encoding="utf-8")
+    for arguments in (["check"], ["run", "--json"]):
+        code, _, err = call(capsys, arguments[0], str(path), *arguments[1:])
+        assert code == 0
+        assert err == "" if words is None else words in err
+        assert err.count("\n") == (words is not None)
+
+
+def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
+    file = scenefile.parse(scenefile.example("contact"))
+    assert light_load.of_contact(file) is None
+    light = dataclasses.replace(file, contact=dataclasses.replace(file.contact, load=3.0))
+    assert "contact.load = 3 N: " in str(light_load.of_contact(light))
+    assert light_load.of_scene(scenefile.parse(scenefile.example("mounting"))) is None
+    rows = measured.parse(measured.example())
+    assert light_load.of_rows(file.bearing, rows) is None
+    in_kn = [dataclasses.replace(row, radial=row.radial / 1e3, axial=row.axial / 1e3) for row in rows[1:]]
+    assert str(light_load.of_rows(file.bearing, [rows[0], *in_kn])).startswith("row 5: radial = 3 N, axial = 4.5 N: ")
