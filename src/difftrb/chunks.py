@@ -120,6 +120,7 @@ def run(
     """
     manifest = manifest_of(plan, text)
     say = say or (lambda _: None)
+    netcdf = gathered.has_netcdf()  # known before anything is computed
     _refuse_others(folder, manifest, resume)
     wait("sweep: checked")
     mine = list(range(jax.process_index(), plan.chunks, jax.process_count()))
@@ -156,11 +157,11 @@ def run(
     if jax.process_index():
         return Ended(counted(counts), len(left))
     with _stays_good(folder, plan):
-        file, all_counts, shown = _gathered(plan, folder, manifest)
+        file, all_counts, shown = _gathered(plan, folder, manifest, netcdf)
     return Ended(counted(all_counts), len(left), file, shown)
 
 
-def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any]) -> tuple[Path, Counter, Swept]:
+def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any], netcdf: bool) -> tuple[Path, Counter, Swept]:
     """The file with everything, the members of every status, and the results along the first one or two axes."""
 
     def pieces(names: Sequence[str] | None = None) -> Iterator[tuple[int, store.Arrays]]:
@@ -174,7 +175,7 @@ def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any]) -> tuple[Path,
     plane, members = front(plan)
     taken: dict[str, list[np.ndarray]] = {name: [] for name in plan.shapes}
     file = folder
-    for file, first, found in gathered.write(plan, folder, manifest, pieces):  # noqa: B007
+    for file, first, found in gathered.write(plan, folder, manifest, pieces, netcdf):  # noqa: B007
         counts.update(found[STATUS].tolist())
         low, high = np.searchsorted(members, (first, first + len(found[STATUS])))
         for name, array in found.items():
@@ -190,14 +191,17 @@ def _clear(path: Path) -> None:
 
 @contextlib.contextmanager
 def _stays_good(folder: Path, plan: Plan) -> Iterator[None]:
-    """What the disk refuses becomes a `SweepError` that says what is there."""
+    """What the disk refuses, or a package that is gone, becomes a `SweepError` that says what is there."""
     try:
         yield
-    except OSError as error:
-        there = len(list(folder.glob("chunk_*.npz"))) if folder.is_dir() else 0
-        what = f"{there} of {plan.chunks} chunks are written and stay good; make room or leave and {RESUME}"
-        where = error.filename if error.filename and not str(error.filename).endswith(store.SCRATCH) else folder
-        raise SweepError(f"{where}: {error.strerror or error}: {what if there else 'nothing is written'}") from None
+    except (OSError, ImportError) as error:
+        there = sum(1 for _ in folder.glob("chunk_*.npz")) if folder.is_dir() else 0
+        mend = gathered.INSTALL if isinstance(error, ImportError) else "make room or allow writing there"
+        what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
+        named = getattr(error, "filename", None)
+        where = named if named and not str(named).endswith(store.SCRATCH) else folder
+        why = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        raise SweepError(f"{where}: {why}: {what if there else 'nothing is written'}") from None
 
 
 def _refuse_others(folder: Path, manifest: dict[str, Any], resume: bool) -> None:

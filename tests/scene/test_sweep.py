@@ -1,8 +1,10 @@
 """Sweeps: axes, members and blocks, the same bits whatever computes them, files, resuming, refusals, figures."""
 
+import contextlib
 import dataclasses
 import json
 import os
+import shutil
 import subprocess
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
@@ -254,6 +256,97 @@ def test_a_full_disk_leaves_what_is_written(
     monkeypatch.setattr(store, "write", write)
     assert chunks.run(plan, out, FILE, resume=True).computed == plan.chunks - 2
     assert bytes_of(out) == bytes_of(whole)
+
+
+def test_without_h5py_everything_goes_into_npz(
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """h5netcdf alone is importable, and cannot write."""
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    out = tmp_path / "out"
+    shutil.copytree(whole, out, ignore=shutil.ignore_patterns("sweep.*"))
+    ended = chunks.run(plan, out, FILE, resume=True)
+    assert (ended.computed, ended.file) == (0, out / "sweep.npz")
+    found = trb.load_sweep(out)
+    assert found.counts == ended.counts
+    (out / "sweep.npz").rename(out / "sweep.nc")
+    with pytest.raises(trb.SweepError, match=r"sweep.nc: is read by h5netcdf and h5py, .* pip install 'difftrb\[io\]'"):
+        trb.load_sweep(out)
+
+
+def test_a_package_that_goes_missing_leaves_what_is_written(
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(whole, out, ignore=shutil.ignore_patterns("sweep.*"))
+    with monkeypatch.context() as patch:
+        patch.setattr(gathered, "has_netcdf", lambda: True)
+        patch.setitem(sys.modules, "h5netcdf", None)
+        words = (
+            rf"{plan.chunks} of {plan.chunks} chunks are written and stay good; pip install 'difftrb\[io\]', and go on"
+        )
+        with pytest.raises(trb.SweepError, match=words):
+            chunks.run(plan, out, FILE, resume=True)
+    assert not [p.name for p in out.iterdir() if p.name.startswith("sweep.")]
+    assert chunks.run(plan, out, FILE, resume=True).computed == 0
+    assert trb.load_sweep(out).counts == trb.load_sweep(whole).counts
+
+
+@pytest.mark.parametrize("kind", ["netcdf", "npz"])
+def test_a_disk_that_fills_while_gathering_leaves_the_chunks(
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """At every place of the file: HDF5 crashed where a write failed."""
+    resource = pytest.importorskip("resource")
+    if kind == "netcdf":
+        pytest.importorskip("h5py")
+    monkeypatch.setattr(gathered, "has_netcdf", lambda: kind == "netcdf")
+    out = tmp_path / "out"
+    shutil.copytree(whole, out, ignore=shutil.ignore_patterns("sweep.*"))
+    file = chunks.run(plan, out, FILE, resume=True).file
+    assert file is not None
+    good = file.read_bytes()
+    assert len(good) > 10_000
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for size in (0, 100, 5000, len(good) // 2, len(good) - 100):
+        with monkeypatch.context() as patch:
+            patch.setattr(chunks.store, "replacing", limited(chunks.store.replacing, resource, size, (soft, hard)))
+            with pytest.raises(trb.SweepError, match=r"File too large: .* chunks are written and stay good"):
+                chunks.run(plan, out, FILE, resume=True)
+        assert file.read_bytes() == good  # what was there before stays
+        assert not list(out.glob("*.part"))
+    assert chunks.run(plan, out, FILE, resume=True).computed == 0
+
+
+def limited(replacing, resource, size: int, before: tuple[int, int]):
+    """`store.replacing` with a limit on what is written while a file with everything is."""
+
+    @contextlib.contextmanager
+    def within(path: Path):
+        with replacing(path) as scratch:
+            if not path.name.startswith("sweep."):
+                yield scratch
+                return
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+            try:
+                yield scratch
+            finally:
+                resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    return within
+
+
+def test_results_of_another_sweep_are_not_read(plan: Plan, whole: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(whole, out)
+    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    (out / "manifest.json").write_text(json.dumps(manifest | {"identity": "another's"}), encoding="utf-8")
+    with pytest.raises(trb.SweepError, match="is damaged, or another sweep's; go on with --resume"):
+        trb.load_sweep(out)
+    for text in ("{}", "[]", "1"):
+        (out / "manifest.json").write_text(text, encoding="utf-8")
+        with pytest.raises(trb.SweepError, match="there is no sweep here"):
+            trb.load_sweep(out)
 
 
 def test_folders_that_are_refused(plan: Plan, whole: Path, tmp_path: Path) -> None:
