@@ -7,6 +7,8 @@ import os
 import shutil
 import subprocess
 import sys
+import tracemalloc
+from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -20,17 +22,19 @@ from difftrb import (
     axes,
     chunks,
     devices,
+    forecast,
     gathered,
     outputs,
     plot,
     preparation,
     scenefile,
+    sizes,
     store,
     sweep_plot,
     sweepfile,
     sweeping,
 )
-from difftrb.plan import Plan
+from difftrb.plan import Plan, front
 
 SIZES = ("spall.0.length", "spall.0.width")
 FILE = f"""{scenefile.example("spall")}
@@ -114,6 +118,78 @@ def test_a_million_million_members_are_planned_at_once(plan: Plan) -> None:
     plan = sweeping.planned(["peak_load"], plan.base, dict.fromkeys(keys, thousand))
     assert plan.layout.members == 10**12
     assert plan.members(plan.chunks - 1)[1] == 10**12
+
+
+def test_a_million_million_members_are_forecast_without_arrays_of_their_length(plan: Plan) -> None:
+    thousand = {"from": 3000.0, "to": 4000.0, "count": 1000}
+    keys = ("load.axial", "load.radial", "spall.0.angle", "stiffness.phase")
+    given = dict(zip(keys, (thousand, *[{"from": 0.0, "to": 1.0, "count": 1000}] * 3), strict=True))
+    plan = sweeping.planned(["peak_load"], plan.base, given, batch=8)
+    tracemalloc.start()
+    printed = forecast.text(plan, 1)
+    manifest = chunks.manifest_of(plan)
+    members = front(plan)[1]
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert "1,000,000,000,000 = 1000 × 1000 × 1000 × 1000" in printed
+    assert len(json.dumps(manifest)) < 1e6
+    assert peak < 1e8
+    assert members[[0, -1]].tolist() == [500 * 1000 + 500, 999 * 10**9 + 999 * 10**6 + 500 * 1000 + 500]
+
+
+def test_figures_show_long_axes_at_some_values(plan: Plan) -> None:
+    plan = sweeping.planned(["peak_load"], plan.base, {"load.axial": np.linspace(3e3, 4e3, 10**6)})
+    shown, members = front(plan)
+    assert len(members) == shown.axes[0].count == 500
+    np.testing.assert_array_equal(shown.axes[0].values[0], plan.axes[0].values[0][members])
+    record = chunks.manifest_of(plan)["axes"][0]
+    other = dataclasses.replace(plan, axes=(dataclasses.replace(plan.axes[0], values=plan.axes[0].values + 1e-9),))
+    assert record["digest"] != chunks.manifest_of(other)["axes"][0]["digest"]
+
+
+@pytest.mark.parametrize("mode", ["sweep", "write_sweep"])
+def test_more_members_than_any_sweep_can_have(plan: Plan, tmp_path: Path, mode: str) -> None:
+    given = dict.fromkeys(("load.axial", "spall.0.angle", "stiffness.phase"), np.linspace(0.0, 1.0, 10**5))
+    run = {"sweep": trb.sweep, "write_sweep": partial(trb.write_sweep, folder=tmp_path / "out")}[mode]
+    words = r"^100,000 × 100,000 × 100,000 = 1,000,000,000,000,000 members, which take 50 PB of disk or more: must be"
+    with pytest.raises(trb.SweepError, match=words):
+        run(["loads"], plan.base, given, gradients=["load.axial", "load.radial"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_does_not_fit_is_not_begun(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweeping.Program, "__init__", lambda *_: pytest.fail("something is computed"))
+    thousand = np.linspace(3e3, 4e3, 1000)
+    given = {"load.axial": thousand, "load.radial": thousand}
+    with monkeypatch.context() as patch:
+        patch.setattr(sizes, "free_memory", lambda: 1e8)
+        words = r"^1,000 × 1,000 = 1,000,000 members of 185 bytes take 20\d MB of memory, of which 100 MB are free, "
+        with pytest.raises(trb.SweepError, match=words):
+            trb.sweep("loads", plan.base, given)
+        patch.setattr(sizes, "free_memory", lambda: 1e6)
+        with pytest.raises(trb.SweepError, match="of memory, of which 1 MB are free; give a smaller batch"):
+            trb.write_sweep("loads", plan.base, given, tmp_path / "out")
+    with monkeypatch.context() as patch:
+        patch.setattr(sizes, "free_disk", lambda folder: 10**8)
+        words = "take 370 MB of disk, in chunks and in one file, of which 100 MB are free there, enough for 270,270;"
+        with pytest.raises(trb.SweepError, match=words):
+            trb.write_sweep("loads", plan.base, given, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(trb.SweepError, match="batch = 1000000000: must be a whole number in 1 … 131072"):
+        trb.sweep("loads", plan.base, given, batch=10**9)
+
+
+def test_a_sweep_that_is_written_but_for_one_file_needs_room_for_that(
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(whole, out, ignore=shutil.ignore_patterns("sweep.*"))
+    needed = plan.layout.members * sizes.of_member(plan)
+    monkeypatch.setattr(sizes, "free_disk", lambda _: needed - 1)
+    with pytest.raises(trb.SweepError, match="bytes still take"):
+        chunks.run(plan, out, FILE, resume=True)
+    monkeypatch.setattr(sizes, "free_disk", lambda _: needed)
+    assert chunks.run(plan, out, FILE, resume=True).computed == 0
 
 
 # ------------------------------------------------------------------------------------------------ numbers
@@ -229,6 +305,7 @@ def test_resuming_computes_what_is_missing_or_damaged(plan: Plan, whole: Path, t
     (out / "chunk_000002.npz").write_bytes(before["chunk_000003.npz"])  # sound, but not this one
     for name in ("chunk_000000.npz", "manifest.json", "sweep.nc", "sweep.npz"):
         (out / f"{name}-abc.part").write_bytes(b"left by a killed process")
+    (out / "own-download.part").write_text("not the sweep's")
     (out / "sweep.npz").unlink(missing_ok=True)  # sweep.nc where h5netcdf is installed
     (out / "manifest.json").write_text("{ cut")
     said: list[str] = []
@@ -236,7 +313,7 @@ def test_resuming_computes_what_is_missing_or_damaged(plan: Plan, whole: Path, t
     assert ended.computed == 3
     assert [sentence.split(" is ")[1] for sentence in said] == ["damaged: computed again"] * 2
     assert bytes_of(out) == before
-    assert not list(out.glob("*.part"))
+    assert [path.name for path in out.glob("*.part")] == ["own-download.part"]
     assert chunks.run(plan, out, FILE, resume=True).computed == 0
 
 
@@ -410,6 +487,19 @@ def test_to_xarray(whole: Path) -> None:
         ("[sweep]\n", '[sweep]\noutputs = ["noise"]\n', "outputs: 'noise' is unknown; use some of radial_stiffness"),
         ("[sweep]\n", '[sweep]\noutputs = ["approach", "loads"]\n', "do not go with the ring's"),
         ("[sweep]\n", "[sweeep]\n", "sweeep is not a known key"),
+        (
+            "[sweep]\n",
+            "[effects]\ntilt = {}\nraceways = {}\n[sweep]\n",
+            "effects.tilt and effects.raceways exclude",
+        ),
+        (
+            "[sweep]\n",
+            "[effects.tilt]\n[sweep]\n",
+            "effects.tilt carries by slices of ISO/TS 16281: set",
+        ),
+        ('"spall.0.width"]', '"accuracy"]', "accuracy is not a known key; known here: load.radial"),
+        ('"spall.0.width"]', '"spalls.0.width"]', "spalls.0.width is not a known key; known here: load.radial"),
+        ('"spall.0.width"]', '"effects.life.load_rating"]', "numbers of effects are not swept; run one sweep for each"),
         ('"spall.0.width"]', '"spall.0.depth"]', "gradients: spall.0.depth: contact.law = 'liu2018' does not know"),
         ('law = "liu2018"', 'law = "direct"', "contact.law = 'direct' holds for one scene"),
         ('law = "liu2018"', 'law = "power"', "gradients: spall.0.width: contact.law = 'power' is fitted for one width"),
