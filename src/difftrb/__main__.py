@@ -252,7 +252,7 @@ def _sweep(options: Any) -> int:
     _say_picked(plan.base)
     if options.dry_run:
         with terminal.busy("measuring a small batch"):
-            print(forecast.text(plan, options.devices))
+            print(forecast.text(plan, options.devices, folder))
         return EXIT_OK
     with terminal.members("sweeping") as progress:
         ended = chunks.run(plan, folder, file.text, options.resume, options.devices, progress, _say)

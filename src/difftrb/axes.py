@@ -24,6 +24,8 @@ Mode = Literal["product", "zip"]
 ZIPPED = "member"
 """Dimension of zipped axes."""
 OF_SCENE = "load.radial, load.axial, spall.0.length and so on, bearing.…, stiffness.phase, contact.design_load"
+WITHOUT_OWNER = ("stiffness.phase", "contact.design_load")
+"""Keys of a scene file that are a scene's own fields."""
 SPACINGS = ("linear", "log")
 RANGE_KEYS = ("from", "to", "count", "spacing")
 MOST_VALUES = 10_000_000
@@ -133,9 +135,17 @@ def _steps(tree: Any, key: str) -> list[str]:
     if isinstance(tree, Scene):
         if steps[0] == "spall":
             steps[0] = "spalls"
-        elif key in ("stiffness.phase", "contact.design_load"):
+        elif key in WITHOUT_OWNER:
             steps = steps[1:]
     return steps
+
+
+def _is_of_scene(key: str) -> bool:
+    """Whether a key begins as those of scenes do: Python's names of other fields are none. Raises `SweepError`."""
+    owner, _, rest = key.partition(".")
+    if owner == "effects" and not rest[:1].isdigit():
+        raise SweepError(f"{dotted(key.split('.'))}: numbers of effects are not swept; run one sweep for each")
+    return owner in ("load", "spall", "bearing", "effects") or key in WITHOUT_OWNER
 
 
 def _fields(tree: Any) -> list[str]:
@@ -156,6 +166,8 @@ def number_at(tree: Any, key: str) -> Any:
     """The number that `key` names in `tree`. Raises `SweepError` if there is none."""
     at = tree
     steps = _steps(tree, key)
+    if isinstance(tree, Scene) and not _is_of_scene(key):
+        raise SweepError(f"{dotted(key.split('.'))} is not a known key; known here: {OF_SCENE}")
     for i, step in enumerate(steps):
         fields = _fields(at)
         if step not in fields:
@@ -164,8 +176,6 @@ def number_at(tree: Any, key: str) -> Any:
             close = difflib.get_close_matches(step, fields, n=1)
             written = key.split(".")[: i + len(key.split(".")) - len(steps)]
             hint = f"did you mean {'.'.join([*written, close[0]])}?" if close else f"known here: {', '.join(fields)}"
-            if isinstance(at, Scene):
-                hint = f"known here: {OF_SCENE}"
             raise SweepError(f"{dotted(key.split('.'))} is not a known key" + (f"; {hint}" if fields else ""))
         at = _taken(at, step)
     return at

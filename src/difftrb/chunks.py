@@ -10,6 +10,7 @@ import contextlib
 import dataclasses
 import hashlib
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import metadata
@@ -19,8 +20,8 @@ from typing import Any, cast
 import jax
 import numpy as np
 
-from difftrb import gathered, status, store
-from difftrb.axes import SweepError
+from difftrb import gathered, sizes, status, store
+from difftrb.axes import Axis, SweepError
 from difftrb.devices import lanes_of, wait
 from difftrb.gathered import MANIFEST, RESUME, WHOLE
 from difftrb.law import Law
@@ -30,7 +31,9 @@ from difftrb.scene import Scene
 from difftrb.sweeping import Program, planned
 from difftrb.swept import Swept, column_of, counted
 
-FORMAT = 1
+FORMAT = 2
+LISTED = 10_000
+"""Values of an axis, at most, that are listed in the manifest."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,8 +42,8 @@ class Ended:
 
     Attributes:
       counts: members by the sentence of their status. computed: chunks that were computed now.
-      file: with all results. shown: those along the first one or two axes, at the middle of the others. Both None in
-        processes but the first.
+      file: with all results. shown: those along the first one or two axes, at some values of long ones and at the
+        middle of the others. Both None in processes but the first.
     """
 
     counts: dict[str, int]
@@ -63,7 +66,7 @@ def manifest_of(plan: Plan, text: str = "") -> dict[str, Any]:
         "format": FORMAT,
         "scene": text,
         "title": plan.title,
-        "axes": [{"keys": list(a.keys), "count": a.count, "values": a.values.tolist()} for a in plan.axes],
+        "axes": [{"keys": list(a.keys), "count": a.count, **_values(a)} for a in plan.axes],
         "gradients": list(plan.gradients),
         "outputs": {name: {"dims": own_dims(plan)[name], "shape": plan.shapes[name].shape} for name in names},
         "units": plan.units | {column_of(name, key): plan.unit(name, key) for name in names for key in plan.gradients},
@@ -73,10 +76,7 @@ def manifest_of(plan: Plan, text: str = "") -> dict[str, Any]:
         "law": law and {"name": law.name, "error": _number(law.error), "loads": [_number(v) for v in law.load_range]},
         "members": plan.layout.members,
         "batch": plan.batch,
-        "chunks": [
-            {"file": _name(i), "first": plan.members(i)[0], "members": plan.members(i)[1] - plan.members(i)[0]}
-            for i in range(plan.chunks)
-        ],
+        "chunks": {"count": plan.chunks, "blocks": plan.chunk, "block": plan.layout.size, "first_file": _name(0)},
     }
     about = json.loads(json.dumps(about))  # as it comes back from disk
     digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
@@ -87,6 +87,13 @@ def manifest_of(plan: Plan, text: str = "") -> dict[str, Any]:
         is_number = isinstance(leaf, jax.Array | np.ndarray | float | int)
         digest.update(np.asarray(leaf, float).tobytes() if is_number else repr(leaf).encode())
     return about | {"identity": digest.hexdigest()}
+
+
+def _values(axis: Axis) -> dict[str, Any]:
+    """An axis's values, or what tells long ones from others: they are all in the file with everything."""
+    if axis.count <= LISTED:
+        return {"values": axis.values.tolist()}
+    return {"digest": hashlib.sha256(axis.values.tobytes()).hexdigest()}
 
 
 def _number(value: Any) -> float | None:
@@ -120,29 +127,34 @@ def run(
     """
     manifest = manifest_of(plan, text)
     say = say or (lambda _: None)
+    netcdf = gathered.has_netcdf()  # known before anything is computed
     _refuse_others(folder, manifest, resume)
+    sizes.check_chunks(plan)
+    with _stays_good(folder, plan):
+        sizes.check_disk(plan, folder, _there(folder) if resume else 0)
     wait("sweep: checked")
-    mine = list(range(jax.process_index(), plan.chunks, jax.process_count()))
-    done, left, counts = 0, [], Counter()
+    mine = range(jax.process_index(), plan.chunks, jax.process_count())
+    done, left, counts = 0, mine, Counter()
     with _stays_good(folder, plan):
         if jax.process_index() == 0:
             folder.mkdir(parents=True, exist_ok=True)
-            for name in (MANIFEST, *WHOLE):
-                _clear(folder / name)
             with store.replacing(folder / MANIFEST) as scratch:
                 scratch.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
-        for chunk in mine:
-            path = folder / _name(chunk)
-            _clear(path)
-            found = _sound(path, plan, manifest, chunk) if resume else None
-            if found is None and resume and path.exists():
-                say(f"{path} is damaged: computed again")
-            if found is None:
+        _clear(folder)
+        if resume:
+            left = []
+            for chunk in mine:
+                path = folder / _name(chunk)
+                if (found := _sound(path, plan, manifest, chunk)) is not None:
+                    counts.update(found[STATUS].tolist())
+                    done += len(found[STATUS])
+                    continue
+                if path.exists():
+                    say(f"{path} is damaged: computed again")
                 left.append(chunk)
-            else:
-                counts.update(found[STATUS].tolist())
-                done += len(found[STATUS])
-    of = sum(np.diff(plan.members(chunk))[0] for chunk in mine)
+    of = (
+        sum(last - first for first, last in map(plan.members, mine)) if jax.process_count() > 1 else plan.layout.members
+    )
     tell = progress or (lambda *_: None)
     tell(done, of, done - counts[status.CONVERGED])
     with _stays_good(folder, plan), contextlib.closing(Program(plan, lanes_of(devices)).all(left)) as columns:
@@ -156,11 +168,11 @@ def run(
     if jax.process_index():
         return Ended(counted(counts), len(left))
     with _stays_good(folder, plan):
-        file, all_counts, shown = _gathered(plan, folder, manifest)
+        file, all_counts, shown = _gathered(plan, folder, manifest, netcdf)
     return Ended(counted(all_counts), len(left), file, shown)
 
 
-def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any]) -> tuple[Path, Counter, Swept]:
+def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any], netcdf: bool) -> tuple[Path, Counter, Swept]:
     """The file with everything, the members of every status, and the results along the first one or two axes."""
 
     def pieces(names: Sequence[str] | None = None) -> Iterator[tuple[int, store.Arrays]]:
@@ -174,7 +186,7 @@ def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any]) -> tuple[Path,
     plane, members = front(plan)
     taken: dict[str, list[np.ndarray]] = {name: [] for name in plan.shapes}
     file = folder
-    for file, first, found in gathered.write(plan, folder, manifest, pieces):  # noqa: B007
+    for file, first, found in gathered.write(plan, folder, manifest, pieces, netcdf):  # noqa: B007
         counts.update(found[STATUS].tolist())
         low, high = np.searchsorted(members, (first, first + len(found[STATUS])))
         for name, array in found.items():
@@ -182,22 +194,33 @@ def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any]) -> tuple[Path,
     return file, counts, labelled(plane, {name: np.concatenate(arrays) for name, arrays in taken.items()}, manifest)
 
 
-def _clear(path: Path) -> None:
-    """Of what a killed process left of it, half written."""
-    for scratch in store.leftovers(path):
-        scratch.unlink()
+def _there(folder: Path) -> int:
+    """How many chunks are in a folder, whether sound or not."""
+    return sum(1 for _ in folder.glob("chunk_*.npz"))
+
+
+def _clear(folder: Path) -> None:
+    """Of what killed processes left half written: of this one's chunks and, in the first process, of the rest."""
+    for name, scratch in store.leftovers(folder):
+        chunk = re.fullmatch(r"chunk_(\d+)\.npz", name)
+        owner = int(chunk[1]) % jax.process_count() if chunk else 0 if name in (MANIFEST, *WHOLE) else None
+        if owner == jax.process_index():
+            scratch.unlink()
 
 
 @contextlib.contextmanager
 def _stays_good(folder: Path, plan: Plan) -> Iterator[None]:
-    """What the disk refuses becomes a `SweepError` that says what is there."""
+    """What the disk refuses, or a package that is gone, becomes a `SweepError` that says what is there."""
     try:
         yield
-    except OSError as error:
-        there = len(list(folder.glob("chunk_*.npz"))) if folder.is_dir() else 0
-        what = f"{there} of {plan.chunks} chunks are written and stay good; make room or leave and {RESUME}"
-        where = error.filename if error.filename and not str(error.filename).endswith(store.SCRATCH) else folder
-        raise SweepError(f"{where}: {error.strerror or error}: {what if there else 'nothing is written'}") from None
+    except (OSError, ImportError) as error:
+        there = _there(folder) if folder.is_dir() else 0
+        mend = gathered.INSTALL if isinstance(error, ImportError) else "make room or allow writing there"
+        what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
+        named = getattr(error, "filename", None)
+        where = named if named and not str(named).endswith(store.SCRATCH) else folder
+        why = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        raise SweepError(f"{where}: {why}: {what if there else 'nothing is written'}") from None
 
 
 def _refuse_others(folder: Path, manifest: dict[str, Any], resume: bool) -> None:
@@ -253,6 +276,7 @@ def write_sweep(
     """`sweep` into files, with memory that does not grow with the number of members; `load_sweep` reads them.
 
     Arguments as in `sweep` and `run`. A function is known by its name: one that was changed has to be told apart by
-    another name, or another folder.
+    another name, or another folder. Raises `SweepError` as these do, and before anything is computed if chunks and the
+    file with everything, together about twice the results, do not fit into what is free in `folder`.
     """
     return run(planned(what, base, axes, gradients, mode, batch), Path(folder), "", resume, devices, progress)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -60,6 +62,22 @@ def memory() -> float:
         return math.nan
     largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return largest / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def free_memory() -> float:
+    """Bytes that this process can still take: what the system has left, or less where its control group ends; infinite
+    where neither is known."""
+    found = math.inf
+    with contextlib.suppress(OSError, ValueError, StopIteration):
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        found = 1024.0 * float(next(line for line in lines if line.startswith("MemAvailable")).split()[1])
+    with contextlib.suppress(OSError, ValueError, StopIteration):
+        groups = Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines()
+        name = next(line for line in groups if line.startswith("0::"))[3:].strip("/")
+        for group in (here := Path("/sys/fs/cgroup") / name, *here.parents):
+            with contextlib.suppress(OSError, ValueError):  # "max": as much as there is
+                found = min(found, float((group / "memory.max").read_text(encoding="ascii")))
+    return found
 
 
 def cores() -> int:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
-import numpy as np
 
+from difftrb import sizes
 from difftrb.devices import lanes_of
 from difftrb.plan import Plan
-from difftrb.sweeping import AHEAD, Program
+from difftrb.sweeping import Program
 
 
 class Forecast(NamedTuple):
@@ -30,7 +31,7 @@ class Forecast(NamedTuple):
 def forecast(plan: Plan, devices: int | None = None) -> Forecast:
     """Compile the program and compute one part of a chunk in every lane at once, twice."""
     lanes = lanes_of(devices)
-    member = sum(int(np.prod(shape.shape)) * np.dtype(shape.dtype).itemsize for shape in plan.shapes.values())
+    sizes.check_chunks(plan)
     program = Program(plan, lanes)
     parts = -(-plan.layout.blocks // plan.part)
     started = time.perf_counter()
@@ -42,39 +43,31 @@ def forecast(plan: Plan, devices: int | None = None) -> Forecast:
         program.parts([lane * parts // len(lanes) for lane in range(len(lanes))])
         again.append(time.perf_counter() - started)
     call = min(again)
-    chunk = plan.chunk * plan.layout.size * member
     share = -(-plan.chunks // jax.process_count()) / plan.chunks
     return Forecast(
         members=plan.layout.members,
         chunks=plan.chunks,
         lanes=len(lanes),
-        member=member,
-        memory=program.scratch() * len(lanes) + 2 * (AHEAD + 2) * chunk,
+        member=sizes.of_member(plan),
+        memory=program.scratch() * len(lanes) + sizes.of_chunks(plan),
         compile=first - call,
         call=call,
         seconds=share * parts * call / min(len(lanes), parts),
     )
 
 
-def text(plan: Plan, devices: int | None = None) -> str:
-    """The forecast for people."""
+def text(plan: Plan, devices: int | None = None, folder: Path | None = None) -> str:
+    """The forecast for people; with a `folder`, how much room is there."""
     f = forecast(plan, devices)
+    room = "" if folder is None else f"; {sizes.text(sizes.free_disk(folder))} are free in {folder}"
     counts = " × ".join(str(axis.count) for axis in plan.axes)
     return "\n".join([
         f"members   {f.members:,} = {counts}, in {f.chunks:,} files of {plan.chunk * plan.layout.size:,} or fewer",
-        f"disk      {_size(2 * f.member * f.members)}: {f.member} bytes a member, in chunks and in one file",
-        f"memory    {_size(f.memory)} beside JAX itself, whatever the number of members",
+        f"disk      {sizes.text(2 * f.member * f.members)}: {f.member} bytes a member, in chunks and in one file{room}",
+        f"memory    {sizes.text(f.memory)} beside JAX itself, whatever the number of members",
         f"time      {_duration(f.seconds)} on {f.lanes} device{'s' if f.lanes > 1 else ''}, and "
         f"{_duration(f.compile)} to compile; {1e6 * f.seconds / f.members:.3g} µs a member",
     ])  # fmt: skip
-
-
-def _size(count: float) -> str:
-    for unit in ("B", "kB", "MB", "GB"):
-        if count < 1000.0:
-            return f"{count:.3g} {unit}"
-        count /= 1000.0
-    return f"{count:.4g} TB"
 
 
 def _duration(seconds: float) -> str:

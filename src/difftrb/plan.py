@@ -23,6 +23,10 @@ from difftrb.swept import Swept, column_of
 
 PARTS, SHARE, MOST_MEMBERS = 16, 64, 2**17
 """Of a chunk: the parts it is computed in; which share of the sweep it is; members, at most (or so many blocks)."""
+SHOWN = 500
+"""Values of an axis in a figure, at most."""
+AHEAD = 2
+"""Chunks that are computed while one is dealt with: none of the lanes waits for the last part of a chunk."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,11 +180,14 @@ def labelled(plan: Plan, columns: Mapping[str, np.ndarray], about: dict[str, Any
 
 
 def front(plan: Plan) -> tuple[Plan, np.ndarray]:
-    """The plan of the first one or two axes with several values, all others at their middle, and the numbers of its
-    members in the whole plan, rising."""
+    """The plan of the first one or two axes with several values, of each at most `SHOWN`, all others at their middle,
+    and the numbers of its members in the whole plan, rising."""
     many = [i for i, axis in enumerate(plan.axes) if axis.count > 1][:2] or [0]
     counts = plan.layout.counts
-    places = [np.arange(n) if i in many else np.array([n // 2]) for i, n in enumerate(counts)]
+    places = [
+        np.linspace(0, n - 1, min(n, SHOWN)).round().astype(int) if i in many else np.array([n // 2])
+        for i, n in enumerate(counts)
+    ]
     members = np.ravel_multi_index(np.ix_(*places), counts).ravel()
     kept = tuple(
         dataclasses.replace(axis, values=axis.values[:, place]) for axis, place in zip(plan.axes, places, strict=True)

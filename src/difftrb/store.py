@@ -88,9 +88,10 @@ def replacing(path: Path) -> Iterator[Path]:
         raise
 
 
-def leftovers(path: Path) -> list[Path]:
-    """Scratch files for `path` that nobody finished, if nobody writes it now."""
-    return sorted(path.parent.glob(f"{path.name}-*{SCRATCH}"))
+def leftovers(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Scratch files in a folder that nobody finished, if nobody writes there now, each after the name it was for."""
+    for scratch in folder.glob(f"*-*{SCRATCH}"):
+        yield scratch.name.rpartition("-")[0], scratch
 
 
 def _umask() -> int:

@@ -97,6 +97,7 @@ def parse(text: str, path: str | Path = "scene") -> SweepFile:
             raise SweepError(
                 f"outputs: {', '.join(outputs.CONTACT)} are of a single contact and do not go with the ring's"
             )
+        _check(content, found)  # before a scene is made of it, which raises where effects exclude each other
         axes_.check(file if found.of_contact else file.scene(), made, found.gradients)
         _check_ends(content, made, found)
     return found
@@ -141,21 +142,25 @@ def _check_ends(content: dict[str, Any], made: tuple[Axis, ...], file: SweepFile
     """Every axis's ends as if they stood in the file: what the scene's own checks refuse is refused."""
     ends = [(key, float(end)) for axis in made for key, values in zip(axis.keys, axis.values, strict=True)
             for end in (values.min(), values.max())]  # fmt: skip
-    for key, end in [("", 0.0), *ends]:
+    for key, end in ends:
         changed = copy.deepcopy(content)
-        if key:
-            *way, name = key.split(".")
-            at: Any = changed
-            for step in way:
-                at = at[int(step)] if isinstance(at, list) else _table(at, step)
-            at[name] = end
-        try:
-            one = scenefile.from_content(changed, file.path)
-            (scenefile.check_contact if file.of_contact else scenefile.check_ring)(one, file.path)
-        except NoEquilibriumError:
-            continue  # a member like others: NaN
-        except SceneError as error:
-            raise SweepError(str(error).removeprefix(f"{file.path}: ")) from None
+        *way, name = key.split(".")
+        at: Any = changed
+        for step in way:
+            at = at[int(step)] if isinstance(at, list) else _table(at, step)
+        at[name] = end
+        _check(changed, file)
+
+
+def _check(content: dict[str, Any], file: SweepFile) -> None:
+    """Refuse a scene file's tables as `difftrb run` or `contact` does, but for loads without an equilibrium."""
+    try:
+        one = scenefile.from_content(copy.deepcopy(content), file.path)
+        (scenefile.check_contact if file.of_contact else scenefile.check_ring)(one, file.path)
+    except NoEquilibriumError:
+        return  # a member like others: NaN
+    except SceneError as error:
+        raise SweepError(str(error).removeprefix(f"{file.path}: ")) from None
 
 
 def _table(at: dict[str, Any], step: str) -> dict[str, Any]:

@@ -16,20 +16,18 @@ import numpy as np
 from jax.sharding import SingleDeviceSharding
 
 from difftrb import axes as axes_
-from difftrb import outputs, status
+from difftrb import outputs, sizes, status
 from difftrb.axes import Axis, Layout, SweepError
 from difftrb.devices import lanes_of
 from difftrb.nodes import Progress
 from difftrb.outputs import STATUS
-from difftrb.plan import SHARE, Plan, labelled
+from difftrb.plan import AHEAD, MOST_MEMBERS, SHARE, Plan, labelled
 from difftrb.scene import Scene
 from difftrb.swept import Swept
 
 BATCH = {"cpu": 1024, "gpu": 65536}
 """Members computed at once: on a busy CPU 240 to 4000 took the same time within noise (experiments/sweep_at_scale.py
 --batch); a GPU wants more, how many was not measured."""
-AHEAD = 2
-"""Chunks that are computed while one is dealt with: none of the lanes waits for the last part of a chunk."""
 
 
 class Program:
@@ -118,6 +116,8 @@ def planned(
     """A plan, checked, the roller law of a scene made once for all members; arguments and errors as in `sweep`."""
     status.require_float64()
     made = axes_.axes_of(given, mode)
+    results = 1 if callable(what) or isinstance(what, str) else len(what)
+    sizes.check_members((axis.count for axis in made), results * (1 + len(gradients)))
     units = axes_.check(base, made, gradients)
     dims: dict[str, tuple[str, ...]] = {}
     if isinstance(base, Scene):
@@ -147,8 +147,8 @@ def _batch(made: Sequence[Axis], batch: int | None) -> int:
     if batch is None:
         members = Layout(tuple(axis.count for axis in made), 1).members
         return min(BATCH.get(jax.default_backend(), BATCH["gpu"]), max(1, members // SHARE))
-    if not isinstance(batch, int) or batch < 1:
-        raise SweepError(f"batch = {batch!r}: must be a whole number of at least 1")
+    if not isinstance(batch, int) or not 1 <= batch <= MOST_MEMBERS:
+        raise SweepError(f"batch = {batch!r}: must be a whole number in 1 … {MOST_MEMBERS}")
     return batch
 
 
@@ -180,15 +180,18 @@ def sweep(
 
     The law of a scene is made once for all members; "auto" chooses it by some of them (`difftrb.outputs.prepared`), and
     `scene.picked` of the plan says which. A member without a solution is NaN, its status says why. Raises
-    `SweepError` for axes, keys or names that cannot be.
+    `SweepError` for axes, keys or names that cannot be, and before anything is computed if the results do not fit into
+    the memory that is free. More than 1e12 members are refused everywhere.
     """
     plan = planned(what, base, axes, gradients, mode, batch)
-    columns: dict[str, list[np.ndarray]] = {}
+    sizes.check_memory(plan)
+    columns = {name: np.empty((plan.layout.members, *shape.shape), shape.dtype) for name, shape in plan.shapes.items()}
     done = 0
     for _, found in Program(plan, lanes_of(devices)).all(range(plan.chunks)):
+        members = len(found[STATUS])
         for name, array in found.items():
-            columns.setdefault(name, []).append(array)
-        done += len(found[STATUS])
+            columns[name][done : done + members] = array
+        done += members
         if progress is not None:
             progress(done, plan.layout.members)
-    return labelled(plan, {name: np.concatenate(arrays) for name, arrays in columns.items()})
+    return labelled(plan, columns)

@@ -1,10 +1,14 @@
 """Sweeps: axes, members and blocks, the same bits whatever computes them, files, resuming, refusals, figures."""
 
+import contextlib
 import dataclasses
 import json
 import os
+import shutil
 import subprocess
 import sys
+import tracemalloc
+from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -18,17 +22,19 @@ from difftrb import (
     axes,
     chunks,
     devices,
+    forecast,
     gathered,
     outputs,
     plot,
     preparation,
     scenefile,
+    sizes,
     store,
     sweep_plot,
     sweepfile,
     sweeping,
 )
-from difftrb.plan import Plan
+from difftrb.plan import Plan, front
 
 SIZES = ("spall.0.length", "spall.0.width")
 FILE = f"""{scenefile.example("spall")}
@@ -112,6 +118,78 @@ def test_a_million_million_members_are_planned_at_once(plan: Plan) -> None:
     plan = sweeping.planned(["peak_load"], plan.base, dict.fromkeys(keys, thousand))
     assert plan.layout.members == 10**12
     assert plan.members(plan.chunks - 1)[1] == 10**12
+
+
+def test_a_million_million_members_are_forecast_without_arrays_of_their_length(plan: Plan) -> None:
+    thousand = {"from": 3000.0, "to": 4000.0, "count": 1000}
+    keys = ("load.axial", "load.radial", "spall.0.angle", "stiffness.phase")
+    given = dict(zip(keys, (thousand, *[{"from": 0.0, "to": 1.0, "count": 1000}] * 3), strict=True))
+    plan = sweeping.planned(["peak_load"], plan.base, given, batch=8)
+    tracemalloc.start()
+    printed = forecast.text(plan, 1)
+    manifest = chunks.manifest_of(plan)
+    members = front(plan)[1]
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert "1,000,000,000,000 = 1000 × 1000 × 1000 × 1000" in printed
+    assert len(json.dumps(manifest)) < 1e6
+    assert peak < 1e8
+    assert members[[0, -1]].tolist() == [500 * 1000 + 500, 999 * 10**9 + 999 * 10**6 + 500 * 1000 + 500]
+
+
+def test_figures_show_long_axes_at_some_values(plan: Plan) -> None:
+    plan = sweeping.planned(["peak_load"], plan.base, {"load.axial": np.linspace(3e3, 4e3, 10**6)})
+    shown, members = front(plan)
+    assert len(members) == shown.axes[0].count == 500
+    np.testing.assert_array_equal(shown.axes[0].values[0], plan.axes[0].values[0][members])
+    record = chunks.manifest_of(plan)["axes"][0]
+    other = dataclasses.replace(plan, axes=(dataclasses.replace(plan.axes[0], values=plan.axes[0].values + 1e-9),))
+    assert record["digest"] != chunks.manifest_of(other)["axes"][0]["digest"]
+
+
+@pytest.mark.parametrize("mode", ["sweep", "write_sweep"])
+def test_more_members_than_any_sweep_can_have(plan: Plan, tmp_path: Path, mode: str) -> None:
+    given = dict.fromkeys(("load.axial", "spall.0.angle", "stiffness.phase"), np.linspace(0.0, 1.0, 10**5))
+    run = {"sweep": trb.sweep, "write_sweep": partial(trb.write_sweep, folder=tmp_path / "out")}[mode]
+    words = r"^100,000 × 100,000 × 100,000 = 1,000,000,000,000,000 members, which take 50 PB of disk or more: must be"
+    with pytest.raises(trb.SweepError, match=words):
+        run(["loads"], plan.base, given, gradients=["load.axial", "load.radial"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_does_not_fit_is_not_begun(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweeping.Program, "__init__", lambda *_: pytest.fail("something is computed"))
+    thousand = np.linspace(3e3, 4e3, 1000)
+    given = {"load.axial": thousand, "load.radial": thousand}
+    with monkeypatch.context() as patch:
+        patch.setattr(sizes, "free_memory", lambda: 1e8)
+        words = r"^1,000 × 1,000 = 1,000,000 members of 185 bytes take 20\d MB of memory, of which 100 MB are free, "
+        with pytest.raises(trb.SweepError, match=words):
+            trb.sweep("loads", plan.base, given)
+        patch.setattr(sizes, "free_memory", lambda: 1e6)
+        with pytest.raises(trb.SweepError, match="of memory, of which 1 MB are free; give a smaller batch"):
+            trb.write_sweep("loads", plan.base, given, tmp_path / "out")
+    with monkeypatch.context() as patch:
+        patch.setattr(sizes, "free_disk", lambda folder: 10**8)
+        words = "take 370 MB of disk, in chunks and in one file, of which 100 MB are free there, enough for 270,270;"
+        with pytest.raises(trb.SweepError, match=words):
+            trb.write_sweep("loads", plan.base, given, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(trb.SweepError, match="batch = 1000000000: must be a whole number in 1 … 131072"):
+        trb.sweep("loads", plan.base, given, batch=10**9)
+
+
+def test_a_sweep_that_is_written_but_for_one_file_needs_room_for_that(
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(whole, out, ignore=shutil.ignore_patterns("sweep.*"))
+    needed = plan.layout.members * sizes.of_member(plan)
+    monkeypatch.setattr(sizes, "free_disk", lambda _: needed - 1)
+    with pytest.raises(trb.SweepError, match="bytes still take"):
+        chunks.run(plan, out, FILE, resume=True)
+    monkeypatch.setattr(sizes, "free_disk", lambda _: needed)
+    assert chunks.run(plan, out, FILE, resume=True).computed == 0
 
 
 # ------------------------------------------------------------------------------------------------ numbers
@@ -227,6 +305,7 @@ def test_resuming_computes_what_is_missing_or_damaged(plan: Plan, whole: Path, t
     (out / "chunk_000002.npz").write_bytes(before["chunk_000003.npz"])  # sound, but not this one
     for name in ("chunk_000000.npz", "manifest.json", "sweep.nc", "sweep.npz"):
         (out / f"{name}-abc.part").write_bytes(b"left by a killed process")
+    (out / "own-download.part").write_text("not the sweep's")
     (out / "sweep.npz").unlink(missing_ok=True)  # sweep.nc where h5netcdf is installed
     (out / "manifest.json").write_text("{ cut")
     said: list[str] = []
@@ -234,7 +313,7 @@ def test_resuming_computes_what_is_missing_or_damaged(plan: Plan, whole: Path, t
     assert ended.computed == 3
     assert [sentence.split(" is ")[1] for sentence in said] == ["damaged: computed again"] * 2
     assert bytes_of(out) == before
-    assert not list(out.glob("*.part"))
+    assert [path.name for path in out.glob("*.part")] == ["own-download.part"]
     assert chunks.run(plan, out, FILE, resume=True).computed == 0
 
 
@@ -254,6 +333,97 @@ def test_a_full_disk_leaves_what_is_written(
     monkeypatch.setattr(store, "write", write)
     assert chunks.run(plan, out, FILE, resume=True).computed == plan.chunks - 2
     assert bytes_of(out) == bytes_of(whole)
+
+
+def test_without_h5py_everything_goes_into_npz(
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """h5netcdf alone is importable, and cannot write."""
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    out = tmp_path / "out"
+    shutil.copytree(whole, out, ignore=shutil.ignore_patterns("sweep.*"))
+    ended = chunks.run(plan, out, FILE, resume=True)
+    assert (ended.computed, ended.file) == (0, out / "sweep.npz")
+    found = trb.load_sweep(out)
+    assert found.counts == ended.counts
+    (out / "sweep.npz").rename(out / "sweep.nc")
+    with pytest.raises(trb.SweepError, match=r"sweep.nc: is read by h5netcdf and h5py, .* pip install 'difftrb\[io\]'"):
+        trb.load_sweep(out)
+
+
+def test_a_package_that_goes_missing_leaves_what_is_written(
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(whole, out, ignore=shutil.ignore_patterns("sweep.*"))
+    with monkeypatch.context() as patch:
+        patch.setattr(gathered, "has_netcdf", lambda: True)
+        patch.setitem(sys.modules, "h5netcdf", None)
+        words = (
+            rf"{plan.chunks} of {plan.chunks} chunks are written and stay good; pip install 'difftrb\[io\]', and go on"
+        )
+        with pytest.raises(trb.SweepError, match=words):
+            chunks.run(plan, out, FILE, resume=True)
+    assert not [p.name for p in out.iterdir() if p.name.startswith("sweep.")]
+    assert chunks.run(plan, out, FILE, resume=True).computed == 0
+    assert trb.load_sweep(out).counts == trb.load_sweep(whole).counts
+
+
+@pytest.mark.parametrize("kind", ["netcdf", "npz"])
+def test_a_disk_that_fills_while_gathering_leaves_the_chunks(
+    plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """At every place of the file: HDF5 crashed where a write failed."""
+    resource = pytest.importorskip("resource")
+    if kind == "netcdf":
+        pytest.importorskip("h5py")
+    monkeypatch.setattr(gathered, "has_netcdf", lambda: kind == "netcdf")
+    out = tmp_path / "out"
+    shutil.copytree(whole, out, ignore=shutil.ignore_patterns("sweep.*"))
+    file = chunks.run(plan, out, FILE, resume=True).file
+    assert file is not None
+    good = file.read_bytes()
+    assert len(good) > 10_000
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for size in (0, 100, 5000, len(good) // 2, len(good) - 100):
+        with monkeypatch.context() as patch:
+            patch.setattr(chunks.store, "replacing", limited(chunks.store.replacing, resource, size, (soft, hard)))
+            with pytest.raises(trb.SweepError, match=r"File too large: .* chunks are written and stay good"):
+                chunks.run(plan, out, FILE, resume=True)
+        assert file.read_bytes() == good  # what was there before stays
+        assert not list(out.glob("*.part"))
+    assert chunks.run(plan, out, FILE, resume=True).computed == 0
+
+
+def limited(replacing, resource, size: int, before: tuple[int, int]):
+    """`store.replacing` with a limit on what is written while a file with everything is."""
+
+    @contextlib.contextmanager
+    def within(path: Path):
+        with replacing(path) as scratch:
+            if not path.name.startswith("sweep."):
+                yield scratch
+                return
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+            try:
+                yield scratch
+            finally:
+                resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    return within
+
+
+def test_results_of_another_sweep_are_not_read(plan: Plan, whole: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(whole, out)
+    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    (out / "manifest.json").write_text(json.dumps(manifest | {"identity": "another's"}), encoding="utf-8")
+    with pytest.raises(trb.SweepError, match="is damaged, or another sweep's; go on with --resume"):
+        trb.load_sweep(out)
+    for text in ("{}", "[]", "1"):
+        (out / "manifest.json").write_text(text, encoding="utf-8")
+        with pytest.raises(trb.SweepError, match="there is no sweep here"):
+            trb.load_sweep(out)
 
 
 def test_folders_that_are_refused(plan: Plan, whole: Path, tmp_path: Path) -> None:
@@ -317,6 +487,19 @@ def test_to_xarray(whole: Path) -> None:
         ("[sweep]\n", '[sweep]\noutputs = ["noise"]\n', "outputs: 'noise' is unknown; use some of radial_stiffness"),
         ("[sweep]\n", '[sweep]\noutputs = ["approach", "loads"]\n', "do not go with the ring's"),
         ("[sweep]\n", "[sweeep]\n", "sweeep is not a known key"),
+        (
+            "[sweep]\n",
+            "[effects]\ntilt = {}\nraceways = {}\n[sweep]\n",
+            "effects.tilt and effects.raceways exclude",
+        ),
+        (
+            "[sweep]\n",
+            "[effects.tilt]\n[sweep]\n",
+            "effects.tilt carries by slices of ISO/TS 16281: set",
+        ),
+        ('"spall.0.width"]', '"accuracy"]', "accuracy is not a known key; known here: load.radial"),
+        ('"spall.0.width"]', '"spalls.0.width"]', "spalls.0.width is not a known key; known here: load.radial"),
+        ('"spall.0.width"]', '"effects.life.load_rating"]', "numbers of effects are not swept; run one sweep for each"),
         ('"spall.0.width"]', '"spall.0.depth"]', "gradients: spall.0.depth: contact.law = 'liu2018' does not know"),
         ('law = "liu2018"', 'law = "direct"', "contact.law = 'direct' holds for one scene"),
         ('law = "liu2018"', 'law = "power"', "gradients: spall.0.width: contact.law = 'power' is fitted for one width"),
