@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import io
+import os
 import zipfile
 from importlib import resources
 from pathlib import Path
@@ -12,13 +14,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.files import unreadable
+from difftrb import files
 from difftrb.geometry import Real
 
 PITCH = (1e-5, 10.0)
 """Least and largest distance of a map's points [mm]."""
 HIGHEST = 10.0
 """Largest height or depth of a map [mm]."""
+MOST = 4096
+"""Most points of a map in either direction: four for every cell of the finest lattice along the roller."""
+LARGEST = {".npz": 8 * MOST**2 + 100_000, ".csv": 64_000_000}
+"""Bytes of a file that is read: all points of the largest map as they are, or 8 million as text."""
+PART = 1_000_000
+"""Bytes that are read of an .npz file at once."""
 KEYS = ("height", "pitch_x", "pitch_y")
 
 
@@ -33,7 +41,7 @@ class HeightMap:
 
     Attributes:
       height: of the surface over the undamaged raceway [mm], negative is below, −10…10; shape (rows along the roller,
-        columns along the rolling direction), at least 2 × 2, row 0 at the lowest y.
+        columns along the rolling direction), 2 × 2 to 4096 × 4096, row 0 at the lowest y.
       pitch_x: distance of its columns [mm], 1e-5…10. pitch_y: distance of its rows [mm], 1e-5…10.
       axial_offset: of its middle from the roller's middle, along the roller [mm], default 0.
       angle: of its middle from the load line [rad], default 0.
@@ -92,18 +100,17 @@ def load_height_map(
 ) -> HeightMap:
     """Read a map from a file; lengths in mm. `axial_offset`, `angle`, `surface` as in `HeightMap`.
 
-    `.npz`: arrays `height` (rows along the roller, columns along the rolling direction), `pitch_x`, `pitch_y`.
-    `.csv`: one row of the map a line, commas between its heights, after comments `# pitch_x = …`, `# pitch_y = …`.
-    HeightMapError (a ValueError) says in one sentence what is wrong with the file.
+    `.npz`: arrays `height` (rows along the roller, columns along the rolling direction), `pitch_x`, `pitch_y`, as
+    `numpy.savez` or `savez_compressed` writes them; at most 134 MB.
+    `.csv`: one row of the map a line, commas between its heights, after comments `# pitch_x = …`, `# pitch_y = …`; at
+    most 64 MB.
+    HeightMapError (a ValueError) says in one sentence what is wrong with the file. Sizes are judged before heights are
+    read: what is no map, or too large for one, takes neither time nor memory.
     """
-    path = Path(path)
-    readers = {".npz": _read_npz, ".csv": _read_csv}
-    if path.suffix.lower() not in readers:
-        raise HeightMapError(f"{path}: must be a file .npz or .csv")
-    try:
-        content = readers[path.suffix.lower()](path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise HeightMapError(f"{path}: {unreadable(error, 'a height map')}") from None
+    kind = os.path.splitext(path)[1].lower()
+    if kind not in LARGEST:
+        raise HeightMapError(f"{files.named(path)}: must be a file .npz or .csv")
+    content = (_read_npz if kind == ".npz" else _read_csv)(path)
     height, pitch_x, pitch_y = _checked(content, path)
     return HeightMap(jnp.asarray(height), pitch_x, pitch_y, axial_offset, angle, surface)
 
@@ -116,25 +123,73 @@ def example_map(name: str = "spall_map.npz") -> Path:
     return folder / name
 
 
-def _read_npz(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {key: archive[key] for key in archive.files}
-    except (zipfile.BadZipFile, EOFError, ValueError, AttributeError):
-        raise HeightMapError(f"{path}: is not an npz file of plain arrays; write it with numpy.savez") from None
+class _InParts(io.BufferedReader):
+    """A file of which no more than a part is read at once: what an archive says of its own sizes may be a lie."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        content = super().read(PART + 1 if size is None or not 0 <= size <= PART else size)
+        if len(content) > PART:
+            raise zipfile.BadZipFile
+        return content
 
 
-def _read_csv(path: Path) -> dict[str, Any]:
+def _read_npz(path: str | Path) -> dict[str, Any]:
+    with files.opened(path, "a height map", LARGEST[".npz"], HeightMapError) as file:
+        try:
+            with _InParts(file.raw) as parts, zipfile.ZipFile(parts) as archive:
+                names = archive.namelist()
+                return {key: _member(archive, key, path) for key in KEYS if f"{key}.npy" in names}
+        except (HeightMapError, OSError):
+            raise
+        except Exception:  # of all that zipfile and numpy raise on what is none of theirs there is no list
+            raise HeightMapError(f"{path}: is not an npz file of plain arrays; write it with numpy.savez") from None
+
+
+def _member(archive: zipfile.ZipFile, key: str, path: str | Path) -> np.ndarray:
+    """One array of an archive, of which first only the header is read."""
+    about = archive.getinfo(f"{key}.npy")
+    if about.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others inflate without a limit
+        raise zipfile.BadZipFile
+    with archive.open(about) as member:
+        if np.lib.format.read_magic(member) != (1, 0):  # later ones have headers of any length, for other arrays
+            raise zipfile.BadZipFile
+        shape, _, dtype = np.lib.format.read_array_header_1_0(member)
+    if dtype.hasobject:
+        raise zipfile.BadZipFile
+    if dtype.kind not in "fiu":
+        raise HeightMapError(f"{path}: {key} holds {files.shown(str(dtype))}, not numbers: give numbers [mm]")
+    if key == "height":
+        _check_shape(shape, path)
+    elif any(n != 1 for n in shape):
+        raise HeightMapError(f"{path}: {key} has shape {files.shown(shape)}: must be one number [mm]")
+    with archive.open(about) as member:
+        found = np.lib.format.read_array(member, allow_pickle=False)
+    return found if key == "height" else found.ravel()[0]
+
+
+def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
+    if len(shape) != 2 or min(shape) < 2:
+        raise HeightMapError(f"{path}: height has shape {files.shown(shape)}: must be a grid of at least 2 × 2 points")
+    if max(shape) > MOST:
+        raise HeightMapError(
+            f"{path}: height has shape {files.shown(shape)}: must be a grid of at most {MOST} × {MOST} points, finer "
+            "than which no lattice is; leave points out, or cut the map to the spall"
+        )
+
+
+def _read_csv(path: str | Path) -> dict[str, Any]:
     content: dict[str, Any] = {}
-    rows: list[list[float]] = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    rows: list[np.ndarray] = []
+    text = files.text_of(path, "a height map", HeightMapError, LARGEST[".csv"])
+    for number, line in enumerate(io.StringIO(text), 1):
         if line.lstrip().startswith("#"):
             key, equals, value = line.lstrip("# \t").partition("=")
             if equals and key.strip() in KEYS:
                 content[key.strip()] = value.strip()
         elif line.strip():
+            _check_shape((max(len(rows) + 1, 2), max(line.count(",") + 1, 2)), path)  # before it takes memory
             try:
-                rows.append([float(entry) for entry in line.split(",")])
+                rows.append(np.array([float(entry) for entry in line.split(",")]))
             except ValueError:
                 raise HeightMapError(
                     f"{path}: line {number} holds no number; write heights [mm] with commas between"
@@ -147,11 +202,11 @@ def _read_csv(path: Path) -> dict[str, Any]:
     return content | {"height": np.array(rows)}
 
 
-def _checked(content: dict[str, Any], path: Path) -> tuple[np.ndarray, float, float]:
+def _checked(content: dict[str, Any], path: str | Path) -> tuple[np.ndarray, float, float]:
     """Heights and pitches of a file; refuses what cannot be a map."""
     for key in KEYS:
         if key not in content:
-            how = f"a comment '# {key} = …' [mm]" if path.suffix.lower() == ".csv" else f"an array {key!r} [mm]"
+            how = f"a comment '# {key} = …' [mm]" if str(path).lower().endswith(".csv") else f"an array {key!r} [mm]"
             raise HeightMapError(f"{path}: {key} is missing: give {how}")
     pitches = []
     for key in KEYS[1:]:
@@ -163,17 +218,13 @@ def _checked(content: dict[str, Any], path: Path) -> tuple[np.ndarray, float, fl
             shown = str(content[key])[:40]
             raise HeightMapError(f"{path}: {key} = {shown}: must be a number in {PITCH[0]:g} … {PITCH[1]:g} mm")
         pitches.append(pitch)
-    height = np.asarray(content["height"])
-    if height.dtype.kind not in "fiu":
-        raise HeightMapError(f"{path}: height holds {height.dtype}, not numbers: give heights [mm]")
-    if height.ndim != 2 or min(height.shape) < 2:
-        raise HeightMapError(f"{path}: height has shape {height.shape}: must be a grid of at least 2 × 2 points")
-    height = height.astype(float)
-    bad = np.argwhere(~np.isfinite(height))
-    if bad.size:
-        row, column = bad[0]
+    height = content["height"].astype(float)
+    _check_shape(height.shape, path)
+    bad = ~np.isfinite(height)
+    if bad.any():
+        row, column = np.unravel_index(bad.argmax(), height.shape)
         raise HeightMapError(
-            f"{path}: height[{row}, {column}] = {height[row, column]} ({len(bad)} such points): must be finite; "
+            f"{path}: height[{row}, {column}] = {height[row, column]} ({bad.sum()} such points): must be finite; "
             "fill what was not measured"
         )
     if np.abs(height).max() > HIGHEST:

@@ -12,7 +12,8 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb.files import known, shown, unreadable
+from difftrb import files
+from difftrb.files import known, shown
 from difftrb.geometry import FILE_RULES, Real
 from difftrb.scene import Definition, Phase
 from difftrb.sentences import allowed
@@ -80,13 +81,9 @@ def load_measured(path: str | Path) -> tuple[Measurement, ...]:
     """Read measurements from a CSV file; `MeasuredError` (a ValueError) says in one sentence what is wrong with it.
 
     Columns as the fields of `Measurement`, in any order, named in the first line; radial, axial, quantity and value are
-    needed. Lines that begin with # are comments.
+    needed. Lines that begin with # are comments. At most 1 MB.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise MeasuredError(f"{path}: {unreadable(error, 'a table of measurements')}") from None
-    return parse(text, path)
+    return parse(files.text_of(path, "a table of measurements", MeasuredError), path)
 
 
 def example() -> str:

@@ -15,11 +15,11 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb import choice, effects, geometry, heightmap, ring
+from difftrb import choice, effects, files, geometry, heightmap, ring
 from difftrb import law as laws
 from difftrb.contact import solve_contact
 from difftrb.contact_solution import ContactSolution
-from difftrb.files import shown, unreadable
+from difftrb.files import shown
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.given import Defect
 from difftrb.heightmap import HeightMap
@@ -30,6 +30,8 @@ from difftrb.sentences import UNKNOWN_KEY, in_one_sentence
 from difftrb.solution import Solution
 
 PACKAGED_MAPS = ("spall_map.npz",)
+DEEPEST = 32
+"""Points of a line of a scene file, without those of numbers: no key has so many parts."""
 COARSEST = 1e-2
 """Accuracy of a contact solve; only "auto" is asked for less, and of something else."""
 
@@ -176,15 +178,13 @@ def read(path: str | Path) -> SceneFile:
 
 
 def text_of(path: str | Path) -> str:
-    """The text of a scene file; raises `SceneError`."""
-    try:
-        return Path(path).read_text(encoding="utf-8-sig")  # some editors begin with a mark
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: {unreadable(error, 'a scene file')}") from None
+    """The text of a scene file, at most 1 MB; raises `SceneError`."""
+    return files.text_of(path, "a scene file", SceneError)
 
 
 def parse(text: str, path: str | Path = "scene") -> SceneFile:
     """Check the text of a scene file; `path` names it in errors. Raises `SceneError`."""
+    _deep(text, path)
     try:
         content: dict[str, Any] = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so are numbers without end
@@ -197,6 +197,16 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
         raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
     content.pop("sweep", None)  # for `sweepfile`
     return from_content(content, path)
+
+
+def _deep(text: str, path: str | Path) -> None:
+    """Refuse keys of very many parts: TOML's reader takes the square of their number in time and memory."""
+    for number, line in enumerate(text.split("\n"), 1):
+        if line.count(".") > DEEPEST and len(re.sub(r"\d\.\d|\.\.+|[^.]", "", line)) > DEEPEST:
+            raise SceneError(
+                f"{path}: line {number}: has more than {DEEPEST} points beside those of numbers: no key has so many "
+                "parts; write keys as `difftrb example` does"
+            )
 
 
 def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
@@ -255,7 +265,7 @@ def _loaded(name: str, place: Spall, key: str, folder: Path) -> HeightMap:
     """The map of a file beside the scene file or, if there is none, of a packaged one, put where `place` is."""
     file = folder / name
     try:
-        if not file.exists() and name in PACKAGED_MAPS:
+        if name in PACKAGED_MAPS and not file.exists():
             file = heightmap.example_map(name)
         return heightmap.load_height_map(file, place.axial_offset, place.angle, place.surface)
     except heightmap.HeightMapError as error:
