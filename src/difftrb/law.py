@@ -35,6 +35,9 @@ LENGTH_SHARE = 0.85
 """A law from contact solves covers spalls up to this share of the roller's length."""
 LENGTH_NODES = 7
 LOAD_NODES = 9
+ALIKE = 0.05
+"""By how much of itself a contact may differ from the one that a law was fitted for: loads then change by about a
+hundredth, which is less than the error of a power law."""
 CONTACTS = LENGTH_NODES * LOAD_NODES + (LENGTH_NODES - 1) * (LOAD_NODES - 1)
 """Contact solves of a power law: fitted, and between."""
 
@@ -148,7 +151,7 @@ def within_range(load_range: tuple[Real, Real], rest: Rest | None) -> jax.Array:
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["lengths", "log_stiffness", "exponent", "load_range", "error", "status_code"],
+    data_fields=["lengths", "log_stiffness", "exponent", "load_range", "error", "status_code", "fitted", "contact"],
     meta_fields=["name"],
 )
 @dataclasses.dataclass(frozen=True)
@@ -163,6 +166,8 @@ class PowerLaw:
         length (for Table 2: the paper's own figure).
       status_code: worst status of the contact solves behind the law (a float, so that a law can be differentiated).
       name: "power" or "liu2018".
+      fitted: the contact, and the axial offset of spalls [mm], that it was fitted for; None: not known, and not judged.
+      contact: the one it is used for.
     """
 
     lengths: jax.Array
@@ -172,6 +177,8 @@ class PowerLaw:
     error: Real
     status_code: Real
     name: str
+    fitted: tuple[LineContact, Real] | None = None
+    contact: LineContact | None = None
     hard = True
 
     def coefficients(self, spall_length: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -181,8 +188,8 @@ class PowerLaw:
         return jnp.exp(values[..., 0]), values[..., 1]
 
     def at(self, contact: LineContact) -> PowerLaw:
-        """See `Law`: frozen."""
-        return self
+        """See `Law`: frozen, but for what it is judged by."""
+        return dataclasses.replace(self, contact=contact)
 
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
         """See `Law`."""
@@ -190,8 +197,15 @@ class PowerLaw:
         return Carried(curve.chosen(curve.power(*self.coefficients(_lengths(spalls))), under))
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
-        """See `Law`."""
-        return status.worst(known_up_to(self.lengths[-1], spalls), of_one_deep_spall(spalls, distances, rest))
+        """See `Law`: a contact within `ALIKE` of the one fitted."""
+        code = status.worst(known_up_to(self.lengths[-1], spalls), of_one_deep_spall(spalls, distances, rest))
+        if self.fitted is None or self.contact is None:
+            return code
+        fitted, offset = jax.lax.stop_gradient(self.fitted)
+        pairs = zip(jax.tree.leaves(fitted), jax.tree.leaves(jax.lax.stop_gradient(self.contact)), strict=True)
+        alike = jnp.stack([jnp.abs(now - own) <= ALIKE * own for own, now in pairs])
+        moved = [jnp.abs(spall.axial_offset - offset) <= ALIKE * fitted.length for spall in spalls]
+        return jnp.where(jnp.all(alike) & jnp.all(jnp.stack([jnp.asarray(True), *moved])), code, status.OTHER_SCENE)
 
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`: a step."""
@@ -372,7 +386,10 @@ def _fit(
     approaches, codes = jax.lax.map(approach, cases)
     nodes = jnp.log(approaches[: LENGTH_NODES * LOAD_NODES]).reshape(LENGTH_NODES, LOAD_NODES)
     intercept, slope = _regress(nodes, jnp.log(loads))
-    law = PowerLaw(jnp.asarray(lengths), intercept, slope, (low, high), 0.0, jnp.max(codes).astype(float), "power")
+    law = PowerLaw(
+        jnp.asarray(lengths), intercept, slope, (low, high), 0.0, jnp.max(codes).astype(float), "power",
+        (contact, shape.axial_offset),
+    )  # fmt: skip
     predicted, _ = curve.load(curve.power(*law.coefficients(cases[0])), approaches)
     error = jnp.max(jnp.abs(predicted / cases[1] - 1.0))
     return dataclasses.replace(law, error=jax.lax.stop_gradient(error))

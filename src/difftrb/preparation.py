@@ -30,6 +30,8 @@ NOT_IN_THE_MEAN = (
     "phase = 'mean': several spalls under one roller, or a bottom that rollers may meet, are known at one phase only; "
     "give the phase a number"
 )
+WIDE, SPARE = 1.0, 2.5
+"""From a spall this wide on, by the rollers' pitch, or with through spalls, curves reach so many times farther."""
 BY_NODES = ("table", "direct")
 TRACED = (
     "law = 'table', 'direct' and 'auto' need numbers: prepare the scene first, difftrb.prepare(scene), and "
@@ -57,9 +59,9 @@ def prepared_law(
     spalls = ring.spalls_on(scene.spalls, raceway)
     if scene.law.name == "power" and not of_one_shape(spalls):
         raise ValueError(SEVERAL_SHAPES)
-    largest = _largest_load(scene)
     if scene.law.name in BY_NODES:
-        return _by_nodes(scene, raceway, largest, progress)
+        return _by_nodes(scene, raceway, progress)
+    largest = _largest_load(scene)
     spall = spalls[0] if spalls else None
     low = largest if least is None else least
     return laws.named(scene.law.name, contact, (low / 6.0, 1.2 * largest), spall, scene.accuracy)
@@ -72,6 +74,15 @@ def _largest_load(scene: Scene) -> Real:
         return largest
     pressed = _pressed(dataclasses.replace(scene, law=laws.Palmgren(scene.bearing.roller_length), spalls=()))
     return jnp.maximum(largest, pressed)
+
+
+def _largest_for_curves(scene: Scene) -> float:
+    """The same for laws that know nothing beyond their loads: more, where spalls may take their load from several
+    rollers, or all of it from one."""
+    pitch = float(geometry.roller_pitch(scene.bearing) * geometry.arc_radius(scene.bearing))
+    wide = any(float(spall.width) > WIDE * pitch for spall in scene.spalls)
+    through = scene.spalls and any(isinstance(effect, Through) for effect in scene.effects)
+    return float(_largest_load(scene)) * (SPARE if wide or through else 1.0)
 
 
 @jax.jit
@@ -95,15 +106,15 @@ def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
     return LineContact.of(scene.bearing, raceway, design_load)
 
 
-def _by_nodes(scene: Scene, raceway: Raceway, largest: Real, progress: Progress | None) -> Law:
+def _by_nodes(scene: Scene, raceway: Raceway, progress: Progress | None) -> Law:
     """A law from contact solves that are made one by one, outside of jit."""
     if is_traced(scene):
         raise ValueError(TRACED)
-    name = cast(LawName, scene.law).name
+    name, largest = cast(LawName, scene.law).name, _largest_for_curves(scene)
     contact, spalls = raceway_contact(scene, raceway), ring.spalls_on(scene.spalls, raceway)
     if name == "table" and spalls:
-        return table.table_law(contact, float(largest), spalls, scene.accuracy, progress)
-    law = direct.without_edges(contact, float(largest), spalls, scene.accuracy, progress)
+        return table.table_law(contact, largest, spalls, scene.accuracy, progress)
+    law = direct.without_edges(contact, largest, spalls, scene.accuracy, progress)
     return direct.with_edges(law, _at_edges(scene, raceway, law), progress) if spalls else law
 
 
@@ -205,7 +216,7 @@ def _healthy_laws(scene: Scene, progress: Progress | None) -> dict[Raceway, dire
     raceways: list[Raceway] = ["outer"]
     if any(isinstance(effect, Raceways) for effect in scene.effects):
         raceways.append("inner")
-    largest = float(_largest_load(scene))
+    largest = _largest_for_curves(scene)
     return {
         raceway: direct.without_edges(raceway_contact(scene, raceway), largest, (), scene.accuracy, progress)
         for raceway in raceways

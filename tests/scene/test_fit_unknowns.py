@@ -43,7 +43,7 @@ class Formula:
             each.append(dataclasses.replace(over, shift=jnp.asarray(2e-4 * (3.0 + spall.axial_offset))))
         return Carried(curve.chosen(curve.joined(*each), spalls_under(spalls, distances)))
 
-    def judge(self, spalls: tuple[trb.Spall, ...], distances: jax.Array) -> jax.Array:
+    def judge(self, spalls: tuple[trb.Spall, ...], distances: jax.Array, rest: object = None) -> jax.Array:
         known = [(s.length < 0.8 * self.contact.length) & (abs(s.axial_offset) < 3.0) & (s.depth < 0.5) for s in spalls]
         return jnp.where(jnp.all(jnp.array(known)), status.CONVERGED, status.OTHER_SCENE)
 
