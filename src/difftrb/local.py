@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from difftrb import curve, nodes, status
 from difftrb.curve import Curve
@@ -25,42 +24,42 @@ WITHIN = 0.2
 """By how much in its logarithm a roller's load may be off the one that its contacts were solved about."""
 
 
-class State(NamedTuple):
-    """What one roller meets.
+HIGHEST = jax.lax.Precision.HIGHEST
+_product = partial(jnp.matmul, precision=HIGHEST)
+
+
+class States(NamedTuple):
+    """Rollers that meet spalls, one behind the other along the first axis of every field.
 
     Attributes:
-      log_loads: of its solves [log N], shape (loads,). approaches: [mm], shape (loads,).
-      given: `nodes.inputs` of the contact, the spalls in reach and the distances from them, as solved, shape (inputs,).
-      slopes: of the approaches by these, shape (loads, inputs).
+      at: which roller each is: a one in zeros, shape (states, rollers); zeros alone fill up.
+      met: which spalls are in its reach: ones in zeros, shape (states, spalls).
+      log_loads: of its solves [log N], shape (states, loads). approaches: [mm], of the same shape.
+      given: `nodes.inputs` of the contact, all spalls, and its distances from them, as solved, shape (states, inputs).
+      slopes: of the approaches by these, shape (states, loads, inputs); 0 by spalls out of reach.
     """
 
+    at: jax.Array
+    met: jax.Array
     log_loads: jax.Array
     approaches: jax.Array
     given: jax.Array
     slopes: jax.Array
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["base", "states"],
-    meta_fields=["rollers", "under", "spalls", "settling"],
-)
+@partial(jax.tree_util.register_dataclass, data_fields=["base", "states"], meta_fields=["settling"])
 @dataclasses.dataclass(frozen=True)
 class LocalLaw:
     """Curves of a healthy roller and, for those that meet spalls, of each by itself.
 
     Attributes:
       base: the curve of a healthy roller, and the contact.
-      states: of the rollers that meet spalls.
-      rollers: which they are. under: which spalls each of them meets. spalls: how many there are.
+      states: of the rollers that meet spalls; None: none does.
       settling: while states are looked for, none is refused.
     """
 
     base: DirectLaw
-    states: tuple[State, ...]
-    rollers: tuple[int, ...]
-    under: tuple[tuple[int, ...], ...]
-    spalls: int
+    states: States | None
     settling: bool = False
     name = "direct"
     hard = False
@@ -88,59 +87,61 @@ class LocalLaw:
     @property
     def contacts(self) -> int:
         """How many were solved."""
-        return self.base.contacts + sum(state.log_loads.size for state in self.states)
+        return self.base.contacts + (0 if self.states is None else self.states.log_loads.size)
 
     def at(self, contact: LineContact) -> LocalLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, base=self.base.at(contact))
 
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
-        """See `Law`."""
+        """See `Law`. Other spalls than it was made for are for `judge` to refuse."""
         healthy = curve.of(self.base.curves((), distances[:0]).each, 0)
-        own = [self._own(k, spalls, distances) for k in range(len(self.states) if spalls else 0)]
-        fields = []
-        for name in ("coefficients", "middle", "reach", "shift"):
-            every = jnp.repeat(getattr(healthy, name)[..., None], distances.shape[1], axis=-1)
-            for roller, each in zip(self.rollers, own, strict=False):
-                value = getattr(each, name)
-                missing = [(0, every.shape[0] - value.shape[0])] if value.ndim else []
-                every = every.at[..., roller].set(jnp.pad(value, missing) if missing else value)
-            fields.append(every)
-        return Carried(Curve(*fields))
+        every = jax.tree.map(lambda field: jnp.repeat(field[..., None], distances.shape[1], axis=-1), healthy)
+        if self.states is None or self.states.met.shape[1] != len(spalls):
+            return Carried(every)
+        own = jax.vmap(through, out_axes=-1)(self.states.log_loads, self._approaches(self.states, spalls, distances))
+        missing = healthy.coefficients.shape[0] - own.coefficients.shape[0]
+        own = dataclasses.replace(own, coefficients=jnp.pad(own.coefficients, ((0, missing), (0, 0))))
+        at, here = self.states.at, jnp.sum(self.states.at, axis=0) > 0.0
+        return Carried(
+            jax.tree.map(
+                lambda of_all, of_own: jnp.where(jnp.broadcast_to(here, of_all.shape), _product(of_own, at), of_all),
+                every,
+                own,
+            )
+        )
 
-    def _approaches(self, k: int, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
-        """Of a state's solves, carried to what the roller meets now [mm]."""
-        state, under = self.states[k], self.under[k]
-        away = [distances[i, self.rollers[k]] for i in under]
-        now = nodes.inputs(self.contact, tuple(spalls[i] for i in under), jnp.stack(away))
-        return state.approaches + state.slopes @ (now - state.given)
-
-    def _own(self, k: int, spalls: tuple[Spall, ...], distances: jax.Array) -> Curve:
-        return through(self.states[k].log_loads, self._approaches(k, spalls, distances))
+    def _approaches(self, states: States, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+        """Of the solves, carried to what rollers meet now [mm], shape (states, loads)."""
+        alike = nodes.inputs(self.contact, spalls, 0.0)[: -len(spalls)]
+        away = _product(states.at, distances.T)
+        now = jnp.concatenate([jnp.broadcast_to(alike, (away.shape[0], alike.size)), away], axis=1)
+        change = jnp.where(jnp.any(states.at > 0.0, axis=1)[:, None], now - states.given, 0.0)
+        return states.approaches + jnp.einsum("kli,ki->kl", states.slopes, change, precision=HIGHEST)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`: only the scene it was made for, or its neighbours, or the same bearing without spalls."""
         if self.settling:
             return jnp.asarray(status.CONVERGED)
-        if len(spalls) not in (0, self.spalls):
-            return jnp.asarray(status.OTHER_SCENE)
         code = self.base.judge((), distances[:0], rest)
         if not spalls:
             return code
-        same = jnp.asarray(True)
-        for k, (state, under) in enumerate(zip(self.states, self.under, strict=True)):
-            moved = self._approaches(k, spalls, distances) / state.approaches - 1.0
-            apart = jnp.stack([distances[i, self.rollers[k]] for i in under]) - state.given[-len(under) :]
-            same = same & (jnp.max(jnp.abs(moved)) < MOVED) & (jnp.max(jnp.abs(apart)) < ASIDE)
-            if rest is not None:
-                load = jnp.maximum(rest.loads[self.rollers[k]], jnp.exp(self.base.log_loads[0]))
-                same = same & (jnp.abs(jnp.log(load) - jnp.mean(state.log_loads)) < WITHIN)
-        if rest is not None:  # no other roller meets a spall
-            known = np.zeros((len(spalls), distances.shape[1]), bool)
-            for roller, under in zip(self.rollers, self.under, strict=True):
-                known[list(under), roller] = True
+        met = jnp.zeros(distances.shape, bool)
+        if rest is not None:
             met = jnp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
-            same = same & ~jnp.any(met & ~known)
+        states = self.states
+        if states is None:
+            return jnp.where(jnp.any(met), status.OTHER_SCENE, code)
+        if states.met.shape[1] != len(spalls):
+            return jnp.asarray(status.OTHER_SCENE)
+        moved = self._approaches(states, spalls, distances) / states.approaches - 1.0
+        apart = (_product(states.at, distances.T) - states.given[:, -len(spalls) :]) * states.met
+        same = (jnp.max(jnp.abs(moved)) < MOVED) & (jnp.max(jnp.abs(apart)) < ASIDE)
+        if rest is not None:
+            load = jnp.maximum(_product(states.at, rest.loads), jnp.exp(self.base.log_loads[0]))
+            off = jnp.abs(jnp.log(load) - jnp.mean(states.log_loads, axis=1)) * jnp.max(states.at, axis=1)
+            unknown = met & (_product(states.met.T, states.at) == 0.0)
+            same = same & (jnp.max(off) < WITHIN) & ~jnp.any(unknown)
         return jnp.where(same, code, status.OTHER_SCENE)
 
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -154,6 +155,5 @@ def through(log_loads: jax.Array, approaches: jax.Array) -> Curve:
     middle, reach = 0.5 * (x[-1] + x[0]), 0.5 * (x[-1] - x[0])
     z = (x - middle) / reach
     powers = jnp.stack([jnp.ones_like(z), z, z * z], axis=1)
-    product = partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
-    coefficients = jnp.linalg.solve(product(powers.T, powers), product(powers.T, log_loads))
+    coefficients = jnp.linalg.solve(_product(powers.T, powers), _product(powers.T, log_loads))
     return Curve(coefficients, middle, reach, jnp.zeros(()))

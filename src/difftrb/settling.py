@@ -12,10 +12,10 @@ import numpy as np
 
 from difftrb import curve, effects, nodes, ring, roller
 from difftrb.direct import DirectLaw
-from difftrb.effects import Raceways, SeriesRaceways
+from difftrb.effects import DoubleRow, Raceways, SeriesRaceways
 from difftrb.geometry import Raceway, Spall
 from difftrb.law import Law, Rest
-from difftrb.local import LocalLaw, State, through
+from difftrb.local import LocalLaw, States, through
 from difftrb.nodes import Case, Node, Progress
 from difftrb.scene import Scene
 
@@ -32,16 +32,20 @@ FOUND = 0.1
 """Change of a load, in its logarithm, below which it is found."""
 FARTHER = 1.05
 """By how much more than it approaches its raceway a roller is taken to reach for spalls."""
+TOGETHER = 4
+"""States are filled up to a multiple of this: every number of them would be a program of its own."""
 LEAST_SHARE = 0.15
 """Least share of a healthy roller's load that one over a spall is taken to carry at first."""
 
 
 class Reached(NamedTuple):
-    """Spalls that one roller may meet on a raceway: the roller, which spalls, and how far from them it is [mm]."""
+    """Spalls that one roller may meet on a raceway: the roller, which spalls, how far from them it is [mm], and how
+    many rollers there are."""
 
     roller: int
     under: tuple[int, ...]
     away: tuple[float, ...]
+    rollers: int
 
 
 Bases = Mapping[Raceway, DirectLaw]
@@ -54,9 +58,7 @@ def settled(scene: Scene, bases: Bases, progress: Progress | None = None) -> Law
     A scene that does not settle keeps the last laws, and its own status says that rollers are elsewhere.
     """
     spalls: dict[Raceway, tuple[Spall, ...]] = {way: ring.spalls_on(scene.spalls, way) for way in bases}
-    laws: Laws = {
-        raceway: LocalLaw(base, (), (), (), len(spalls[raceway]), settling=True) for raceway, base in bases.items()
-    }
+    laws: Laws = {raceway: LocalLaw(base, None, settling=True) for raceway, base in bases.items()}
     loads, reached = _at_rest(scene, laws, spalls)
     centres = {raceway: [_guess(scene, spalls[raceway], each, loads[raceway]) for each in reached[raceway]]
                for raceway in bases}  # fmt: skip
@@ -103,14 +105,18 @@ def _at_rest(
         for effect in scene.effects
     )
     found, away, approach = _solved(dataclasses.replace(scene, law=cast(Law, laws["outer"]), effects=acting))
+    pair = any(isinstance(effect, DoubleRow) for effect in scene.effects)
     share = FARTHER * (ring.OWN if "inner" in laws else 1.0)
     reached: dict[Raceway, list[Reached]] = {}
     for raceway in laws:
         rest = Rest(float(laws[raceway].contact.radius), share * approach, found[raceway])
         distances = np.asarray(away[raceway])
+        rollers = scene.bearing.rollers * (2 if pair else 1)
         met = np.array([np.asarray(rest.in_reach(s, d)) for s, d in zip(spalls[raceway], distances, strict=True)])
         reached[raceway] = [
-            Reached(int(j), tuple(map(int, np.flatnonzero(met[:, j]))), tuple(distances[met[:, j], j].tolist()))
+            Reached(
+                int(j), tuple(map(int, np.flatnonzero(met[:, j]))), tuple(distances[met[:, j], j].tolist()), rollers
+            )
             for j in (np.flatnonzero(met.any(axis=0)) if met.size else ())
         ]
     return {raceway: np.asarray(loads) for raceway, loads in found.items()}, reached
@@ -145,19 +151,37 @@ def _law(
         if count == MANY and _bend(logs[k], own) > BENDS:
             logs[k] = np.log(centres[k]) + NARROWER * spread * way
             (solved[k],) = _cases(base, spalls, reached[k : k + 1], logs[k : k + 1], progress)
-    states = tuple(
-        State(
-            jnp.asarray(row), jnp.asarray([node.approach for node in own]),
-            nodes.inputs(base.contact, tuple(spalls[i] for i in each.under), each.away),
-            jnp.asarray([node.slopes for node in own]),
-        )
-        for each, row, own in zip(reached, logs, solved, strict=True)
-    )  # fmt: skip
     code = max(float(base.status_code), nodes.worst_status([node for own in solved for node in own]))
-    return LocalLaw(
-        dataclasses.replace(base, status_code=code), states, tuple(each.roller for each in reached),
-        tuple(each.under for each in reached), len(spalls), settling=True,
-    )  # fmt: skip
+    states = _stacked(base, spalls, reached, logs, solved) if reached else None
+    return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True)
+
+
+def _stacked(
+    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], logs: np.ndarray,
+    solved: Sequence[Sequence[Node]],
+) -> States:  # fmt: skip
+    """All that was solved; filled up to a multiple of `TOGETHER` states, so that scenes share programs."""
+    count, of_contact, of_spall = len(spalls), len(nodes.OF_CONTACT), len(nodes.OF_SPALL)
+    slopes = np.zeros((len(reached), logs.shape[1], of_contact + (of_spall + 1) * count))
+    given, met = np.zeros((len(reached), slopes.shape[2])), np.zeros((len(reached), count))
+    for k, (each, own) in enumerate(zip(reached, solved, strict=True)):
+        under = list(each.under)
+        met[k, under] = 1.0
+        places = [of_contact + of_spall * i + j for i in under for j in range(of_spall)]
+        places = [*range(of_contact), *places, *(of_contact + of_spall * count + i for i in under)]
+        slopes[k][:, places] = [node.slopes for node in own]
+        away = np.zeros(count)
+        away[under] = each.away
+        given[k] = nodes.inputs(base.contact, spalls, jnp.asarray(away))
+    at = np.zeros((len(reached), reached[0].rollers))
+    at[np.arange(len(reached)), [each.roller for each in reached]] = 1.0
+    approaches = np.array([[node.approach for node in own] for own in solved])
+    more = -len(reached) % TOGETHER
+    filled = [np.concatenate([field, np.repeat(field[:1], more, axis=0)])
+              for field in (met, logs, approaches, given, slopes)]  # fmt: skip
+    at = np.concatenate([at, np.zeros((more, at.shape[1]))])
+    filled[0][len(reached) :] = 0.0
+    return States(jnp.asarray(at), *map(jnp.asarray, filled))
 
 
 def _cases(
