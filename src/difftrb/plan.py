@@ -137,9 +137,9 @@ def _member(plan: Plan, base: Any, at: Sequence[jax.Array]) -> dict[str, jax.Arr
     columns = {column_of(name): value for name, value in values.items()}
     for i, key in enumerate(plan.gradients):
         slopes = {column_of(name, key): value[..., i] for name, value in by.items()}
-        if both := sorted(slopes.keys() & columns.keys()):
+        if twice := sorted(slopes.keys() & columns.keys()):
             raise axes_.SweepError(
-                f"{shown(both[0])}: this result is named as a derivative of another; name it otherwise"
+                f"{shown(twice[0])}: this result is named as a derivative of another; name it otherwise"
             )
         columns |= slopes
     known = {name: jnp.where(code == status.CONVERGED, value, jnp.nan) for name, value in columns.items()}
