@@ -23,7 +23,6 @@ import numpy as np
 from difftrb import gathered, sizes, status, store
 from difftrb.axes import Axis, SweepError
 from difftrb.devices import lanes_of, wait
-from difftrb.files import shown
 from difftrb.gathered import MANIFEST, RESUME, WHOLE
 from difftrb.law import Law
 from difftrb.outputs import STATUS
@@ -33,8 +32,6 @@ from difftrb.sweeping import Program, planned
 from difftrb.swept import Swept, column_of, counted
 
 FORMAT = 2
-OWN_NAMES = ("identity", "first", "about", "file", "allow_pickle", STATUS)
-"""What results and keys in files cannot be called: what stands beside them, and what `np.savez` calls its arguments."""
 LISTED = 10_000
 """Values of an axis, at most, that are listed in the manifest."""
 
@@ -131,7 +128,7 @@ def run(
     manifest = manifest_of(plan, text)
     say = say or (lambda _: None)
     netcdf, lanes = gathered.has_netcdf(), lanes_of(devices)  # known before anything is written
-    _refuse_names(plan)
+    gathered.check_names(plan)
     _refuse_others(folder, manifest, resume)
     sizes.check_chunks(plan)
     with _stays_good(folder, plan):
@@ -225,21 +222,6 @@ def _stays_good(folder: Path, plan: Plan) -> Iterator[None]:
         where = named if named and not str(named).endswith(store.SCRATCH) else folder
         why = getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise SweepError(f"{where}: {why}: {what if there else 'nothing is written'}") from None
-
-
-def _refuse_names(plan: Plan) -> None:
-    """Refuse results and keys of a function's own that cannot stand in a file, or not beside each other."""
-    keys = [key for axis in plan.axes for key in axis.keys]
-    dims = {dim for own in own_dims(plan).values() for dim in own}
-    for name in (*keys, *(name for name in plan.shapes if name != STATUS)):
-        if name in OWN_NAMES or not name.isprintable() or "/" in name or not name.strip("."):
-            raise SweepError(f"{shown(name)}: cannot be a name in a file, or has a meaning there; name it otherwise")
-    for name in plan.shapes:
-        if name in keys:
-            raise SweepError(f"{shown(name)}: this result is named as an axis; name it otherwise")
-    for name in sorted(dims):
-        if name in keys:
-            raise SweepError(f"{shown(name)}: this axis is named as a dimension of a result; name it otherwise")
 
 
 def _refuse_others(folder: Path, manifest: dict[str, Any], resume: bool) -> None:
