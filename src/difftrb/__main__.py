@@ -257,8 +257,12 @@ def _sweep(options: Any) -> int:
     with terminal.members("sweeping") as progress:
         ended = chunks.run(plan, folder, file.text, options.resume, options.devices, progress, _say)
     if ended.file is not None:
-        with terminal.busy("drawing"):
-            write_folder(folder, lambda scratch: _draw_sweep(ended.shown, scratch))
+        try:
+            with terminal.busy("drawing"):
+                write_folder(folder, lambda scratch: _draw_sweep(ended.shown, scratch))
+        except OSError as error:
+            reason = f"{error.filename}: {error.strerror or error}: {ended.file.name} is whole, figures are missing"
+            return _refuse(f"{reason}; make room or allow writing there, and go on with --resume", EXIT_BAD_FILE)
         print(report.sweep_text(ended, folder))
     return EXIT_OK if ended.failed == 0 else EXIT_NO_SOLUTION
 

@@ -116,7 +116,11 @@ def _spaced(key: str, spec: Mapping[str, Any]) -> np.ndarray:
         raise SweepError(f"{key}.count = 1: one value cannot go from {first:g} to {last:g}; give more, or a list")
     if spacing == "log" and (first <= 0.0 or last <= 0.0):
         raise SweepError(f"{key}: spacing = 'log' needs from and to above 0; they are {first:g} and {last:g}")
-    return (np.geomspace if spacing == "log" else np.linspace)(first, last, int(count))
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = (np.geomspace if spacing == "log" else np.linspace)(first, last, int(count))
+    if not np.isfinite(values).all():
+        raise SweepError(f"{key}: from {first:g} to {last:g} is farther than numbers reach; give ends that are nearer")
+    return values
 
 
 def _is_number(value: Any) -> bool:
@@ -224,7 +228,8 @@ def meaning(tree: Any, key: str) -> tuple[Interval | None, str]:
         return None, ""
     first, *metadata = get_args(kinds[0])
     if static or first is int:
-        raise SweepError(f"{key} is a count, which shapes the computation: run one sweep for each")
+        what = "is a count, which" if first is int else "is one for a whole sweep, because it"
+        raise SweepError(f"{key} {what} shapes the computation: run one sweep for each")
     limits = next((m for m in metadata if isinstance(m, Interval)), None)
     return limits, next((m.unit for m in metadata if isinstance(m, Unit)), "")
 

@@ -127,7 +127,8 @@ def run(
     """
     manifest = manifest_of(plan, text)
     say = say or (lambda _: None)
-    netcdf = gathered.has_netcdf()  # known before anything is computed
+    netcdf, lanes = gathered.has_netcdf(), lanes_of(devices)  # known before anything is written
+    gathered.check_names(plan)
     _refuse_others(folder, manifest, resume)
     sizes.check_chunks(plan)
     with _stays_good(folder, plan):
@@ -157,7 +158,7 @@ def run(
     )
     tell = progress or (lambda *_: None)
     tell(done, of, done - counts[status.CONVERGED])
-    with _stays_good(folder, plan), contextlib.closing(Program(plan, lanes_of(devices)).all(left)) as columns:
+    with _stays_good(folder, plan), contextlib.closing(Program(plan, lanes).all(left)) as columns:
         for chunk, found in columns:
             extra = {"identity": np.array(manifest["identity"]), "first": np.array(plan.members(chunk)[0])}
             store.write(folder / _name(chunk), found | extra)

@@ -14,6 +14,7 @@ import numpy as np
 
 from difftrb import store
 from difftrb.axes import ZIPPED, SweepError
+from difftrb.files import shown
 from difftrb.outputs import STATUS
 from difftrb.plan import Plan, own_dims
 from difftrb.swept import Swept, column_of
@@ -23,6 +24,8 @@ NETCDF, NPZ = WHOLE = "sweep.nc", "sweep.npz"
 """The file with everything, with xarray's netCDF and without."""
 RESUME = "go on with --resume"
 INSTALL = "pip install 'difftrb[io]'"
+OWN_NAMES = ("identity", "first", "about", "file", "allow_pickle", STATUS)
+"""What results and keys in files cannot be called: what stands beside them, and what `np.savez` calls its arguments."""
 Pieces = Callable[..., Iterator[tuple[int, store.Arrays]]]
 """From the start: the first member of every chunk and its columns, or those of the names that are given."""
 
@@ -35,6 +38,22 @@ def has_netcdf() -> bool:
     except Exception:  # a damaged or unfit installation raises whatever it meets
         return False
     return True
+
+
+def check_names(plan: Plan) -> None:
+    """Refuse results and keys of a function's own that cannot stand in a file, or not beside each other. Raises
+    `SweepError`."""
+    keys = [key for axis in plan.axes for key in axis.keys]
+    dims = {dim for own in own_dims(plan).values() for dim in own}
+    for name in (*keys, *(name for name in plan.shapes if name != STATUS)):
+        if name in OWN_NAMES or not name.isprintable() or "/" in name or not name.strip("."):
+            raise SweepError(f"{shown(name)}: cannot be a name in a file, or has a meaning there; name it otherwise")
+    for name in plan.shapes:
+        if name in keys:
+            raise SweepError(f"{shown(name)}: this result is named as an axis; name it otherwise")
+    for name in sorted(dims):
+        if name in keys:
+            raise SweepError(f"{shown(name)}: this axis is named as a dimension of a result; name it otherwise")
 
 
 def write(

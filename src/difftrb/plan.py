@@ -18,6 +18,7 @@ import numpy as np
 from difftrb import axes as axes_
 from difftrb import status
 from difftrb.axes import Axis, Layout
+from difftrb.files import shown
 from difftrb.outputs import STATUS
 from difftrb.swept import Swept, column_of
 
@@ -135,7 +136,12 @@ def _member(plan: Plan, base: Any, at: Sequence[jax.Array]) -> dict[str, jax.Arr
     code = found.get(STATUS, jnp.where(whole, status.CONVERGED, status.UNDEFINED))
     columns = {column_of(name): value for name, value in values.items()}
     for i, key in enumerate(plan.gradients):
-        columns |= {column_of(name, key): value[..., i] for name, value in by.items()}
+        slopes = {column_of(name, key): value[..., i] for name, value in by.items()}
+        if twice := sorted(slopes.keys() & columns.keys()):
+            raise axes_.SweepError(
+                f"{shown(twice[0])}: this result is named as a derivative of another; name it otherwise"
+            )
+        columns |= slopes
     known = {name: jnp.where(code == status.CONVERGED, value, jnp.nan) for name, value in columns.items()}
     return known | {STATUS: code.astype(jnp.int8)}
 

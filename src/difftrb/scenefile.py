@@ -52,7 +52,7 @@ class ContactTable:
 
     law: Literal["power", "liu2018", "palmgren", "table", "direct", "auto"] = "power"
     design_load: DesignLoad = 6500.0
-    accuracy: Annotated[float, Interval(ge=1e-5, le=1e-1)] = 1e-3
+    accuracy: Annotated[float, Interval(ge=1e-5, le=1e-1)] = dataclasses.field(default=1e-3, metadata={"static": True})
     load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
     offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
     tilt: Annotated[Real, Interval(ge=-0.1, le=0.1), Unit("rad")] = 0.0

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.sharding import SingleDeviceSharding
 
@@ -137,7 +138,10 @@ def _by_name(function: Callable[[Any], Any]) -> Callable[[Any], dict[str, jax.Ar
 
     def named(tree: Any) -> dict[str, jax.Array]:
         found = function(tree)
-        return dict(found) if isinstance(found, Mapping) else {"value": found}
+        results = dict(found) if isinstance(found, Mapping) else {"value": found}
+        if not any(jnp.asarray(value).size for name, value in results.items() if name != STATUS):
+            raise SweepError("the function returns no number; return an array, or a dict of arrays")
+        return results
 
     return named
 

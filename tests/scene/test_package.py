@@ -10,12 +10,12 @@ import difftrb as trb
 ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given", "special", "rows",
         "compiling", "gap", "domain", "edges", "lattice", "implicit", "press", "waves", "strips", "strip_model",
         "contact_solution", "contact", "continuum", "contact_slopes", "intensity", "line", "curve", "pit",
-        "ramp", "law", "nodes", "direct", "store", "atlas", "table", "roller", "slices", "tilting",
+        "ramp", "law", "nodes", "direct", "local", "store", "atlas", "table", "roller", "slices", "tilting",
         "pair", "load_zone", "balance", "ring", "pitch", "life", "effect", "double_row", "effects",
-        "scene", "preparation", "solution", "choice", "solving", "edge_stress", "axes", "outputs",
-        "devices", "swept", "plan", "sweeping", "gathered", "chunks", "forecast", "sentences",
+        "scene", "settling", "preparation", "solution", "promise", "choice", "audit", "solving", "edge_stress",
+        "axes", "outputs", "devices", "swept", "plan", "clock", "sizes", "sweeping", "gathered", "chunks", "forecast", "sentences",
         "scenefile", "sweepfile", "measured", "unknowns", "observed", "least_squares", "confidence",
-        "light_load", "fitted", "optimal_design", "remarks", "fitting", "clock", "rungs", "rung_times", "accuracy",
+        "light_load", "fitted", "optimal_design", "remarks", "fitting", "rungs", "rung_times", "accuracy",
         "report", "fit_report", "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot",
         "terminal", "environment", "folders", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent

@@ -497,6 +497,7 @@ def test_to_xarray(whole: Path) -> None:
             "[effects.tilt]\n[sweep]\n",
             "effects.tilt carries by slices of ISO/TS 16281: set",
         ),
+        ('from = 2000, to = 8000, count = 45, spacing = "log"', "from = -1e308, to = 1e308, count = 3", "nearer"),
         ('"spall.0.width"]', '"accuracy"]', "accuracy is not a known key; known here: load.radial"),
         ('"spall.0.width"]', '"spalls.0.width"]', "spalls.0.width is not a known key; known here: load.radial"),
         ('"spall.0.width"]', '"effects.life.load_rating"]', "numbers of effects are not swept; run one sweep for each"),
@@ -519,6 +520,58 @@ def test_what_cannot_be_swept_is_one_sentence(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_contacts_accuracy_is_one_for_a_sweep() -> None:
+    text = scenefile.example("contact") + '\n[sweep]\noutputs = ["approach"]\n'
+    with pytest.raises(scenefile.SceneError, match=r"contact.accuracy is one for a whole sweep, because it shapes"):
+        sweepfile.parse(text + "contact.accuracy = [1e-3, 1e-2]\n")
+    with pytest.raises(scenefile.SceneError, match=r"contact.accuracy is one for a whole sweep, because it shapes"):
+        sweepfile.parse(text + 'gradients = ["contact.accuracy"]\ncontact.offset = [0.0]\n')
+
+
+@pytest.mark.parametrize(
+    ("function", "axes", "words"),
+    [
+        (lambda t: t["value"], {"value": [1.0, 2.0]}, "'value': this result is named as an axis"),
+        (lambda t: {"first": t["value"]}, {"value": [1.0, 2.0]}, "'first': cannot be a name in a file, or has"),
+        (lambda t: {"a/b": t["value"]}, {"value": [1.0, 2.0]}, "'a/b': cannot be a name in a file"),
+        (lambda t: {"": t["value"]}, {"value": [1.0, 2.0]}, "'': cannot be a name in a file"),
+        (lambda t: {"x": jnp.ones(3) * t["x_0"]}, {"x_0": [1.0, 2.0]}, "'x_0': this axis is named as a dimension"),
+        (
+            lambda t: {"x": t["value"], "x_by_n": t["n"]},
+            {"x_0": [1.0, 2.0]},
+            "'x_by_n': this result is named as a deriv",
+        ),
+        (lambda t: t["n"], {"about": [1.0, 2.0]}, "'about': cannot be a name in a file, or has"),
+        (lambda t: {}, {"value": [1.0, 2.0]}, "the function returns no number"),
+        (lambda t: jnp.zeros(0) * t["n"], {"value": [1.0, 2.0]}, "the function returns no number"),
+    ],
+)
+def test_results_that_cannot_stand_in_a_file(tmp_path: Path, function, axes, words: str) -> None:
+    base = {"value": 1.0, "x_0": 1.0, "n": 2.0, "about": 1.0}
+    with pytest.raises(trb.SweepError, match=words):
+        trb.write_sweep(function, base, axes, tmp_path / "out", ["n"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_disk_that_fills_while_drawing_leaves_the_results(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    file, out = tmp_path / "scene.toml", tmp_path / "out"
+    file.write_text(FILE.replace("count = 45", "count = 2"), encoding="utf-8")
+    with monkeypatch.context() as patch:
+        patch.setattr(cli, "_draw_sweep", full)
+        assert cli.main(["--no-cache", "sweep", str(file), "--out", str(out), "--devices", "1"]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert "No space left on device: sweep." in said.err
+    assert trb.load_sweep(out).status_code.shape == (5, 2)
+    assert not list(out.glob("*.png"))
+
+
 def test_axes_may_be_quoted_or_in_a_table_of_their_own() -> None:
     head = FILE[: FILE.index("spall.0.length = ")]
     quoted = head + '"spall.0.length" = [1, 2]\n"load.axial" = [3000]\n'
@@ -537,6 +590,7 @@ def test_dry_run_and_missing_folder(capsys: pytest.CaptureFixture[str], tmp_path
     assert "sweep needs --out DIR" in capsys.readouterr().err
     assert cli.main(["--no-cache", "sweep", str(file), "--out", str(tmp_path / "out"), "--devices", "1000"]) == 2
     assert "devices = 1000: must be in 1 …" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
