@@ -126,6 +126,8 @@ def _at_edges(scene: Scene, raceway: Raceway, law: direct.DirectLaw) -> list[lis
     met = (pitch.Met(raceway, ring.spalls_on(scene.spalls, raceway), law),)
     phases = phases_of(scene, met, _healthy_ring(bare, 0.0)[1])[0]
     distances, approaches = map(np.asarray, _healthy_approaches(bare, raceway, phases))
+    if np.isnan(approaches).any():  # no equilibrium, as the ring's status will say
+        return [[] for _ in law.spalls]
     return [
         sorted({(abs(float(d)), max(float(a), 0.1 * float(approaches.max())))  # out of the load zone: as good as any
                 for d, a in zip(distances[:, i].ravel(), approaches.ravel(), strict=True)
