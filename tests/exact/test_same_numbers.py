@@ -12,7 +12,31 @@ from difftrb.compiling import jit_quickly
 pytestmark = pytest.mark.portable
 
 AXIAL = 4500.0
-PINNED: dict[str, dict[str, float]] = {}
+PINNED: dict[str, dict[str, float]] = {
+    "liu2018": {
+        "load of roller 0": 1281.037760921, "load of roller 1": 1665.753545989, "load of roller 11": 36.32376652369,
+        "axial displacement": 0.01103945963317, "radial stiffness": 3305437.156426, "radial to axial": 206193.5220777,
+        "axial stiffness": 441988.1303446, "radial loss": 3.092136346252, "axial loss": 1.417722571033,
+        "by length": -28726.26598059, "by width": 0.0, "by axial load": 504.1164014838,
+        "by outer angle": -11085213.54633, "load by axial load": 0.1697623804402,
+    },
+    "power": {
+        "load of roller 0": 1305.331932451, "load of roller 1": 1683.762602844, "load of roller 11": 57.35288038483,
+        "axial displacement": 0.01127186134299, "radial stiffness": 3513750.858529, "radial to axial": 315459.2138925,
+        "axial stiffness": 468443.03757, "radial loss": 2.480517025381, "axial loss": 1.061926730988,
+        "by length": -32102.57612642, "by width": 0.0, "by axial load": 544.6589215252,
+        "by outer angle": -11869462.74633, "load by axial load": 0.1632036475224,
+    },
+    "table": {
+        "by angle": -207707171.1267, "by length": -138806.2467513, "by modulus": 103.492693656,
+        "by width": -3623388.875835, "load of roller 0": 1309.652724264, "radial stiffness": 24356314.3284,
+    },
+    "contact": {
+        "approach": 0.008161751686082, "contact width": 0.2093463284415, "load": 2.225775912616e-06,
+        "length": 4.595750762194e-05, "width": 0.0008028967087805, "offset": -0.001605793417561,
+        "radius": -0.0001693725651567, "design_load": 1.339526927818e-07,
+    },
+}  # fmt: skip
 
 
 def scene_by(bearing, law: str, phase: float = 0.0) -> trb.Scene:
