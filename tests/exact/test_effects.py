@@ -241,9 +241,16 @@ FEW = {
     ("tilt", "double_row"), ("life", "double_row"),
 }  # fmt: skip
 """Every effect at least once."""
+LEAN = {("raceways", "flange"), ("centrifugal", "mounting"), ("diameters", "through"), ("tilt", "double_row"),
+        ("life", "double_row")}  # fmt: skip
+"""The same in as few pairs as can be."""
 
 
-@pytest.mark.parametrize("pair", PAIRS, ids="+".join)
+@pytest.mark.parametrize(
+    "pair",
+    [pytest.param(pair, marks=[pytest.mark.portable] if {pair, pair[::-1]} & LEAN else []) for pair in PAIRS],
+    ids="+".join,
+)
 def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
     """In equilibrium to 1e-9, and their derivatives equal central differences to 1e-6."""
     slopes_too = ALL or bool({pair, pair[::-1]} & FEW)

@@ -18,6 +18,7 @@ def loads_over(roller_law: law.Law, lengths: jax.Array, approach: float) -> jax.
     return jax.vmap(one)(lengths)
 
 
+@pytest.mark.portable
 def test_liu2018_is_table_2_verbatim() -> None:
     K, n = trb.liu2018().coefficients(jnp.array([0.0, 2.0, 4.0, 6.0, 8.0]))
     np.testing.assert_allclose(K, [9.386e5, 9.052e5, 8.270e5, 7.469e5, 6.162e5], rtol=1e-13)
@@ -58,6 +59,7 @@ def test_a_longer_spall_never_carries_more(power: trb.PowerLaw) -> None:
     assert jnp.all(jnp.diff(loads) < 0.0)
 
 
+@pytest.mark.portable
 def test_palmgren_inverts_its_approach() -> None:
     from difftrb.hertz import palmgren_approach
 

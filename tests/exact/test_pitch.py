@@ -61,6 +61,7 @@ def test_width_acts_on_the_mean_through_the_window_alone(scene) -> None:
     assert slope < -1e3
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize("leaf", ["length", "angle", "width"])
 def test_derivatives_forward_and_reverse(scene, leaf: str) -> None:
     moved = dataclasses.replace(scene, spalls=(trb.Spall(4.0, 5.0, angle=0.1),))

@@ -68,6 +68,7 @@ def test_length_derivative_of_the_continuum(contact: LineContact) -> None:
     assert float(slopes["length"]) == pytest.approx(3.80e-4, rel=5e-3)  # type: ignore[arg-type]
 
 
+@pytest.mark.portable
 def test_forward_and_reverse_agree(contact: LineContact) -> None:
     at = inputs_at("edge", contact)
     np.testing.assert_allclose(jax.jacfwd(approach)(at), gradient(at), rtol=1e-9, atol=1e-16)

@@ -8,6 +8,7 @@ import pytest
 from difftrb import compiling
 
 
+@pytest.mark.portable
 def test_batched_small_matrix_products() -> None:
     """jax 0.10.2 (issue 39103) is silently wrong here by up to 400 %: a bearing sweep is just this expression."""
     rng = np.random.default_rng(0)
@@ -16,10 +17,12 @@ def test_batched_small_matrix_products() -> None:
     np.testing.assert_allclose(got, (np.einsum("nij,nj->ni", M, r) ** 2).sum(axis=1), rtol=1e-11)
 
 
+@pytest.mark.portable
 def test_it_is_not_the_release_that_is_wrong() -> None:
     assert jax.__version__ != "0.10.2"
 
 
+@pytest.mark.portable
 def test_options_that_xla_does_not_know_are_left_out(monkeypatch) -> None:
     """As on jax 0.11 and later, which have no older emitters."""
     known = {"xla_backend_optimization_level": 1}

@@ -49,6 +49,7 @@ def test_debug_nans_finds_nothing(bearing: trb.TaperedBearing, contact: trb.Line
     assert float(s.approach) > 0.0
 
 
+@pytest.mark.portable
 def test_jit_and_vmap_of_scenes_change_nothing(bearing: trb.TaperedBearing) -> None:
     """Alone, compiled, and in a batch beside one that is not a number and one without equilibrium."""
     scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law="liu2018")

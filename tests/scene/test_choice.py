@@ -173,6 +173,7 @@ def test_sweep_chooses_and_says_so(auto: trb.Scene, solves: dict, tmp_path: Path
     assert manifest["law"]["name"] == "liu2018"
 
 
+@pytest.mark.portable
 def test_command_shows_what_was_picked(solves: dict, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(f'{SHORT}[contact]\nlaw = "auto"\naccuracy = 5e-2\n', encoding="utf-8")

@@ -37,6 +37,7 @@ CONTACT_KEYS = {
 }  # fmt: skip
 
 
+@pytest.mark.portable
 def test_run_prints_json(capsys, paper: Path) -> None:
     code, out, err = call(capsys, "run", str(paper), "--json")
     record = json.loads(out)
@@ -54,6 +55,7 @@ def test_run_prints_json(capsys, paper: Path) -> None:
     assert record["sensitivity"]["axial"]["width"] == 0.0
 
 
+@pytest.mark.portable
 def test_run_prints_text_for_people(capsys, paper: Path) -> None:
     code, out, _ = call(capsys, "run", str(paper))
     assert code == 0
@@ -96,6 +98,7 @@ def test_run_with_effects(capsys, tmp_path: Path) -> None:
     assert max(len(line) for line in out.splitlines()) <= 80
 
 
+@pytest.mark.portable
 def test_every_packaged_scene_is_in_order(capsys, tmp_path: Path) -> None:
     for name in scenefile.example_names():
         path = tmp_path / f"{name}.toml"
@@ -137,6 +140,7 @@ def test_figures_put_an_inner_spall_where_it_is() -> None:
     assert bar.get_width() == pytest.approx(7.0 / geometry.arc_radius(scene.bearing, "inner"))
 
 
+@pytest.mark.portable
 def test_contact_prints_json(capsys, tmp_path: Path) -> None:
     path = tmp_path / "contact.toml"
     path.write_text(scenefile.example("contact").replace("accuracy = 1e-3", "accuracy = 1e-2"), encoding="utf-8")
@@ -223,6 +227,7 @@ def test_contact_with_several_spalls_and_tilt(capsys, tmp_path: Path) -> None:
         assert words in err
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize(
     ("old", "new", "code", "words"),
     [
@@ -335,6 +340,7 @@ def test_programs_are_kept_only_where_one_may_write(monkeypatch, tmp_path: Path)
     assert environment.cache_folder() is None
 
 
+@pytest.mark.portable
 def test_check_and_example(capsys, paper: Path) -> None:
     code, out, _ = call(capsys, "check", str(paper))
     assert code == 0
@@ -349,6 +355,7 @@ def test_check_and_example(capsys, paper: Path) -> None:
     assert err.endswith(", measured\n")
 
 
+@pytest.mark.portable
 def test_version_is_that_of_the_package(capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         cli.main(["--version"])
@@ -377,6 +384,7 @@ def test_small_loads_get_a_remark(capsys, tmp_path: Path, radial: str, axial: st
         assert err.count("\n") == (words is not None)
 
 
+@pytest.mark.portable
 def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
     file = scenefile.parse(scenefile.example("contact"))
     assert light_load.of_contact(file) is None

@@ -261,6 +261,7 @@ law = "liu2018"
 """
 
 
+@pytest.mark.portable
 def test_the_command_line_fits(exact: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene, table = tmp_path / "s.toml", tmp_path / "m.csv"
     scene.write_text(SCENE, encoding="utf-8")

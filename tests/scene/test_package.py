@@ -58,6 +58,7 @@ def test_libraries_stay_in_their_rooms(module: str) -> None:
         assert module in ALONE.get(library, {module}), name
 
 
+@pytest.mark.portable
 def test_public_names_exist_and_are_documented() -> None:
     for name in trb.__all__:
         assert getattr(trb, name).__doc__, name

@@ -593,6 +593,25 @@ def test_dry_run_and_missing_folder(capsys: pytest.CaptureFixture[str], tmp_path
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.portable
+def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Two members, one without a solution."""
+    file, out = tmp_path / "scene.toml", tmp_path / "out"
+    file.write_text(FILE[: FILE.index("spall.0.length = ")] + "load.axial = [4500.0, 1000.0]\n", encoding="utf-8")
+    assert cli.main(["--no-cache", "sweep", str(file), "--out", str(out), "--devices", "1"]) == 1
+    assert "1 without a solution (NaN)\n1: no equilibrium" in capsys.readouterr().out
+    swept = trb.load_sweep(out)
+    stiffness, by_length = swept.values["radial_stiffness"], swept.gradients["radial_stiffness"]["spall.0.length"]
+    assert [bool(np.isfinite(value).all()) for value in (stiffness[0], stiffness[1], by_length[0])] == [
+        True,
+        False,
+        True,
+    ]
+    assert by_length[0] < 0.0
+    assert cli.main(["--no-cache", "sweep", str(file), "--out", str(out), "--devices", "1"]) == 2
+    assert str(out) in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [
