@@ -16,7 +16,7 @@ from difftrb import gap as gaps
 from difftrb.contact import GRIDS
 from difftrb.curve import Curve
 from difftrb.geometry import LineContact, Real, Spall, as_floats
-from difftrb.law import spalls_under
+from difftrb.law import LENGTH_SHARE, known_up_to, spalls_under
 from difftrb.nodes import Case, Node, Progress
 from difftrb.ramp import Carried, Ramp
 
@@ -257,7 +257,8 @@ class DirectLaw:
                 edge = over(spall, distances[i], side)
                 apart = jnp.abs(self.edges[i].given[:, -1] - (0.5 * spall.width - edge))
                 same = same & ((jnp.min(apart, initial=jnp.inf) < ASIDE) | (edge < low) | (edge > high))
-        return jnp.where(same, status.CONVERGED, status.OTHER_SCENE)
+        known = known_up_to(LENGTH_SHARE * self.contact.length, spalls)
+        return jnp.where(same, known, status.OTHER_SCENE)
 
 
 def without_edges(

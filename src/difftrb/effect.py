@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import geometry, pair, ring, roller
+from difftrb import geometry, pair, pytrees, ring, roller
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.law import Law
 from difftrb.ring import Equilibrium, Load, Terms
@@ -52,6 +52,9 @@ class Effect:
     key: ClassVar[str]
     excludes: ClassVar[dict[str, str]] = {}
     """Keys of effects that cannot be had together with this one, and why."""
+
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
 
     def check(self, bearing: TaperedBearing, load: Load) -> None:
         """Raise ValueError, in one sentence, if this effect cannot be had so. Outside jit only."""

@@ -14,13 +14,15 @@ import jax.core
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import geometry, life, ring, roller, slices, status
+from difftrb import geometry, life, pytrees, ring, roller, slices, status
 from difftrb.double_row import DoubleRow
 from difftrb.effect import Effect, Length, Moment, Results, Ring, held_by, on_the_inner_ring, seat, thicker
+from difftrb.files import shown
 from difftrb.geometry import Real, TaperedBearing
 from difftrb.given import is_given
 from difftrb.law import Law
 from difftrb.ring import Equilibrium, Load, Terms
+from difftrb.status import SceneError
 from difftrb.tilting import Tilting
 
 Diameter = Annotated[Real, Interval(ge=0.1, le=5000.0), Unit("mm")]
@@ -265,6 +267,11 @@ class Tilt(Effect):
     slices: Annotated[int, Interval(ge=1, le=200)] = dataclasses.field(default=30, metadata={"static": True})
     rings: Literal["free", "parallel"] = dataclasses.field(default="free", metadata={"static": True})
 
+    def check(self, bearing: TaperedBearing, load: Load) -> None:
+        """Slices apart, which hold a tilt."""
+        if self.rings == "free" and self.slices < 2:
+            raise ValueError("effects.tilt.slices = 1: one slice does not hold a tilt; give 2 … 200, at best 30")
+
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers in slices."""
         outer = ring.spalls_on(of.spalls, "outer")
@@ -315,18 +322,24 @@ EFFECTS: tuple[type[Effect], ...] = (
 """All there are, in the order in which they act."""
 
 for _cls in (*EFFECTS, SeriesRaceways):
-    jax.tree_util.register_dataclass(_cls)
+    pytrees.register(_cls)
 
 
-def in_order(effects: tuple[Any, ...]) -> tuple[Effect, ...]:
-    """The effects in the order in which they act; ValueError for one named twice, or two that exclude each other."""
+def in_order(effects: Any) -> tuple[Effect, ...]:
+    """The effects, or the only one, in the order in which they act. Raises `SceneError` for what is none, one named
+    twice, or two that exclude each other."""
+    if isinstance(effects, Effect):
+        effects = (effects,)
+    for i, effect in enumerate(effects):
+        if not isinstance(effect, Effect):
+            raise SceneError(f"effects.{i} = {shown(effect)}: must be one of difftrb.effects, say Life()")
     keys = [effect.key for effect in effects]
     for effect in effects:
         if keys.count(effect.key) > 1:
-            raise ValueError(f"effects.{effect.key} is named twice; name it once")
+            raise SceneError(f"effects.{effect.key} is named twice; name it once")
         for key in effect.excludes:
             if key in keys:
-                raise ValueError(
+                raise SceneError(
                     f"effects.{effect.key} and effects.{key} exclude each other: {effect.excludes[key]}; name one"
                 )
     order = [kind.key for kind in EFFECTS]

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import cast, get_args
+from typing import cast
 
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import direct, effects, pitch, ring, status, table
+from difftrb import checks, direct, effects, pitch, ring, status, table
 from difftrb import law as laws
 from difftrb.effects import DoubleRow, Raceways, SeriesRaceways, Through
-from difftrb.geometry import LineContact, Raceway, Real, Spall, as_floats
+from difftrb.geometry import LineContact, Raceway, Real, as_floats
 from difftrb.law import Law
 from difftrb.nodes import Progress
-from difftrb.scene import Definition, LawName, PitchMean, Scene, unmet
+from difftrb.scene import LawName, PitchMean, Scene
 
-SEVERAL_SHAPES = (
-    "law = 'power' is fitted for spalls of one width, depth and axial offset; make them equal, use another law, "
-    "or give the scene a law prepared with power_law"
-)
-
-
-BY_NODES = ("table", "direct")
 TRACED = (
     "law = 'table', 'direct' and 'auto' need numbers: prepare the scene first, difftrb.prepare(scene), and "
     "differentiate, jit or batch what comes out; derivatives stay complete"
@@ -43,17 +36,14 @@ def prepared_law(
     """The roller law on one of the scene's raceways, built from contact solves if it is only named.
 
     The power law is fitted from a sixth of the largest roller load that the scene lets expect (of `least` [N], if that
-    is given) to 1.2 times it, with the spalls' width, depth and axial offset, which must be one for all (else
-    ValueError).
+    is given) to 1.2 times it, with the spalls' width, depth and axial offset, which must be one for all.
     """
     contact = raceway_contact(scene, raceway)
     if not isinstance(scene.law, LawName):
         return cast(Law, scene.law).at(contact)
     spalls = ring.spalls_on(scene.spalls, raceway)
-    if scene.law.name == "power" and not of_one_shape(spalls):
-        raise ValueError(SEVERAL_SHAPES)
     largest = _largest_load(scene)
-    if scene.law.name in BY_NODES:
+    if scene.law.name in checks.BY_NODES:
         return _by_nodes(scene, raceway, largest, progress)
     spall = spalls[0] if spalls else None
     low = largest if least is None else least
@@ -133,28 +123,16 @@ def phases_of(scene: Scene, met: tuple[pitch.Met, ...], terms: ring.Terms = ring
     return jnp.reshape(jnp.asarray(scene.phase, float), (1,)), jnp.ones(1)
 
 
-def of_one_shape(spalls: tuple[Spall, ...]) -> bool:
-    """Whether all spalls are known to have one width, depth and axial offset; traced numbers are not known."""
-    shapes = [(spall.width, spall.depth, spall.axial_offset) for spall in spalls]
-    if len(shapes) < 2 or any(isinstance(value, jax.core.Tracer) for shape in shapes for value in shape):
-        return len(shapes) < 2
-    return len({tuple(float(value) for value in shape) for shape in shapes}) == 1
-
-
 def has_its_laws(scene: Scene) -> bool:
     """Whether nothing has to be built for the scene, nor carried to its inner raceway."""
     return not isinstance(scene.law, LawName) and not any(isinstance(effect, Raceways) for effect in scene.effects)
 
 
 def checked(scene: Scene) -> Scene:
-    """The scene in floats. Raises SolveError without float64, ValueError for what cannot be had together."""
+    """The scene in floats. Raises `SolveError` without float64, `SceneError` for what cannot be had."""
     status.require_float64()
-    scene = as_floats(scene)
-    if scene.definition not in get_args(Definition):
-        raise ValueError(f"definition = {scene.definition!r} is unknown; use one of {', '.join(get_args(Definition))}")
-    if (sentence := unmet(scene)) is not None:
-        raise ValueError(sentence)
-    return scene
+    checks.refuse(scene)
+    return as_floats(scene)
 
 
 def with_law(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import balance, curve, geometry, load_zone, pair, status
+from difftrb import balance, curve, geometry, load_zone, pair, pytrees, status
 from difftrb.balance import Rollers
 from difftrb.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
 from difftrb.law import Law
@@ -28,7 +28,7 @@ HELD = 1e-9
 """Share of all loads below which a row does not hold a shaft's tilt: one that is lifted off may be left touching."""
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["radial", "axial"], meta_fields=[])
+@pytrees.register
 @dataclasses.dataclass(frozen=True)
 class Load:
     """The bearing's load.
@@ -42,6 +42,9 @@ class Load:
 
     radial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
     axial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
+
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
 
 
 @partial(

@@ -10,7 +10,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 
-from difftrb import effects, geometry, ring, status
+from difftrb import checks, effects, geometry, ring, status
 from difftrb.effects import Results
 from difftrb.geometry import Real, Spall
 from difftrb.law import Law
@@ -78,10 +78,12 @@ def solved(scene: Scene) -> Solution:
     """A prepared scene's solution: what `difftrb.solve` does once the law is made."""
     roller_law = prepared_law(scene)
     acting = law_in_effect(scene, roller_law)
+    within = checks.code(scene)
 
     def at(phase: Real) -> tuple[ring.Equilibrium, jax.Array, Results]:
         here = _ring(scene, acting, scene.spalls, phase)
         terms = effects.terms(scene.effects, here)
+        terms = terms._replace(known=within if terms.known is None else status.worst(within, terms.known))
         rest = here.equilibrium(terms)
         more = effects.results(scene.effects, rest, terms, here)
         if scene.definition == "tangent":

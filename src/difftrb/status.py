@@ -42,6 +42,10 @@ SENTENCES = {
 }
 
 
+class SceneError(ValueError):
+    """A scene, or its file, that cannot be used; the message is one sentence: key, value, what is allowed."""
+
+
 class SolveError(RuntimeError):
     """A solve ended without a trustworthy answer; the message is the status's sentence."""
 

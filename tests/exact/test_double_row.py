@@ -15,6 +15,7 @@ import pytest
 import difftrb as trb
 from difftrb import effects, geometry, hertz, law, life, pair, pitch, ring, status
 from difftrb.contact import COMPILING
+from tests.bearings import of_many
 
 LIU = trb.liu2018()
 LOAD = trb.Load(9000.0, 4500.0)
@@ -55,7 +56,7 @@ def test_radial_load_is_shared_equally(bearing, row) -> None:
 
 def test_without_play_half_of_either_row_is_loaded_as_in_nsk_e728g(bearing) -> None:
     """Q = 4.08 F/(Z cosα) and an axial force of 1.26 F tanα, F a row's radial load: ε = 0.5, line contact."""
-    many = dataclasses.replace(bearing, rollers=201)
+    many = of_many(bearing, 201)
     r = trb.solve(scene(many, effects.DoubleRow(), trb.Load(9000.0, 0.0), (), law.Palmgren(bearing.roller_length)))
     alpha = float(bearing.outer_angle)
     assert float(r.check().loads.max()) == pytest.approx(4.08 * 4500.0 / (201 * np.cos(alpha)), rel=2e-3)
