@@ -312,7 +312,7 @@ def _of_effects(scene: Scene) -> str | None:
         )
     if "tilt" in keys and not isinstance(scene.law, Palmgren) and name != "palmgren":
         return "effects.tilt carries by slices of ISO/TS 16281: set contact.law = 'palmgren'"
-    if {"tilt", "double_row"} <= keys and (sentence := _tilting_pair(scene.effects)) is not None:
+    if "tilt" in keys and (sentence := _tilting(scene.effects)) is not None:
         return sentence
     for effect in scene.effects:
         try:
@@ -322,10 +322,14 @@ def _of_effects(scene: Scene) -> str | None:
     return None
 
 
-def _tilting_pair(acting: tuple[Effect, ...]) -> str | None:
-    """What keeps slices and a second row from being had together; None if nothing does."""
+def _tilting(acting: tuple[Effect, ...]) -> str | None:
+    """What keeps slices from holding a tilt, and a second row from being had with them; None if nothing does."""
     tilt = next(effect for effect in acting if isinstance(effect, effects.Tilt))
-    row = next(effect for effect in acting if isinstance(effect, effects.DoubleRow))
+    row = next((effect for effect in acting if isinstance(effect, effects.DoubleRow)), None)
+    if row is None:
+        if tilt.rings == "free" and tilt.slices < 2:
+            return "effects.tilt.slices = 1: one slice does not hold a tilt; give a whole number in 2 … 200"
+        return None
     if is_given(tilt.reach):
         return (
             "effects.tilt.reach must be 0 with effects.double_row, whose shaft tilts about the middle between its "

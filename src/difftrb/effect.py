@@ -63,6 +63,10 @@ class Effect:
         """The terms with this effect's added."""
         return terms
 
+    def remarks(self, spalls: tuple[Spall, ...]) -> tuple[str, ...]:
+        """What is to be said of results over `spalls`, in sentences."""
+        return ()
+
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """What comes out beside the loads."""
         return {}

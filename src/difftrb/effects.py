@@ -18,12 +18,17 @@ from difftrb import geometry, life, pytrees, ring, roller, slices, status
 from difftrb.double_row import DoubleRow
 from difftrb.effect import Effect, Length, Moment, Results, Ring, held_by, on_the_inner_ring, seat, thicker
 from difftrb.files import shown
-from difftrb.geometry import Real, TaperedBearing
+from difftrb.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.given import is_given
 from difftrb.law import Law
 from difftrb.ring import Equilibrium, Load, Terms
 from difftrb.status import SceneError
 from difftrb.tilting import Tilting
+
+HARD_SLICES = (
+    "effects.tilt: slices beside a spall do not help those over it, so its loss of stiffness is overstated, two to "
+    "three times where it was compared with contacts solved exactly"
+)
 
 Diameter = Annotated[Real, Interval(ge=0.1, le=5000.0), Unit("mm")]
 
@@ -247,7 +252,9 @@ class Tilt(Effect):
     """Rings that tilt, rollers loaded unevenly along their length: five degrees of freedom, stiffness 5 × 5.
 
     Rollers are cut into slices by ISO/TS 16281 (see `slices`), both contacts together; the scene's law is then
-    "palmgren", of which only the start is used.
+    "palmgren", of which only the start is used. Slices beside a spall do not help those over it: of 32008J under
+    9000/4500 N a spall of 8 × 7 mm takes 9.7 % of the radial stiffness, of 4 × 7 mm 4.4 %, where contacts solved
+    exactly on both raceways (law "table", effect `Raceways`) lose 4.3 % and 1.5 %. `Solution.remarks` says so.
 
     Attributes:
       moment_radial, moment_lateral: about the radial and the lateral axis [N mm], −1e9…1e9. Default 0.
@@ -267,24 +274,26 @@ class Tilt(Effect):
     slices: Annotated[int, Interval(ge=1, le=200)] = dataclasses.field(default=30, metadata={"static": True})
     rings: Literal["free", "parallel"] = dataclasses.field(default="free", metadata={"static": True})
 
-    def check(self, bearing: TaperedBearing, load: Load) -> None:
-        """Slices apart, which hold a tilt."""
-        if self.rings == "free" and self.slices < 2:
-            raise ValueError("effects.tilt.slices = 1: one slice does not hold a tilt; give 2 … 200, at best 30")
-
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers in slices."""
         outer = ring.spalls_on(of.spalls, "outer")
         terms = terms._replace(slices=slices.sliced(of.contact, outer, of.distances("outer", terms), self.slices))
         if self.rings == "parallel":
             return terms
+        if terms.pair is None or terms.pair.reach is None or terms.tilting is None:
+            return terms._replace(tilting=self.of_one_row(of.bearing, of.contact, self.reach))
+        levers, moments = self.of_one_row(of.bearing, of.contact, terms.pair.reach)
+        moments = moments + terms.tilting.moments
+        return terms._replace(tilting=Tilting(jnp.concatenate([levers, -levers]), moments))
+
+    def of_one_row(self, bearing: TaperedBearing, contact: LineContact, reach: Real) -> Tilting:
+        """What the tilt does to the slices of one row about a centre at `reach` [mm]."""
         moments = jnp.stack([jnp.asarray(m, float) for m in (self.moment_radial, self.moment_lateral)])
-        reach = self.reach
-        if terms.pair is not None and terms.pair.reach is not None and terms.tilting is not None:
-            reach, moments = terms.pair.reach, moments + terms.tilting.moments
-        levers = jnp.tile(slices.places(of.contact, self.slices) + reach, of.bearing.rollers)
-        levers = levers if terms.pair is None else jnp.concatenate([levers, -levers])
-        return terms._replace(tilting=Tilting(levers, moments))
+        return Tilting(jnp.tile(slices.places(contact, self.slices) + reach, bearing.rollers), moments)
+
+    def remarks(self, spalls: tuple[Spall, ...]) -> tuple[str, ...]:
+        """That spalls are cut hard."""
+        return (HARD_SLICES,) if ring.spalls_on(spalls, "outer") else ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -344,6 +353,11 @@ def in_order(effects: Any) -> tuple[Effect, ...]:
                 )
     order = [kind.key for kind in EFFECTS]
     return tuple(sorted(effects, key=lambda effect: order.index(effect.key)))
+
+
+def remarks(effects: tuple[Effect, ...], spalls: tuple[Spall, ...]) -> tuple[str, ...]:
+    """What all effects have to say of results over these spalls, in sentences."""
+    return tuple(sentence for effect in effects for sentence in effect.remarks(spalls))
 
 
 def terms(effects: tuple[Effect, ...], of: Ring) -> Terms:

@@ -36,7 +36,8 @@ def run_json(scene: Scene, result: Assessment, seconds: float, edges: Sequence[E
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
     `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`, with
-    `edges` a key `edge_stress`, with the law "auto" a key `picked`.
+    `edges` a key `edge_stress`, with the law "auto" a key `picked`, with something to say of the numbers a list
+    `remarks`.
     """
     spalled, sound = result.spalled, result.healthy
     verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
@@ -66,6 +67,7 @@ def run_json(scene: Scene, result: Assessment, seconds: float, edges: Sequence[E
         "iterations": spalled.iterations,
         **({"effects": spalled.effects} if scene.effects else {}),
         **({"edge_stress": [edge._asdict() for edge in edges]} if edges else {}),
+        **({"remarks": spalled.remarks} if spalled.remarks else {}),
         **({"picked": dataclasses.asdict(spalled.picked)} if spalled.picked is not None else {}),
         "seconds": seconds,
     })  # fmt: skip
@@ -146,6 +148,7 @@ def run_text(scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = ())
         if not value.ndim:
             lines.append(f"{name.replace('_', ' ')}: {value:,.5g} {UNITS[name]}")
     lines += [edge.sentence for edge in edges]
+    lines += spalled.remarks
     lines.append(law_text(spalled.law, spalled.loads))
     if spalled.picked is not None:
         lines.append(picked_text(spalled.picked))

@@ -30,6 +30,8 @@ from difftrb.solution import Solution
 from difftrb.status import SceneError
 
 PACKAGED_MAPS = ("spall_map.npz",)
+PHASES = 16
+"""Of one roller pitch, at which rings under moments are asked for an equilibrium."""
 COARSEST = 1e-2
 """Accuracy of a contact solve; only "auto" is asked for less, and of something else."""
 
@@ -297,18 +299,25 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
         raise SceneError(f"{path}: {sentence}")
     if file.effects.mounting is not None:
         return
-    if file.load.axial == file.load.radial == 0.0:
+    tilt, row, load = file.effects.tilt, file.effects.double_row, file.load
+    moments = [m for effect in (tilt, row) if effect is not None for m in (effect.moment_radial, effect.moment_lateral)]
+    if load.axial == load.radial == 0.0 and (row is None or not any(moments)):
         raise NoEquilibriumError(
             f"{path}: load.axial = 0 N and load.radial = 0 N: there is nothing to hold; give a load"
         )
-    if file.effects.double_row is not None:  # one of both rows is pressed by any load
+    if row is not None:  # one of both rows is pressed by any load
         return
-    phase = file.stiffness.phase
-    # of all phases the worst has the load line in the middle between two rollers
-    worst = 0.5 * geometry.roller_pitch(file.bearing) if phase == "mean" else phase
-    needed = float(needed_axial(file.bearing, file.load.radial, worst))
-    if file.load.axial <= needed * (1.0 + 1e-6) or file.load.axial == 0.0:
+    phases, tilting = jnp.asarray(file.stiffness.phase) if file.stiffness.phase != "mean" else None, None
+    if tilt is not None and tilt.rings == "free":
+        tilting = tilt.of_one_row(file.bearing, LineContact.of(file.bearing), tilt.reach)
+    if phases is None:  # without moments the worst has the load line in the middle between two rollers
+        shares = jnp.array([0.5]) if tilting is None else jnp.arange(PHASES) / PHASES
+        phases = shares * geometry.roller_pitch(file.bearing)
+    needed = max(float(needed_axial(file.bearing, load.radial, phase, tilting)) for phase in jnp.atleast_1d(phases))
+    if load.axial <= needed * (1.0 + 1e-6) or load.axial == 0.0:
+        beside = " and the moments of effects.tilt" if any(moments) else ""
         raise NoEquilibriumError(
-            f"{path}: load.axial = {file.load.axial:g} N is too small for an equilibrium: with load.radial = "
-            f"{file.load.radial:g} N it must exceed {needed:.6g} N (about radial × tan(outer_angle))"
+            f"{path}: load.axial = {load.axial:g} N is too small for an equilibrium: with load.radial = "
+            f"{load.radial:g} N{beside} it must exceed {needed:.6g} N (about radial × tan(outer_angle)"
+            f"{' without them' if beside else ''})"
         )

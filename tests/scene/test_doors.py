@@ -139,7 +139,7 @@ WORDS = {
     "an empty load": (scene(load=trb.Load(None, 4500.0)), r"load.radial = None: must be a number in 0 … 1e\+07 N"),
     "a spall that is none": (scene(4.0), r"spall.0 = 4.0: must be a Spall"),
     "a law that is none": (scene(law=3), r"contact.law = 3: must be one of"),
-    "accuracy in words": (scene(accuracy="high"), r"contact.accuracy = 'high': must be a number"),
+    "accuracy in words": (scene(law="power", accuracy="high"), r"contact.accuracy = 'high': must be a number"),
     "many phases": (
         scene(phase=np.linspace(0.0, 0.1, 3)),
         r"stiffness.phase has shape \(3,\): .* jax.vmap .* difftrb.sweep with stiffness.phase as an axis",
@@ -290,3 +290,18 @@ def test_rows_are_checked_as_files_are(changed: dict, words: str) -> None:
     row = dataclasses.replace(trb.Measurement(9000.0, 4500.0, "radial_loss", 3.0, 0.1), **changed)
     with pytest.raises(trb.MeasuredError, match=f"measurements: row 1: {words}"):
         trb.fit(scene(SPALL), [row] * 3)
+
+
+# ------------------------------------------------------------------------------------------------ a prepared law
+
+
+def test_a_law_for_one_scene_ends_where_contacts_do(monkeypatch) -> None:
+    """Of 1.1 roller lengths "direct" said that it had converged, stiffer than the healthy bearing."""
+    from difftrb import direct
+    from tests.closed_form import closed_form
+
+    monkeypatch.setattr("difftrb.nodes.solved", closed_form)
+    contact = trb.LineContact.of(BEARING)
+    for length, code in ((11.6, status.CONVERGED), (11.62, status.UNKNOWN_LENGTH), (12.5, status.UNKNOWN_LENGTH)):
+        law = direct.without_edges(contact, 2000.0, (trb.Spall(length, 7.0),))
+        assert int(law.judge((trb.Spall(length, 7.0),), jnp.full((1, 1), 20.0))) == code
