@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import difftrb as trb
-from difftrb import ring, status
+from difftrb import geometry, ring, status
 from difftrb.geometry import Spall, TaperedBearing
 from difftrb.law import Law, Palmgren
 from difftrb.scene import Definition
@@ -49,16 +49,20 @@ def random_scenes(kind: Kind, count: int, seed: int) -> trb.Scene:
 
     bearing = dataclasses.replace(jax.tree.map(lambda v: jnp.full(count, v), BEARING), rollers=kind.rollers)
     if kind.law == "palmgren":
-        outer, roller, small, slender = between(0.05, 1.4), between(0.002, 0.02), decades(0.0, 2.0), between(0.8, 3.0)
+        outer, small, slender = between(0.05, 1.4), decades(0.0, 2.0), between(0.8, 3.0)
+        apart = np.sin(np.pi / kind.rollers)
+        thickest = jnp.minimum(0.02, 0.8 * jnp.sin(outer) * apart / (1.0 + apart))  # thicker ones overlap
+        roller = 0.001 + between(0.0, 1.0) * (thickest - 0.001)
         length = slender * small
         bearing = TaperedBearing(
             small, small + 2.0 * length * roller, length, kind.rollers, outer, outer - 2.0 * roller, roller,
             between(1.3, 1.8), decades(4.0, 6.0), between(0.0, 0.5), decades(-7.0, -4.0),
         )  # fmt: skip
     longest = 8.0 if kind.law == "liu2018" else 0.99 * bearing.roller_length
+    once_round = 2.0 * jnp.pi * jax.vmap(geometry.arc_radius)(bearing)
     spalls = tuple(
-        Spall(between(1e-3, 1.0) * longest, decades(-2.0, 3.0), decades(-6.0, 1.0), between(-6.28, 6.28),
-              between(-10.0, 10.0))
+        Spall(between(1e-3, 1.0) * longest, jnp.minimum(decades(-2.0, 3.0), once_round), decades(-6.0, 1.0),
+              between(-6.28, 6.28), between(-10.0, 10.0))
         for _ in range(kind.spalls)
     )  # fmt: skip
     phase, radial = between(-6.28, 6.28), decades(-3.0, 6.0)

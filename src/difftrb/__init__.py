@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from difftrb.optimal_design import Suggestion, next_measurements
     from difftrb.ring import Load
     from difftrb.scene import Scene, healthy
-    from difftrb.scenefile import SceneError, load_scene
+    from difftrb.scenefile import load_scene
     from difftrb.solution import Solution
     from difftrb.solving import Assessment, assess, solve
-    from difftrb.status import SolveError
+    from difftrb.status import SceneError, SolveError
     from difftrb.sweeping import sweep
     from difftrb.swept import Swept
 
@@ -59,10 +59,10 @@ _HOMES = {
     "optimal_design": ("Suggestion", "next_measurements"),
     "ring": ("Load",),
     "scene": ("Scene", "healthy"),
-    "scenefile": ("SceneError", "load_scene"),
+    "scenefile": ("load_scene",),
     "solution": ("Solution",),
     "solving": ("Assessment", "assess", "solve"),
-    "status": ("SolveError",),
+    "status": ("SceneError", "SolveError"),
     "axes": ("SweepError",),
     "chunks": ("write_sweep",),
     "gathered": ("load_sweep",),

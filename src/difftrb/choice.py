@@ -20,8 +20,8 @@ from difftrb.nodes import Progress
 from difftrb.scene import Finer, LawName, Picked, Scene
 from difftrb.solution import Solution, solved
 
-LEAST, MOST = 1e-3, 1e-1
-"""What can be asked of "auto": below, contact solves at 1e-4 are not known to suffice; above, why ask."""
+LEAST = 1e-3
+"""`accuracy` of every scene that "auto" has prepared: it no longer matters, and one is one program for all."""
 LADDER = (1e-2, 1e-3, 1e-4)
 """Accuracies of the contact solves of `direct`, the cheapest first."""
 DELICATE = 0.1
@@ -54,8 +54,7 @@ def prepare(scene: Scene, progress: Progress | None = None, least: Real | None =
     """
     if not is_auto(scene):
         return preparation.with_law(scene, progress, least)
-    _check_range(scene.accuracy)
-    return _direct(scene, progress)[0]
+    return _direct(preparation.checked(scene), progress)[0]
 
 
 def _direct(scene: Scene, progress: Progress | None = None) -> tuple[Scene, float]:
@@ -99,21 +98,13 @@ def named(scene: Scene, law: str, accuracy: float) -> Scene:
 
 
 def _told(made: Scene, picked: Picked) -> Scene:
-    """`made` with what was picked for it; with one accuracy for all, which no longer matters, by one program."""
+    """`made` with what was picked for it."""
     return dataclasses.replace(made, accuracy=LEAST, picked=picked)
 
 
 def is_auto(scene: Scene) -> bool:
     """Whether the scene leaves its law to be chosen."""
     return isinstance(scene.law, LawName) and scene.law.name == laws.AUTO
-
-
-def _check_range(accuracy: float) -> None:
-    if not LEAST <= accuracy <= MOST:
-        raise ValueError(
-            f"accuracy = {accuracy:g}: with law = 'auto' it must be a number in {LEAST:g} … {MOST:g}, of stiffness and "
-            "peak load; name a law to set that of its contacts"
-        )
 
 
 def promised(solution: Solution) -> np.ndarray:
@@ -141,8 +132,8 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
     """
     if not laws.is_of_liu2018(scenes[0].bearing):
         among = [made for made in among if made[0] != "liu2018"]
+    scenes = [preparation.checked(scene) for scene in scenes]
     asked = scenes[0].accuracy
-    _check_range(asked)
     exact = [(scene, *_direct(dataclasses.replace(scene, accuracy=0.1 * asked))) for scene in scenes]
     best: Scene | None = None
     for number, (law, accuracy) in enumerate(among):

@@ -16,7 +16,7 @@ from difftrb import gap as gaps
 from difftrb.contact import GRIDS
 from difftrb.curve import Curve
 from difftrb.geometry import LineContact, Real, Spall, as_floats
-from difftrb.law import Rest, of_one_deep_spall, spalls_under, within_range
+from difftrb.law import LENGTH_SHARE, Rest, known_up_to, of_one_deep_spall, spalls_under, within_range
 from difftrb.nodes import Case, Node, Progress
 from difftrb.ramp import Carried, Ramp
 
@@ -258,7 +258,10 @@ class DirectLaw:
                 edge = over(spall, distances[i], side)
                 apart = jnp.abs(self.edges[i].given[:, -1] - (0.5 * spall.width - edge))
                 same = same & ((jnp.min(apart, initial=jnp.inf) < ASIDE) | (edge < low) | (edge > high))
-        code = status.worst(within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest))
+        code = status.worst(
+            within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest),
+            known_up_to(LENGTH_SHARE * self.contact.length, spalls),
+        )  # fmt: skip
         return jnp.where(same, code, status.OTHER_SCENE)
 
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import geometry, pair, ring, roller
+from difftrb import geometry, pair, pytrees, ring, roller
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.law import Law
 from difftrb.ring import Equilibrium, Load, Terms
@@ -55,12 +55,19 @@ class Effect:
     presses: ClassVar[bool] = False
     """Whether rollers may carry more with it than the bearing's load lets expect."""
 
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
+
     def check(self, bearing: TaperedBearing, load: Load) -> None:
         """Raise ValueError, in one sentence, if this effect cannot be had so. Outside jit only."""
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """The terms with this effect's added."""
         return terms
+
+    def remarks(self, spalls: tuple[Spall, ...]) -> tuple[str, ...]:
+        """What is to be said of results over `spalls`, in sentences."""
+        return ()
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """What comes out beside the loads."""

@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
+from difftrb import pytrees
+
 Tree = TypeVar("Tree")
 Raceway = Literal["outer", "inner"]
 if TYPE_CHECKING:
@@ -64,6 +66,9 @@ class TaperedBearing:
     density: Annotated[Real, Interval(ge=1e-7, le=1e-4), Unit("kg/mm³")] = 7.85e-6
     arc_radius: Annotated[Real, Interval(ge=0.1, le=5000.0), Unit("mm")] | None = None
 
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
+
 
 @dataclasses.dataclass(frozen=True)
 class Spall:
@@ -87,6 +92,9 @@ class Spall:
     axial_offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
     surface: Literal["outer", "inner", "roller"] = dataclasses.field(default="outer", metadata={"static": True})
 
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
+
 
 @dataclasses.dataclass(frozen=True)
 class LineContact:
@@ -104,6 +112,9 @@ class LineContact:
     modulus: Real
     design_load: Real = 6500.0
 
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
+
     @classmethod
     def of(cls, bearing: TaperedBearing, raceway: Raceway = "outer", design_load: Real = 6500.0) -> LineContact:
         """The contact of `bearing`'s rollers with one raceway; `design_load` Q_d of the crown [N]."""
@@ -116,7 +127,7 @@ class LineContact:
 
 
 for _cls in (TaperedBearing, Spall, LineContact):
-    jax.tree_util.register_dataclass(_cls)
+    pytrees.register(_cls)
 
 
 def as_floats(tree: Tree) -> Tree:

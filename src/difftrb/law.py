@@ -7,6 +7,7 @@ from functools import partial
 from typing import NamedTuple, Protocol
 
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 
@@ -30,6 +31,10 @@ TABLE_2 = np.array(
         [8.0, 6.162e5, 1.262, 0.0245],
     ]
 )
+
+OF_CONTACT = ("roller_small_diameter", "roller_large_diameter", "roller_length", "outer_angle", "inner_angle",
+              "roller_angle", "modulus", "poisson")  # fmt: skip
+"""What of a bearing decides on the contact of its rollers with the outer raceway."""
 
 LENGTH_SHARE = 0.85
 """A law from contact solves covers spalls up to this share of the roller's length."""
@@ -331,10 +336,12 @@ def liu2018() -> PowerLaw:
 
 
 def is_of_liu2018(bearing: TaperedBearing) -> bool:
-    """Whether Table 2 is of this bearing's rollers and outer raceway."""
+    """Whether Table 2 is of this bearing's rollers and outer raceway, as far as is known: traced numbers are not."""
     theirs = geometry.bearing("32008J")
-    unconcerned = {name: getattr(theirs, name) for name in ("arc_radius", "density", "flange_angle")}
-    return dataclasses.replace(bearing, **unconcerned) == theirs
+    return all(
+        isinstance(own := getattr(bearing, name), jax.core.Tracer) or float(own) == getattr(theirs, name)
+        for name in OF_CONTACT
+    )
 
 
 def power_law(

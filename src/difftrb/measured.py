@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb import files
+from difftrb import files, ranges
 from difftrb.files import known, shown
 from difftrb.geometry import FILE_RULES, Real
 from difftrb.scene import Definition, Phase
@@ -156,7 +156,12 @@ def _cell(cell: str) -> float | str:
 
 
 def check(row: Measurement, where: str) -> Measurement:
-    """The row, if what its columns say fits together; else a `MeasuredError` that begins with `where`."""
+    """The row, if its columns are within their ranges and fit together; else a `MeasuredError` that begins with
+    `where`."""
+    for field in ranges.fields_of(Measurement):
+        sentence = ranges.of_field(field, getattr(row, field.name), field.name)
+        if sentence is not None:
+            raise MeasuredError(f"{where}: {sentence}; {ADVICE[field.name]}")
     if row.is_loss and row.value >= 100.0:
         raise MeasuredError(f"{where}: value = {row.value:g}: a loss must be below 100 %; {ADVICE['value']}")
     if not row.is_loss and row.value <= 0.0:

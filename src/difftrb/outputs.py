@@ -12,11 +12,12 @@ import numpy as np
 
 from difftrb import choice, ring, status
 from difftrb.axes import Axis, SweepError, number_at, replaced
+from difftrb.checks import SEVERAL_SHAPES, of_one_shape
 from difftrb.choice import prepare
 from difftrb.contact_solution import ContactSolution
 from difftrb.files import shown
 from difftrb.nodes import Progress
-from difftrb.preparation import SEVERAL_SHAPES, of_one_shape, prepared_law
+from difftrb.preparation import prepared_law
 from difftrb.scene import LawName, PitchMean, Scene, healthy
 from difftrb.solution import Solution
 from difftrb.solving import solve

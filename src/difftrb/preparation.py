@@ -5,34 +5,27 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from functools import partial
-from typing import cast, get_args
+from typing import cast
 
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import direct, effects, geometry, pitch, ring, settling, status, table
+from difftrb import checks, direct, effects, geometry, pitch, ring, settling, status, table
 from difftrb import law as laws
 from difftrb.effects import Raceways, SeriesRaceways, Through
-from difftrb.geometry import LineContact, Raceway, Real, Spall, as_floats
+from difftrb.geometry import LineContact, Raceway, Real, as_floats
 from difftrb.law import Law
 from difftrb.nodes import Progress
-from difftrb.scene import Definition, LawName, PitchMean, Scene, unmet
-
-SEVERAL_SHAPES = (
-    "law = 'power' is fitted for spalls of one width, depth and axial offset; make them equal, use another law, "
-    "or give the scene a law prepared with power_law"
-)
-
+from difftrb.scene import LawName, PitchMean, Scene
 
 NOT_IN_THE_MEAN = (
-    "phase = 'mean': several spalls under one roller, or a bottom that rollers may meet, are known at one phase only; "
-    "give the phase a number"
+    "stiffness.phase = 'mean': several spalls under one roller, or a bottom that rollers may meet, are known at one "
+    "phase only; give the phase a number"
 )
 WIDE, SPARE = 1.0, 2.5
 """From a spall this wide on, by the rollers' pitch, or with through spalls, curves reach so many times farther."""
-BY_NODES = ("table", "direct")
 TRACED = (
     "law = 'table', 'direct' and 'auto' need numbers: prepare the scene first, difftrb.prepare(scene), and "
     "differentiate, jit or batch what comes out; derivatives stay complete"
@@ -50,16 +43,13 @@ def prepared_law(
     """The roller law on one of the scene's raceways, built from contact solves if it is only named.
 
     The power law is fitted from a sixth of the largest roller load that the scene lets expect (of `least` [N], if that
-    is given) to 1.2 times it, with the spalls' width, depth and axial offset, which must be one for all (else
-    ValueError).
+    is given) to 1.2 times it, with the spalls' width, depth and axial offset, which must be one for all.
     """
     contact = raceway_contact(scene, raceway)
     if not isinstance(scene.law, LawName):
         return cast(Law, scene.law).at(contact)
     spalls = ring.spalls_on(scene.spalls, raceway)
-    if scene.law.name == "power" and not of_one_shape(spalls):
-        raise ValueError(SEVERAL_SHAPES)
-    if scene.law.name in BY_NODES:
+    if scene.law.name in checks.BY_NODES:
         return _by_nodes(scene, raceway, progress)
     largest = _largest_load(scene)
     spall = spalls[0] if spalls else None
@@ -163,28 +153,16 @@ def phases_of(scene: Scene, met: tuple[pitch.Met, ...], terms: ring.Terms = ring
     return jnp.reshape(jnp.asarray(scene.phase, float), (1,)), jnp.ones(1)
 
 
-def of_one_shape(spalls: tuple[Spall, ...]) -> bool:
-    """Whether all spalls are known to have one width, depth and axial offset; traced numbers are not known."""
-    shapes = [(spall.width, spall.depth, spall.axial_offset) for spall in spalls]
-    if len(shapes) < 2 or any(isinstance(value, jax.core.Tracer) for shape in shapes for value in shape):
-        return len(shapes) < 2
-    return len({tuple(float(value) for value in shape) for shape in shapes}) == 1
-
-
 def has_its_laws(scene: Scene) -> bool:
     """Whether nothing has to be built for the scene, nor carried to its inner raceway."""
     return not isinstance(scene.law, LawName) and not any(isinstance(effect, Raceways) for effect in scene.effects)
 
 
 def checked(scene: Scene) -> Scene:
-    """The scene in floats. Raises SolveError without float64, ValueError for what cannot be had together."""
+    """The scene in floats. Raises `SolveError` without float64, `SceneError` for what cannot be had."""
     status.require_float64()
-    scene = as_floats(scene)
-    if scene.definition not in get_args(Definition):
-        raise ValueError(f"definition = {scene.definition!r} is unknown; use one of {', '.join(get_args(Definition))}")
-    if (sentence := unmet(scene)) is not None:
-        raise ValueError(sentence)
-    return scene
+    checks.refuse(scene)
+    return as_floats(scene)
 
 
 def with_law(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
@@ -194,7 +172,7 @@ def with_law(scene: Scene, progress: Progress | None = None, least: Real | None 
         bases = _healthy_laws(scene, progress)
         if any(_is_met_otherwise(scene, raceway, base) for raceway, base in bases.items()):
             if isinstance(scene.phase, PitchMean):
-                raise ValueError(NOT_IN_THE_MEAN)
+                raise status.SceneError(NOT_IN_THE_MEAN)
             return with_laws(scene, settling.settled(scene, bases, progress))
     acting = tuple(
         SeriesRaceways(effect.inner_design_load, _inner_law(scene, effect, progress, least))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from difftrb import confidence, optimal_design
+from difftrb import confidence, effects, optimal_design
 from difftrb.confidence import EDGE
 from difftrb.fitted import Fit
 
@@ -27,8 +27,15 @@ TOLD_APART = 2.0
 def of(fit: Fit, starts: np.ndarray) -> dict[str, Any]:
     """`remarks` and `determined` of a fit; `starts` is what the model says of the rows at all starts, shape (starts,
     rows)."""
+    scene = fit.scene
     unclear = [i for i in range(len(fit.parameters)) if _is_open(fit, i)]
-    said = [*_about_rows(fit), *_about_misfit(fit), *_beyond(fit, starts), *_bounds(fit)]
+    said = [
+        *effects.remarks(scene.effects, scene.spalls),
+        *_about_rows(fit),
+        *_about_misfit(fit),
+        *_beyond(fit, starts),
+        *_bounds(fit),
+    ]
     if unclear:
         said.append(_unclear(fit, unclear))
     rivals = [] if unclear else _rivals(fit)

@@ -43,7 +43,8 @@ def run_json(
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
     `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`, with
-    `edges` a key `edge_stress`, with the law "auto" a key `picked`, with an `audit` a key of that name.
+    `edges` a key `edge_stress`, with the law "auto" a key `picked`, with an `audit` a key of that name. `remarks` are
+    what has to be known before the numbers.
     """
     spalled, sound = result.spalled, result.healthy
     verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
@@ -82,7 +83,7 @@ def run_json(
 
 def remarks(scene: Scene, solution: Solution) -> list[str]:
     """What a reader has to know before the numbers, a sentence each."""
-    found, of = [], solution.law
+    found, of = list(solution.remarks), solution.law
     loads, (low, high) = np.asarray(solution.loads), (float(v) for v in of.load_range)
     if float(loads.max()) > high * FAR:
         found.append(

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb import balance, curve, geometry, load_zone, pair, roller, status
+from difftrb import balance, curve, geometry, load_zone, pair, pytrees, roller, slices, status
 from difftrb.balance import Rollers
 from difftrb.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
 from difftrb.law import Law, Rest
@@ -28,7 +28,7 @@ HELD = 1e-9
 """Share of all loads below which a row does not hold a shaft's tilt: one that is lifted off may be left touching."""
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["radial", "axial"], meta_fields=[])
+@pytrees.register
 @dataclasses.dataclass(frozen=True)
 class Load:
     """The bearing's load.
@@ -42,6 +42,9 @@ class Load:
 
     radial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
     axial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
+
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
 
 
 @partial(
@@ -115,15 +118,26 @@ def distances(
     ])  # fmt: skip
 
 
-def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real) -> jax.Array:
-    """The axial load [N] that must be exceeded for an equilibrium under `radial` [N].
+def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Tilting | None = None) -> jax.Array:
+    """The axial load [N] that must be exceeded for an equilibrium under `radial` [N] and, of rings that tilt, moments.
 
     Rollers push only: the load must lie inside the cone spanned by their normals, that is, the point
-    radial·tanα/axial on the load line inside the polygon of the rollers' angles.
+    radial·tanα/axial on the load line inside the polygon of the rollers' angles. Rollers that carry along their length
+    carry at their ends as far as existence goes: force and moments part uniquely into a force on all of one end and one
+    on all of the other, and each must lie inside its share of the polygon.
     """
-    edges = roller_angles(bearing, phase) + 0.5 * geometry.roller_pitch(bearing)
-    reach = jnp.max(jnp.cos(edges)) / jnp.cos(0.5 * geometry.roller_pitch(bearing))
-    return radial * jnp.tan(bearing.outer_angle) * reach
+    half = 0.5 * geometry.roller_pitch(bearing)
+    edges = roller_angles(bearing, phase) + half
+    if tilting is None:
+        reach = jnp.max(jnp.cos(edges)) / jnp.cos(half)
+        return radial * jnp.tan(bearing.outer_angle) * reach
+    low, high = jnp.min(tilting.levers), jnp.max(tilting.levers)
+    about_radial, about_lateral = tilting.moments
+    force = jnp.stack([radial / jnp.cos(bearing.outer_angle), jnp.zeros(())])
+    upper = (jnp.stack([-about_lateral, about_radial]) - low * force) / (high - low)
+    ends = jnp.stack([force - upper, upper])
+    beyond = ends[:, :1] * jnp.cos(edges)[None, :] + ends[:, 1:] * jnp.sin(edges)[None, :]
+    return jnp.sin(bearing.outer_angle) * jnp.sum(jnp.max(beyond, axis=1)) / jnp.cos(half)
 
 
 def largest_load(bearing: TaperedBearing, load: Load) -> Real:
@@ -163,6 +177,7 @@ class Terms(NamedTuple):
       slices: what slices of rollers carry, shape (rollers · slices,), roller by roller; None: rollers are whole.
       tilting: of rings that tilt; None: they stay parallel.
       extra: force on the ring beside the load [N], shape (3,).
+      known: status: of what else is known of the scene; None: nothing is.
       facing: the inner raceway's law and spalls, where there is one that gives way; None: there is none.
       pair: a second row; None: there is none. With it, rollers in all else are those of both rows, the first's first.
     """
@@ -173,6 +188,7 @@ class Terms(NamedTuple):
     slices: Carried | None = None
     tilting: Tilting | None = None
     extra: jax.Array | None = None
+    known: jax.Array | None = None
     facing: Facing | None = None
     pair: Pair | None = None
 
@@ -197,11 +213,13 @@ def equilibrium(
     spare = load.axial
     if terms.seat is not None and terms.seat.centrifugal is not None:  # thrown rollers push the rings apart
         spare = spare - bearing.rollers * terms.seat.least * jnp.sin(bearing.outer_angle)
-    held = spare > needed_axial(bearing, load.radial, phase) * (1.0 + 1e-6)
     if terms.axial is not None:
         held = jnp.asarray(True)
     elif terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it
-        held = load.radial + load.axial > 0.0
+        moments = 0.0 if terms.tilting is None else jnp.sum(jnp.abs(terms.tilting.moments))
+        held = load.radial + load.axial + moments > 0.0
+    else:
+        held = spare > needed_axial(bearing, load.radial, phase, terms.tilting) * (1.0 + 1e-6)
     force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
     if terms.extra is not None:
         force = force + terms.extra
@@ -231,7 +249,10 @@ def equilibrium(
     u, (loads, slopes), (residual, iterations) = balance.found((rollers, safe, start, size, terms.axial))
     approach = rollers.approach(u)
     tangent = balance.tangent(rollers.normals, slopes)
+    unheld = None
     if terms.slices is not None:
+        bare = jnp.sum(jnp.where(slices.without_land(terms.slices), loads, 0.0))
+        unheld = bare > HELD * jnp.sum(loads)  # they are left a trace of stiffness, by which nothing may be held
         approach, loads = approach.reshape(angles.size, -1), loads.reshape(angles.size, -1)
         approach, loads = jnp.mean(approach, axis=1), jnp.sum(loads, axis=1)
     if terms.tilting is not None:
@@ -240,6 +261,8 @@ def equilibrium(
     known = _known(bearing, spalls, away, roller_law, approach, loads, terms)
     converged = (residual <= balance.TOLERANCE) & jnp.all(jnp.isfinite(u))
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
+    if unheld is not None:
+        code = jnp.where(unheld, status.NO_EQUILIBRIUM, code)
     if terms.pair is not None and terms.tilting is not None and terms.slices is None:
         rows = jnp.sum(loads.reshape(2, -1), axis=1)
         code = jnp.where(converged & (jnp.min(rows) <= HELD * jnp.sum(rows)), status.LOOSE, code)
@@ -248,6 +271,8 @@ def equilibrium(
     code = jnp.where(valid, code, status.BAD_INPUT)
     code = status.worst(code, jnp.asarray(roller_law.status_code).astype(int))
     usable = valid & held & (known == status.CONVERGED) & (code != status.LOOSE)
+    if unheld is not None:
+        usable = usable & ~unheld
 
     def only_if_usable(value: jax.Array) -> jax.Array:
         return jnp.where(usable, value, jnp.nan)
@@ -269,6 +294,8 @@ def _known(
         approach = OWN * approach
     rest = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads)
     known = roller_law.judge(spalls, away, rest)
+    if terms.known is not None:
+        known = status.worst(known, terms.known)
     if terms.facing is None or terms.seat is None:
         return known
     return status.worst(known, terms.facing.judge(rest._replace(loads=roller.inner_load(terms.seat, loads))))
@@ -286,7 +313,10 @@ def _start(rollers: Rollers, healthy: Carried, force: jax.Array, terms: Terms) -
         return jnp.zeros(3).at[2].set(terms.axial)
     sound, count, axial = curve.of(healthy.each, 0), rollers.normals.shape[0], rollers.normals[0, 2]
     radial = jnp.sqrt(1.0 - axial**2)
-    largest, narrow = _norm(force) / (count * axial), jnp.zeros(())
+    total = _norm(force)
+    if terms.tilting is not None:  # moments may be all that presses
+        total = total + _norm(terms.tilting.moments / terms.tilting.longest)
+    largest, narrow = total / (count * axial), jnp.zeros(())
     if terms.pair is None:
         push = jnp.maximum(force[2], axial * _norm(force))  # less than that holds no load; thrown rollers may take it
         share = push / (count * axial)

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import jax
-import jax.core
 from annotated_types import Interval, Unit
 
-from difftrb import effects
+from difftrb import effects, geometry, pytrees
 from difftrb.effects import Effect
+from difftrb.files import shown
 from difftrb.geometry import Real, Spall, TaperedBearing
-from difftrb.given import is_given
-from difftrb.law import Law, Palmgren
+from difftrb.heightmap import HeightMap
+from difftrb.law import Law
 from difftrb.ring import Load
+from difftrb.status import SceneError
 
 Definition = Literal["tangent", "secant"]
 DesignLoad = Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
 Accuracy = Annotated[float, Interval(ge=1e-4, le=1e-2)]
+AutoAccuracy = Annotated[float, Interval(ge=1e-3, le=1e-1)]
+"""What can be asked of the law "auto": below, contact solves at 1e-4 are not known to suffice; above, why ask."""
 Phase = Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
 
 
@@ -68,11 +71,7 @@ class Picked:
     finer: Finer | None
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["bearing", "load", "spalls", "law", "design_load", "phase", "effects", "picked"],
-    meta_fields=["accuracy", "definition"],
-)
+@pytrees.register
 @dataclasses.dataclass(frozen=True)
 class Scene:
     """A bearing, its load and its spalls, and how to compute with them. A pytree: every number is a leaf.
@@ -100,73 +99,37 @@ class Scene:
     spalls: tuple[Spall, ...] = ()
     law: Law | LawName | str = "power"
     design_load: DesignLoad = 6500.0
-    accuracy: Accuracy = 1e-3
-    definition: Definition = "tangent"
+    accuracy: Accuracy = dataclasses.field(default=1e-3, metadata={"static": True})
+    definition: Definition = dataclasses.field(default="tangent", metadata={"static": True})
     phase: Phase | PitchMean | Literal["mean"] = 0.0
     effects: tuple[Effect, ...] = ()
     picked: Picked | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "effects", effects.in_order(self.effects))
+        tidy: dict[str, Any] = {"effects": effects.in_order(self.effects)}
+        if isinstance(self.bearing, str):
+            tidy["bearing"] = _named(self.bearing)
+        if isinstance(self.spalls, Spall | HeightMap | list):
+            tidy["spalls"] = tuple(self.spalls) if isinstance(self.spalls, list) else (self.spalls,)
         if isinstance(self.phase, str):
             if self.phase != "mean":
-                raise ValueError(f"phase = {self.phase!r} is unknown; give an angle [rad] or 'mean'")
-            object.__setattr__(self, "phase", PitchMean())
+                raise SceneError(f"phase = {self.phase!r} is unknown; give an angle [rad] or 'mean'")
+            tidy["phase"] = PitchMean()
         if isinstance(self.law, str):
-            object.__setattr__(self, "law", LawName(self.law))
+            tidy["law"] = LawName(self.law)
+        for name, value in tidy.items():
+            object.__setattr__(self, name, value)
+        pytrees.whole_to_float(self, ("design_load", "phase"))
+
+
+def _named(name: str) -> TaperedBearing:
+    """A bearing by its name; raises `SceneError`."""
+    if name not in geometry.NAMED_BEARINGS:
+        known = ", ".join(geometry.NAMED_BEARINGS)
+        raise SceneError(f"bearing = {shown(name)} is unknown; use {known} or a TaperedBearing")
+    return geometry.bearing(name)
 
 
 def healthy(scene: Scene) -> Scene:
     """The same scene without spalls. Prepare first, so that both share one law."""
     return dataclasses.replace(scene, spalls=())
-
-
-def unmet(scene: Scene) -> str | None:
-    """What keeps the scene's spalls and effects from being had together, in one sentence; None if nothing does."""
-    keys = {effect.key for effect in scene.effects}
-    name = scene.law.name if isinstance(scene.law, LawName) else None
-    for i, spall in enumerate(scene.spalls):
-        if spall.surface != "outer" and "raceways" not in keys:
-            return (
-                f"spall.{i}.surface = {spall.surface!r}: the plain ring meets spalls on the 'outer' raceway only; name "
-                "effects.raceways"
-            )
-        if spall.surface == "roller" and isinstance(scene.phase, PitchMean):
-            return (
-                f"spall.{i}.surface = 'roller' belongs to one roller, so phase = 'mean' has no meaning for it; give a "
-                "phase in rad"
-            )
-    if "raceways" in keys and name in ("palmgren", "liu2018"):
-        return (
-            f"contact.law = {name!r} does not know the inner raceway alone: with effects.raceways use 'power', 'table' "
-            "or 'direct'"
-        )
-    if "tilt" in keys and not isinstance(scene.law, Palmgren) and name != "palmgren":
-        return "effects.tilt carries by slices of ISO/TS 16281: set contact.law = 'palmgren'"
-    if {"tilt", "double_row"} <= keys and (sentence := _tilting_pair(scene.effects)) is not None:
-        return sentence
-    for effect in scene.effects:
-        try:
-            effect.check(scene.bearing, scene.load)
-        except ValueError as error:
-            return str(error)
-    return None
-
-
-def _tilting_pair(acting: tuple[Effect, ...]) -> str | None:
-    """What keeps slices and a second row from being had together; None if nothing does."""
-    tilt = next(effect for effect in acting if isinstance(effect, effects.Tilt))
-    row = next(effect for effect in acting if isinstance(effect, effects.DoubleRow))
-    if is_given(tilt.reach):
-        return (
-            "effects.tilt.reach must be 0 with effects.double_row, whose shaft tilts about the middle between its "
-            "rows; leave it out"
-        )
-    if tilt.rings == "free" and row.spacing is None:
-        return "effects.double_row.spacing is missing: effects.tilt needs it, or rings = 'parallel'; give one of both"
-    if tilt.rings == "parallel" and row.spacing is not None:
-        return (
-            "effects.tilt.rings = 'parallel' and effects.double_row.spacing exclude each other: rings with a spacing "
-            "tilt; leave one out"
-        )
-    return None

@@ -9,13 +9,13 @@ import re
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb import choice, effects, files, geometry, heightmap, ring
+from difftrb import checks, effects, files, geometry, heightmap, ring
 from difftrb import law as laws
 from difftrb.contact import solve_contact
 from difftrb.contact_solution import ContactSolution
@@ -23,21 +23,19 @@ from difftrb.files import shown
 from difftrb.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.given import Defect
 from difftrb.heightmap import HeightMap
-from difftrb.preparation import SEVERAL_SHAPES
 from difftrb.ring import Load, needed_axial
-from difftrb.scene import Accuracy, Definition, DesignLoad, Phase, Scene, unmet
+from difftrb.scene import Definition, DesignLoad, Phase, Scene
 from difftrb.sentences import UNKNOWN_KEY, in_one_sentence
 from difftrb.solution import Solution
+from difftrb.status import SceneError
 
 PACKAGED_MAPS = ("spall_map.npz",)
 DEEPEST = 32
 """Points of a line of a scene file, without those of numbers: no key has so many parts."""
+PHASES = 16
+"""Of one roller pitch, at which rings under moments are asked for an equilibrium."""
 COARSEST = 1e-2
 """Accuracy of a contact solve; only "auto" is asked for less, and of something else."""
-
-
-class SceneError(ValueError):
-    """A scene file that cannot be used; the message is one sentence."""
 
 
 class NoEquilibriumError(SceneError):
@@ -228,7 +226,8 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
         raise SceneError(f"{path}: {in_one_sentence(worst, SceneFile)}") from None
     except RecursionError:
         raise SceneError(f"{path}: is nested too deeply for a scene") from None
-    _across(file, path)
+    if (sentence := checks.across(file.bearing, file.spall)) is not None:
+        raise SceneError(f"{path}: {sentence}")
     spalls: list[Any] = list(file.spall)
     for i, name in maps.items():
         spalls[i] = _loaded(name, spalls[i], f"{path}: spall.{i}.height_map", Path(path).parent)
@@ -280,34 +279,6 @@ def _not_yet(content: dict[str, Any], path: str | Path) -> None:
         raise SceneError(f"{path}: contact.{laws.unknown(law)}")
 
 
-def _across(file: SceneFile, path: str | Path) -> None:
-    """What one key alone cannot tell."""
-    bearing = file.bearing
-    if bearing.roller_large_diameter <= bearing.roller_small_diameter:
-        raise SceneError(
-            f"{path}: bearing.roller_large_diameter = {bearing.roller_large_diameter:g} must be larger than "
-            f"bearing.roller_small_diameter = {bearing.roller_small_diameter:g} mm"
-        )
-    apex = bearing.inner_angle + 2.0 * bearing.roller_angle
-    if abs(apex - bearing.outer_angle) > 0.02 * bearing.outer_angle:
-        raise SceneError(
-            f"{path}: bearing.outer_angle = {bearing.outer_angle:g} must be inner_angle + 2 roller_angle = {apex:g} "
-            "rad within 2 %, so that all cones share one apex"
-        )
-    taper = (bearing.roller_large_diameter - bearing.roller_small_diameter) / (2.0 * bearing.roller_length)
-    if abs(taper - bearing.roller_angle) > 0.05 * bearing.roller_angle:
-        raise SceneError(
-            f"{path}: bearing.roller_angle = {bearing.roller_angle:g} does not fit the roller's diameters and length, "
-            f"which give {taper:.4g} rad; they must agree within 5 %"
-        )
-    for i, spall in enumerate(file.spall):
-        if spall.length > bearing.roller_length:
-            raise SceneError(
-                f"{path}: spall.{i}.length = {spall.length:g}: must be at most the roller's length, "
-                f"{bearing.roller_length:g} mm"
-            )
-
-
 def check_contact(file: SceneFile, path: str | Path) -> None:
     """Refuse what a single contact cannot have; raises `SceneError`."""
     if file.contact.accuracy > COARSEST:
@@ -330,52 +301,33 @@ def check_contact(file: SceneFile, path: str | Path) -> None:
 
 def check_ring(file: SceneFile, path: str | Path) -> None:
     """Refuse what the contact alone could do but the ring cannot; raises `SceneError`."""
-    if file.contact.law == "liu2018" and not laws.is_of_liu2018(file.bearing):
-        raise SceneError(f"{path}: contact.law = 'liu2018' holds for the bearing 32008J only; use 'power'")
-    for i, spall in enumerate(file.spall):
-        if isinstance(spall, HeightMap):
-            raise SceneError(
-                f"{path}: spall.{i}.height_map: the ring takes rectangular spalls; give length and width, or use "
-                "`difftrb contact`, which takes height maps"
-            )
-    law, limits = file.contact.law, get_args(Accuracy)[1]
-    least, most = (choice.LEAST, choice.MOST) if law == "auto" else (limits.ge, limits.le)
-    if not least <= file.contact.accuracy <= most:
-        of = "with law = 'auto', of stiffness and peak load" if law == "auto" else "for the ring"
-        more = "; `difftrb contact` goes further" if file.contact.accuracy < least else ""
-        raise SceneError(
-            f"{path}: contact.accuracy = {file.contact.accuracy:g}: must be a number in {least:g} … {most:g} {of}{more}"
-        )
-    roller = file.bearing.roller_length
-    longest = {"palmgren": 0.99 * roller, "liu2018": laws.TABLE_2[-1, 0]}.get(law, laws.LENGTH_SHARE * roller)
-    for i, spall in enumerate(file.spall):
-        if spall.length > longest * (1.0 + 1e-12):
-            raise SceneError(
-                f"{path}: spall.{i}.length = {spall.length:g}: contact.law = {law!r} knows 0 … {longest:g} "
-                "mm; shorten the spall or choose another law"
-            )
-    if law == "power" and len({(s.width, s.depth, s.axial_offset) for s in file.spall}) > 1:
-        raise SceneError(f"{path}: spall: contact.{SEVERAL_SHAPES}")
     try:
-        sentence = unmet(file.scene())
-    except ValueError as error:  # effects that exclude each other
+        sentence = checks.wrong(file.scene())
+    except SceneError as error:  # effects that exclude each other
         sentence = str(error)
     if sentence is not None:
         raise SceneError(f"{path}: {sentence}")
     if file.effects.mounting is not None:
         return
-    if file.load.axial == file.load.radial == 0.0:
+    tilt, row, load = file.effects.tilt, file.effects.double_row, file.load
+    moments = [m for effect in (tilt, row) if effect is not None for m in (effect.moment_radial, effect.moment_lateral)]
+    if load.axial == load.radial == 0.0 and (row is None or not any(moments)):
         raise NoEquilibriumError(
             f"{path}: load.axial = 0 N and load.radial = 0 N: there is nothing to hold; give a load"
         )
-    if file.effects.double_row is not None:  # one of both rows is pressed by any load
+    if row is not None:  # one of both rows is pressed by any load
         return
-    phase = file.stiffness.phase
-    # of all phases the worst has the load line in the middle between two rollers
-    worst = 0.5 * geometry.roller_pitch(file.bearing) if phase == "mean" else phase
-    needed = float(needed_axial(file.bearing, file.load.radial, worst))
-    if file.load.axial <= needed * (1.0 + 1e-6) or file.load.axial == 0.0:
+    phases, tilting = jnp.asarray(file.stiffness.phase) if file.stiffness.phase != "mean" else None, None
+    if tilt is not None and tilt.rings == "free":
+        tilting = tilt.of_one_row(file.bearing, LineContact.of(file.bearing), tilt.reach)
+    if phases is None:  # without moments the worst has the load line in the middle between two rollers
+        shares = jnp.array([0.5]) if tilting is None else jnp.arange(PHASES) / PHASES
+        phases = shares * geometry.roller_pitch(file.bearing)
+    needed = max(float(needed_axial(file.bearing, load.radial, phase, tilting)) for phase in jnp.atleast_1d(phases))
+    if load.axial <= needed * (1.0 + 1e-6) or load.axial == 0.0:
+        beside = " and the moments of effects.tilt" if any(moments) else ""
         raise NoEquilibriumError(
-            f"{path}: load.axial = {file.load.axial:g} N is too small for an equilibrium: with load.radial = "
-            f"{file.load.radial:g} N it must exceed {needed:.6g} N (about radial × tan(outer_angle))"
+            f"{path}: load.axial = {load.axial:g} N is too small for an equilibrium: with load.radial = "
+            f"{load.radial:g} N{beside} it must exceed {needed:.6g} N (about radial × tan(outer_angle)"
+            f"{' without them' if beside else ''})"
         )

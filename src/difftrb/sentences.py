@@ -52,9 +52,10 @@ def allowed(root: type, where: list[str | int]) -> str:
     """What a key takes, in words, from its annotation."""
     owner, last = _owner(root, where[:-1]), where[-1]
     hint = get_args(owner)[0] if isinstance(last, int) else get_type_hints(owner, include_extras=True)[last]
-    if get_origin(hint) in (Union, types.UnionType):
-        return " or ".join(_in_words(h) for h in get_args(hint) if h is not type(None))
-    return _in_words(hint)
+    if get_origin(hint) not in (Union, types.UnionType):
+        return _in_words(hint)
+    kinds = [kind for kind in get_args(hint) if kind is not type(None)]
+    return " or ".join(_in_words(kind) for kind in kinds if get_origin(kind) is not None or len(kinds) == 1)
 
 
 def _in_words(hint: Any) -> str:
@@ -68,7 +69,11 @@ def _in_words(hint: Any) -> str:
     if get_origin(hint) is not Annotated:
         return "a table"
     kind, *metadata = get_args(hint)
-    unit = next((f" {m.unit}" for m in metadata if isinstance(m, Unit)), "")
+    unit = next((m.unit for m in metadata if isinstance(m, Unit)), "")
     limits = next(m for m in metadata if isinstance(m, Interval))
-    word = "a whole number" if kind is int else "a number"
-    return f"{word} in {limits.ge:g} … {limits.le:g}{unit}"
+    return number_in(limits.ge, limits.le, unit, whole=kind is int)
+
+
+def number_in(low: Any, high: Any, unit: str = "", whole: bool = False) -> str:
+    """What a number within limits is, in words."""
+    return f"{'a whole number' if whole else 'a number'} in {low:g} … {high:g}{f' {unit}' if unit else ''}"

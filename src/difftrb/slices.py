@@ -10,6 +10,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from difftrb import curve, gap, hertz
 from difftrb.geometry import LineContact, Spall
@@ -18,6 +19,12 @@ from difftrb.ramp import Carried
 
 LEAST = 1e-12
 """Share of a slice's land that is left where a spall takes all of it: its logarithm is needed."""
+
+
+def without_land(carried: Carried) -> jax.Array:
+    """Which slices a spall takes all land from, shape (rollers · slices,)."""
+    stiffness = carried.each.coefficients[0]  # its logarithm
+    return stiffness < jnp.max(stiffness) + 0.5 * np.log(LEAST)
 
 
 def places(contact: LineContact, count: int) -> jax.Array:

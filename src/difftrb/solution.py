@@ -10,7 +10,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 
-from difftrb import effects, geometry, ring, status
+from difftrb import checks, effects, geometry, ring, status
 from difftrb.effects import Results
 from difftrb.geometry import Real, Spall
 from difftrb.law import Law
@@ -23,7 +23,7 @@ from difftrb.scene import Definition, Picked, PitchMean, Scene
     jax.tree_util.register_dataclass,
     data_fields=["angles", "displacement", "approach", "loads", "stiffness", "load_span", "stiffness_span", "law",
                  "residual", "iterations", "status_code", "effects", "picked"],
-    meta_fields=["definition"],
+    meta_fields=["definition", "remarks"],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
 class Solution(status.Judged):
@@ -45,6 +45,7 @@ class Solution(status.Judged):
       effects: what the scene's effects add, by name; empty without.
       picked: what the law "auto" became; None if the law was named.
       definition: "tangent" or "secant".
+      remarks: what is to be said of these numbers, in sentences; mostly none.
     """
 
     angles: jax.Array
@@ -61,6 +62,7 @@ class Solution(status.Judged):
     effects: Results
     picked: Picked | None
     definition: Definition
+    remarks: tuple[str, ...] = ()
 
     @property
     def radial_stiffness(self) -> jax.Array:
@@ -78,10 +80,11 @@ def solved(scene: Scene) -> Solution:
     """A prepared scene's solution: what `difftrb.solve` does once the law is made."""
     roller_law = prepared_law(scene)
     acting = law_in_effect(scene, roller_law)
+    within = checks.code(scene)
 
     def at(phase: Real) -> tuple[ring.Equilibrium, jax.Array, Results]:
         here = _ring(scene, acting, scene.spalls, phase)
-        terms = effects.terms(scene.effects, here)
+        terms = effects.terms(scene.effects, here)._replace(known=within)
         rest = here.equilibrium(terms)
         more = effects.results(scene.effects, rest, terms, here)
         if scene.definition == "tangent":
@@ -108,6 +111,7 @@ def solved(scene: Scene) -> Solution:
     return Solution(
         angles, rest.displacement, rest.approach, rest.loads, stiffness, load_span, stiffness_span, roller_law,
         rest.residual, rest.iterations, rest.status_code, more, scene.picked, scene.definition,
+        effects.remarks(scene.effects, scene.spalls),
     )  # fmt: skip
 
 

@@ -27,8 +27,8 @@ SENTENCES = {
     CONVERGED: "converged",
     NOT_CONVERGED: "the iteration limit was reached before the tolerance: ask for less accuracy or check the inputs",
     TOUCHES_BORDER: "pressure touches the border of the solution domain, so the contact is cut off: report this case",
-    NO_EQUILIBRIUM: "no equilibrium: the axial load is too small to hold the radial load at this contact angle; "
-    "raise load.axial or lower load.radial",
+    NO_EQUILIBRIUM: "no equilibrium: the axial load is too small to hold the radial load and the moments at this "
+    "contact angle; raise load.axial, or lower load.radial or the moments",
     BAD_INPUT: "an input is not a number, or is outside its range: check load, sizes and radii",
     UNRESOLVED: "the spall is narrower than one cell of the grid: ask for more accuracy (a smaller number) or a wider "
     "spall",
@@ -49,6 +49,10 @@ SENTENCES = {
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
     UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }
+
+
+class SceneError(ValueError):
+    """A scene, or its file, that cannot be used; the message is one sentence: key, value, what is allowed."""
 
 
 class SolveError(RuntimeError):

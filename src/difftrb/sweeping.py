@@ -17,7 +17,7 @@ import numpy as np
 from jax.sharding import SingleDeviceSharding
 
 from difftrb import axes as axes_
-from difftrb import outputs, sizes, status
+from difftrb import checks, outputs, sizes, status
 from difftrb.axes import Axis, Layout, SweepError
 from difftrb.devices import lanes_of
 from difftrb.nodes import Progress
@@ -119,9 +119,12 @@ def planned(
     made = axes_.axes_of(given, mode)
     results = 1 if callable(what) or isinstance(what, str) else len(what)
     sizes.check_members((axis.count for axis in made), results * (1 + len(gradients)))
+    if isinstance(base, Scene):
+        checks.refuse(base)
     units = axes_.check(base, made, gradients)
     dims: dict[str, tuple[str, ...]] = {}
     if isinstance(base, Scene):
+        _check_ends(base, made)
         base = outputs.prepared(base, made, gradients, progress)
     if callable(what):
         function, title = _by_name(what), getattr(what, "__qualname__", repr(what))
@@ -131,6 +134,17 @@ def planned(
         units |= {name: outputs.RING[name].unit for name in names}
         dims = {name: outputs.RING[name].dims for name in names}
     return Plan(base, made, function, tuple(gradients), units, dims, _batch(made, batch), title)
+
+
+def _check_ends(scene: Scene, made: Sequence[Axis]) -> None:
+    """Refuse members at an end of an axis that could not be had alone."""
+    for axis in made:
+        for k in {int(place) for values in axis.values for place in (values.argmin(), values.argmax())}:
+            member = scene
+            for key, values in zip(axis.keys, axis.values, strict=True):
+                member = axes_.replaced(member, key, float(values[k]))
+            if (sentence := checks.wrong(member)) is not None:
+                raise SweepError(sentence)
 
 
 def _by_name(function: Callable[[Any], Any]) -> Callable[[Any], dict[str, jax.Array]]:

@@ -14,6 +14,7 @@ import pytest
 import difftrb as trb
 from difftrb import effects, geometry, hertz, law, life, pair, pitch, ring, status
 from difftrb.compiling import jit_quickly
+from tests.bearings import of_many
 
 LIU = trb.liu2018()
 LOAD = trb.Load(9000.0, 4500.0)
@@ -54,7 +55,7 @@ def test_radial_load_is_shared_equally(bearing, row) -> None:
 
 def test_without_play_half_of_either_row_is_loaded_as_in_nsk_e728g(bearing) -> None:
     """Q = 4.08 F/(Z cosα) and an axial force of 1.26 F tanα, F a row's radial load: ε = 0.5, line contact."""
-    many = dataclasses.replace(bearing, rollers=201)
+    many = of_many(bearing, 201)
     r = trb.solve(scene(many, effects.DoubleRow(), trb.Load(9000.0, 0.0), (), law.Palmgren(bearing.roller_length)))
     alpha = float(bearing.outer_angle)
     assert float(r.check().loads.max()) == pytest.approx(4.08 * 4500.0 / (201 * np.cos(alpha)), rel=2e-3)
@@ -215,7 +216,7 @@ def test_life_of_two_rows(bearing) -> None:
 
 def test_a_law_at_edges_meets_the_first_row_only(bearing, power) -> None:
     """A spall round the whole raceway is none to the second row."""
-    wide = (trb.Spall(4.0, 500.0),)
+    wide = (trb.Spall(4.0, 180.0),)
     spalled, sound = (
         trb.solve(scene(bearing, effects.DoubleRow(0.02), trb.Load(0.0, 4500.0), spalls, power)).check()
         for spalls in (wide, ())

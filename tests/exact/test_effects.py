@@ -1,6 +1,7 @@
 """Effects: switched to zero they leave the plain ring; closed forms; they combine; absent ones leave no trace."""
 
 import dataclasses
+import io
 import itertools
 import os
 
@@ -8,9 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from rich.console import Console
+from scipy.optimize import linprog
 
 import difftrb as trb
-from difftrb import curve, effects, geometry, law, life, ramp, ring, roller, solution, status
+from difftrb import curve, effects, geometry, law, life, ramp, report, ring, roller, slices, solution, status
 from difftrb.compiling import jit_quickly
 
 LIU = trb.liu2018()
@@ -38,15 +41,23 @@ def same(one: trb.Solution, other: trb.Solution, rtol: float = 1e-12) -> None:
         effects.Centrifugal(7100.0, "force", "printed"),
         effects.Diameters((0.0,) * 23),
         effects.Flange(),
-        effects.Flange("hertz", 1e60),
         effects.SeriesRaceways(None, SOLID),
         effects.Life(),
     ],
-    ids=["centrifugal", "centrifugal, position", "centrifugal, printed", "diameters", "flange, rigid", "flange, hard",
+    ids=["centrifugal", "centrifugal, position", "centrifugal, printed", "diameters", "flange, rigid",
          "raceways, inner one hard", "life"],
 )  # fmt: skip
 def test_what_is_zero_leaves_the_plain_ring(bearing, nothing) -> None:
     same(trb.solve(dataclasses.replace(plain(bearing), effects=(nothing,))).check(), trb.solve(plain(bearing)))
+
+
+def test_a_flange_as_hard_as_can_be_is_a_rigid_one(bearing) -> None:
+    contact = trb.LineContact.of(bearing)
+    here = effects.Ring(bearing, LOAD, SPALLS, LIU, contact, 0.0)
+    hard, rigid = (here.equilibrium(flange.terms(ring.PLAIN, here)) for flange in
+                   (effects.Flange("hertz", 1e60), effects.Flange()))  # fmt: skip
+    np.testing.assert_allclose(hard.loads, rigid.loads, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(hard.displacement, rigid.displacement, rtol=1e-12, atol=1e-15)
 
 
 def test_rings_held_where_they_rest_stay_there(bearing) -> None:
@@ -328,3 +339,87 @@ def test_twice_or_against_each_other_is_said(bearing) -> None:
     on_roller = (trb.Spall(4.0, 7.0, surface="roller"),)
     with pytest.raises(ValueError, match=r"'roller' belongs to one roller"):
         trb.solve(dataclasses.replace(named(SERIES), spalls=on_roller, phase="mean"))
+
+
+# ------------------------------------------------------------------------------------------------ moments
+
+
+def most_moment(bearing, load, direction, reach, phase) -> float:
+    """The largest moment along `direction` [N mm] that forces of slices which only push can hold: linear programming
+    over all of them."""
+    at = np.tile(np.asarray(slices.places(trb.LineContact.of(bearing), 30)) + reach, bearing.rollers)
+    angles = np.repeat(np.asarray(ring.roller_angles(bearing, phase)), 30)
+    cos, sin = np.cos(bearing.outer_angle), np.sin(bearing.outer_angle)
+    pushes = np.stack([cos * np.cos(angles), cos * np.sin(angles), np.full(at.size, sin), at * np.sin(angles),
+                       -at * np.cos(angles)])  # fmt: skip
+    held = np.concatenate([pushes, -np.array([[0.0], [0.0], [0.0], [direction[0]], [direction[1]]])], axis=1)
+    answer = linprog(
+        np.append(np.zeros(at.size), -1.0), A_eq=held, b_eq=[load.radial, 0.0, load.axial, 0.0, 0.0], bounds=(0, None)
+    )
+    return float(-answer.fun)
+
+
+def tilted(bearing, load, moments, reach=0.0, phase=0.0, spalls=()) -> trb.Scene:
+    tilt = effects.Tilt(moments[0], moments[1], reach)
+    return trb.Scene(bearing, load, spalls, law.Palmgren(bearing.roller_length), effects=(tilt,), phase=phase)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, -1.0), (0.6, -0.8)], ids=str)
+@pytest.mark.parametrize(("radial", "reach"), [(0.0, 0.0), (9000.0, 0.0), (1000.0, 20.0)])
+def test_moments_are_held_up_to_where_pushing_slices_can(bearing, direction, radial: float, reach: float) -> None:
+    """On either side of the limit: solved, and known to have no equilibrium; not "iteration limit" any more."""
+    load, phase = trb.Load(radial, 4500.0), 0.07
+    most = most_moment(bearing, load, direction, reach, phase)
+    for share in (0.5, 0.99, 0.9999, 1.0001, 2.0, 1e3):
+        r = trb.solve(tilted(bearing, load, [share * most * d for d in direction], reach, phase))
+        assert int(r.status_code) == (status.CONVERGED if share < 1.0 else status.NO_EQUILIBRIUM), share
+        if share < 1.0:
+            assert float(r.residual) < 1e-12
+        else:
+            assert "moments" in r.status
+            assert jnp.isnan(r.loads).all()
+
+
+def test_slices_over_a_spall_hold_no_moment(bearing) -> None:
+    """Slices without land keep a trace of stiffness, and once held what the others could not by a tilt of 1e8 rad."""
+    load = trb.Load(1000.0, 4500.0)
+    most = most_moment(bearing, load, (1.0, 0.0), 0.0, 0.07)
+    spall = trb.Spall(8.0, 60.0, angle=1.5, axial_offset=3.0)  # under the ends that the moment presses
+    codes = [int(trb.solve(tilted(bearing, load, (share * most, 0.0), 0.0, 0.07, (spall,))).status_code)
+             for share in (0.3, 0.7, 0.99)]  # fmt: skip
+    assert codes == [status.CONVERGED, status.NO_EQUILIBRIUM, status.NO_EQUILIBRIUM]
+
+
+@pytest.mark.parametrize("preload", [-0.01, 0.0, 0.02])
+def test_a_pair_with_a_spacing_holds_any_moment(bearing, preload: float) -> None:
+    """Its rows press against each other, whatever the moment, without any load beside it, too."""
+    for moment in (1e4, 1e8):
+        row = effects.DoubleRow(preload, spacing=30.0, moment_lateral=moment)
+        r = trb.solve(trb.Scene(bearing, trb.Load(0.0, 0.0), (), law.Palmgren(bearing.roller_length), effects=(row,)))
+        assert bool(r.converged), r.status
+        rows = float(r.effects["first_row_radial"]), float(r.effects["second_row_radial"])
+        assert rows[0] == pytest.approx(-rows[1], rel=1e-9)
+
+
+def test_gradients_beside_moments_that_nothing_holds(bearing) -> None:
+    load = trb.Load(1000.0, 4500.0)
+
+    def stiffness(moment: jax.Array) -> jax.Array:
+        return trb.solve(tilted(bearing, load, (moment, 0.0))).stiffness[0, 0]
+
+    slopes = np.asarray(jax.vmap(jax.grad(stiffness))(jnp.array([5e4, 5e6])))
+    assert np.isfinite(slopes[0])
+    assert float(slopes[0]) == pytest.approx(float(jax.grad(stiffness)(5e4)), rel=1e-9)
+
+
+def test_results_over_sliced_spalls_say_that_they_overstate(bearing) -> None:
+    made = tilted(bearing, LOAD, (0.0, 0.0), spalls=SPALLS)
+    found = trb.assess(made)
+    (sentence,) = found.spalled.remarks
+    assert "overstated" in sentence
+    assert found.healthy.remarks == ()
+    assert report.run_json(made, found, 0.0)["remarks"] == [sentence]
+    console = Console(width=400, file=io.StringIO(), markup=False)
+    console.print(report.run_text(made, found))
+    assert sentence in console.file.getvalue()  # type: ignore[attr-defined]
+    assert "remarks" not in report.run_json(made, trb.assess(plain(bearing)), 0.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import difftrb as trb
-from difftrb import scenefile
+from difftrb import scenefile, status
 
 GOOD = scenefile.example("spall")
 
@@ -134,6 +134,38 @@ def test_bad_files_get_one_sentence(name: str, tmp_path: Path) -> None:
     assert len(sentence.removeprefix(str(path))) < 400
     for word in words:
         assert word in sentence, sentence
+
+
+TILTED = """bearing = "32008J"
+contact.law = "palmgren"
+load = { radial = 1000.0, axial = 4500.0 }
+effects.tilt = { moment_radial = 110000.0 }
+"""
+
+
+@pytest.mark.parametrize("phase", ["0.07", '"mean"'])
+def test_moments_that_nothing_holds(phase: str) -> None:
+    """At most 120353 N mm are held at phase 0.07 (linear programming over all slices)."""
+    text = TILTED + f"stiffness.phase = {phase}\n"
+    file = scenefile.parse(text)
+    scenefile.check_ring(file, "scene")
+    assert bool(trb.solve(file.scene()).converged)
+    more = scenefile.parse(text.replace("110000", "125000"))
+    with pytest.raises(
+        scenefile.NoEquilibriumError, match=r"and the moments of effects\.tilt it must exceed 4[67]\d\d"
+    ):
+        scenefile.check_ring(more, "scene")
+    assert int(trb.solve(more.scene()).status_code) == status.NO_EQUILIBRIUM
+    pair = scenefile.parse(
+        TILTED.replace("radial = 1000.0, axial = 4500.0", "radial = 0.0, axial = 0.0").replace(
+            "tilt = { ", "double_row = { spacing = 30.0, "
+        )
+    )
+    scenefile.check_ring(pair, "scene")  # rows press against each other
+    with pytest.raises(scenefile.NoEquilibriumError, match="there is nothing to hold"):
+        scenefile.check_ring(
+            scenefile.parse(TILTED.replace("radial = 1000.0, axial = 4500.0", "radial=0, axial=0")), ""
+        )
 
 
 def test_a_byte_order_mark_does_not_matter(tmp_path: Path) -> None:

@@ -7,18 +7,17 @@ import pytest
 
 import difftrb as trb
 
-ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given", "special", "rows",
-        "compiling", "gap", "domain", "edges", "lattice", "implicit", "press", "waves", "strips", "strip_model",
-        "contact_solution", "contact", "continuum", "contact_slopes", "intensity", "line", "curve", "pit",
-        "ramp", "law", "nodes", "direct", "local", "store", "atlas", "table", "roller", "slices", "tilting",
-        "pair", "load_zone", "balance", "ring", "pitch", "life", "effect", "double_row", "effects",
-        "scene", "settling", "preparation", "solution", "promise", "choice", "audit", "solving", "edge_stress",
-        "axes", "outputs", "devices", "swept", "plan", "clock", "sizes", "sweeping",
-        "gathered", "chunks", "forecast", "sentences",
-        "scenefile", "sweepfile", "measured", "unknowns", "observed", "least_squares", "confidence",
-        "light_load", "fitted", "optimal_design", "remarks", "fitting", "rungs", "rung_times", "accuracy",
-        "report", "fit_report", "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot",
-        "terminal", "environment", "folders", "__main__"]  # fmt: skip
+ROAD = ["status", "halfspace", "files", "special", "rows", "compiling", "implicit", "waves", "strips", "pit",
+        "store", "tilting", "load_zone", "clock", "least_squares", "rungs", "terminal", "environment",
+        "folders", "pytrees", "geometry", "hertz", "heightmap", "given", "gap", "domain", "edges", "lattice",
+        "press", "strip_model", "contact_solution", "contact", "continuum", "contact_slopes", "intensity",
+        "line", "curve", "ramp", "law", "nodes", "direct", "local", "atlas", "table", "roller", "slices",
+        "pair", "balance", "ring", "pitch", "life", "effect", "double_row", "effects", "scene", "settling",
+        "axes", "devices", "sentences", "ranges", "measured", "unknowns", "checks", "preparation", "solution",
+        "promise", "choice", "audit", "solving", "edge_stress", "outputs", "swept", "plan", "sizes",
+        "sweeping", "gathered", "chunks", "forecast", "scenefile", "sweepfile", "observed", "confidence",
+        "light_load", "fitted", "optimal_design", "remarks", "fitting", "rung_times", "accuracy", "report",
+        "fit_report", "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {
     "jaxopt": {"implicit"},
