@@ -32,8 +32,6 @@ UNITS = {"centrifugal_force": "N", "axial_force": "N", "load_rating": "N", "flan
          **dict.fromkeys((f"{row}_row_{way}" for row in ("first", "second") for way in ("radial", "axial")), "N"),
          "second_row_share": "%", "basic_life": "million revolutions",
          "reference_life": "million revolutions"}  # fmt: skip
-FAR = 1.1
-"""How far beyond its range of loads a law is taken to hold without a remark."""
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
@@ -85,7 +83,7 @@ def remarks(scene: Scene, solution: Solution) -> list[str]:
     """What a reader has to know before the numbers, a sentence each."""
     found, of = list(solution.remarks), solution.law
     loads, (low, high) = np.asarray(solution.loads), (float(v) for v in of.load_range)
-    if float(loads.max()) > high * FAR:
+    if float(loads.max()) > high * (1.0 + 1e-9):
         found.append(
             f"rollers carry up to {loads.max():,.0f} N, and law {of.name!r} was made for {low:,.0f} … {high:,.0f} N: "
             "its error there is not known; name the law anew, or use 'direct'"
