@@ -39,6 +39,7 @@ def phases(
     healthy bearing, at rest with `terms`.
     """
     rest = jax.lax.stop_gradient(ring.equilibrium(bearing, load, (), met[0].law, 0.0, terms))
+    rest = jax.tree.map(jnp.nan_to_num, rest)  # without an equilibrium any phases will do: each of them will say so
     alpha = bearing.outer_angle
     rows = (rest.displacement,) if terms.pair is None else terms.pair.rows(rest.displacement, alpha)
     kinks: list[jax.Array] = []

@@ -318,7 +318,8 @@ def _worst(law: TableLaw, cases: list[Case], solved: list[Node]) -> float:
     for case, node in zip(cases, solved, strict=True):
         found, _ = _one(law, node.approach, case.spall, case.distance)
         sound, _ = _one(law, node.approach)
-        worst = max(worst, abs(float(found) - case.load) / float(sound))
+        if float(sound) > 0.0:  # else there is no solution, as its status says
+            worst = max(worst, abs(float(found) - case.load) / float(sound))
     return worst
 
 
