@@ -7,13 +7,13 @@ import pytest
 
 import difftrb as trb
 
-ROAD = ["status", "geometry", "hertz", "halfspace", "files", "heightmap", "given", "special", "rows",
+ROAD = ["pytrees", "status", "geometry", "hertz", "halfspace", "files", "sentences", "ranges", "heightmap", "given", "special", "rows",
         "gap", "domain", "edges", "lattice", "implicit", "press", "waves", "strips", "strip_model",
         "contact_solution", "contact", "continuum", "contact_slopes", "intensity", "line", "curve", "pit",
         "ramp", "law", "nodes", "direct", "store", "atlas", "table", "roller", "slices", "tilting",
         "pair", "load_zone", "balance", "ring", "pitch", "life", "effect", "double_row", "effects",
-        "scene", "preparation", "solution", "choice", "solving", "edge_stress", "axes", "outputs",
-        "devices", "swept", "plan", "sweeping", "gathered", "chunks", "forecast", "sentences",
+        "scene", "checks", "preparation", "solution", "choice", "solving", "edge_stress", "axes", "outputs",
+        "devices", "swept", "plan", "sweeping", "gathered", "chunks", "forecast",
         "scenefile", "sweepfile", "measured", "unknowns", "observed", "least_squares", "confidence",
         "fitted", "optimal_design", "remarks", "fitting", "clock", "rungs", "rung_times", "accuracy",
         "report", "fit_report", "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot",
