@@ -7,17 +7,18 @@ import pytest
 
 import difftrb as trb
 
-ROAD = ["status", "halfspace", "files", "special", "rows", "compiling", "implicit", "waves", "strips", "pit",
-        "store", "tilting", "load_zone", "clock", "least_squares", "rungs", "terminal", "environment",
-        "folders", "pytrees", "geometry", "hertz", "heightmap", "given", "gap", "domain", "edges", "lattice",
-        "press", "strip_model", "contact_solution", "contact", "continuum", "contact_slopes", "intensity",
-        "line", "curve", "ramp", "law", "nodes", "direct", "local", "atlas", "table", "roller", "slices",
-        "pair", "balance", "ring", "pitch", "life", "effect", "double_row", "effects", "scene", "settling",
-        "axes", "devices", "sentences", "ranges", "measured", "unknowns", "checks", "preparation", "solution",
-        "promise", "choice", "audit", "solving", "edge_stress", "outputs", "swept", "plan", "sizes",
-        "sweeping", "gathered", "chunks", "forecast", "scenefile", "sweepfile", "observed", "confidence",
-        "light_load", "fitted", "optimal_design", "remarks", "fitting", "rung_times", "accuracy", "report",
-        "fit_report", "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot", "__main__"]  # fmt: skip
+ROAD = ["pytrees", "status", "compiling", "geometry", "hertz", "halfspace", "files", "sentences", "ranges",
+        "heightmap", "given", "special", "rows", "gap", "domain", "edges", "lattice", "implicit", "press",
+        "waves", "strips", "strip_model", "contact_solution", "contact", "continuum", "contact_slopes",
+        "intensity", "line", "curve", "pit", "ramp", "law", "nodes", "direct", "local", "store", "atlas",
+        "table", "roller", "slices", "tilting", "pair", "load_zone", "balance", "ring", "pitch", "life",
+        "effect", "double_row", "effects", "scene", "settling", "checks", "preparation", "solution",
+        "promise", "choice", "audit", "solving", "edge_stress", "axes", "outputs", "devices", "swept",
+        "plan", "clock", "sizes", "sweeping", "gathered", "chunks", "forecast", "scenefile", "sweepfile",
+        "measured", "unknowns", "observed", "light_load", "least_squares", "confidence", "fitted",
+        "optimal_design", "remarks", "fitting", "rungs", "rung_times", "accuracy", "report", "fit_report",
+        "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot", "terminal", "environment",
+        "folders", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {
     "jaxopt": {"implicit"},
@@ -57,7 +58,6 @@ def test_libraries_stay_in_their_rooms(module: str) -> None:
         assert module in ALONE.get(library, {module}), name
 
 
-@pytest.mark.portable
 def test_public_names_exist_and_are_documented() -> None:
     for name in trb.__all__:
         assert getattr(trb, name).__doc__, name
