@@ -74,7 +74,7 @@ def run_json(
         **({"edge_stress": [edge._asdict() for edge in edges]} if edges else {}),
         **({"picked": dataclasses.asdict(spalled.picked)} if spalled.picked is not None else {}),
         **({"audit": audit.record()} if audit is not None else {}),
-        "remarks": remarks(scene, spalled),
+        **({"remarks": said} if (said := remarks(scene, spalled)) else {}),
         "seconds": seconds,
     })  # fmt: skip
 

@@ -73,6 +73,20 @@ def test_run_prints_text_for_people(capsys, paper: Path) -> None:
     assert max(len(line) for line in out.splitlines()) <= 80
 
 
+def test_run_audits_itself(capsys, paper: Path) -> None:
+    """`--verify` solves contacts afresh; the paper's law promises nothing of whole ones, and is off by what is known."""
+    code, out, err = call(capsys, "run", str(paper), "--json", "--verify")
+    audit = json.loads(out)["audit"]
+    assert (code, err) == (0, "")
+    assert audit["promised"] is None
+    assert audit["kept"] is True
+    assert 0.01 < audit["load_error"] < 0.1
+    assert audit["worst"]["roller"] in range(23)
+    assert set(audit["stiffness_error"]) == {"radial", "axial"}
+    code, out, _ = call(capsys, "run", str(paper), "--verify")
+    assert "nothing is promised" in " ".join(out.split())
+
+
 def test_run_with_effects(capsys, tmp_path: Path) -> None:
     """A scene that names some: their results in both kinds of output, within the width of a page."""
     path = tmp_path / "effects.toml"
