@@ -74,7 +74,7 @@ def test_run_prints_text_for_people(capsys, paper: Path) -> None:
 
 
 def test_run_audits_itself(capsys, paper: Path) -> None:
-    """`--verify` solves contacts afresh; the paper's law promises nothing of whole ones, and is off by what is known."""
+    """`--verify` solves contacts afresh; the paper's law promises nothing of these, and is off by what is known."""
     code, out, err = call(capsys, "run", str(paper), "--json", "--verify")
     audit = json.loads(out)["audit"]
     assert (code, err) == (0, "")
