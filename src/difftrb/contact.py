@@ -291,6 +291,7 @@ def _by_strips(
     edges = edges if spall is not None else 0
     solved = strip_model.solve(contact, load, spall, offset, mirrored, edges, grid.strips, cells)
     code = verdict(solved.approach, solved.change, strip_model.SETTLED)
+    code = jnp.where(solved.approach > 0.0, code, status.NOT_CONVERGED)  # boundaries may settle where no contact is
     return assembled(
         contact, load, spall, offset, gap, cells, accuracy, None, approach=solved.approach, force=solved.force,
         width=solved.width, residual=solved.change, iterations=solved.passes, unknowns=solved.unknowns,
