@@ -140,7 +140,8 @@ def test_one_row_alone_holds_no_tilt(bearing) -> None:
 @pytest.mark.parametrize("spacing", [None, 30.0], ids=["parallel", "tilting"])
 def test_every_load_and_preload_has_an_equilibrium(bearing, preload: float, load, spacing) -> None:
     """And finite derivatives; but for a shaft that tilts, if nothing presses the second row."""
-    start = scene(bearing, effects.DoubleRow(preload, spacing=spacing), trb.Load(*load))
+    deep = tuple(dataclasses.replace(spall, depth=10.0) for spall in SPALLS)  # 1e6 N press rollers on any other bottom
+    start = scene(bearing, effects.DoubleRow(preload, spacing=spacing), trb.Load(*load), deep)
     r = _solved(start)
     if spacing is not None and load[0] == 0.0 and preload <= 0.01:  # 4500 N lift it off
         assert int(r.status_code) == status.LOOSE
