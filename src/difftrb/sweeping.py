@@ -194,7 +194,8 @@ def sweep(
 
     The law of a scene is made once for all members; "auto" chooses it by some of them (`difftrb.outputs.prepared`), and
     `scene.picked` of the plan says which. A member without a solution is NaN, its status says why. Raises
-    `SweepError` for axes, keys or names that cannot be.
+    `SweepError` for axes, keys or names that cannot be, and ends of axes that no scene may have; `SceneError` for a
+    scene that `solve` would refuse.
     """
     plan = planned(what, base, axes, gradients, mode, batch)
     columns: dict[str, list[np.ndarray]] = {}

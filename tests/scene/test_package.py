@@ -7,8 +7,8 @@ import pytest
 
 import difftrb as trb
 
-ROAD = ["pytrees", "status", "geometry", "hertz", "halfspace", "files", "sentences", "ranges", "heightmap", "given", "special", "rows",
-        "gap", "domain", "edges", "lattice", "implicit", "press", "waves", "strips", "strip_model",
+ROAD = ["pytrees", "status", "geometry", "hertz", "halfspace", "files", "sentences", "ranges",
+        "heightmap", "given", "special", "rows", "gap", "domain", "edges", "lattice", "implicit", "press", "waves", "strips", "strip_model",
         "contact_solution", "contact", "continuum", "contact_slopes", "intensity", "line", "curve", "pit",
         "ramp", "law", "nodes", "direct", "store", "atlas", "table", "roller", "slices", "tilting",
         "pair", "load_zone", "balance", "ring", "pitch", "life", "effect", "double_row", "effects",
