@@ -8,16 +8,17 @@ import pytest
 import difftrb as trb
 
 ROAD = ["pytrees", "status", "geometry", "hertz", "halfspace", "files", "sentences", "ranges",
-        "heightmap", "given", "special", "rows", "gap", "domain", "edges", "lattice", "implicit", "press", "waves", "strips", "strip_model",
-        "contact_solution", "contact", "continuum", "contact_slopes", "intensity", "line", "curve", "pit",
-        "ramp", "law", "nodes", "direct", "store", "atlas", "table", "roller", "slices", "tilting",
-        "pair", "load_zone", "balance", "ring", "pitch", "life", "effect", "double_row", "effects",
-        "scene", "checks", "preparation", "solution", "choice", "solving", "edge_stress", "axes", "outputs",
-        "devices", "swept", "plan", "sweeping", "gathered", "chunks", "forecast",
-        "scenefile", "sweepfile", "measured", "unknowns", "observed", "least_squares", "confidence",
-        "fitted", "optimal_design", "remarks", "fitting", "clock", "rungs", "rung_times", "accuracy",
-        "report", "fit_report", "accuracy_report", "plot", "sweep_plot", "fit_plot", "accuracy_plot",
-        "terminal", "environment", "folders", "__main__"]  # fmt: skip
+        "heightmap", "given", "special", "rows", "gap", "domain", "edges", "lattice", "implicit",
+        "press", "waves", "strips", "strip_model", "contact_solution", "contact", "continuum",
+        "contact_slopes", "intensity", "line", "curve", "pit", "ramp", "law", "nodes", "direct",
+        "store", "atlas", "table", "roller", "slices", "tilting", "pair", "load_zone", "balance",
+        "ring", "pitch", "life", "effect", "double_row", "effects", "scene", "checks",
+        "preparation", "solution", "choice", "solving", "edge_stress", "axes", "outputs",
+        "devices", "swept", "plan", "sweeping", "gathered", "chunks", "forecast", "scenefile",
+        "sweepfile", "measured", "unknowns", "observed", "least_squares", "confidence", "fitted",
+        "optimal_design", "remarks", "fitting", "clock", "rungs", "rung_times", "accuracy",
+        "report", "fit_report", "accuracy_report", "plot", "sweep_plot", "fit_plot",
+        "accuracy_plot", "terminal", "environment", "folders", "__main__"]  # fmt: skip
 SOURCE = Path(trb.__file__).parent
 ALONE = {
     "jaxopt": {"implicit"},
