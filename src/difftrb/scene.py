@@ -76,11 +76,17 @@ class Picked:
 class Scene:
     """A bearing, its load and its spalls, and how to compute with them. A pytree: every number is a leaf.
 
+    What a scene file would refuse, `solve` and all others refuse as `SceneError` (a ValueError), in the same sentence:
+    numbers out of their range, cones without a common apex, rollers that overlap, spalls longer than the law knows or
+    wider than once round, effects that cannot be had together. Loads, spalls and phases that are not finite, numbers
+    traced inside jit, and loads without an equilibrium end as a status of the result. Making a scene raises for unknown
+    names alone. Whole numbers become floats.
+
     Attributes:
-      bearing: from `difftrb.bearing("32008J")` or your own `TaperedBearing`.
+      bearing: its name, say "32008J", or your own `TaperedBearing`.
       load: radial and axial [N].
-      spalls: on the outer raceway, or with the effect `Raceways` on the inner one and on roller 0, too; empty is
-        healthy.
+      spalls: a tuple of them, or one; on the outer raceway, or with the effect `Raceways` on the inner one and on
+        roller 0, too; empty is healthy.
       law: "power" (default), "liu2018", "palmgren", "table", "direct", "auto" (chosen: see `prepare`), or a law made
         before (then nothing is fitted here). "table", "direct" and "auto" need `prepare` before the scene is
         differentiated, jitted or batched.

@@ -18,8 +18,9 @@ def solve(scene: Scene) -> Solution:
     """Load distribution and stiffness of a scene.
 
     Differentiable by every leaf of the scene: `jax.grad(lambda s: solve(s).stiffness[0, 0])(scene)` is a scene of
-    gradients. `jit` and `vmap` as you like. Raises SolveError without float64 and ValueError for spalls, effects or a
-    law that cannot be had (together); everything else ends as a status in the result.
+    gradients. `jit` and `vmap` as you like. Raises `SolveError` without float64, `SceneError` (a ValueError) for what a
+    scene file would refuse, see `Scene`, and ValueError for a law that needs `prepare` first; everything else ends as a
+    status in the result.
     """
     # a law that is there is carried to the scene's bearing in the compiled program, not one operation at a time
     return solved(preparation.checked(scene) if preparation.has_its_laws(scene) else prepare(scene))

@@ -198,8 +198,9 @@ def sweep(
 
     The law of a scene is made once for all members; "auto" chooses it by some of them (`difftrb.outputs.prepared`), and
     `scene.picked` of the plan says which. A member without a solution is NaN, its status says why. Raises
-    `SweepError` for axes, keys or names that cannot be, and before anything is computed if the results do not fit into
-    the memory that is free. More than 1e12 members are refused everywhere.
+    `SweepError` for axes, keys or names that cannot be, for ends of axes that no scene may have, and before anything is
+    computed if the results do not fit into the memory that is free; `SceneError` for a scene that `solve` would refuse.
+    More than 1e12 members are refused everywhere.
     """
     plan = planned(what, base, axes, gradients, mode, batch)
     sizes.check_memory(plan)
