@@ -39,18 +39,21 @@ HOLLOW = 2.0  # and rows of the hollow, of which only the last has a corner to f
 REACHED = 2.75  # where the raceway may still be touched, in the unit of length: strips end at LARGEST
 SETTLED = 1e-6  # last change of a free boundary, in Hertz half-widths, at which strips count as converged
 LEAST_LAND = 20.0  # loaded length in Hertz half-widths: below, it is no line contact, and rows are no longer than wide
+TENSION = 10.0  # share of the load that strips may take as tension, by the accuracy: more, and they are too coarse
 LEAST_CROWN = 1e-3  # crown's scale by approach: below, a roller's end acts as an edge, which the strips do not have
 
 
 @dataclasses.dataclass(frozen=True)
 class Solved:
     """A contact solved by strips: approach [mm], force of every cell [N], longest strip [mm], last relative change of
-    the strips' ends, passes, whether strips can describe this contact, and how many unknowns there were."""
+    the strips' ends, share of the load that they took as tension, passes, whether strips can describe this contact, and
+    how many unknowns there were."""
 
     approach: jax.Array
     force: jax.Array
     width: jax.Array
     change: jax.Array
+    tension: jax.Array
     passes: jax.Array
     suited: jax.Array
     unknowns: int
@@ -122,9 +125,9 @@ def solve(
     if edges == 1:
         ends = jnp.where(turned, -ends[:, ::-1], ends)
         loads = jnp.where(turned, loads * (-1.0) ** layout.orders[None], loads)
-    force = images * line_load * unit * _on_cells(layout, groups, loads, ends, cells, unit)
+    force, tension = _pressing(images * line_load * unit * _on_cells(layout, groups, loads, ends, cells, unit))
     width = unit * _width(layout, active, ends)
-    return Solved(approach, force, width, change, passes, suited, loads.size)
+    return Solved(approach, force, width, change, tension, passes, suited, loads.size)
 
 
 def _reach(
@@ -223,6 +226,14 @@ def _width(layout: Layout, active: jax.Array, ends: jax.Array) -> jax.Array:
     low, high = (-ends[:, :1], ends[:, :1]) if layout.even else (ends[:, :1], ends[:, 1:])
     span = jnp.max(jnp.where(on, high, -jnp.inf), axis=0) - jnp.min(jnp.where(on, low, jnp.inf), axis=0)
     return jnp.max(span)
+
+
+def _pressing(force: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The force without tension, to which few modes on few rows swing beside a spall's corners, all else as much smaller
+    that the sum remains; and the share of it that was tension."""
+    pressing = jnp.where(force > 0.0, force, 0.0)
+    kept = jnp.sum(force) / jnp.maximum(jnp.sum(pressing), 1e-300)
+    return kept * pressing, jax.lax.stop_gradient(1.0 - kept)
 
 
 def _on_cells(
