@@ -14,7 +14,6 @@ from difftrb import halfspace, hertz, status
 from difftrb.geometry import LineContact, Real, Spall
 from difftrb.halfspace import Cells
 
-
 AT_EDGES = 0.7
 """Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
 
