@@ -292,6 +292,7 @@ def _by_strips(
     solved = strip_model.solve(contact, load, spall, offset, mirrored, edges, grid.strips, cells)
     code = verdict(solved.approach, solved.change, strip_model.SETTLED)
     code = jnp.where(solved.approach > 0.0, code, status.NOT_CONVERGED)  # boundaries may settle where no contact is
+    code = status.worst(code, verdict(solved.approach, solved.tension, strip_model.TENSION * accuracy))
     return assembled(
         contact, load, spall, offset, gap, cells, accuracy, None, approach=solved.approach, force=solved.force,
         width=solved.width, residual=solved.change, iterations=solved.passes, unknowns=solved.unknowns,
