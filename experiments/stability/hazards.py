@@ -84,8 +84,10 @@ CONTACTS = (
     ContactHazard("load that is no number", load=np.nan, ends=(BAD,)),
     ContactHazard("spall of length 0", length=0.0),
     ContactHazard("spall of length 1e-6 mm", length=1e-6),
-    ContactHazard("spall as long as the roller but for 1e-6 mm", length=LENGTH - 1e-6),
-    ContactHazard("spall as long as the roller", length=LENGTH),
+    ContactHazard(
+        "spall as long as the roller but for 1e-6 mm", length=LENGTH - 1e-6, kinks=("length", "roller_length")
+    ),
+    ContactHazard("spall as long as the roller", length=LENGTH, kinks=("length", "roller_length")),
     ContactHazard("spall longer than the roller", length=2.0 * LENGTH),
     ContactHazard(
         "spall as long as the roller, light load", length=LENGTH, load=0.1, kinks=("length", "roller_length")
@@ -104,7 +106,12 @@ CONTACTS = (
     ContactHazard("bottom about to be touched", depth=0.0097),
     ContactHazard("spall of depth 10 mm", depth=10.0),
     ContactHazard("no crown", design_load=0.0, kinks=("design_load",)),
-    ContactHazard("no crown, spall as long as the roller", design_load=0.0, length=LENGTH, kinks=("design_load",)),
+    ContactHazard(
+        "no crown, spall as long as the roller",
+        design_load=0.0,
+        length=LENGTH,
+        kinks=("design_load", "length", "roller_length"),
+    ),
     ContactHazard("crown for 1e7 N", design_load=1e7),
     ContactHazard("crown for 1e7 N, load 1e-3 N", design_load=1e7, load=1e-3, kinks=("load", "radius")),
     ContactHazard("modulus 1e3 MPa", modulus=1e3),
@@ -157,7 +164,7 @@ RINGS = (
     RingHazard("radial load 1e-12 N", radial=1e-12),
     RingHazard("axial load 1e-9 N", radial=0.0, axial=1e-9, kinks=("radial",)),
     RingHazard("1e-30 N", radial=1e-30, axial=1e-30),
-    RingHazard("1e7 N", radial=1e7, axial=1e7),
+    RingHazard("1e7 N", radial=1e7, axial=1e7, ends=(status.BOTTOM,)),
     RingHazard("1e300 N", radial=1e300, axial=1e300, ends=(BAD,)),
     RingHazard("one loaded roller: 1e-4 above the least axial load", axial=NEEDED * (1.0 + 1e-4)),
     RingHazard("1e-5 above the least axial load", axial=NEEDED * (1.0 + 1e-5), step=1e-8),

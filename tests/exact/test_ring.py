@@ -22,7 +22,7 @@ def rest(bearing, radial, axial, spalls=(), roller_law=LIU, phase=0.0, interfere
     ("radial", "axial"), [(9000.0, 4500.0), (0.0, 60.0), (120.0, 60.0), (9000.0, 2300.0), (1e5, 1e6)]
 )
 def test_loads_balance(bearing, radial: float, axial: float, phase: float) -> None:
-    r = rest(bearing, radial, axial, (trb.Spall(6.0, 7.0),), phase=phase)
+    r = rest(bearing, radial, axial, (trb.Spall(6.0, 7.0, depth=10.0),), phase=phase)
     assert status.describe(r.status_code) == "converged"
     angles = ring.roller_angles(bearing, phase)
     cos, sin = jnp.cos(bearing.outer_angle), jnp.sin(bearing.outer_angle)
