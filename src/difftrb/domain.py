@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,9 @@ from difftrb import gap as gaps
 from difftrb import halfspace, hertz, status
 from difftrb.geometry import LineContact, Real, Spall
 from difftrb.halfspace import Cells
+
+AT_EDGES = 0.7
+"""Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +38,8 @@ def fitted_cells(
     tilt: jax.Array | None = None,
 ) -> tuple[Cells, jax.Array]:
     """Cells for one contact: they span where pressure can be, and have boundaries on the spall's edges."""
-    reach_x, bottom, top = domain(contact, load, () if spall is None else (spall,), tilt)
+    spalls, offsets = ((), jnp.zeros(0)) if spall is None else ((spall,), offset[None])
+    reach_x, bottom, top = domain(contact, load, spalls, offsets, tilt)
     reach_y = 0.5 * (top - bottom)
     reach_x = reach_x * (1.0 + 2.0 / resolution.columns)  # the lattice may slide by half a cell, borders stay unloaded
     if spall is None:
@@ -46,19 +51,23 @@ def fitted_cells(
 
     pitch, x = halfspace.lattice(reach_x, resolution.columns, offset - 0.5 * spall.width, offset + 0.5 * spall.width)
     sliver = 2e-3 * reach_y  # no segment of the grid is thinner
-    high = jnp.clip(spall.axial_offset + 0.5 * spall.length, bottom + 2.0 * sliver, top - sliver)
+    ends = spall.axial_offset - 0.5 * spall.length, spall.axial_offset + 0.5 * spall.length
+    high = jnp.clip(ends[1], bottom + 2.0 * sliver, top - sliver)
+    whole = halfspace.graded(jnp.zeros(()), reach_y, resolution.land + resolution.spall, at_start=False, at_end=True)
     if mirrored:
         edge = jnp.maximum(high, sliver)
         land = _beyond_edge(halfspace.graded(edge, top, resolution.land, at_start=True, at_end=True), edge)
         hollow = halfspace.graded(jnp.zeros(()), land[0], resolution.spall, at_start=False, at_end=True)
         lines = jnp.concatenate([hollow, land[1:]])
     else:
-        low = jnp.clip(spall.axial_offset - 0.5 * spall.length, bottom + sliver, high - sliver)
+        low = jnp.clip(ends[0], bottom + sliver, high - sliver)
         upper = halfspace.graded(high, top, resolution.land, at_start=True, at_end=True)
         lower = halfspace.graded(-low, -bottom, resolution.land, at_start=True, at_end=True)
         upper, lower = _beyond_edge(upper, 0.5 * (high - low)), -_beyond_edge(lower, 0.5 * (high - low))[::-1]
         hollow = halfspace.graded(lower[-1], upper[0], 2 * resolution.spall, at_start=True, at_end=True)
         lines = jnp.concatenate([lower, hollow[1:-1], upper])
+        whole = 0.5 * (bottom + top) + jnp.concatenate([-whole[:0:-1], whole])
+    lines = jnp.where((ends[0] <= bottom) & (ends[1] >= top), whole, lines)  # over a spall all along there is no edge
     inside = jnp.abs(offset) + 0.5 * spall.width < reach_x
     unresolved = inside & (spall.width > 0.0) & (spall.width < 2.0 * reach_x / resolution.columns)
     return Cells(pitch, x, lines, mirrored), jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED)
@@ -71,26 +80,40 @@ def _beyond_edge(land: jax.Array, room: jax.Array) -> jax.Array:
 
 
 def domain(
-    contact: LineContact, load: jax.Array, spalls: tuple[Spall, ...], tilt: jax.Array | None = None
+    contact: LineContact, load: jax.Array, spalls: tuple[Spall, ...], offsets: jax.Array, tilt: jax.Array | None = None
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Half extent of the solution domain in x, its ends in y [mm]: where the gap is less than an upper estimate of δ.
 
-    The estimate is a foundation of independent slices, each with the stiffness of a long line contact, of which a
-    spall carries nothing. Extents are differentiated like everything else: the grid breathes with the contact, so the
-    free boundary keeps its place among the cells and derivatives by load and radius do not ripple.
+    The estimate is a foundation of independent slices, each with the stiffness of a long line contact, of which those
+    over a spall begin to carry at the raceway that is left beside it, or at its bottom. Extents are differentiated like
+    everything else: the grid breathes with the contact, so the free boundary keeps its place among the cells and
+    derivatives by load and radius do not ripple. `offsets` of the spalls, shape (spalls,).
     """
     needed = needed_by_slices(contact, load)
     zero = jnp.zeros(())
     delta = _sunk(contact, needed, zero, zero, jnp.ones(2), tilt)
+    if not spalls:
+        return extents(contact, delta, tilt)
+    lands = _beside(contact, spalls)
+    raised = _raised(contact, spalls, offsets, lands)
+    depth = jnp.max(jnp.stack([jnp.asarray(spall.depth, float) for spall in spalls]))
     if len(spalls) == 1:
-        low, high = edges_along(contact, spalls[0])
-        sunk = _sunk(contact, needed, low, high, jnp.ones(2), tilt)
-    elif spalls:
-        sunk = _sunk_beside(contact, needed, spalls, tilt)
-    if spalls:
-        depth = jnp.max(jnp.stack([jnp.asarray(spall.depth, float) for spall in spalls]))
-        delta = jnp.minimum(sunk, delta + depth)  # at most down to its bottom
-    return extents(contact, delta, tilt)
+        sunk = _sunk(contact, needed, lands.low[0], lands.high[0], jnp.ones(2), tilt, raised[1])
+    else:
+        sunk = _sunk_beside(contact, needed, lands, raised, tilt)
+    delta = jnp.minimum(sunk, delta + depth)  # at most down to its bottom
+    reach, bottom, top = extents(contact, delta, tilt)
+    interference = delta if tilt is None else delta - _least_rest(contact, tilt)
+    met = jnp.max(jnp.where(lands.covered & (raised < interference), raised, 0.0))  # by a slice over a spall
+    beyond, low, high = extents(contact, delta - jnp.minimum(met, 0.999 * interference), tilt)
+    certain = jnp.sqrt(2.0 * contact.radius * 1.15 * interference)
+    edge = jnp.sqrt(2.0 * contact.radius * jnp.where(met > 0.0, met, 1.0))
+    # in `beyond` there is the margin that `reach` has for contacts about the middle
+    reach = jnp.where(met > 0.0, jnp.clip(edge + 0.6 * beyond, reach, certain), reach)
+    if len(spalls) == 1:  # where no land is left, only what sinks past the edges meets the crown
+        over = (lands.low[0] <= bottom) & (lands.high[0] >= top)
+        bottom, top = jnp.where(over, low, bottom), jnp.where(over, high, top)
+    return reach, bottom, top
 
 
 def needed_by_slices(contact: LineContact, load: jax.Array) -> jax.Array:
@@ -170,33 +193,69 @@ def _reach(contact: LineContact, delta: jax.Array, tilt: jax.Array, side: float)
 
 def _sunk(
     contact: LineContact, needed: jax.Array, low: jax.Array, high: jax.Array, stiffness: jax.Array,
-    tilt: jax.Array | None = None,
+    tilt: jax.Array | None = None, raised: jax.Array | None = None,
 ) -> jax.Array:  # fmt: skip
-    """The approach at which slices carry `needed`: those above `high` and those below `low`, of given stiffnesses."""
+    """The approach at which slices carry `needed`: those above `high` and those below `low`, of given stiffnesses, and
+    those between that begin `raised` [mm] later, if it is given."""
     half = 0.5 * contact.length
     land = jnp.maximum(jnp.stack([half - high, low + half]), 1e-3 * half)
-    return _carried(contact, needed, jnp.stack([high, low]), land * np.array([1.0, -1.0]), stiffness, tilt)
+    start, land, later = jnp.stack([high, low]), land * np.array([1.0, -1.0]), jnp.zeros(2)
+    if raised is not None:
+        hollow = 0.5 * (high - low) * np.array([1.0, -1.0])  # either half from its end on
+        start, land = jnp.append(start, jnp.stack([low, high])), jnp.append(land, hollow)
+        stiffness, later = jnp.append(stiffness, jnp.full(2, AT_EDGES)), jnp.append(later, raised * jnp.ones(2))
+    return _carried(contact, needed, start, land, stiffness, later, tilt)
+
+
+class Lands(NamedTuple):
+    """Parts of the roller between neighbouring ends of spalls: where they begin and end [mm], shape (parts,), whether a
+    spall is there, and which, shape (spalls, parts); and the ends of the spalls themselves [mm], shape (spalls,)."""
+
+    breaks: jax.Array
+    covered: jax.Array
+    covering: jax.Array
+    low: jax.Array
+    high: jax.Array
+
+
+def _beside(contact: LineContact, spalls: tuple[Spall, ...]) -> Lands:
+    half = 0.5 * contact.length
+    low, high = (jnp.stack(edge) for edge in zip(*(edges_along(contact, spall) for spall in spalls), strict=True))
+    breaks = jnp.sort(jnp.concatenate([low, high, jnp.array([-half, half])]))
+    middle = 0.5 * (breaks[1:] + breaks[:-1])
+    covering = (low[:, None] <= middle[None]) & (middle[None] < high[:, None])
+    return Lands(breaks, jnp.any(covering, axis=0), covering, low, high)
+
+
+def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: jax.Array, lands: Lands) -> jax.Array:
+    """How much later than without spalls the slices of every part begin to carry [mm], shape (parts,): at the sound
+    raceway that is nearest to the middle in the rolling direction, or at the deepest bottom."""
+    half = 0.5 * jnp.stack([jnp.asarray(spall.width, float) for spall in spalls])
+    places = jnp.concatenate([jnp.zeros(1), offsets - half, offsets + half])
+    gone = jnp.abs(places[:, None] - offsets[None]) < half[None] * (1.0 - 1e-9)
+    sound = ~jnp.any(gone[:, :, None] & lands.covering[None], axis=1)  # (places, parts)
+    own = [jnp.ones((1, lands.covered.size), bool), lands.covering, lands.covering]  # another spall's edge is none here
+    sound = sound & jnp.concatenate(own)
+    depth = jnp.max(jnp.stack([jnp.asarray(spall.depth, float) for spall in spalls]))
+    rise = jnp.where(sound, (places**2 / (2.0 * contact.radius))[:, None], jnp.inf)
+    return jnp.minimum(jnp.min(rise, axis=0), depth)
 
 
 def _sunk_beside(
-    contact: LineContact, needed: jax.Array, spalls: tuple[Spall, ...], tilt: jax.Array | None
+    contact: LineContact, needed: jax.Array, lands: Lands, raised: jax.Array, tilt: jax.Array | None
 ) -> jax.Array:
-    """The approach at which slices beside all the spalls carry `needed`."""
-    half = 0.5 * contact.length
-    lows, highs = (jnp.stack(edge) for edge in zip(*(edges_along(contact, spall) for spall in spalls), strict=True))
-    breaks = jnp.sort(jnp.concatenate([lows, highs, jnp.array([-half, half])]))
-    middle = 0.5 * (breaks[1:] + breaks[:-1])
-    covered = jnp.any((lows[None, :] <= middle[:, None]) & (middle[:, None] < highs[None, :]), axis=1)
-    stiffness = jnp.where(covered, 1e-3, 1.0)
-    land = jnp.diff(breaks) + 1e-3 * half
-    return _carried(contact, needed, breaks[:-1], land, stiffness, tilt)
+    """The approach at which slices beside all the spalls, and those over them, carry `needed`."""
+    stiffness = jnp.where(lands.covered, AT_EDGES, 1.0)
+    land = jnp.diff(lands.breaks) + 5e-4 * contact.length
+    return _carried(contact, needed, lands.breaks[:-1], land, stiffness, raised, tilt)
 
 
 def _carried(
     contact: LineContact, needed: jax.Array, start: jax.Array, land: jax.Array, stiffness: jax.Array,
-    tilt: jax.Array | None,
+    later: jax.Array, tilt: jax.Array | None,
 ) -> jax.Array:  # fmt: skip
-    """The approach at which slices carry `needed`: on each land from `start` on, `land` [mm] long (down, if negative).
+    """The approach at which slices carry `needed`: on each land from `start` on, `land` [mm] long (down, if negative),
+    after they have sunk by `later` [mm].
 
     All shapes (lands,).
     """
@@ -205,7 +264,7 @@ def _carried(
     y = start[:, None] + land[:, None] * (s**3)[None, :]
     weight = (stiffness * jnp.abs(land))[:, None] * (3.0 * s**2 / 64.0)[None, :]
     rest = gaps.rest_at(jnp.clip(y, -half * (1.0 - 1e-9), half * (1.0 - 1e-9)), contact, tilt)
-    return carried(needed, weight, rest)
+    return carried(needed, weight, rest + later[:, None])
 
 
 def carried(needed: jax.Array, weight: jax.Array, rest: jax.Array, steps: int = 30) -> jax.Array:

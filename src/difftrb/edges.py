@@ -51,13 +51,13 @@ def fitted(
 ) -> Fitted:
     """Cells with a boundary on every edge of every spall; `offsets` shape (spalls,). Where spalls overlap the deeper
     one counts. A spall out of the contact's reach in the rolling direction does not act on the cells at all."""
-    reach_x, _, _ = domain(contact, load, spalls, tilt)
+    reach_x, _, _ = domain(contact, load, spalls, offsets, tilt)
     near = jnp.stack([jnp.abs(o) - 0.5 * s.width < reach_x for s, o in zip(spalls, offsets, strict=True)])
     spalls = tuple(
         dataclasses.replace(s, length=jnp.where(near[i], s.length, 0.0), depth=jnp.where(near[i], s.depth, 0.0))
         for i, s in enumerate(spalls)
     )
-    reach_x, bottom, top = domain(contact, load, spalls, tilt)
+    reach_x, bottom, top = domain(contact, load, spalls, offsets, tilt)
     apart = APART * 0.5 * (top - bottom)
     spans = [
         tuple(

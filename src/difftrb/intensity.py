@@ -84,7 +84,7 @@ def edge_intensity(
 def _solve(
     contact: LineContact, load: jax.Array, spall: Spall, offset: jax.Array, mirrored: bool, land: int, columns: int
 ) -> EdgeIntensity:
-    reach_x, _, tip = domain(contact, load, (spall,))
+    reach_x, _, tip = domain(contact, load, (spall,), jnp.reshape(offset, 1))
     nowhere = jnp.asarray(jnp.inf)
     pitch, x = halfspace.lattice(reach_x * (1.0 + 2.0 / columns), columns, -nowhere, nowhere)
     ends = spall.axial_offset + 0.5 * spall.length * np.array([-1.0, 1.0])

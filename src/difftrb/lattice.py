@@ -78,7 +78,7 @@ def fitted(
     rows, columns = size
     spalls = tuple(each for each in defects if isinstance(each, Spall))
     if len(spalls) == len(defects):
-        reach_x, bottom, top = domain.domain(contact, load, spalls, tilt)
+        reach_x, bottom, top = domain.domain(contact, load, spalls, offsets, tilt)
     else:
         reach_x, bottom, top = _domain(contact, load, defects, offsets, tilt)
     nowhere = -jnp.asarray(jnp.inf), jnp.asarray(jnp.inf)
@@ -117,7 +117,7 @@ def _domain(
     contact: LineContact, load: jax.Array, defects: Defects, offsets: jax.Array, tilt: jax.Array | None
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """As `domain.domain`, for surfaces of any shape: slices begin to carry where the gap across them is least."""
-    reach, _, _ = domain.domain(contact, load, (), tilt)
+    reach, _, _ = domain.domain(contact, load, (), offsets, tilt)
     half = 0.5 * contact.length
     x = reach * jnp.linspace(-1.5, 1.5, 65)
     y = half * (2.0 * (jnp.arange(256) + 0.5) / 256.0 - 1.0)
