@@ -295,6 +295,7 @@ def _by_strips(
     edges = edges if spall is not None else 0
     solved = strip_model.solve(contact, load, spall, offset, mirrored, edges, grid.strips, cells)
     code = verdict(solved.approach, solved.change, strip_model.SETTLED)
+    code = status.worst(code, verdict(solved.approach, solved.tension, strip_model.TENSION * accuracy))
     return assembled(
         contact, load, spall, offset, gap, cells, accuracy, None, approach=solved.approach, force=solved.force,
         width=solved.width, residual=solved.change, iterations=solved.passes, unknowns=solved.unknowns,

@@ -39,18 +39,21 @@ HOLLOW = 2.0  # and rows of the hollow, of which only the last has a corner to f
 REACHED = 2.75  # where the raceway may still be touched, in the unit of length: strips end at LARGEST
 SETTLED = 1e-6  # last change of a free boundary, in Hertz half-widths, at which strips count as converged
 LEAST_LAND = 20.0  # loaded length in Hertz half-widths: below, it is no line contact, and rows are no longer than wide
+TENSION = 10.0  # share of the load that strips may take as tension, by the accuracy: more, and they are too coarse
 LEAST_CROWN = 1e-3  # crown's scale by approach: below, a roller's end acts as an edge, which the strips do not have
 
 
 @dataclasses.dataclass(frozen=True)
 class Solved:
     """A contact solved by strips: approach [mm], force of every cell [N], longest strip [mm], last relative change of
-    the strips' ends, passes, whether strips can describe this contact, and how many unknowns there were."""
+    the strips' ends, share of the load that they took as tension, passes, whether strips can describe this contact, and
+    how many unknowns there were."""
 
     approach: jax.Array
     force: jax.Array
     width: jax.Array
     change: jax.Array
+    tension: jax.Array
     passes: jax.Array
     suited: jax.Array
     unknowns: int
@@ -63,18 +66,29 @@ def outlook(
     describe it."""
     low, high = _spall_edges(contact, spall)
     tip, _, unit, approach = jax.lax.stop_gradient(reach_of_strips(contact, load, low, high))
-    suited = _suited(contact, spall, (2.0 * tip - (high - low)) / unit, approach)
     if spall is None:
-        return jnp.asarray(0), suited
+        return jnp.asarray(0), _suited(contact, None, low, high, tip, unit, approach)
     certain = jnp.sqrt(2.0 * contact.radius * 1.1 * approach)  # beyond it the gap exceeds the approach
     near, far = 0.5 * spall.width - jnp.abs(offset), 0.5 * spall.width + jnp.abs(offset)
-    return (near < certain).astype(int) + (far < certain), suited
+    edges = (near < certain).astype(int) + (far < certain)
+    return edges, _suited(contact, spall, low, high, tip, unit, approach) & ((edges == 0) | _ends(low, high, tip, unit))
 
 
-def _suited(contact: LineContact, spall: Spall | None, land: jax.Array, approach: jax.Array) -> jax.Array:
-    """Whether strips can describe a contact with so much loaded land, in half-widths, and so large an approach [mm]."""
+def _suited(
+    contact: LineContact, spall: Spall | None, low: jax.Array, high: jax.Array, tip: jax.Array, unit: jax.Array,
+    approach: jax.Array,
+) -> jax.Array:  # fmt: skip
+    """Whether strips can describe a contact beside `low` … `high` [mm] up to ± `tip`, of half-width `unit`, at so large
+    an approach [mm]."""
+    land = (2.0 * tip - (high - low)) / unit
     suited = (gaps.crown_scale(contact) > LEAST_CROWN * approach) & (land > LEAST_LAND)
     return suited if spall is None else suited & (spall.depth > approach)
+
+
+def _ends(low: jax.Array, high: jax.Array, tip: jax.Array, unit: jax.Array) -> jax.Array:
+    """Whether a spall ends within the loaded part of the roller, at both ends: where it goes on to the roller's end,
+    what stands on its rolling edge ends freely, and strips over a spall do not."""
+    return (high < tip - unit) & (low > unit - tip)
 
 
 def solve(
@@ -116,15 +130,16 @@ def solve(
     start = _start(layout, problem, push * estimate)
     (loads, ends, approach), active, change, passes = strips.solve(layout, problem, start)
     approach = approach / push
-    suited = _suited(contact, spall, (2.0 * tip - (high - low)) / unit, approach)
+    suited = _suited(contact, spall, low, high, tip, unit, approach)
+    suited = suited & _ends(low, high, tip, unit) if edges else suited
     loads = jnp.where(active[:, None], loads, 0.0)
     ends = ends[np.asarray(layout.outlines)]
     if edges == 1:
         ends = jnp.where(turned, -ends[:, ::-1], ends)
         loads = jnp.where(turned, loads * (-1.0) ** layout.orders[None], loads)
-    force = images * line_load * unit * _on_cells(layout, groups, loads, ends, cells, unit)
+    force, tension = _pressing(images * line_load * unit * _on_cells(layout, groups, loads, ends, cells, unit))
     width = unit * _width(layout, active, ends)
-    return Solved(approach, force, width, change, passes, suited, loads.size)
+    return Solved(approach, force, width, change, tension, passes, suited, loads.size)
 
 
 def _reach(
@@ -158,8 +173,8 @@ def _groups(
 ) -> tuple[Rows, ...]:
     if spall is None:
         return (Rows(rows.graded(jnp.zeros(()), tip, fine.land, 1.0, GATHERED), True, "none"),)
-    least = 1e-3 * tip
-    high = jnp.minimum(high, tip - least)
+    least = 1e-3 * tip  # also of a spall without length: panels of none would make NaN of derivatives
+    high = jnp.clip(high, least if mirrored else -tip + 2.0 * least, tip - least)
     upper = Rows(rows.graded(high, tip, fine.land, GATHERED, GATHERED), False, "low")
     if mirrored:
         hollow = Rows(rows.graded(jnp.zeros(()), high, fine.hollow, 1.0, HOLLOW), True, "high")
@@ -223,6 +238,14 @@ def _width(layout: Layout, active: jax.Array, ends: jax.Array) -> jax.Array:
     low, high = (-ends[:, :1], ends[:, :1]) if layout.even else (ends[:, :1], ends[:, 1:])
     span = jnp.max(jnp.where(on, high, -jnp.inf), axis=0) - jnp.min(jnp.where(on, low, jnp.inf), axis=0)
     return jnp.max(span)
+
+
+def _pressing(force: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The force without tension, to which few modes on few rows swing beside a spall's corners; all else is so much
+    smaller that the sum remains. And the share of it that was tension."""
+    pressing = jnp.where(force > 0.0, force, 0.0)
+    kept = jnp.sum(force) / jnp.maximum(jnp.sum(pressing), 1e-300)
+    return kept * pressing, jax.lax.stop_gradient(1.0 - kept)
 
 
 def _on_cells(
