@@ -37,7 +37,7 @@ def _taken(name: str, value: Any) -> bool:
 
 def jit_quickly(**arguments: Any) -> Callable[[F], F]:
     """As `partial(jax.jit, **arguments)`, compiled with `quick` options. They are probed at the first call, so that an
-    import starts no backend."""
+    import starts no backend. Like a jitted function's, its programs are forgotten by `clear_cache()`."""
 
     def decorate(function: F) -> F:
         @functools.cache
@@ -48,6 +48,7 @@ def jit_quickly(**arguments: Any) -> Callable[[F], F]:
         def call(*a: Any, **k: Any) -> Any:
             return compiled()(*a, **k)
 
+        call.clear_cache = lambda: compiled().clear_cache()  # type: ignore[attr-defined]
         return cast(F, call)
 
     return decorate

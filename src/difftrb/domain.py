@@ -234,6 +234,8 @@ def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: jax.Array,
     places = jnp.concatenate([jnp.zeros(1), offsets - half, offsets + half])
     gone = jnp.abs(places[:, None] - offsets[None]) < half[None] * (1.0 - 1e-9)
     sound = ~jnp.any(gone[:, :, None] & lands.covering[None], axis=1)  # (places, parts)
+    own = [jnp.ones((1, lands.covered.size), bool), lands.covering, lands.covering]  # another spall's edge is none here
+    sound = sound & jnp.concatenate(own)
     depth = jnp.max(jnp.stack([jnp.asarray(spall.depth, float) for spall in spalls]))
     rise = jnp.where(sound, (places**2 / (2.0 * contact.radius))[:, None], jnp.inf)
     return jnp.minimum(jnp.min(rise, axis=0), depth)
