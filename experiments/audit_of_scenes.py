@@ -37,7 +37,7 @@ CHECKED = 5
 """Every so many scenes derivatives are compared."""
 STEP = 1e-5
 """Of central differences, by the size of the number."""
-FIELDS = ("seed", "law", "kind", "status", "load_error", "promised", "kept", "radial_error", "axial_error", "failed",
+FIELDS: tuple[str, ...] = ("seed", "law", "kind", "status", "load_error", "promised", "kept", "radial_error", "axial_error", "failed",
           "finite", "derivative_error", "seconds")  # fmt: skip
 
 
@@ -120,7 +120,7 @@ def drawn(seed: int, laws: tuple[str, ...]) -> Drawn:
     elif kind == "mounting":
         load, acting = (
             trb.Load(radial, 0.0),
-            (E.Mounting(preload=approach / np.sin(of.outer_angle) * rng.uniform(0.5, 2)),),
+            (E.Mounting(preload=approach / float(np.sin(of.outer_angle)) * rng.uniform(0.5, 2.0)),),
         )
     elif kind == "double_row":
         acting = (E.DoubleRow(preload=approach * rng.uniform(0.0, 2.0)),)
