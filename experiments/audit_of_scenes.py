@@ -37,8 +37,10 @@ CHECKED = 5
 """Every so many scenes derivatives are compared."""
 STEP = 1e-5
 """Of central differences, by the size of the number."""
-FIELDS: tuple[str, ...] = ("seed", "law", "kind", "status", "load_error", "promised", "kept", "radial_error", "axial_error", "failed",
-          "finite", "derivative_error", "seconds")  # fmt: skip
+FIELDS: tuple[str, ...] = (
+    "seed", "law", "kind", "status", "load_error", "promised", "kept", "radial_error", "axial_error", "failed",
+    "finite", "derivative_error", "seconds",
+)  # fmt: skip
 
 
 class Drawn(NamedTuple):
