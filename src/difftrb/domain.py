@@ -236,6 +236,8 @@ def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: jax.Array,
     sound = ~jnp.any(gone[:, :, None] & lands.covering[None], axis=1)  # (places, parts)
     own = [jnp.ones((1, lands.covered.size), bool), lands.covering, lands.covering]  # another spall's edge is none here
     sound = sound & jnp.concatenate(own)
+    if len(spalls) > 1:  # where edges of two coincide the least of their rises has a kink, which the grid would follow
+        places, sound = places[:1], sound[:1]
     depth = jnp.max(jnp.stack([jnp.asarray(spall.depth, float) for spall in spalls]))
     rise = jnp.where(sound, (places**2 / (2.0 * contact.radius))[:, None], jnp.inf)
     return jnp.minimum(jnp.min(rise, axis=0), depth)

@@ -12,7 +12,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import checks, direct, effects, geometry, pitch, ring, settling, status, table
+from difftrb import checks, direct, effects, geometry, hertz, pitch, ring, settling, status, table
 from difftrb import law as laws
 from difftrb.effects import Raceways, SeriesRaceways, Through
 from difftrb.geometry import LineContact, Raceway, Real, as_floats
@@ -26,6 +26,8 @@ NOT_IN_THE_MEAN = (
 )
 WIDE, SPARE = 1.0, 2.5
 """From a spall this wide on, by the rollers' pitch, or with through spalls, curves reach so many times farther."""
+DEEP = 5.0
+"""By how many times Palmgren's approach a spall is surely deeper than a roller sinks: more than crowns make of it."""
 TRACED = (
     "law = 'table', 'direct' and 'auto' need numbers: prepare the scene first, difftrb.prepare(scene), and "
     "differentiate, jit or batch what comes out; derivatives stay complete"
@@ -168,7 +170,7 @@ def checked(scene: Scene) -> Scene:
 def with_law(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
     """The scene with its law built, unless that is to be chosen: see `difftrb.prepare`."""
     scene = checked(scene)
-    if isinstance(scene.law, LawName) and scene.law.name == "direct" and scene.spalls and not is_traced(scene):
+    if isinstance(scene.law, LawName) and scene.law.name == "direct" and not is_traced(scene) and _may_be(scene):
         bases = _healthy_laws(scene, progress)
         if any(_is_met_otherwise(scene, raceway, base) for raceway, base in bases.items()):
             if isinstance(scene.phase, PitchMean):
@@ -189,6 +191,13 @@ def with_laws(scene: Scene, laws: Mapping[Raceway, Law]) -> Scene:
         for effect in scene.effects
     )
     return dataclasses.replace(scene, law=laws["outer"], effects=acting)
+
+
+def _may_be(scene: Scene) -> bool:
+    """Whether to ask `_is_met_otherwise`, which takes contacts: of several spalls, or one that is not surely deep."""
+    largest, length = _largest_for_curves(scene), float(scene.bearing.roller_length)
+    deep = DEEP * float(hertz.palmgren_approach(largest, length))
+    return len(scene.spalls) > 1 or any(float(spall.depth) < deep for spall in scene.spalls)
 
 
 def _healthy_laws(scene: Scene, progress: Progress | None) -> dict[Raceway, direct.DirectLaw]:
