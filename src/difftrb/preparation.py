@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from functools import partial
 from typing import cast
@@ -25,7 +26,8 @@ NOT_IN_THE_MEAN = (
     "phase only; give the phase a number"
 )
 WIDE, SPARE = 1.0, 2.5
-"""From a spall this wide on, by the rollers' pitch, or with through spalls, curves reach so many times farther."""
+"""From a spall this wide on, by the rollers' pitch, with through spalls, or where effects press, curves reach so many
+times farther."""
 DEEP = 5.0
 """By how many times Palmgren's approach a spall is surely deeper than a roller sinks: more than crowns make of it."""
 TRACED = (
@@ -74,7 +76,11 @@ def _largest_for_curves(scene: Scene) -> float:
     pitch = float(geometry.roller_pitch(scene.bearing) * geometry.arc_radius(scene.bearing))
     wide = any(float(spall.width) > WIDE * pitch for spall in scene.spalls)
     through = scene.spalls and any(isinstance(effect, Through) for effect in scene.effects)
-    return float(_largest_load(scene)) * (SPARE if wide or through else 1.0)
+    plain = float(ring.largest_load(scene.bearing, scene.load))
+    # in steps: what presses a little more shares the nodes, so that neighbouring scenes differ by physics alone
+    halves = max(math.ceil(2.0 * math.log2(float(_largest_load(scene)) / plain)), 0) if plain > 0.0 else 0
+    pressed = plain * 2.0 ** (0.5 * halves) if plain > 0.0 else float(_largest_load(scene))
+    return pressed * (SPARE if wide or through or halves else 1.0)
 
 
 @jax.jit
