@@ -13,7 +13,7 @@ import difftrb as trb
 def scene_in(kind) -> trb.Scene:
     """The main scene with its load, spall and phase in one kind of number."""
     bearing = trb.bearing("32008J")
-    spall = trb.Spall(kind(4.0), kind(7.0), kind(0.25), kind(0.0), kind(0.0))
+    spall = trb.Spall(kind(4.0), kind(7.0), kind(1.0), kind(0.0), kind(0.0))
     return trb.Scene(bearing, trb.Load(kind(9000.0), kind(4500.0)), (spall,), law="liu2018", phase=kind(0.125))
 
 
