@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import scenefile
+from difftrb import scenefile, status
 from experiments.stability import mutations, random_contacts, scenes
 from experiments.stability.scenes import KINDS
 
@@ -40,7 +40,9 @@ def counts() -> dict:
 
 def test_random_scenes_are_solved_or_flagged(counts: dict) -> None:
     assert counts["scenes"] == 500
-    assert counts["converged"] >= 499
+    refused = sum(counts["statuses"].get(status.describe(code), 0) for code in (status.BOTTOM, status.SEVERAL))
+    assert counts["converged"] + refused >= 499
+    assert counts["converged"] > 100
     assert counts["nan_values"] == counts["nan_gradients"] == counts["unflagged"] == 0
 
 
