@@ -8,9 +8,9 @@ import pytest
 from experiments import audit_of_scenes
 
 
-@pytest.mark.parametrize("seed", [0, 3, 4, 9])
+@pytest.mark.parametrize("seed", [0, 3, 4])
 def test_what_converges_is_within_its_promise(seed: int) -> None:
-    """Two by power laws and two by the literature's: one with a second row, one over two spalls, none refused."""
+    """By a power law beside a second row, and by the literature's over one and two spalls: none refused."""
     row = audit_of_scenes.row(seed, audit_of_scenes.LAWS)
     assert row["status"] == "converged"
     assert row["kept"]
