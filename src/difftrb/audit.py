@@ -269,14 +269,11 @@ def _states(
         for raceway in raceways:
             spalls, away, reached = met[raceway]
             under = [i for i in range(len(spalls)) if reached[i, j]]
-            one = tuple(dataclasses.replace(spalls[i], surface="outer") for i in under)
-            places = tuple(float(away[i, j]) for i in under)
-            case = Case(every[raceway])
-            if under:
-                case = Case(every[raceway], one[0] if len(one) == 1 else one, places[0] if len(one) == 1 else places)
-            cases.append(case)
+            places = [float(away[i, j]) for i in under]
+            cases.append(nodes.case_under(every[raceway], [spalls[i] for i in under], places))
             own += [scene.spalls.index(spalls[i]) for i in under]
-            keys.append((raceway, f"{every[raceway]:.6e}", tuple(under), tuple(f"{abs(p):.6f}" for p in places)))
+            side = -1.0 if places and places[0] < 0.0 else 1.0  # mirror images in the rolling direction are one contact
+            keys.append((raceway, f"{every[raceway]:.6e}", tuple(under), tuple(f"{side * p:.6f}" for p in places)))
         states.append(_State(
             j, raceways, tuple(preparation.raceway_contact(scene, raceway) for raceway in raceways), tuple(cases),
             tuple(keys), tuple(own),

@@ -37,6 +37,15 @@ class Case(NamedTuple):
     distance: float | Sequence[float] = 0.0
 
 
+def case_under(load: float, spalls: Sequence[Spall], away: Sequence[float]) -> Case:
+    """The contact of a roller over some spalls, at distances `away` [mm] from their middles. A single spall stands
+    alone, which more ways of solving take; on which surface they lie does not matter to a contact."""
+    met = tuple(dataclasses.replace(spall, surface="outer") for spall in spalls)
+    if len(met) < 2:
+        return Case(load, met[0], away[0]) if met else Case(load)
+    return Case(load, met, tuple(away))
+
+
 @dataclasses.dataclass(frozen=True)
 class Node:
     """A solved `Case`: approach [mm], by the load [mm/N] and by `inputs`, shape (INPUTS,), longer with several spalls;

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from functools import partial
 from typing import cast
 
@@ -76,10 +75,10 @@ def _largest_for_curves(scene: Scene) -> float:
     pitch = float(geometry.roller_pitch(scene.bearing) * geometry.arc_radius(scene.bearing))
     wide = any(float(spall.width) > WIDE * pitch for spall in scene.spalls)
     through = scene.spalls and any(isinstance(effect, Through) for effect in scene.effects)
-    plain = float(ring.largest_load(scene.bearing, scene.load))
+    plain, largest = float(ring.largest_load(scene.bearing, scene.load)), float(_largest_load(scene))
     # in steps: what presses a little more shares the nodes, so that neighbouring scenes differ by physics alone
-    halves = max(math.ceil(2.0 * math.log2(float(_largest_load(scene)) / plain)), 0) if plain > 0.0 else 0
-    pressed = plain * 2.0 ** (0.5 * halves) if plain > 0.0 else float(_largest_load(scene))
+    halves = max(math.ceil(2.0 * math.log2(largest / plain)), 0) if plain > 0.0 else 0
+    pressed = plain * 2.0 ** (0.5 * halves) if plain > 0.0 else largest
     return pressed * (SPARE if wide or through or halves else 1.0)
 
 
@@ -181,22 +180,13 @@ def with_law(scene: Scene, progress: Progress | None = None, least: Real | None 
         if any(_is_met_otherwise(scene, raceway, base) for raceway, base in bases.items()):
             if isinstance(scene.phase, PitchMean):
                 raise status.SceneError(NOT_IN_THE_MEAN)
-            return with_laws(scene, settling.settled(scene, bases, progress))
+            return settling.with_laws(scene, settling.settled(scene, bases, progress))
     acting = tuple(
         SeriesRaceways(effect.inner_design_load, _inner_law(scene, effect, progress, least))
         if isinstance(effect, Raceways) else effect
         for effect in scene.effects
     )  # fmt: skip
     return dataclasses.replace(scene, law=prepared_law(scene, progress, least=least), effects=acting)
-
-
-def with_laws(scene: Scene, laws: Mapping[Raceway, Law]) -> Scene:
-    """The scene with a law for every raceway that gives way."""
-    acting = tuple(
-        SeriesRaceways(effect.inner_design_load, laws["inner"]) if isinstance(effect, Raceways) else effect
-        for effect in scene.effects
-    )
-    return dataclasses.replace(scene, law=laws["outer"], effects=acting)
 
 
 def _may_be(scene: Scene) -> bool:

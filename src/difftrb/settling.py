@@ -16,7 +16,7 @@ from difftrb.effects import DoubleRow, Raceways, SeriesRaceways
 from difftrb.geometry import Raceway, Spall
 from difftrb.law import Law, Rest
 from difftrb.local import LocalLaw, States, through
-from difftrb.nodes import Case, Node, Progress
+from difftrb.nodes import Node, Progress
 from difftrb.scene import Scene
 
 ROUNDS = 8
@@ -50,6 +50,15 @@ class Reached(NamedTuple):
 
 Bases = Mapping[Raceway, DirectLaw]
 Laws = dict[Raceway, LocalLaw]
+
+
+def with_laws(scene: Scene, laws: Mapping[Raceway, LocalLaw]) -> Scene:
+    """The scene with a law for every raceway that gives way."""
+    acting = tuple(
+        SeriesRaceways(effect.inner_design_load, cast(Law, laws["inner"])) if isinstance(effect, Raceways) else effect
+        for effect in scene.effects
+    )
+    return dataclasses.replace(scene, law=cast(Law, laws["outer"]), effects=acting)
 
 
 def settled(scene: Scene, bases: Bases, progress: Progress | None = None) -> Laws:
@@ -100,11 +109,7 @@ def _at_rest(
     scene: Scene, laws: Laws, spalls: Mapping[Raceway, tuple[Spall, ...]]
 ) -> tuple[dict[Raceway, np.ndarray], dict[Raceway, list[Reached]]]:
     """What rollers carry on every raceway [N], and the spalls that they may meet there."""
-    acting = tuple(
-        SeriesRaceways(effect.inner_design_load, laws["inner"]) if isinstance(effect, Raceways) else effect
-        for effect in scene.effects
-    )
-    found, away, approach = _solved(dataclasses.replace(scene, law=cast(Law, laws["outer"]), effects=acting))
+    found, away, approach = _solved(with_laws(scene, laws))
     pair = any(isinstance(effect, DoubleRow) for effect in scene.effects)
     share = FARTHER * (ring.OWN if "inner" in laws else 1.0)
     reached: dict[Raceway, list[Reached]] = {}
@@ -190,17 +195,13 @@ def _cases(
 ) -> list[list[Node]]:  # fmt: skip
     """Contacts of every roller reached at its `log_loads` [log N], shape (rollers reached, loads)."""
     cases = [
-        Case(load, *_met(spalls, each)) for each, row in zip(reached, log_loads, strict=True) for load in np.exp(row)
+        nodes.case_under(load, [spalls[i] for i in each.under], each.away)
+        for each, row in zip(reached, log_loads, strict=True)
+        for load in np.exp(row)
     ]
     solved = nodes.all_solved(base.contact, cases, float(base.error), progress)
     count = log_loads.shape[1]
     return [solved[k : k + count] for k in range(0, len(solved), count)]
-
-
-def _met(spalls: tuple[Spall, ...], reached: Reached) -> tuple[Spall | tuple[Spall, ...], float | tuple[float, ...]]:
-    """One spall stands alone: more ways of solving take that."""
-    met = tuple(dataclasses.replace(spalls[i], surface="outer") for i in reached.under)
-    return (met[0], reached.away[0]) if len(met) == 1 else (met, reached.away)
 
 
 def _bend(log_loads: np.ndarray, solved: Sequence[Node]) -> float:
