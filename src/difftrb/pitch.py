@@ -38,7 +38,7 @@ def phases(
     The laws met, the outer raceway's first, say how far their edges reach; where the load zone ends is taken from the
     healthy bearing, at rest with `terms`.
     """
-    rest = jax.lax.stop_gradient(ring.equilibrium(bearing, load, (), met[0].law, 0.0, terms))
+    rest = ring.equilibrium(bearing, load, (), met[0].law, 0.0, terms)
     rest = jax.tree.map(jnp.nan_to_num, rest)  # without an equilibrium any phases will do: each of them will say so
     alpha = bearing.outer_angle
     rows = (rest.displacement,) if terms.pair is None else terms.pair.rows(rest.displacement, alpha)
@@ -61,7 +61,7 @@ def phases(
                 approach = jnp.dot(normal, u[:3], precision=jax.lax.Precision.HIGHEST)
                 if terms.seat is not None:
                     approach = approach * _share(law, rest)
-                for end in jax.lax.stop_gradient(law.ramp(i, spall, approach)):
+                for end in law.ramp(i, spall, approach):
                     kinks.append(jnp.asarray(edge - side * end / radius))
     whole = geometry.roller_pitch(bearing)
     starts = jnp.sort(jnp.stack([jnp.mod(kink, whole) for kink in kinks]))
