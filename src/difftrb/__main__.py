@@ -163,7 +163,7 @@ def _run(options: Any) -> int:
 
     code = _deliver(options, path, record, lambda: report.run_text(scene, result, edges, checked), figures)
     if code == EXIT_OK and checked is not None and not checked.kept:
-        return _refuse(f"{path}: the audit finds loads farther off than promised", EXIT_NO_SOLUTION)
+        return _refuse(f"{path}: the audit does not confirm what is promised", EXIT_NO_SOLUTION)
     return code
 
 

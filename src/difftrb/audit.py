@@ -61,7 +61,7 @@ class Audit:
       stiffness_error: of radial and axial stiffness, relative [-], shape (2,): what they would be by these contacts.
       promised: what the law promises of `load_error`; NaN if it promises nothing.
       accuracy: of the contacts. contacts: how many were solved.
-      failed: how many of them did not converge, and are left out.
+      failed: of how many rollers contacts did not converge; these are left out.
       remark: why there is nothing to audit, or what was left out; empty else.
     """
 
@@ -76,8 +76,9 @@ class Audit:
 
     @property
     def kept(self) -> bool:
-        """Whether nothing is farther off than promised."""
-        return not self.load_error > self.promised
+        """Whether nothing is farther off than promised, as far as anything is. A contact that did not converge, where
+        something is promised, leaves that open: then not."""
+        return not self.load_error > self.promised and not (self.failed and math.isfinite(self.promised))
 
     @property
     def sentence(self) -> str:
@@ -91,10 +92,10 @@ class Audit:
             f"{self.load_error:.1e} of the largest ({promise}), worst at roller {worst.roller}; stiffness by "
             f"{self.stiffness_error[0]:.1e} radial, {self.stiffness_error[1]:.1e} axial"
         )
-        text += "" if self.kept else ": that is more than promised"
+        text += ": that is more than promised" if self.load_error > self.promised else ""
         return (
             text
-            + (f"; {self.failed} contacts did not converge" if self.failed else "")
+            + (f"; contacts of {self.failed} rollers did not converge, so that these are not audited" if self.failed else "")
             + (f"; {self.remark}" if self.remark else "")
         )
 
@@ -272,13 +273,18 @@ def _states(
             places = [float(away[i, j]) for i in under]
             cases.append(nodes.case_under(every[raceway], [spalls[i] for i in under], places))
             own += [scene.spalls.index(spalls[i]) for i in under]
-            side = -1.0 if places and places[0] < 0.0 else 1.0  # mirror images in the rolling direction are one contact
-            keys.append((raceway, f"{every[raceway]:.6e}", tuple(under), tuple(f"{side * p:.6f}" for p in places)))
+            keys.append(_key(raceway, every[raceway], under, places))
         states.append(_State(
             j, raceways, tuple(preparation.raceway_contact(scene, raceway) for raceway in raceways), tuple(cases),
             tuple(keys), tuple(own),
         ))  # fmt: skip
     return states
+
+
+def _key(raceway: Raceway, load: float, under: Sequence[int], places: Sequence[float]) -> tuple:
+    """Equal for contacts that are one: the same, or mirror images in the rolling direction."""
+    side = -1.0 if places and places[0] < 0.0 else 1.0
+    return raceway, f"{load:.6e}", tuple(under), tuple(f"{side * place:.6f}" for place in places)
 
 
 def _solved(states: Sequence[_State], accuracy: float, progress: Progress | None) -> list[tuple[Node, ...]]:

@@ -1,13 +1,14 @@
 """The audit: contacts solved afresh say how far a law is off, and find one that lies."""
 
 import dataclasses
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import report
+from difftrb import audit, nodes, report, status
 from difftrb.law import PowerLaw
 
 
@@ -77,3 +78,30 @@ def test_the_mean_is_audited_at_some_phases(scene: trb.Scene) -> None:
     audit = trb.verify(dataclasses.replace(scene, phase="mean"))
     assert len({each.phase for each in audit.rollers}) == 7
     assert audit.kept
+
+
+def test_mirror_images_are_one_contact() -> None:
+    """In the rolling direction. Between two spalls a roller has one on either side: that is no image of both on one."""
+    same = audit._key("outer", 900.0, (0, 1), (0.5, 0.25))
+    assert same == audit._key("outer", 900.0, (0, 1), (-0.5, -0.25))
+    assert same != audit._key("outer", 900.0, (0, 1), (0.5, -0.25))
+    assert same != audit._key("inner", 900.0, (0, 1), (0.5, 0.25))
+    assert same != audit._key("outer", 901.0, (0, 1), (0.5, 0.25))
+
+
+def test_contacts_that_do_not_converge_keep_no_promise(scene: trb.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not audited is not kept; and a law that promises nothing breaks nothing."""
+    solved = nodes.all_solved
+
+    def one_fails(*arguments: Any) -> list[nodes.Node]:
+        first, *others = solved(*arguments)
+        return [dataclasses.replace(first, status_code=status.NOT_CONVERGED), *others]
+
+    monkeypatch.setattr(nodes, "all_solved", one_fails)
+    found = trb.verify(scene)
+    assert found.failed == 1
+    assert found.load_error < found.promised
+    assert not found.kept
+    assert "contacts of 1 rollers did not converge" in found.sentence
+    assert "more than promised" not in found.sentence
+    assert dataclasses.replace(found, promised=np.nan).kept
