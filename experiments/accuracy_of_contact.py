@@ -1,4 +1,4 @@
-"""What a contact grid costs and how far it is from the truth: the measurements behind the cells of `contact.GRIDS`.
+"""What a contact grid costs and how far it is from the truth: the measurements behind the cells of `solver.GRIDS`.
 
 python experiments/accuracy_of_contact.py [CASES]   (default 40)
 
@@ -15,15 +15,15 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import track  # noqa: E402
-from rich.table import Table  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
 
-import difftrb as trb  # noqa: E402
-from difftrb import contact as contacts  # noqa: E402
-from difftrb.contact import Resolution  # noqa: E402
+import difftrb as trb
+from difftrb.contact import solver as contacts
+from difftrb.contact.solver import Resolution
 
 FINEST = Resolution(96, 96, 24)
 GRIDS = [*dict.fromkeys(g.cells for g in contacts.GRIDS.values()), Resolution(24, 20, 8), Resolution(48, 48, 12)]

@@ -1,5 +1,5 @@
 """How far strips are from far finer ones where a rolling edge stands anywhere on its way through the contact, and over
-spalls narrower than it: the measurements behind `contact.GRIDS`, and the way's hardest part apart.
+spalls narrower than it: the measurements behind `solver.GRIDS`, and the way's hardest part apart.
 
 python experiments/accuracy_of_strips.py [CASES] [ACCURACIES …]   (default 24 1e-2 1e-3 1e-4 3e-5)
 
@@ -18,18 +18,20 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import track  # noqa: E402
-from rich.table import Table  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
 
-import difftrb as trb  # noqa: E402
-from difftrb import compiling, nodes, strip_model  # noqa: E402
-from difftrb import contact as contacts  # noqa: E402
-from difftrb.direct import wide  # noqa: E402
-from difftrb.strip_model import Fineness  # noqa: E402
-from difftrb.waves import Frequencies  # noqa: E402
+import difftrb as trb
+from difftrb.contact import solver as contacts
+from difftrb.contact import strip_model
+from difftrb.contact.strip_fourier import Frequencies
+from difftrb.contact.strip_model import Fineness
+from difftrb.core import compiling
+from difftrb.law import samples
+from difftrb.law.direct import wide
 
 FINEST = Fineness(36, 14, 5, 2, 3, Frequencies(6, 18, 32, 32.0), Frequencies(6, 18, 200, 300.0))
 KINDS = {"edge": (0.0, 1.0), "sliver": (0.6, 0.985), "both": (0.1, 1.0)}
@@ -43,8 +45,8 @@ def random_cases(kind: str, count: int, contact: trb.LineContact) -> np.ndarray:
     rows = []
     for _ in range(count):
         load, length = 300.0 * 30.0 ** rng.random(), rng.uniform(1.0, 9.0)
-        over = nodes.solved(contact, nodes.Case(load, wide(trb.Spall(length, WIDTH))), 1e-3)
-        healthy = nodes.solved(contact, nodes.Case(load), 1e-3)
+        over = samples.solved(contact, samples.Case(load, wide(trb.Spall(length, WIDTH))), 1e-3)
+        healthy = samples.solved(contact, samples.Case(load), 1e-3)
         place = rng.uniform(*KINDS[kind])
         if kind == "both":
             width = 2.0 * over.reach * place

@@ -24,14 +24,15 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import track  # noqa: E402
-from rich.table import Table  # noqa: E402
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
 
-import difftrb as trb  # noqa: E402
-from difftrb import choice, geometry  # noqa: E402
-from difftrb.scene import Picked  # noqa: E402
+import difftrb as trb
+from difftrb.core import geometry
+from difftrb.scene import auto_law
+from difftrb.scene.scene import Picked
 
 ASKED = (1e-1, 1e-2, 3e-3, 1e-3)
 TRUTH = 1e-5
@@ -68,20 +69,20 @@ def scenes(count: int, seed: int) -> Iterator[trb.Scene]:
 
 def outcomes(scene: trb.Scene, asked: Sequence[float] = ASKED, truth: float = TRUTH) -> list[Outcome]:
     """One for every accuracy asked for."""
-    exact = choice.promised(trb.solve(choice.by_name(scene, "direct", truth)))
+    exact = auto_law.promised(trb.solve(auto_law.by_name(scene, "direct", truth)))
     found = []
     for x in asked:
         solution = trb.solve(dataclasses.replace(scene, accuracy=x))
         picked = solution.picked
         assert isinstance(picked, Picked)
-        error = choice.apart(choice.promised(solution), exact)
+        error = auto_law.apart(auto_law.promised(solution), exact)
         found.append(Outcome(x, float(picked.accuracy), float(picked.error), error))
     return found
 
 
-def refined(scene: trb.Scene, accuracies: Sequence[float] = (*choice.LADDER, TRUTH)) -> np.ndarray:
+def refined(scene: trb.Scene, accuracies: Sequence[float] = (*auto_law.LADDER, TRUTH)) -> np.ndarray:
     """What is promised by contacts of each accuracy, shape (accuracies, 3)."""
-    return np.array([choice.promised(trb.solve(choice.by_name(scene, "direct", a))) for a in accuracies])
+    return np.array([auto_law.promised(trb.solve(auto_law.by_name(scene, "direct", a))) for a in accuracies])
 
 
 def order(count: int, seed: int) -> None:

@@ -25,11 +25,12 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-import difftrb as trb  # noqa: E402
-from difftrb import effects as E  # noqa: E402
-from difftrb import geometry, hertz  # noqa: E402
-from difftrb.law import TABLE_2  # noqa: E402
-from difftrb.solution import solved  # noqa: E402
+import difftrb as trb
+from difftrb.contact import hertz
+from difftrb.core import geometry
+from difftrb.law.laws import TABLE_2
+from difftrb.ring import effects as E
+from difftrb.scene.solution import solved
 
 LAWS = ("power", "table", "direct", "liu2018", "palmgren", "auto")
 ROLLERS = (17,)

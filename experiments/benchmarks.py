@@ -15,12 +15,12 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import pytest  # noqa: E402
+import jax.numpy as jnp
+import pytest
 
-import difftrb as trb  # noqa: E402
-from difftrb import clock, store  # noqa: E402
-from difftrb.scene import LawName  # noqa: E402
+import difftrb as trb
+from difftrb.core import cache, machine
+from difftrb.scene.scene import LawName
 
 BATCH = 256
 SCENE = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),))
@@ -52,12 +52,12 @@ def timed(benchmark: Any, function: Callable[[], Any]) -> None:
 
 
 def test_yardstick(benchmark: Any) -> None:
-    timed(benchmark, clock.yardstick_work())
+    timed(benchmark, machine.yardstick_work())
 
 
 @by_law
 def test_prepare(benchmark: Any, law: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store, "keeping", False)
+    monkeypatch.setattr(cache, "keeping", False)
     timed(benchmark, lambda: trb.prepare(named(law)))
 
 

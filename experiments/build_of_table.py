@@ -16,13 +16,14 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
+import numpy as np
+from rich.console import Console
+from rich.table import Table
 
-import difftrb as trb  # noqa: E402
-from difftrb import store, table  # noqa: E402
-from difftrb.geometry import LineContact  # noqa: E402
+import difftrb as trb
+from difftrb.core import cache
+from difftrb.core.geometry import LineContact
+from difftrb.law import table
 
 LARGEST = 2000.0
 """About the largest roller load of the README's scene [N]."""
@@ -43,8 +44,8 @@ def measure(contact: LineContact, accuracy: float, folder: Path) -> dict[str, fl
     def law() -> table.TableLaw:
         return table.table_law(contact, LARGEST, SPALLS, accuracy)
 
-    with mock.patch.object(store, "folder", return_value=folder):
-        with mock.patch.object(store, "keeping", False):
+    with mock.patch.object(cache, "folder", return_value=folder):
+        with mock.patch.object(cache, "keeping", False):
             cold, warm = seconds(law), seconds(law)
         kept = law()
         first, *again = [seconds(law) for _ in range(10)]

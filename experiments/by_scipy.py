@@ -13,9 +13,11 @@ import numpy as np
 from scipy import optimize
 
 import difftrb as trb
-from difftrb import clock, curve, ramp, ring
-from difftrb.law import Law
-from difftrb.ramp import Carried
+from difftrb.core import machine
+from difftrb.law import edge_ramp, load_curve
+from difftrb.law.edge_ramp import Carried
+from difftrb.law.laws import Law
+from difftrb.ring import ring
 
 STEP = 1e-3
 """Of differences by a spall's sizes [mm]."""
@@ -39,7 +41,7 @@ def task(scene: trb.Scene) -> Task:
     normals = np.asarray(ring.directions(scene.bearing, _angles(scene)))
     force = np.array([scene.load.radial, 0.0, scene.load.axial], float)
     share = np.sum(force) / (normals.shape[0] * normals[0, 2])
-    alike = float(curve.approach(curve.of(_curves(scene).each, 1), jnp.asarray(share)))
+    alike = float(load_curve.approach(load_curve.of(_curves(scene).each, 1), jnp.asarray(share)))
     return Task(normals, force, np.array([0.0, 0.0, alike / normals[0, 2]]))
 
 
@@ -65,7 +67,7 @@ def _curves(scene: trb.Scene) -> Carried:
     return cast(Law, scene.law).curves(scene.spalls, ring.distances(scene.bearing, scene.spalls, _angles(scene)))
 
 
-_carried = jax.jit(ramp.carried)
+_carried = jax.jit(edge_ramp.carried)
 
 
 def in_numpy(scene: trb.Scene) -> Callable[[], Answer]:
@@ -119,6 +121,6 @@ def with_slopes(scene: trb.Scene, way: Callable[[trb.Scene], Callable[[], Answer
 def seconds(scene: trb.Scene) -> dict[str, tuple[float, float]]:
     """Of one ring, without and with derivatives, each way; medians."""
     return {
-        name: (clock.timed(way(scene), 21)[1], clock.timed(with_slopes(scene, way), 21)[1])
+        name: (machine.timed(way(scene), 21)[1], machine.timed(with_slopes(scene, way), 21)[1])
         for name, way in (("its curves in numpy", in_numpy), ("the law itself", on_law))
     }

@@ -29,19 +29,20 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.axes import Axes  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import Progress  # noqa: E402
-from rich.table import Table  # noqa: E402
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
 
-import difftrb as trb  # noqa: E402
-from difftrb import contact as contacts  # noqa: E402
-from difftrb import hertz, plot  # noqa: E402
-from difftrb.contact import GRIDS  # noqa: E402
-from difftrb.continuum import CONTACT, DEPTH, TRUTHS, WIDTH, Truth  # noqa: E402
+import difftrb as trb
+from difftrb.contact import hertz
+from difftrb.contact import solver as contacts
+from difftrb.contact.reference_cases import CONTACT, DEPTH, TRUTHS, WIDTH, Truth
+from difftrb.contact.solver import GRIDS
+from difftrb.report import plot
 
 OUT, IN = "rolling edges out of reach", "a rolling edge in the contact"
 CHOSEN = {

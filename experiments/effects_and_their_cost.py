@@ -18,14 +18,15 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import track  # noqa: E402
-from rich.table import Table  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
 
-import difftrb as trb  # noqa: E402
-from difftrb import effects, law  # noqa: E402
+import difftrb as trb
+from difftrb.law import laws
+from difftrb.ring import effects
 
 BEARING = trb.bearing("32008J")
 LOADS = {"combined": trb.Load(9000.0, 4500.0), "axial": trb.Load(0.0, 4500.0), "light": trb.Load(240.0, 120.0)}
@@ -43,7 +44,7 @@ class Row(NamedTuple):
     program: int
 
 
-def kinds(raceway_law: law.Law) -> dict[str, tuple[effects.Effect, ...]]:
+def kinds(raceway_law: laws.Law) -> dict[str, tuple[effects.Effect, ...]]:
     """The effects to compare, by what they are called."""
     series = effects.SeriesRaceways(None, raceway_law)
     deviations = tuple(float(v) for v in 1e-3 * np.random.default_rng(1).uniform(-0.5, 0.5, BEARING.rollers))
@@ -64,12 +65,12 @@ def kinds(raceway_law: law.Law) -> dict[str, tuple[effects.Effect, ...]]:
     }
 
 
-def scene(acting: tuple[effects.Effect, ...], load: trb.Load, roller_law: law.Law) -> trb.Scene:
+def scene(acting: tuple[effects.Effect, ...], load: trb.Load, roller_law: laws.Law) -> trb.Scene:
     """A spall of 6 × 7 mm under a centred roller."""
     if any(effect.key == "mounting" for effect in acting):
         load = trb.Load(load.radial, 0.0)
     if any(effect.key == "tilt" for effect in acting):
-        roller_law = law.Palmgren(BEARING.roller_length)
+        roller_law = laws.Palmgren(BEARING.roller_length)
     return trb.Scene(BEARING, load, (trb.Spall(6.0, 7.0),), roller_law, effects=acting)
 
 
@@ -95,7 +96,7 @@ def median_seconds(function: Callable[[], Any], repeats: int = 5) -> float:
     return statistics.median(times)
 
 
-def measure(name: str, acting: tuple[effects.Effect, ...], roller_law: law.Law, loads: Sequence[trb.Load], batch: int):
+def measure(name: str, acting: tuple[effects.Effect, ...], roller_law: laws.Law, loads: Sequence[trb.Load], batch: int):
     """Values for every load, and the costs."""
     lengths = jnp.linspace(5.0, 7.0, batch)
     every = jax.jit(jax.vmap(answers, in_axes=(0, None)))

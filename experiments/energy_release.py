@@ -16,17 +16,17 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import matplotlib  # noqa: E402
+import matplotlib
 
 matplotlib.use("Agg")
 
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import track  # noqa: E402
-from rich.table import Table  # noqa: E402
+import matplotlib.pyplot as plt
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
 
-import difftrb as trb  # noqa: E402
+import difftrb as trb
 
 LANDS = (32, 48, 64, 96, 128)
 CASES = ((2500.0, 4.0), (500.0, 4.0), (8000.0, 4.0), (2500.0, 1.0), (2500.0, 8.0))  # load [N], length [mm]

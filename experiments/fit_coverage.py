@@ -24,11 +24,12 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
+import matplotlib.pyplot as plt
+import numpy as np
 
-import difftrb as trb  # noqa: E402
-from difftrb import fitting, plot  # noqa: E402
+import difftrb as trb
+from difftrb.fits import fitting
+from difftrb.report import plot
 
 SPALL = trb.Spall(4.0, 7.0)
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))

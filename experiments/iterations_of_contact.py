@@ -4,8 +4,8 @@ python experiments/iterations_of_contact.py [--fine]   (--fine adds 128 columns 
 
 Two measures, both relative to the approach: its own error against the exact forces of that grid (the first step from
 which on it stays below), and the largest violation of the contact conditions in any cell (the first step that meets
-it). From the solver's own start, by its own steps; it goes on to `press.GOAL`. A step applies the influence once, and
-once more where it ends on forces that would be tension.
+it). From the solver's own start, by its own steps; it goes on to `projected_gradient.GOAL`. A step applies the
+influence once, and once more where it ends on forces that would be tension.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import track  # noqa: E402
-from rich.table import Table  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
 
-import difftrb as trb  # noqa: E402
-from difftrb import contact as contacts  # noqa: E402
-from difftrb import gap as gaps  # noqa: E402
-from difftrb import halfspace, press  # noqa: E402
-from difftrb.contact import Resolution  # noqa: E402
+import difftrb as trb
+from difftrb.contact import gap as gaps
+from difftrb.contact import halfspace, projected_gradient
+from difftrb.contact import solver as contacts
+from difftrb.contact.solver import Resolution
 
 GRIDS = (Resolution(16, 8, 4), Resolution(32, 16, 8), Resolution(64, 28, 12))
 FINE = Resolution(128, 48, 16)
@@ -62,14 +62,16 @@ def histories(contact: trb.LineContact, grid: Resolution, rows: np.ndarray, coun
         spall = trb.Spall(case[1], case[2])
         cells, _, gap = contacts._stage(contact, case[0], spall, case[3], grid, True)
         matrix = halfspace.influence(cells, jnp.asarray(contact.modulus))
-        guess = press.first_guess(cells.area, gap, gaps.first_level(cells, contact.radius))
-        exact = press.press_from(guess, matrix, gap, case[0])[1]
-        s = press.scaled(guess, matrix, gap, case[0])
-        step, start = press.descent(s.W, s.gap, s.share)
+        guess = projected_gradient.first_guess(cells.area, gap, gaps.first_level(cells, contact.radius))
+        exact = projected_gradient.press_from(guess, matrix, gap, case[0])[1]
+        s = projected_gradient.scaled(guess, matrix, gap, case[0])
+        step, start = projected_gradient.descent(s.W, s.gap, s.share)
 
-        def record(state: press.Descent, _: None) -> tuple[press.Descent, tuple[jax.Array, jax.Array]]:
+        def record(
+            state: projected_gradient.Descent, _: None
+        ) -> tuple[projected_gradient.Descent, tuple[jax.Array, jax.Array]]:
             state = step(state)
-            approach, violation = press.violation(state.force, state.lifted + s.gap)
+            approach, violation = projected_gradient.violation(state.force, state.lifted + s.gap)
             return state, (jnp.abs(approach * s.length / exact - 1.0), violation)
 
         return jax.lax.scan(record, start, None, length=count)[1]

@@ -14,11 +14,11 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
 
-import difftrb as trb  # noqa: E402
-from difftrb import geometry  # noqa: E402
+import difftrb as trb
+from difftrb.core import geometry
 
 LAWS = ("table", "power", "liu2018")
 

@@ -13,14 +13,14 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.axes import Axes  # noqa: E402
-from matplotlib.patches import Arc, Circle, Polygon, Rectangle, Wedge  # noqa: E402
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Arc, Circle, Polygon, Rectangle, Wedge
 
-import difftrb as trb  # noqa: E402
-from difftrb import plot  # noqa: E402
+import difftrb as trb
+from difftrb.report import plot
 
 
 def loss_over_length(scene: trb.Scene, ax: Axes) -> None:

@@ -22,20 +22,23 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import Progress  # noqa: E402
-from rich.table import Table  # noqa: E402
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
 
-import difftrb as trb  # noqa: E402
-from difftrb import accuracy, clock, plot, preparation, scenefile  # noqa: E402
-from difftrb.accuracy_plot import WAYS  # noqa: E402
-from difftrb.law import Law  # noqa: E402
-from difftrb.rungs import Rung  # noqa: E402
-from experiments import by_scipy  # noqa: E402
-from experiments.paper import clipped, common  # noqa: E402
+import difftrb as trb
+from difftrb.accuracy import comparison
+from difftrb.accuracy.accuracy_plot import WAYS
+from difftrb.accuracy.ladder import Rung
+from difftrb.core import machine
+from difftrb.law.laws import Law
+from difftrb.report import plot
+from difftrb.scene import preparation, scene_file
+from experiments import by_scipy
+from experiments.paper import clipped, common
 
 RUNGS = tuple(
     Rung("ring", way, a)
@@ -63,7 +66,7 @@ class Row:
     each: float | None
 
 
-def own_rows(measured: accuracy.Measured) -> list[Row]:
+def own_rows(measured: comparison.Measured) -> list[Row]:
     """difftrb's."""
     return [
         Row("difftrb", row.rung.name, row.error, row.again, row.single, row.each)
@@ -79,11 +82,11 @@ def by_paper(contact: trb.LineContact, reach: float, size: tuple[int, int]) -> t
         found = clipped.approaches(contact, loads, lengths, reach, size)
         return common.as_law(clipped.power_fit(clipped.LOADS, np.asarray(found)), clipped.LOADS)
 
-    return clock.timed(fit, 3)
+    return machine.timed(fit, 3)
 
 
 def peer_rows(
-    scene: trb.Scene, measured: accuracy.Measured, scipy_on: tuple[str, ...] = ("table 1e-3", "power 1e-3"),
+    scene: trb.Scene, measured: comparison.Measured, scipy_on: tuple[str, ...] = ("table 1e-3", "power 1e-3"),
     size: tuple[int, int] = clipped.PAPER_GRID,
 ) -> list[Row]:  # fmt: skip
     """scipy's on laws that difftrb made and measured, and the paper's."""
@@ -92,7 +95,7 @@ def peer_rows(
     exact = np.array([truth.values["radial_stiffness"], truth.values["axial_stiffness"]])
 
     def row(solver: str, setting: str, law: Law, seconds: float) -> Row:
-        (stiffness, _), each = clock.timed(by_scipy.in_numpy(dataclasses.replace(scene, law=law)), 21)
+        (stiffness, _), each = machine.timed(by_scipy.in_numpy(dataclasses.replace(scene, law=law)), 21)
         found = np.diag(stiffness)[[0, 2]]
         return Row(solver, setting, float(np.max(np.abs(found / exact - 1.0))), seconds, each, None)
 
@@ -154,10 +157,10 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all rows")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write the figure, PNG and SVG")
     given = parser.parse_args()
-    file = scenefile.parse(scenefile.example("spall"))
+    file = scene_file.parse(scene_file.example("spall"))
     with Progress(transient=True) as progress:
         task = progress.add_task("laws")
-        measured = accuracy.measure(
+        measured = comparison.measure(
             file, rungs=RUNGS, limit=np.inf, batch=BATCH,
             progress=lambda done, total: progress.update(task, completed=done, total=total + 1),
         )  # fmt: skip

@@ -19,16 +19,17 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import track  # noqa: E402
-from rich.table import Table  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
 
-import difftrb as trb  # noqa: E402
-from difftrb import contact as contacts  # noqa: E402
-from difftrb import hertz, status  # noqa: E402
-from difftrb.contact import Resolution  # noqa: E402
+import difftrb as trb
+from difftrb.contact import hertz
+from difftrb.contact import solver as contacts
+from difftrb.contact.solver import Resolution
+from difftrb.core import status
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 3e-5, 1e-5)
 FINEST = Resolution(96, 96, 24)

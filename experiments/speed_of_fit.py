@@ -17,18 +17,18 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import numpy as np  # noqa: E402
-from scipy import optimize  # noqa: E402
+import numpy as np
+from scipy import optimize
 
-import difftrb as trb  # noqa: E402
-from difftrb import fitting, least_squares, observed, unknowns  # noqa: E402
+import difftrb as trb
+from difftrb.fits import fitting, least_squares, parameters, predicted
 
 LOADS = ((9000.0, 4500.0), (6000.0, 4500.0), (3000.0, 4500.0))
 TRUTH = trb.Spall(5.0, 9.0)
 NOISE = 0.01
 
 
-def problem_of(scene: trb.Scene) -> tuple[observed.Problem, list[trb.Measurement]]:
+def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measurement]]:
     """Twelve rows of the prepared scene with the true spall, with noise, and their least squares."""
     rows = [
         trb.Measurement(radial, axial, quantity, 1.0, 1.0, None, phase)  # type: ignore[arg-type]
@@ -36,10 +36,10 @@ def problem_of(scene: trb.Scene) -> tuple[observed.Problem, list[trb.Measurement
         for phase in (0.0, "mean")
         for quantity in ("radial_loss", "axial_loss")
     ]
-    todo, sought = observed.plan(scene, rows), unknowns.bounded(scene, rows, ("length", "width"))
+    todo, sought = predicted.plan(scene, rows), parameters.bounded(scene, rows, ("length", "width"))
     blank = np.ones(len(rows))
-    sound = observed.healthy_stiffness(scene, todo)
-    exact = observed.Problem(sought, scene, todo, blank, blank, sound, 0.0, 0)  # type: ignore[arg-type]
+    sound = predicted.healthy_stiffness(scene, todo)
+    exact = predicted.Problem(sought, scene, todo, blank, blank, sound, 0.0, 0)  # type: ignore[arg-type]
     there = sought.coordinates(np.array([[TRUTH.length, TRUTH.width]]))  # type: ignore[arg-type]
     told = fitting.evaluated(exact, np.asarray(there)).told[0][0]
     sigma = NOISE * told
@@ -50,7 +50,7 @@ def problem_of(scene: trb.Scene) -> tuple[observed.Problem, list[trb.Measurement
     return dataclasses.replace(exact, measured=seen, sigma=sigma), rows
 
 
-def ours(problem: observed.Problem, starts: np.ndarray) -> np.ndarray:
+def ours(problem: predicted.Problem, starts: np.ndarray) -> np.ndarray:
     """The best values of all starts here."""
     every = np.ones_like(starts, bool)
     found = fitting.solved(
@@ -59,15 +59,15 @@ def ours(problem: observed.Problem, starts: np.ndarray) -> np.ndarray:
     return np.asarray(problem.unknowns.values(found.place[np.argmin(found.cost)]))
 
 
-_residual = jax.jit(observed.residual)
+_residual = jax.jit(predicted.residual)
 
 
-def compiled(problem: observed.Problem) -> Callable[[np.ndarray], np.ndarray]:
+def compiled(problem: predicted.Problem) -> Callable[[np.ndarray], np.ndarray]:
     """The residuals by coordinates, for scipy."""
     return lambda u: np.asarray(_residual(problem, u))
 
 
-def scipys(problem: observed.Problem, starts: np.ndarray, residual: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def scipys(problem: predicted.Problem, starts: np.ndarray, residual: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """The best values of all starts by scipy."""
 
     def one(start: np.ndarray) -> optimize.OptimizeResult:
@@ -88,7 +88,7 @@ def compared(law: str, repeats: int) -> dict[str, float]:
     """Seconds of each way by name, and by how much their answers differ."""
     rough = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (trb.Spall(3.0, 5.0),), law)
     scene = trb.prepare(rough)
-    found: list[tuple[observed.Problem, list[trb.Measurement]]] = []
+    found: list[tuple[predicted.Problem, list[trb.Measurement]]] = []
     first = timed(lambda: found.append(problem_of(scene)))
     problem, rows = found[0]
     starts = fitting.start_places(problem.unknowns, scene, fitting.STARTS)

@@ -17,13 +17,13 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
 
-import difftrb as trb  # noqa: E402
-from difftrb.law import Law  # noqa: E402
-from difftrb.scene import LawName  # noqa: E402
-from experiments import by_scipy  # noqa: E402
+import difftrb as trb
+from difftrb.law.laws import Law
+from difftrb.scene.scene import LawName
+from experiments import by_scipy
 
 PIECE = 500
 """Scenes of the batch that are computed at once: curves of all 10 000 do not fit into a core's cache, which takes

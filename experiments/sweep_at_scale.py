@@ -32,15 +32,18 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-import difftrb as trb  # noqa: E402
-from difftrb import chunks, environment, outputs, plot, scenefile, sweep_plot, sweeping  # noqa: E402
-from difftrb.devices import lanes_of  # noqa: E402
-from difftrb.plan import MOST_MEMBERS, Plan, labelled  # noqa: E402
+import difftrb as trb
+from difftrb.core import jax_config
+from difftrb.core.devices import lanes_of
+from difftrb.report import plot
+from difftrb.scene import scene_file
+from difftrb.sweeps import chunks, outputs, sweep_plot, sweeping
+from difftrb.sweeps.plan import MOST_MEMBERS, Plan, labelled
 
 NAMES, SIZES = ("radial_stiffness", "axial_stiffness"), ("spall.0.length", "spall.0.width")
-FILE = f"""{scenefile.example("spall")}
+FILE = f"""{scene_file.example("spall")}
 [contact]
 law = "liu2018"
 [sweep]
@@ -67,7 +70,7 @@ def plan(members: int, law: str, batch: int | None = None) -> Plan:
 
 def child(members: int, law: str, devices: int) -> dict[str, float]:
     """Measured in this process: seconds of `chunks.run` in all and since the first chunk was there, megabytes."""
-    environment.set_up_jax(cache=True)
+    jax_config.set_up_jax(cache=True)
     made = plan(members, law)
     marks: list[tuple[float, float, int]] = []
 

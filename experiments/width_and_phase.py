@@ -14,11 +14,11 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
 
-import difftrb as trb  # noqa: E402
-from difftrb import geometry  # noqa: E402
+import difftrb as trb
+from difftrb.core import geometry
 
 WIDTH = 5.0
 STEP = 0.1
@@ -70,7 +70,7 @@ def draw(lines: dict[str, np.ndarray], widths: np.ndarray, folder: Path) -> None
     """All lines in one figure."""
     import matplotlib.pyplot as plt
 
-    from difftrb import plot
+    from difftrb.report import plot
 
     _, ax = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
     for (name, line), colour in zip(lines.items(), ("#CCBB44", "#EE6677", "#BBBBBB", "#4477AA"), strict=True):

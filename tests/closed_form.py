@@ -4,7 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import gap, nodes, status
+from difftrb.contact import gap
+from difftrb.core import status
+from difftrb.law import samples
 
 
 def half_width(contact, load):
@@ -62,5 +64,5 @@ def _by_form(contact, load, spall, distance):
 def closed_form(contact, case, accuracy):
     arguments = contact, jnp.asarray(float(case.load)), case.spall, jnp.asarray(float(case.distance))
     value, (by_contact, by_load, by_spall, by_distance), width, end = _by_form(*arguments)
-    slopes = np.array(nodes.inputs(by_contact, by_spall, by_distance))
-    return nodes.Node(float(value), float(by_load), slopes, status.CONVERGED, float(width), float(end))
+    slopes = np.array(samples.inputs(by_contact, by_spall, by_distance))
+    return samples.Node(float(value), float(by_load), slopes, status.CONVERGED, float(width), float(end))

@@ -1,4 +1,4 @@
-"""Tests by kind, one folder each: exact, order, gradient, literature, hard, scene."""
+"""Tests lie in rooms as the package does; their kinds are markers: exact, order, gradient, literature, hard."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +9,10 @@ import pytest
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-import difftrb as trb  # noqa: E402
+import difftrb as trb
+from difftrb.core import cache
+from difftrb.law import samples
+from tests.closed_form import closed_form
 
 MAPS = Path("/proc/self/maps")
 
@@ -42,3 +45,16 @@ def power(contact: trb.LineContact) -> trb.PowerLaw:
 def scene(bearing: trb.TaperedBearing, power: trb.PowerLaw) -> trb.Scene:
     """The main job's bearing, load and spall, with a prepared law."""
     return trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law=power)
+
+
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list]:
+    """The solver replaced by the closed form, the cache by an empty folder; the number of solves so far."""
+    patch = pytest.MonkeyPatch()
+    solves = []
+    patch.setattr(samples, "solved", lambda *a: (solves.append(a), closed_form(*a))[1])
+    folder = tmp_path_factory.mktemp("cache")
+    patch.setattr(cache, "folder", lambda: folder)
+    patch.setattr(cache, "keeping", True)  # whatever ran before
+    yield solves
+    patch.undo()

@@ -14,18 +14,18 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import curve
-from difftrb.geometry import LineContact
-from difftrb.law import TABLE_2
+from difftrb.core.geometry import LineContact
+from difftrb.law import load_curve
+from difftrb.law.laws import TABLE_2
 from experiments.paper import clipped, common
 from experiments.paper.common import Printed, Progress, Result
 
 GOALS = np.array([0.03, 0.003, 0.003])
 """What Table 2 is to be met to: K by itself, n, the largest error of the fit."""
 COARSE = (160, 20)
-REACHES = tuple(curve.chebyshev(9, 0.5, 1.5).tolist())
-DESIGN_LOADS = tuple(curve.chebyshev(5, 4500.0, 8500.0).tolist())
-NODES = np.asarray(curve.chebyshev(9, np.log(800.0), np.log(15000.0)))
+REACHES = tuple(load_curve.chebyshev(9, 0.5, 1.5).tolist())
+DESIGN_LOADS = tuple(load_curve.chebyshev(5, 4500.0, 8500.0).tolist())
+NODES = np.asarray(load_curve.chebyshev(9, np.log(800.0), np.log(15000.0)))
 LOWEST, HIGHEST = (1000.0, 1500.0, 2000.0, 3000.0), (7000.0, 8000.0, 9000.0, 10000.0, 12000.0, 15000.0)
 RANGES = tuple(
     (low, high, even)
@@ -86,14 +86,14 @@ def scan(contact: LineContact, progress: Progress, done: int, total: int) -> Sca
             ))  # fmt: skip
         progress(done + i + 1, total)
     by_reach, by_design = (
-        np.asarray(curve.weights(jnp.asarray(at), jnp.asarray(to)))
+        np.asarray(load_curve.weights(jnp.asarray(at), jnp.asarray(to)))
         for at, to in zip((REACHES, DESIGN_LOADS), FINE, strict=True)
     )
     between = np.einsum("ri,dk,iklq->rdlq", by_reach, by_design, solved)
     miss = np.full((*between.shape[:2], len(RANGES)), np.inf)
     for j, chosen in enumerate(RANGES):
         loads = loads_of(*chosen)
-        approach = np.exp(between @ np.asarray(curve.weights(jnp.asarray(NODES), jnp.asarray(np.log(loads)))).T)
+        approach = np.exp(between @ np.asarray(load_curve.weights(jnp.asarray(NODES), jnp.asarray(np.log(loads)))).T)
         miss[..., j] = (misses(clipped.power_fit(loads, approach)) / GOALS).max(axis=-1)
     return Scan(miss)
 

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.patches import Rectangle
 
 import difftrb as trb
-from difftrb import hertz
+from difftrb.contact import hertz
 from experiments.paper import clipped, common
 from experiments.paper.common import FAILS, HOLDS, ONLY_IF, Claim, Progress, Result
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 import difftrb as trb
-from difftrb import effects, geometry
+from difftrb.core import geometry
+from difftrb.ring import effects
 from experiments.paper import common
 from experiments.paper.common import FAILS, HEAVY, HOLDS, LENGTHS, LIGHT, ONLY_IF, Claim, Progress, Result
 

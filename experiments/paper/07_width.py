@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import difftrb as trb
-from difftrb import geometry
+from difftrb.core import geometry
 from experiments.paper import common
 from experiments.paper.common import FAILS, HOLDS, ONLY_IF, Claim, Printed, Progress, Result
 

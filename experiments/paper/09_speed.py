@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import difftrb as trb
-from difftrb import effects, geometry
+from difftrb.core import geometry
+from difftrb.ring import effects
 from experiments.paper import common
 from experiments.paper.common import HEAVY, LIGHT, ONLY_IF, Claim, Progress, Result
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import difftrb as trb
-from difftrb import geometry
+from difftrb.core import geometry
 from experiments.paper import clipped, common
 from experiments.paper.common import HEAVY, Progress, Result
 

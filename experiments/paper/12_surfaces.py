@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from difftrb import effects, geometry
+from difftrb.core import geometry
+from difftrb.ring import effects
 from experiments.paper import common
 from experiments.paper.common import HEAVY, HOLDS, ONLY_IF, Claim, Progress, Result
 

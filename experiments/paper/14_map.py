@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import difftrb as trb
-from difftrb import geometry
+from difftrb.core import geometry
 from experiments.paper import common
 from experiments.paper.common import HEAVY, Progress, Result
 

@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb import gap as gaps
-from difftrb import hertz, lattice, press
-from difftrb.geometry import LineContact, Real, Spall
-from difftrb.halfspace import Cells
+from difftrb.contact import gap as gaps
+from difftrb.contact import hertz, projected_gradient, uniform_grid
+from difftrb.contact.halfspace import Cells
+from difftrb.core.geometry import LineContact, Real, Spall
 
 PAPER_GRID = (400, 40)
 """Rows along the roller, columns across it: the grid of the paper's pressure figure."""
@@ -56,8 +56,8 @@ def solve(
     if spall is not None:
         gap = gap + gaps.depression(cells, spall, offset)
     lowest = jnp.min(gap)
-    matrix = lattice.influence(cells, jnp.asarray(contact.modulus))
-    force, approach, residual, _ = press.press_by(
+    matrix = uniform_grid.influence(cells, jnp.asarray(contact.modulus))
+    force, approach, residual, _ = projected_gradient.press_by(
         matrix, cells.area, gap - lowest, load, gaps.first_level(cells, contact.radius)
     )
     return Uniform(approach + lowest, force / cells.area, cells, residual)

@@ -13,19 +13,23 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from cycler import cycler  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from cycler import cycler
+from matplotlib.figure import Figure
 
-import difftrb as trb  # noqa: E402
-from difftrb import effects, plot, report, solution, status, table  # noqa: E402
-from difftrb.environment import set_up_jax  # noqa: E402
-from difftrb.geometry import Raceway, Real  # noqa: E402
-from difftrb.law import Law  # noqa: E402
-from difftrb.scene import PitchMean  # noqa: E402
-from experiments.paper import clipped  # noqa: E402
+import difftrb as trb
+from difftrb.core import status
+from difftrb.core.geometry import Raceway, Real
+from difftrb.core.jax_config import set_up_jax
+from difftrb.law import table
+from difftrb.law.laws import Law
+from difftrb.report import plot, run_report
+from difftrb.ring import effects
+from difftrb.scene import solution
+from difftrb.scene.scene import PitchMean
+from experiments.paper import clipped
 
 LENGTHS = (0.0, 2.0, 4.0, 6.0, 8.0)
 """Spall lengths of Table 2 [mm]."""
@@ -137,7 +141,7 @@ def write(result: Result, out: Path, name: str) -> None:
     """The numbers of a result, and its part of the page, as `name`.json."""
     out.mkdir(parents=True, exist_ok=True)
     content = {
-        "title": result.title, "numbers": _rounded(report.plain(result.numbers)),
+        "title": result.title, "numbers": _rounded(run_report.plain(result.numbers)),
         "claims": [dataclasses.asdict(claim) for claim in result.claims],
         "printed": [dataclasses.asdict(row) for row in result.printed], "beyond": result.beyond, "page": result.page,
     }  # fmt: skip

@@ -13,7 +13,7 @@ from typing import Any
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from difftrb import status
+from difftrb.core import status
 from experiments.paper import common
 from experiments.stability import cases, mutations, random_contacts, scenes
 
@@ -85,7 +85,7 @@ def page(numbers: dict[str, Any], folder: str) -> str:
         "# Hard cases",
         "What happens where numbers, loads and files are as bad as they can be. Made by `python -m "
         "experiments.stability`; the hazards are one list, `experiments/stability/hazards.py`, which "
-        "`tests/hard/test_hazards.py` holds.",
+        "`tests/scene/test_hazards.py` holds.",
     ]
     if "hazards" in numbers:
         parts += [

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import difftrb as trb
-from difftrb import status
+from difftrb.core import status
 from experiments.stability.hazards import (
     BEARING,
     CONTACTS,

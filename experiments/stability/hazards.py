@@ -1,6 +1,6 @@
 """Every hazard by name: what is hard about it, the numbers that make it so, and what has to come of it.
 
-One list for the page and for the tests (tests/hard/test_hazards.py).
+One list for the page and for the tests (tests/scene/test_hazards.py).
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 
 import difftrb as trb
-from difftrb import geometry, hertz, ring, status
+from difftrb.contact import hertz
+from difftrb.core import geometry, status
+from difftrb.ring import ring
 
 BEARING = trb.bearing("32008J")
 CONTACT = trb.LineContact.of(BEARING, "outer", 6500.0)

@@ -17,9 +17,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from difftrb import measured, scenefile, sweepfile
-from difftrb.measured import COLUMNS, MeasuredError
-from difftrb.scenefile import SceneError
+from difftrb.fits import measured
+from difftrb.fits.measured import COLUMNS, MeasuredError
+from difftrb.scene import scene_file
+from difftrb.scene.scene_file import SceneError
+from difftrb.sweeps import sweep_file
 
 HOSTILE = (
     "nan", "-nan", "inf", "-inf", "1e400", "-1e400", "1e308", "-1e308", "5e-324", "0", "-0.0", "-1", "1e-300", "4e9",
@@ -211,7 +213,7 @@ TABLES: dict[str, Mutation] = {
 
 # ------------------------------------------------------------------------------------------------------------- answers
 
-_TEXTS = "\n".join(re.sub(r"#.*", "", scenefile.example(name)) for name in scenefile.example_names())
+_TEXTS = "\n".join(re.sub(r"#.*", "", scene_file.example(name)) for name in scene_file.example_names())
 KEYS = {"bearing", *re.findall(r"(\w+)\s*=", _TEXTS), *re.findall(r"^\[+(\w+)", _TEXTS, re.MULTILINE)}
 """Of packaged scenes."""
 
@@ -237,7 +239,7 @@ class Answer:
 def files(count: int, seed: int) -> list[File]:
     """Three scenes to one table, with one to three changes each; one in thirty not in UTF-8."""
     rng, made = random.Random(seed), []
-    bases = [(scenefile.example(name), True) for name in scenefile.example_names()]
+    bases = [(scene_file.example(name), True) for name in scene_file.example_names()]
     for k in range(count):
         text, scene = rng.choice(bases) if k % 4 else (measured.example(), False)
         ways = SCENES if scene else TABLES
@@ -255,18 +257,18 @@ def files(count: int, seed: int) -> list[File]:
 
 def _read_scene(path: Path) -> None:
     """All that the command line does to a scene file before it computes."""
-    file = scenefile.read(path)
-    for check in (scenefile.check_contact, scenefile.check_ring):
+    file = scene_file.read(path)
+    for check in (scene_file.check_contact, scene_file.check_ring):
         try:
             check(file, path)
         except SceneError as error:
             refused = error
         else:
             refused = None
-        if refused is not None and check is scenefile.check_ring:
+        if refused is not None and check is scene_file.check_ring:
             raise refused
     if b"[sweep]" in path.read_bytes():
-        sweepfile.read(path)
+        sweep_file.read(path)
     for leaf in jax.tree.leaves(file.scene()):
         assert np.isfinite(np.asarray(leaf, float)).all()
 

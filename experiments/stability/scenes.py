@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import difftrb as trb
-from difftrb import geometry, ring, status
-from difftrb.geometry import Spall, TaperedBearing
-from difftrb.law import Law, Palmgren
-from difftrb.scene import Definition
+from difftrb.core import geometry, status
+from difftrb.core.geometry import Spall, TaperedBearing
+from difftrb.law.laws import Law, Palmgren
+from difftrb.ring import ring
+from difftrb.scene.scene import Definition
 from experiments.stability.hazards import BEARING
 
 

@@ -13,61 +13,57 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from difftrb import effects
-    from difftrb.audit import Audit, verify
-    from difftrb.axes import SweepError
-    from difftrb.choice import prepare
-    from difftrb.chunks import write_sweep
-    from difftrb.contact import solve_contact
-    from difftrb.contact_slopes import approach_slopes
-    from difftrb.contact_solution import ContactSolution
-    from difftrb.edge_stress import EdgeStress, edge_stresses
-    from difftrb.fitted import Fit
-    from difftrb.fitting import fit
-    from difftrb.gathered import load_sweep
-    from difftrb.geometry import LineContact, Spall, TaperedBearing, bearing
-    from difftrb.heightmap import HeightMap, HeightMapError, example_map, load_height_map
-    from difftrb.intensity import EdgeIntensity, edge_intensity
-    from difftrb.law import PowerLaw, liu2018, power_law
-    from difftrb.line import LineSolution, line_contact
-    from difftrb.measured import MeasuredError, Measurement, load_measured
-    from difftrb.optimal_design import Suggestion, next_measurements
-    from difftrb.ring import Load
-    from difftrb.scene import Scene, healthy
-    from difftrb.scenefile import load_scene
-    from difftrb.solution import Solution
-    from difftrb.solving import Assessment, assess, solve
-    from difftrb.status import SceneError, SolveError
-    from difftrb.sweeping import sweep
-    from difftrb.swept import Swept
+    from difftrb.contact.contact_slopes import approach_slopes
+    from difftrb.contact.contact_solution import ContactSolution
+    from difftrb.contact.height_map import HeightMap, HeightMapError, example_map, load_height_map
+    from difftrb.contact.solver import solve_contact
+    from difftrb.contact.stress_intensity import EdgeIntensity, edge_intensity
+    from difftrb.core.geometry import LineContact, Spall, TaperedBearing, bearing
+    from difftrb.core.status import DifftrbError, SceneError, SolveError, SweepError
+    from difftrb.fits.fit_result import Fit
+    from difftrb.fits.fitting import fit
+    from difftrb.fits.measured import MeasuredError, Measurement, load_measured
+    from difftrb.fits.optimal_design import Suggestion, next_measurements
+    from difftrb.law.laws import PowerLaw, liu2018, power_law
+    from difftrb.ring import effects
+    from difftrb.ring.ring import Load
+    from difftrb.scene.audit import Audit, verify
+    from difftrb.scene.auto_law import prepare
+    from difftrb.scene.edge_stress import EdgeStress, edge_stresses
+    from difftrb.scene.scene import Scene, healthy
+    from difftrb.scene.scene_file import load_scene
+    from difftrb.scene.solution import Solution
+    from difftrb.scene.solving import Assessment, assess, solve
+    from difftrb.sweeps.chunks import write_sweep
+    from difftrb.sweeps.gathered import load_sweep
+    from difftrb.sweeps.sweep_result import Swept
+    from difftrb.sweeps.sweeping import sweep
 
 _HOMES = {
-    "audit": ("Audit", "verify"),
-    "choice": ("prepare",),
-    "contact": ("solve_contact",),
-    "contact_slopes": ("approach_slopes",),
-    "contact_solution": ("ContactSolution",),
-    "fitting": ("fit",),
-    "edge_stress": ("EdgeStress", "edge_stresses"),
-    "fitted": ("Fit",),
-    "intensity": ("EdgeIntensity", "edge_intensity"),
-    "geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
-    "heightmap": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),
-    "law": ("PowerLaw", "liu2018", "power_law"),
-    "line": ("LineSolution", "line_contact"),
-    "measured": ("MeasuredError", "Measurement", "load_measured"),
-    "optimal_design": ("Suggestion", "next_measurements"),
-    "ring": ("Load",),
-    "scene": ("Scene", "healthy"),
-    "scenefile": ("load_scene",),
-    "solution": ("Solution",),
-    "solving": ("Assessment", "assess", "solve"),
-    "status": ("SceneError", "SolveError"),
-    "axes": ("SweepError",),
-    "chunks": ("write_sweep",),
-    "gathered": ("load_sweep",),
-    "sweeping": ("sweep",),
-    "swept": ("Swept",),
+    "scene.audit": ("Audit", "verify"),
+    "scene.auto_law": ("prepare",),
+    "contact.solver": ("solve_contact",),
+    "contact.contact_slopes": ("approach_slopes",),
+    "contact.contact_solution": ("ContactSolution",),
+    "fits.fitting": ("fit",),
+    "scene.edge_stress": ("EdgeStress", "edge_stresses"),
+    "fits.fit_result": ("Fit",),
+    "contact.stress_intensity": ("EdgeIntensity", "edge_intensity"),
+    "core.geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
+    "contact.height_map": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),
+    "law.laws": ("PowerLaw", "liu2018", "power_law"),
+    "fits.measured": ("MeasuredError", "Measurement", "load_measured"),
+    "fits.optimal_design": ("Suggestion", "next_measurements"),
+    "ring.ring": ("Load",),
+    "scene.scene": ("Scene", "healthy"),
+    "scene.scene_file": ("load_scene",),
+    "scene.solution": ("Solution",),
+    "scene.solving": ("Assessment", "assess", "solve"),
+    "core.status": ("DifftrbError", "SceneError", "SolveError", "SweepError"),
+    "sweeps.chunks": ("write_sweep",),
+    "sweeps.gathered": ("load_sweep",),
+    "sweeps.sweeping": ("sweep",),
+    "sweeps.sweep_result": ("Swept",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -78,7 +74,7 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         return metadata.version("difftrb")  # pyproject.toml's
     if name == "effects":
-        return importlib.import_module("difftrb.effects")
+        return importlib.import_module("difftrb.ring.effects")
     if name not in _HOME_OF:
         raise AttributeError(f"module 'difftrb' has no attribute {name!r}")
     return getattr(importlib.import_module(f"difftrb.{_HOME_OF[name]}"), name)

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import difftrb
-from difftrb import terminal
-from difftrb.environment import set_up_jax
-from difftrb.folders import write_folder
+from difftrb.core import terminal
+from difftrb.core.atomic_io import write_folder
+from difftrb.core.jax_config import set_up_jax
 
 EXIT_OK, EXIT_NO_SOLUTION, EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_PIPE = 0, 1, 2, 130, 141
 
@@ -26,18 +26,19 @@ def main(arguments: list[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal without µ and █ gets question marks, not a traceback
     set_up_jax(options.cache)
-    from difftrb import measured, scenefile, store
-    from difftrb.axes import SweepError
-    from difftrb.status import SolveError
+    from difftrb.core import cache
+    from difftrb.core.status import SolveError, SweepError
+    from difftrb.fits import measured
+    from difftrb.scene import scene_file
 
-    store.keeping = options.cache
+    cache.keeping = options.cache
     try:
         return options.command(options)
-    except scenefile.NoEquilibriumError as error:
+    except scene_file.NoEquilibriumError as error:
         return _refuse(error, EXIT_NO_SOLUTION)
     except SolveError as error:
         return _refuse(error, EXIT_NO_SOLUTION)
-    except (scenefile.SceneError, measured.MeasuredError, SweepError) as error:
+    except (scene_file.SceneError, measured.MeasuredError, SweepError) as error:
         return _refuse(error, EXIT_BAD_FILE)
     except KeyboardInterrupt:
         return _refuse("interrupted", EXIT_INTERRUPTED)
@@ -114,25 +115,26 @@ def _refuse(reason: object, code: int) -> int:
 
 
 def _read(options: Any) -> tuple[Any, str]:
-    from difftrb import scenefile
+    from difftrb.scene import scene_file
 
     if options.scene is None:
         name = "contact" if options.command is _contact else "spall"
-        return scenefile.parse(scenefile.example(name), name), name
-    return scenefile.read(options.scene), options.scene
+        return scene_file.parse(scene_file.example(name), name), name
+    return scene_file.read(options.scene), options.scene
 
 
 def _run(options: Any) -> int:
     import jax
 
-    from difftrb import light_load, report, scenefile
-    from difftrb.audit import verify
-    from difftrb.choice import prepare
-    from difftrb.edge_stress import edge_stresses
-    from difftrb.solving import assess
+    from difftrb.report import run_report
+    from difftrb.scene import light_load, scene_file
+    from difftrb.scene.audit import verify
+    from difftrb.scene.auto_law import prepare
+    from difftrb.scene.edge_stress import edge_stresses
+    from difftrb.scene.solving import assess
 
     file, path = _read(options)
-    scenefile.check_ring(file, path)
+    scene_file.check_ring(file, path)
     _remark(light_load.of_scene(file), path)
     started = time.perf_counter()
     if file.contact.law in ("table", "direct", "auto"):
@@ -148,20 +150,20 @@ def _run(options: Any) -> int:
     if options.verify and bool(result.spalled.converged):
         with terminal.bar("solving the rollers' contacts afresh") as progress:
             checked = verify(scene, result.spalled, progress)
-    record = report.run_json(scene, result, time.perf_counter() - started, edges, checked)
+    record = run_report.run_json(scene, result, time.perf_counter() - started, edges, checked)
 
     def figures(folder: Path) -> None:
-        from difftrb import plot
+        from difftrb.report import plot
 
         plot.save(plot.load_distribution(result, scene), folder, "load_distribution")
         plot.save(plot.stiffness_bars(result, scene)[0], folder, "stiffness")
-        pressed = scenefile.contact_under_spall(file, result.spalled)
+        pressed = scene_file.contact_under_spall(file, result.spalled)
         if bool(pressed.converged):
             plot.save(plot.pressure_map(pressed), folder, "pressure")
         else:
             print(f"difftrb: {path}: no pressure map: {pressed.status}", file=sys.stderr)
 
-    code = _deliver(options, path, record, lambda: report.run_text(scene, result, edges, checked), figures)
+    code = _deliver(options, path, record, lambda: run_report.run_text(scene, result, edges, checked), figures)
     if code == EXIT_OK and checked is not None and not checked.kept:
         return _refuse(f"{path}: the audit does not confirm what is promised", EXIT_NO_SOLUTION)
     return code
@@ -170,38 +172,43 @@ def _run(options: Any) -> int:
 def _contact(options: Any) -> int:
     import jax
 
-    from difftrb import light_load, report, scenefile
-    from difftrb.contact_slopes import approach_and_slopes
+    from difftrb.contact.contact_slopes import approach_and_slopes
+    from difftrb.report import run_report
+    from difftrb.scene import light_load, scene_file
 
     file, path = _read(options)
-    scenefile.check_contact(file, path)
+    scene_file.check_contact(file, path)
     _remark(light_load.of_contact(file), path)
     started = time.perf_counter()
     with terminal.busy("solving the contact"):
         solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
-    record = report.contact_json(solution, slopes, time.perf_counter() - started)
+    record = run_report.contact_json(solution, slopes, time.perf_counter() - started)
 
     def figures(folder: Path) -> None:
-        from difftrb import plot
+        from difftrb.report import plot
 
         plot.save(plot.pressure_map(solution), folder, "pressure")
 
-    return _deliver(options, path, record, lambda: report.contact_text(solution, slopes), figures)
+    return _deliver(options, path, record, lambda: run_report.contact_text(solution, slopes), figures)
 
 
 def _accuracy(options: Any) -> int:
-    from difftrb import accuracy, accuracy_report, light_load, rungs, scenefile
+    from difftrb.accuracy import accuracy_report, comparison, ladder
+    from difftrb.scene import light_load, scene_file
 
     if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
-        raise scenefile.SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
+        raise scene_file.SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
     file, path = _read(options)
     _remark(light_load.of_scene(file), path)
-    ways, limit = (rungs.FULL, float("inf")) if options.full else (rungs.RUNGS, accuracy.LIMIT)
+    ways, limit = (ladder.FULL, float("inf")) if options.full else (ladder.RUNGS, comparison.LIMIT)
     with terminal.bar("measuring what accuracy costs") as progress:
-        measured = accuracy.measure(file, path, ways, options.accuracy, limit, progress=progress, thorough=options.full)
+        measured = comparison.measure(
+            file, path, ways, options.accuracy, limit, progress=progress, thorough=options.full
+        )
 
     def figures(folder: Path) -> None:
-        from difftrb import accuracy_plot, plot
+        from difftrb.accuracy import accuracy_plot
+        from difftrb.report import plot
 
         if any(row.error > 0.0 for row in measured.rows):
             plot.save(accuracy_plot.work_precision(measured), folder, "accuracy")
@@ -211,12 +218,13 @@ def _accuracy(options: Any) -> int:
 
 
 def _fit(options: Any) -> int:
-    from difftrb import fit_report, light_load, measured, scenefile
-    from difftrb.fitting import fit, prepare_fit
-    from difftrb.optimal_design import next_measurements
+    from difftrb.fits import fit_report, measured
+    from difftrb.fits.fitting import fit, prepare_fit
+    from difftrb.fits.optimal_design import next_measurements
+    from difftrb.scene import light_load, scene_file
 
     file, path = _read(options)
-    scenefile.check_ring(file, path)
+    scene_file.check_ring(file, path)
     rows = measured.load_measured(options.measured)
     _remark(light_load.of_rows(file.bearing, rows), options.measured)
     names = [name.strip() for name in options.parameters.split(",")]
@@ -230,7 +238,8 @@ def _fit(options: Any) -> int:
     record = fit_report.fit_json(result, suggestions, time.perf_counter() - started)
 
     def figures(folder: Path) -> None:
-        from difftrb import fit_plot, plot
+        from difftrb.fits import fit_plot
+        from difftrb.report import plot
 
         plot.save(fit_plot.fit_panels(result), folder, "fit")
 
@@ -238,13 +247,15 @@ def _fit(options: Any) -> int:
 
 
 def _sweep(options: Any) -> int:
-    from difftrb import chunks, devices, forecast, light_load, report, sweepfile
+    from difftrb.core import devices
+    from difftrb.scene import light_load
+    from difftrb.sweeps import chunks, forecast, sweep_file
 
     folder: Path = options.out
     if folder is None and not options.dry_run:
         return _refuse("sweep needs --out DIR, or --dry-run", EXIT_BAD_FILE)
     devices.join(options.coordinator, options.processes, options.process)  # before anything is computed
-    file = sweepfile.read(options.scene)
+    file = sweep_file.read(options.scene)
     if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
         _remark((light_load.of_contact if file.of_contact else light_load.of_scene)(file.scene), options.scene)
     with terminal.bar("preparing the roller law") as progress:
@@ -263,12 +274,13 @@ def _sweep(options: Any) -> int:
         except OSError as error:
             reason = f"{error.filename}: {error.strerror or error}: {ended.file.name} is whole, figures are missing"
             return _refuse(f"{reason}; make room or allow writing there, and go on with --resume", EXIT_BAD_FILE)
-        print(report.sweep_text(ended, folder))
+        print(ended.sentence(folder))
     return EXIT_OK if ended.failed == 0 else EXIT_NO_SOLUTION
 
 
 def _draw_sweep(swept: Any, folder: Path) -> None:
-    from difftrb import plot, sweep_plot
+    from difftrb.report import plot
+    from difftrb.sweeps import sweep_plot
 
     for name in swept.values:
         if not swept.own_dims[name]:
@@ -276,10 +288,10 @@ def _draw_sweep(swept: Any, folder: Path) -> None:
 
 
 def _say_picked(base: Any) -> None:
-    from difftrb import report
+    from difftrb.report import run_report
 
     if (picked := getattr(base, "picked", None)) is not None:
-        _say(report.picked_text(picked))
+        _say(run_report.picked_text(picked))
 
 
 def _remark(sentence: str | None, path: str) -> None:
@@ -293,10 +305,10 @@ def _say(sentence: str) -> None:
 
 
 def _check(options: Any) -> int:
-    from difftrb import light_load, scenefile
+    from difftrb.scene import light_load, scene_file
 
-    file = scenefile.read(options.scene)
-    scenefile.check_ring(file, options.scene)
+    file = scene_file.read(options.scene)
+    scene_file.check_ring(file, options.scene)
     _remark(light_load.of_scene(file), options.scene)
     spalls = f"{len(file.spall)} spall{'s' if len(file.spall) != 1 else ''}" if file.spall else "healthy"
     print(f"{options.scene}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
@@ -305,10 +317,11 @@ def _check(options: Any) -> int:
 
 
 def _example(options: Any) -> int:
-    from difftrb import measured, scenefile
-    from difftrb.files import shown
+    from difftrb.core.files import shown
+    from difftrb.fits import measured
+    from difftrb.scene import scene_file
 
-    files = {name: scenefile.example(name) for name in scenefile.example_names()} | {"measured": measured.example()}
+    files = {name: scene_file.example(name) for name in scene_file.example_names()} | {"measured": measured.example()}
     if options.name is None:
         for name, text in files.items():
             print(f"{name:16s} {text.splitlines()[0].removeprefix('# ')}")

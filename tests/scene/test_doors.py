@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb import checks, effects, geometry, measured, scenefile, status
+from difftrb.core import geometry, status
+from difftrb.fits import measured
+from difftrb.ring import effects
+from difftrb.scene import checks, scene_file
 
 BEARING = trb.bearing("32008J")
 LOAD = trb.Load(9000.0, 4500.0)
@@ -116,7 +119,7 @@ def as_file(made: trb.Scene, more: dict) -> dict:
 def test_what_files_refuse_is_refused_in_the_same_sentence(name: str) -> None:
     made, more = AS_FILES[name]
     with pytest.raises(trb.SceneError) as caught:
-        scenefile.check_ring(scenefile.from_content(as_file(made, more), "a.toml"), "a.toml")
+        scene_file.check_ring(scene_file.from_content(as_file(made, more), "a.toml"), "a.toml")
     assert str(caught.value) == f"a.toml: {refused(made)}"
 
 
@@ -163,7 +166,7 @@ def test_what_no_file_can_hold_gets_one_sentence(name: str) -> None:
 def test_a_height_map_is_refused_as_in_a_file() -> None:
     height = trb.HeightMap(jnp.zeros((3, 3)), 0.1, 0.1)
     with pytest.raises(trb.SceneError) as caught:
-        scenefile.check_ring(scenefile.parse(scenefile.example("map"), "map"), "map")
+        scene_file.check_ring(scene_file.parse(scene_file.example("map"), "map"), "map")
     assert str(caught.value) == f"map: {refused(scene(height))}"
     assert refused(dataclasses.replace(scene(), spalls=height)) == refused(scene(height))
 
@@ -179,7 +182,7 @@ def test_names_one_spall_and_lists_are_taken() -> None:
 
 
 def test_there_is_one_error() -> None:
-    assert trb.SceneError is scenefile.SceneError is status.SceneError
+    assert trb.SceneError is scene_file.SceneError is status.SceneError
     assert issubclass(trb.SceneError, ValueError)
 
 
@@ -297,10 +300,10 @@ def test_rows_are_checked_as_files_are(changed: dict, words: str) -> None:
 
 def test_a_law_for_one_scene_ends_where_contacts_do(monkeypatch) -> None:
     """Of 1.1 roller lengths "direct" said that it had converged, stiffer than the healthy bearing."""
-    from difftrb import direct
+    from difftrb.law import direct
     from tests.closed_form import closed_form
 
-    monkeypatch.setattr("difftrb.nodes.solved", closed_form)
+    monkeypatch.setattr("difftrb.law.samples.solved", closed_form)
     contact = trb.LineContact.of(BEARING)
     for length, code in ((11.6, status.CONVERGED), (11.62, status.UNKNOWN_LENGTH), (12.5, status.UNKNOWN_LENGTH)):
         law = direct.without_edges(contact, 2000.0, (trb.Spall(length, 7.0),))

@@ -1,0 +1,1 @@
+"""What accuracy costs in time, on this machine and for this scene."""

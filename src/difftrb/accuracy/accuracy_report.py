@@ -1,0 +1,155 @@
+"""What accuracy costs, for people (text) and for machines (JSON)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from difftrb.accuracy import timing
+from difftrb.accuracy.comparison import Measured
+from difftrb.accuracy.ladder import Kind, Row
+from difftrb.contact import reference_cases
+from difftrb.report import run_report
+
+KINDS: tuple[Kind, ...] = ("ring", "contact")
+ERRORS_SHOWN = {"radial_stiffness": "radial", "axial_stiffness": "axial", "load": "load", "by_length": "length",
+                "by_width": "width"}  # fmt: skip
+
+TIMES: dict[Kind, dict[str, Callable[[Row], float]]] = {
+    "ring": {
+        "first": lambda row: row.first, "again": lambda row: row.again, "solve": lambda row: row.single,
+        "batch": lambda row: row.each, "slopes": lambda row: row.each_with_gradient,
+    },
+    "contact": {"first": lambda row: row.first, "solve": lambda row: row.single},
+}  # fmt: skip
+
+
+def accuracy_json(measured: Measured) -> dict[str, Any]:
+    """What accuracy costs: every rung's times [s], memory [MiB], values [N, mm] and relative errors. `yardsticks` is
+    the time of a new scene or contact by that of the yardstick."""
+
+    def entry(row: Row | None) -> dict[str, Any] | None:
+        return None if row is None else {
+            "way": row.rung.way, "accuracy": None if row.rung.size else row.rung.accuracy, "size": row.rung.size,
+            "status": row.status, "error": row.error,
+            "errors": row.errors, "values": row.values, "first": row.first, "again": row.again, "single": row.single,
+            "each": row.each, "each_with_gradient": row.each_with_gradient, "new": row.seconds,
+            "yardsticks": row.seconds / measured.yardstick, "memory": row.memory, "device": measured.device,
+            "there": row.there, "continuum": row.continuum,
+        }  # fmt: skip
+
+    truths = [measured.truth(kind) for kind in KINDS]
+    sentences = (row.status for row in measured.rows if row.status != "converged")
+    failed = next(sentences, "no way to compute it was measured that others can be compared with")
+    return run_report.plain({
+        "status": "converged" if any(truths) else failed,
+        "converged": any(truths),
+        "asked": measured.asked,
+        "recommended": entry(measured.recommended),
+        "finer": entry(measured.finer),
+        **{kind: [entry(row) for row in measured.of(kind)] for kind in KINDS},
+        "truth": {kind: entry(truth) for kind, truth in zip(KINDS, truths, strict=True)},
+        "left_out": measured.left_out,
+        "yardstick": measured.yardstick,
+        "device": measured.device,
+        "cores": measured.cores,
+        "one_core": measured.one_core and dict(zip(("each", "each_with_gradient"), measured.one_core, strict=True)),
+        "accelerator": measured.accelerator,
+        "importing": measured.importing,
+        "seconds": measured.seconds,
+    })  # fmt: skip
+
+
+def accuracy_text(measured: Measured) -> RenderableType:
+    """What accuracy costs, for people: a table for the ring, one for the contact, and the rung to take."""
+    parts: list[RenderableType] = []
+    for kind in KINDS:
+        rows = measured.of(kind)
+        names = [n for n in ERRORS_SHOWN if any(math.isfinite(row.errors.get(n, math.nan)) for row in rows)]
+        if kind == "contact":
+            names = ["approach"]
+        if not rows:
+            continue
+        table = run_report.house_table({"ring": "Ring, by roller law", "contact": "One contact, by method"}[kind])
+        table.padding = 0  # ten columns on a page
+        table.add_column("", no_wrap=True)
+        for name in names:
+            table.add_column(ERRORS_SHOWN.get(name, "error of approach"), justify="right", no_wrap=True)
+        columns = [(heading, _duration, get) for heading, get in TIMES[kind].items()]
+        if kind == "contact":
+            columns.append(("continuum", _error, lambda row: row.continuum))
+        elif measured.accelerator is not None:
+            columns.append(("there", _duration, lambda row: row.there))
+        columns = [column for column in columns if any(math.isfinite(column[2](row)) for row in rows)]
+        for heading, *_ in columns:
+            table.add_column(heading, justify="right", no_wrap=True)
+        truth = measured.truth(kind)
+        for row in rows:
+            own = [row.errors.get(name, math.nan) for name in names]
+            errors = ["±" * (row is truth and math.isfinite(error)) + _error(error) for error in own]
+            table.add_row(row.rung.name, *errors, *(shown(get(row)) for _, shown, get in columns))
+        parts.append(table)
+    return Group(*parts, *(Text(line) for line in _accuracy_lines(measured)))
+
+
+def _accuracy_lines(measured: Measured) -> list[str]:
+    lines = []
+    for kind in KINDS:
+        truth = measured.truth(kind)
+        if truth is not None and math.isfinite(truth.error):
+            lines.append(
+                f"{kind}: errors are from {truth.rung.name}, which is ± its own difference from the next finest"
+            )
+        elif measured.of(kind):
+            lines.append(f"{kind}: too few rungs to know how good they are")
+    best, finer = measured.recommended, measured.finer
+    if best is None:
+        lines.append(f"no law is known to have stiffness within {measured.asked:g}")
+    else:
+        lines.append(
+            f"for stiffness within {measured.asked:g} take {best.rung.name}: error {_error(best.error)}, "
+            f"{_duration(best.seconds)} for a new scene ({best.seconds / measured.yardstick:.3g} yardsticks)"
+        )
+        if finer is not None:
+            lines.append(f"more exact: {finer.rung.name}, error {_error(finer.error)}, {_duration(finer.seconds)}")
+    if measured.one_core is not None:
+        each, slopes = measured.one_core
+        lines.append(f"on one core alone a batch takes {each:.2g} times as long, with derivatives {slopes:.2g} times")
+    reasons: dict[str, list[str]] = {}
+    for name, reason in measured.left_out.items():
+        reasons.setdefault(reason, []).append(name)
+    lines += [f"left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
+    if any(math.isfinite(row.continuum) for row in measured.rows):
+        lines.append(
+            f"continuum: the largest error on {len(reference_cases.TRUTHS)} contacts with a known continuum solution"
+        )
+    if measured.accelerator is not None:
+        lines.append(f"there: one of a batch of {timing.BATCH_THERE} on {measured.accelerator}")
+    memory = max(row.memory for row in measured.rows)
+    return [
+        *lines,
+        "first: until the first result, with programs compiled that no rung before had; again: the law made anew, "
+        "compiled; solve: the scene by that law; batch: one of a batch; slopes: one, with derivatives by length and "
+        "width",
+        f"on {measured.device}, {measured.cores} cores; yardstick {_duration(measured.yardstick)}; difftrb imported in "
+        f"{_duration(measured.importing)}; memory {run_report.number(memory, '.0f')} MiB; measured in "
+        f"{_duration(measured.seconds)}",
+    ]
+
+
+def _error(value: float) -> str:
+    return run_report.number(value, ".1e").replace("e-0", "e-").replace("e+00", "")
+
+
+def _duration(value: float) -> str:
+    """Two digits and a unit."""
+    if not math.isfinite(value):
+        return "–"
+    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if value >= 0.995 * scale or unit == "µs":
+            return f"{float(f'{value / scale:.2g}'):g} {unit}"
+    raise AssertionError

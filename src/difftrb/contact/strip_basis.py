@@ -1,0 +1,221 @@
+"""Rows along the roller: a piecewise linear line load, and the integrals of K₀(κ|y−y'|) over pairs of its hats."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.core import bickley
+
+# Hats that overlap take the kernel's integrals from zero; others do below this κ [1/half-width], above they take them
+# from infinity, which for them is the same. Small hats would else be lost in rounding.
+LOW = 0.02
+THIN = 3  # so many hats at either end of a group are thin beside their distance from the other end and the middle
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["lines"], meta_fields=["middle", "edge"])
+@dataclasses.dataclass(frozen=True)
+class Rows:
+    """Hats that peak on `lines`, shape (panels + 1,), increasing.
+
+    On the border beside a spall's `edge` ("low", "high", "both" or "none") line load may jump: half a hat peaks there.
+    On other borders it is zero: no hat. With `middle` the first line is the roller's middle and has a hat that goes on
+    into its mirror image.
+    """
+
+    lines: jax.Array
+    middle: bool
+    edge: Literal["low", "high", "both", "none"]
+
+    @property
+    def borders(self) -> tuple[bool, bool]:
+        """Whether there is half a hat on the first and on the last line."""
+        return self.edge in ("low", "both"), self.edge in ("high", "both")
+
+    @property
+    def count(self) -> int:
+        """Number of hats."""
+        return self.lines.shape[0] - 2 + self.middle + sum(self.borders)
+
+    @property
+    def peaks(self) -> jax.Array:
+        """Where the hats peak, shape (hats,)."""
+        return self.hats(self.lines[1:-1], self.lines[0], self.lines[-1])
+
+    def hats(self, inner: jax.Array, first: jax.Array, last: jax.Array) -> jax.Array:
+        """One value for every hat, of those given for inner lines and for the border lines, where they have one."""
+        low, high = self.borders
+        return jnp.concatenate([first[None]] * (low or self.middle) + [inner] + [last[None]] * high)
+
+
+def graded(start: jax.Array, end: jax.Array, count: int, at_start: float, at_end: float) -> jax.Array:
+    """`count` + 1 lines from `start` to `end`; their distance from either grows there like the given power."""
+    u = np.linspace(0.0, 1.0, count + 1)
+    share = u**at_start / (u**at_start + (1.0 - u) ** at_end) if at_start > 1.0 else 1.0 - (1.0 - u) ** at_end
+    return start + (end - start) * jnp.asarray(share)
+
+
+def integrals(rows: Rows, function: Callable[[jax.Array], jax.Array]) -> jax.Array:
+    """∫ hat f dy of every hat, shape (hats,), by six Gauss points on each panel."""
+    x, w = np.polynomial.legendre.leggauss(6)
+    x, w = 0.5 * (x + 1.0), 0.5 * w
+    steps = jnp.diff(rows.lines)
+    values = function(rows.lines[:-1, None] + steps[:, None] * x[None, :]) * steps[:, None]
+    falling, rising = values @ (w * (1.0 - x)), values @ (w * x)
+    return rows.hats(rising[:-1] + falling[1:], falling[0], rising[-1])
+
+
+def weights(groups: tuple[Rows, ...]) -> jax.Array:
+    """∫ hat dy of every hat of all groups, shape (hats,)."""
+    return jnp.concatenate([integrals(rows, jnp.ones_like) for rows in groups])
+
+
+def shares(rows: Rows, borders: jax.Array) -> jax.Array:
+    """∫ hat dy between neighbouring `borders`, shape (hats, len(borders) - 1)."""
+    u = jnp.clip((borders[None] - rows.lines[:-1, None]) / jnp.diff(rows.lines)[:, None], 0.0, 1.0)
+    rising, falling = 0.5 * u * u, u - 0.5 * u * u
+    parts = [jnp.diff(f * jnp.diff(rows.lines)[:, None], axis=-1) for f in (rising, falling)]
+    return rows.hats(parts[0][:-1] + parts[1][1:], parts[1][0], parts[0][-1])
+
+
+def mass(groups: tuple[Rows, ...]) -> jax.Array:
+    """∫ hat hat dy, shape (hats, hats); groups do not overlap."""
+    blocks = []
+    for rows in groups:
+        steps = jnp.diff(rows.lines)
+        own = rows.hats((steps[:-1] + steps[1:]) / 3.0, steps[0] / 3.0, steps[-1] / 3.0)
+        low, high = rows.borders
+        beside = steps[0 if low or rows.middle else 1 : len(steps) if high else len(steps) - 1] / 6.0
+        blocks.append(jnp.diag(own) + jnp.diag(beside, 1) + jnp.diag(beside, -1))
+    return jax.scipy.linalg.block_diag(*blocks)
+
+
+def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax.Array:
+    """∬ hat(y) hat(y') K₀(κ|y−y'|) dy dy', shape (hats, hats, κ); with y' also mirrored about 0 if asked.
+
+    A hat is a second difference: the integral is two of them of K₀'s fourth antiderivative at the lines; half a hat
+    takes its slope at the border too, which stands as one more point, at which the antiderivative is one order lower.
+    """
+    at_lines, at_borders = (
+        jax.scipy.linalg.block_diag(*part) for part in zip(*[_stencil(rows) for rows in groups], strict=True)
+    )
+    borders = [rows.lines[np.flatnonzero(rows.borders) * -1] for rows in groups]
+    points = jnp.concatenate([*(_points(rows) for rows in groups), *borders])
+    stencil = jnp.concatenate([at_lines, at_borders], axis=1)
+    later, earlier, images, back = _pairs(points.shape[0], mirrored)
+    slope = np.arange(points.shape[0]) >= at_lines.shape[1]  # whether a point stands for a slope
+    orders = 4 - slope[later].astype(int) - slope[earlier]
+    distance = points[later] - images * points[earlier]
+    sign = jnp.where(orders == 3, jnp.sign(distance), np.where(orders == 2, -images, 1.0))
+
+    # thin hats far from each other would be lost in rounding: then they are points
+    overlap, thin = _overlaps(groups, mirrored), _far_and_thin(groups, mirrored)
+    weight = weights(groups)
+    image = np.array([1.0, -1.0] if mirrored else [1.0])[:, None, None]
+    place = jnp.concatenate([integrals(rows, lambda y: y) for rows in groups]) / weight
+    at = np.nonzero(thin)
+    apart = jnp.abs(place[None, :, None] - image * place[None, None])[at]
+    first, second = weight[at[1]], weight[at[2]]
+    far = apart > 16.0 * jnp.maximum(first, second)
+
+    k = kappa[:, None]
+    parts = [(n, np.flatnonzero(orders == n)) for n in sorted(set(orders.tolist()))]
+    found = [bickley.integrals_k0(n, k * jnp.abs(distance[at])[None]) for n, at in parts]
+    order_of_parts = np.argsort(np.concatenate([at for _, at in parts]))[back]
+    per = jnp.concatenate([sign[None, at] / k**n for n, at in parts], axis=1)
+
+    def over_hats(f: jax.Array) -> jax.Array:
+        return jnp.einsum("ia,...ab,jb->...ij", stencil, (per * f)[..., order_of_parts], stencil)
+
+    from_zero, from_infinity = (jnp.concatenate(f, axis=1) for f in zip(*found, strict=True))
+    from_zero_or_infinity = jnp.where(k < LOW, from_zero, from_infinity)
+    result = jnp.where((overlap | thin)[None], over_hats(from_zero), over_hats(from_zero_or_infinity))
+    as_points = bickley.integrals_k0(0, k * jnp.where(far, apart, 1.0)[None])[0] * (first * second)[None]
+    result = result.at[:, *at].set(jnp.where(far[None], as_points, result[:, *at]))
+    return jnp.sum(result, axis=1).transpose(1, 2, 0)
+
+
+def _far_and_thin(groups: tuple[Rows, ...], mirrored: bool) -> np.ndarray:
+    """Pairs of the thinnest hats at different ends of one group, or one and another's mirror image.
+
+    Shape (images, hats, hats).
+    """
+    total = sum(rows.count for rows in groups)
+    far, first = np.zeros((1 + mirrored, total, total), bool), 0
+    thin = np.zeros(total, bool)
+    for rows in groups:
+        low, high = np.zeros(total, bool), np.zeros(total, bool)
+        low[first : first + THIN] = not rows.middle
+        high[first + rows.count - THIN : first + rows.count] = True
+        far[0] |= np.outer(low, high) | np.outer(high, low)
+        thin |= low | high
+        first += rows.count
+    if mirrored:
+        far[1] = np.outer(thin, thin)
+    return far
+
+
+def _pairs(count: int, mirrored: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of points, each once: the later, the earlier, 1 or (its mirror image) −1; and where to find every pair.
+
+    Shapes (pairs,), thrice, and (images, count, count).
+    """
+    later, earlier = np.tril_indices(count)
+    back = np.zeros((count, count), int)
+    back[later, earlier] = back[earlier, later] = np.arange(later.size)
+    images = np.array([1.0, -1.0] if mirrored else [1.0])
+    return (
+        np.tile(later, images.size),
+        np.tile(earlier, images.size),
+        np.repeat(images, later.size),
+        np.stack([back + i * later.size for i in range(images.size)]),
+    )
+
+
+def _points(rows: Rows) -> jax.Array:
+    return jnp.concatenate([-rows.lines[1:2], rows.lines]) if rows.middle else rows.lines
+
+
+def _stencil(rows: Rows) -> tuple[jax.Array, jax.Array]:
+    """The matrices that take f at the points, and f' at borders with half a hat, to ∫ hat f'' dy."""
+    steps = jnp.diff(_points(rows))
+    here = np.arange(steps.shape[0])
+    slopes = jnp.zeros((len(here), len(here) + 1)).at[here, here].set(-1.0 / steps).at[here, here + 1].set(1.0 / steps)
+    none = jnp.zeros((1, len(here) + 1))
+    low, high = rows.borders
+    stencil = jnp.diff(jnp.concatenate([none] * low + [slopes] + [none] * high), axis=0)
+    at_borders = np.zeros((rows.count, low + high))
+    if low:
+        at_borders[0, 0] = -1.0
+    if high:
+        at_borders[-1, -1] = 1.0
+    return (stencil.at[0].multiply(0.5) if rows.middle else stencil), jnp.asarray(at_borders)
+
+
+def _overlaps(groups: tuple[Rows, ...], mirrored: bool) -> np.ndarray:
+    """Which pairs of hats overlap or meet at an edge, and which a hat and the mirror image of another.
+
+    Shape (images, hats, hats).
+    """
+    total = sum(rows.count for rows in groups)
+    overlap = np.zeros((1 + mirrored, total, total), bool)
+    first, lows, highs = 0, [], []
+    for rows in groups:
+        i = np.arange(rows.count)
+        block = slice(first, first + rows.count)
+        overlap[0, block, block] = np.abs(i[:, None] - i) <= 1
+        if mirrored and rows.middle:
+            overlap[1, block, block] = i[:, None] + i <= 1
+        low, high = rows.borders
+        lows += [first, first + 1] * low
+        first += rows.count
+        highs += [first - 2, first - 1] * high
+    for a, b in ((lows, highs), (highs, lows)):
+        overlap[0, np.asarray(a, int)[:, None], np.asarray(b, int)] = True
+    return overlap

@@ -1,0 +1,101 @@
+"""Arrays on disk, whole or not at all; and those that take seconds to make, kept in the user's cache folder."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+import jax
+import numpy as np
+import platformdirs
+
+Arrays = dict[str, np.ndarray]
+SCRATCH = ".part"
+NUMERICS = 1
+"""Version of the numbers that are kept on disk. Raise it when contact solves or tables change in more than their last
+digits: a test compares some of them (`test_same_numbers.py`)."""
+
+keeping = True
+"""Whether anything is read from or written to disk; the command line's --no-cache makes it False."""
+
+
+def folder() -> Path:
+    """Where results are kept: `tables` in the user's cache folder of difftrb."""
+    return Path(platformdirs.user_cache_dir("difftrb")) / "tables"
+
+
+def key(numbers: Iterable[float]) -> str:
+    """A name for what is made of `numbers` by this `NUMERICS`, this JAX and this numpy."""
+    digest = hashlib.sha256(f"numerics {NUMERICS} jax {jax.__version__} numpy {np.__version__}".encode())
+    digest.update(np.asarray(list(numbers), float).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def kept(name: str, make: Callable[[], Arrays]) -> Arrays:
+    """The arrays stored under `name`, or what `make` returns, stored for the next time.
+
+    A file that is damaged, or was cut short, is made again. Nothing is said if there is nowhere to write.
+    """
+    if not keeping:
+        return make()
+    path = folder() / f"{name}.npz"
+    found = read(path)
+    if found is None:
+        found = make()
+        with contextlib.suppress(OSError):
+            write(path, found)
+    return found
+
+
+def read(path: Path, names: Sequence[str] | None = None) -> Arrays | None:
+    """What `write` wrote, or the arrays of these `names` of it.
+
+    None if the file is not there, cut short or changed: every array has a checksum.
+    """
+    try:
+        with open(path, "rb") as whole, np.load(whole, allow_pickle=False) as file:
+            return {entry: file[entry] for entry in (file.files if names is None else names)}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):  # each one met with a file cut or changed
+        return None
+
+
+def write(path: Path, arrays: Arrays) -> None:
+    """All or nothing: a reader never sees half a file, whoever else writes. Equal arrays make equal bytes."""
+    with replacing(path) as scratch, open(scratch, "wb") as file:
+        np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A scratch file beside `path` that takes its place when the block ends well, and is removed when it does not.
+
+    What a killed process left (`leftovers`) is named after `path`.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, scratch = tempfile.mkstemp(dir=path.parent, prefix=f"{path.name}-", suffix=SCRATCH)
+    os.close(handle)
+    try:
+        yield Path(scratch)
+        os.chmod(scratch, 0o666 & ~_umask())  # mkstemp's files are their owner's alone
+        os.replace(scratch, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(scratch)
+        raise
+
+
+def leftovers(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Scratch files in a folder that nobody finished, if nobody writes there now, each after the name it was for."""
+    for scratch in folder.glob(f"*-*{SCRATCH}"):
+        yield scratch.name.rpartition("-")[0], scratch
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

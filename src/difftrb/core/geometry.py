@@ -1,0 +1,276 @@
+"""Material and tapered-roller bearing: the maker's numbers in; cones, radii, angles and masses out.
+
+All three cones (outer raceway, inner raceway, roller) share one apex on the bearing axis, which is what makes a
+tapered roller roll without slip. Lengths in mm, angles in rad, modulus in MPa, mass in kg.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from annotated_types import Interval, Unit
+
+from difftrb.core import pytrees
+
+Tree = TypeVar("Tree")
+Raceway = Literal["outer", "inner"]
+if TYPE_CHECKING:
+    Real = float | jax.Array
+    """A number: a float when it comes from a file, an array or a tracer when computed with."""
+else:
+    Real = float  # what a file may hold
+
+FILE_RULES = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
+"""How a dataclass is read from a file: unknown keys, numbers as text, NaN and infinity are refused."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TaperedBearing:
+    """A tapered roller bearing by the entries of Liu et al. 2018, Table 1.
+
+    Every float is a leaf of the pytree, so `jax.grad` by any of them works; `rollers` is static.
+
+    Attributes:
+      roller_small_diameter: roller diameter at its small end [mm], 0.1…500.
+      roller_large_diameter: roller diameter at its large end [mm], 0.1…500, larger than the small one.
+      roller_length: effective roller length along its generator [mm], 0.1…1000.
+      rollers: number of rollers [-], 3…400.
+      outer_angle: half cone angle of the outer raceway [rad]; it is the contact angle of the load (eq. 5).
+      inner_angle: half cone angle of the inner raceway [rad].
+      roller_angle: half cone angle of the roller [rad]; (outer_angle − inner_angle)/2 for a common apex.
+      flange_angle: angle between the flange's face and the inner raceway's generator [rad].
+      modulus: Young's modulus of rollers and rings [N/mm²].
+      poisson: Poisson's ratio [-].
+      density: mass density [kg/mm³]; bearing steel 7.85e-6.
+      arc_radius: radius on which a spall's width becomes an angle [mm]. Default (None): the outer raceway at the
+        roller's small end, the choice that reproduces the pairs 7 mm/0.24 rad and 49 mm/1.71 rad of Liu et al. 2018.
+        Name `outer_raceway_radius(bearing)` (30.3 mm for 32008J) if the width was measured at the raceway's middle.
+    """
+
+    __pydantic_config__ = FILE_RULES
+
+    roller_small_diameter: Annotated[Real, Interval(ge=0.1, le=500.0), Unit("mm")]
+    roller_large_diameter: Annotated[Real, Interval(ge=0.1, le=500.0), Unit("mm")]
+    roller_length: Annotated[Real, Interval(ge=0.1, le=1000.0), Unit("mm")]
+    rollers: Annotated[int, Interval(ge=3, le=400)] = dataclasses.field(metadata={"static": True})
+    outer_angle: Annotated[Real, Interval(ge=0.01, le=1.5), Unit("rad")]
+    inner_angle: Annotated[Real, Interval(ge=0.001, le=1.5), Unit("rad")]
+    roller_angle: Annotated[Real, Interval(ge=0.001, le=0.5), Unit("rad")]
+    flange_angle: Annotated[Real, Interval(ge=1.0, le=2.0), Unit("rad")]
+    modulus: Annotated[Real, Interval(ge=1e3, le=1e6), Unit("N/mm²")] = 2.1e5
+    poisson: Annotated[Real, Interval(ge=0.0, le=0.5)] = 0.278
+    density: Annotated[Real, Interval(ge=1e-7, le=1e-4), Unit("kg/mm³")] = 7.85e-6
+    arc_radius: Annotated[Real, Interval(ge=0.1, le=5000.0), Unit("mm")] | None = None
+
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
+
+
+@dataclasses.dataclass(frozen=True)
+class Spall:
+    """A natural spall: a rectangular depression with vertical walls.
+
+    Attributes:
+      length: along the roller [mm], > 0, at most the roller's (from a file: at least 0.01).
+      width: along the rolling direction [mm], > 0 (from a file: 0.01…1000).
+      depth: of the flat bottom below the raceway [mm], > 0, up to 10; a roller that reaches it is carried by it.
+      angle: of its centre from the load line [rad], −2π…2π.
+      axial_offset: of its centre from the roller's middle, along the roller [mm], −1000…1000.
+      surface: "outer" or "inner" raceway, or "roller".
+    """
+
+    __pydantic_config__ = FILE_RULES
+
+    length: Annotated[Real, Interval(ge=0.01, le=1000.0), Unit("mm")]
+    width: Annotated[Real, Interval(ge=0.01, le=1000.0), Unit("mm")]
+    depth: Annotated[Real, Interval(ge=1e-6, le=10.0), Unit("mm")] = 0.2
+    angle: Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")] = 0.0
+    axial_offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
+    surface: Literal["outer", "inner", "roller"] = dataclasses.field(default="outer", metadata={"static": True})
+
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
+
+
+@dataclasses.dataclass(frozen=True)
+class LineContact:
+    """One roller on one raceway: all that the half-space contact problem needs of the bearing.
+
+    Attributes:
+      radius: equivalent radius in the rolling direction [mm], > 0.
+      length: effective roller length [mm], > 0.
+      modulus: contact modulus E' = E/(2(1−ν²)) for two equal materials [N/mm²], > 0.
+      design_load: Q_d of the logarithmic crown [N], ≥ 0; 0 is a straight roller. Default 6500.
+    """
+
+    radius: Real
+    length: Real
+    modulus: Real
+    design_load: Real = 6500.0
+
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
+
+    @classmethod
+    def of(cls, bearing: TaperedBearing, raceway: Raceway = "outer", design_load: Real = 6500.0) -> LineContact:
+        """The contact of `bearing`'s rollers with one raceway; `design_load` Q_d of the crown [N]."""
+        return cls(
+            radius=equivalent_radius(bearing, raceway),
+            length=bearing.roller_length,
+            modulus=contact_modulus(bearing.modulus, bearing.poisson),
+            design_load=design_load,
+        )
+
+
+for _cls in (TaperedBearing, Spall, LineContact):
+    pytrees.register(_cls)
+
+
+def as_floats(tree: Tree) -> Tree:
+    """The same pytree with whole Python numbers turned into floats, so that `Spall(4, 7)` can be differentiated, and
+    shorter floats into float64: one float32 among weakly typed numbers makes all that it meets float32."""
+
+    def as_float(leaf: Any) -> Any:
+        if isinstance(leaf, int):
+            return float(leaf)
+        kind = getattr(leaf, "dtype", None)
+        short = kind is not None and kind != np.float64 and jnp.issubdtype(kind, jnp.floating)
+        return jnp.asarray(leaf, float) if short else leaf
+
+    return jax.tree.map(as_float, tree)
+
+
+def spall_is_sound(spall: Spall) -> jax.Array:
+    """Whether all numbers of a spall are finite, and its sizes not negative."""
+    sizes = jnp.stack([jnp.asarray(v, float) for v in (spall.length, spall.width, spall.depth)])
+    return jnp.all(sizes >= 0.0) & jnp.isfinite(jnp.sum(sizes) + spall.angle + spall.axial_offset)
+
+
+def contact_is_sound(contact: LineContact) -> jax.Array:
+    """Whether all numbers of a contact are finite and positive, its design load at least zero."""
+    sizes = jnp.stack([jnp.asarray(v, float) for v in (contact.radius, contact.length, contact.modulus)])
+    crown = jnp.asarray(contact.design_load, float)
+    return jnp.all(sizes > 0.0) & (crown >= 0.0) & jnp.isfinite(jnp.sum(sizes) + crown)
+
+
+def contact_modulus(modulus: Real, poisson: Real) -> Real:
+    """E' of two equal bodies [N/mm²]."""
+    return modulus / (2.0 * (1.0 - poisson**2))  # Liu et al. 2018, eq. (1)
+
+
+def mean_roller_radius(bearing: TaperedBearing) -> Real:
+    """Radius of the roller at half length, at right angles to its axis [mm]."""
+    return (bearing.roller_small_diameter + bearing.roller_large_diameter) / 4.0
+
+
+def apex_distance(bearing: TaperedBearing) -> Real:
+    """Distance from the common apex to the roller's middle, along the roller's axis [mm]."""
+    taper = (bearing.roller_large_diameter - bearing.roller_small_diameter) / 2.0 / bearing.roller_length
+    return mean_roller_radius(bearing) / taper  # similar triangles on the roller's cone
+
+
+def slant_distance(bearing: TaperedBearing) -> Real:
+    """Distance from the apex to the contact's middle along the raceway's generator [mm]."""
+    return apex_distance(bearing) * jnp.cos(bearing.roller_angle)  # foot of the normal from the roller's middle
+
+
+def roller_axis_angle(bearing: TaperedBearing) -> Real:
+    """Angle between the roller's axis and the bearing's axis [rad]."""
+    return bearing.outer_angle - bearing.roller_angle  # common apex
+
+
+def pitch_radius(bearing: TaperedBearing) -> Real:
+    """Radius of the circle on which the rollers' middles run [mm]."""
+    return apex_distance(bearing) * jnp.sin(roller_axis_angle(bearing))
+
+
+def roller_normal_radius(bearing: TaperedBearing) -> Real:
+    """Principal radius of the roller's cone at mid length, normal to its generator [mm]."""
+    return slant_distance(bearing) * jnp.tan(bearing.roller_angle)  # cone: ρ = s tan γ (Johnson 1985, §4.1)
+
+
+def raceway_normal_radius(bearing: TaperedBearing, raceway: Raceway) -> Real:
+    """Principal radius of a raceway's cone under the roller's middle, normal to its generator [mm], positive."""
+    return slant_distance(bearing) * jnp.tan(_cone_angle(bearing, raceway))  # ρ = s tan γ
+
+
+def equivalent_radius(bearing: TaperedBearing, raceway: Raceway) -> Real:
+    """Radius R of the gap x²/(2R) between roller and raceway [mm]; the outer raceway is concave."""
+    sign = -1.0 if raceway == "outer" else 1.0
+    curvature = 1.0 / roller_normal_radius(bearing) + sign / raceway_normal_radius(bearing, raceway)
+    return 1.0 / curvature  # Johnson 1985, eq. (4.3)
+
+
+def outer_raceway_radius(bearing: TaperedBearing, along_roller: Real = 0.0) -> Real:
+    """Radius of the outer raceway about the bearing's axis [mm], `along_roller` mm from the roller's middle
+    towards its large end (range ± half the roller's length, default the middle)."""
+    return (slant_distance(bearing) + along_roller) * jnp.sin(bearing.outer_angle)
+
+
+def arc_radius(bearing: TaperedBearing, raceway: Raceway = "outer") -> Real:
+    """Radius that turns a spall's width into an angle [mm]: see `TaperedBearing.arc_radius`; on the inner raceway at
+    the same place along the roller."""
+    outer = bearing.arc_radius
+    if outer is None:
+        outer = outer_raceway_radius(bearing, -bearing.roller_length / 2.0)
+    return (
+        outer * jnp.sin(_cone_angle(bearing, raceway)) / jnp.sin(bearing.outer_angle) if raceway == "inner" else outer
+    )
+
+
+def flange_force_angle(bearing: TaperedBearing) -> Real:
+    """Angle between the flange's force on a roller and the bearing's axis [rad].
+
+    Assumes that `flange_angle`, which Liu et al. 2018 print without a drawing, is the angle between the flange's face
+    and the inner raceway's generator.
+    """
+    return bearing.inner_angle + 0.5 * jnp.pi - bearing.flange_angle  # normal to the flange's face
+
+
+def roller_mass(bearing: TaperedBearing) -> Real:
+    """Mass of one roller, a frustum of a cone without recesses [kg]."""
+    d, D = bearing.roller_small_diameter, bearing.roller_large_diameter
+    volume = jnp.pi * bearing.roller_length / 12.0 * (d * d + d * D + D * D)
+    return bearing.density * volume
+
+
+def turned(angle: Real) -> jax.Array:
+    """The same angle within −π…π [rad], any shape."""
+    return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
+
+
+def roller_pitch(bearing: TaperedBearing) -> Real:
+    """Angle between neighbouring rollers [rad]."""
+    return 2.0 * jnp.pi / bearing.rollers
+
+
+def _cone_angle(bearing: TaperedBearing, raceway: Raceway) -> Real:
+    return {"outer": bearing.outer_angle, "inner": bearing.inner_angle}[raceway]
+
+
+NAMED_BEARINGS = {
+    # Liu et al. 2018, Tribology International 122, Table 1
+    "32008J": TaperedBearing(
+        roller_small_diameter=6.131,
+        roller_large_diameter=6.846,
+        roller_length=13.66,
+        rollers=23,
+        outer_angle=0.2473,
+        inner_angle=0.1949,
+        roller_angle=0.0262,
+        flange_angle=1.5621,
+        modulus=2.1e5,
+        poisson=0.278,
+    ),
+}
+
+
+def bearing(name: str) -> TaperedBearing:
+    """A bearing by its catalogue name; raises `KeyError` with the known names if there is none."""
+    if name not in NAMED_BEARINGS:
+        raise KeyError(f"no bearing named {name!r}; known: {', '.join(NAMED_BEARINGS)}")
+    return NAMED_BEARINGS[name]

@@ -1,0 +1,107 @@
+"""What happened in a solve, as a number inside jit and as a sentence outside it."""
+
+from __future__ import annotations
+
+from typing import Self
+
+import jax
+import jax.numpy as jnp
+
+CONVERGED = 0
+NOT_CONVERGED = 1
+TOUCHES_BORDER = 2
+NO_EQUILIBRIUM = 3
+BAD_INPUT = 4
+UNRESOLVED = 5
+UNKNOWN_LENGTH = 6
+UNSUITED = 7
+OTHER_SCENE = 8
+NARROW = 9
+LOOSE = 10
+SEVERAL = 11
+BOTTOM = 12
+OUTSIDE = 13
+UNDEFINED = 100
+
+SENTENCES = {
+    CONVERGED: "converged",
+    NOT_CONVERGED: "the iteration limit was reached before the tolerance: ask for less accuracy or check the inputs",
+    TOUCHES_BORDER: "pressure touches the border of the solution domain, so the contact is cut off: report this case",
+    NO_EQUILIBRIUM: "no equilibrium: the axial load is too small to hold the radial load and the moments at this "
+    "contact angle; raise load.axial, or lower load.radial or the moments",
+    BAD_INPUT: "an input is not a number, or is outside its range: check load, sizes and radii",
+    UNRESOLVED: "the spall is narrower than one cell of the grid: ask for more accuracy (a smaller number) or a wider "
+    "spall",
+    UNSUITED: "this way of solving cannot describe this contact (a roller without crown or loaded far beyond it, one "
+    "that may reach the spall's bottom, too short a loaded land; for an edge's intensity a rolling edge in reach): use "
+    "solve_contact with method 'cells'",
+    OTHER_SCENE: "the roller law was prepared for another scene: prepare this one, by naming its law",
+    NARROW: "a spall is so narrow that both its edges are in reach of a roller at once, and the table was made for "
+    "wider ones, or the roller may meet its bottom: prepare the scene with this spall, or use law 'direct'",
+    LOOSE: "one of two rows carries nothing, and the other one alone does not hold the shaft's tilt: raise "
+    "effects.double_row.preload, leave its spacing out, or name effects.tilt, too",
+    SEVERAL: "several spalls are under one roller at once, and this roller law knows one: use contact.law = 'direct' "
+    "at one phase",
+    BOTTOM: "a roller may meet the bottom of a spall, which this roller law does not know: use contact.law = 'direct' "
+    "at one phase, or give the spall its true depth",
+    OUTSIDE: "rollers carry loads outside the range that the roller law was made for: prepare this scene, by naming "
+    "its law",
+    UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
+    UNDEFINED: "the function that was swept gave no number here: check it at this member",
+}
+
+
+class DifftrbError(Exception):
+    """Whatever difftrb raises on purpose; the message is one sentence."""
+
+
+class SceneError(DifftrbError, ValueError):
+    """A scene, or its file, that cannot be used; the message is one sentence: key, value, what is allowed."""
+
+
+class SweepError(DifftrbError, ValueError):
+    """A sweep that cannot be run, or not go on; the message is one sentence."""
+
+
+class SolveError(DifftrbError, RuntimeError):
+    """A solve ended without a trustworthy answer; the message is the status's sentence."""
+
+
+class Judged:
+    """A result that knows from its `status_code` how far to trust it."""
+
+    status_code: jax.Array
+
+    @property
+    def converged(self) -> jax.Array:
+        """Whether the solve can be trusted."""
+        return self.status_code == CONVERGED
+
+    @property
+    def status(self) -> str:
+        """What happened, as a sentence. Outside jit only."""
+        return describe(self.status_code)
+
+    def check(self) -> Self:
+        """Itself; raises `SolveError` with the status's sentence unless everything converged. Outside jit only."""
+        if int(jnp.max(self.status_code)) != CONVERGED:
+            raise SolveError(self.status)
+        return self
+
+
+def worst(*codes: jax.Array) -> jax.Array:
+    """The status that matters most of several: the largest code that is not `CONVERGED`."""
+    return jnp.max(jnp.stack([jnp.asarray(c) for c in codes]), axis=0)
+
+
+def describe(code: int | jax.Array) -> str:
+    """The sentence of one status code (of the worst one, if an array is given)."""
+    return SENTENCES[int(jnp.max(jnp.asarray(code)))]
+
+
+def require_float64() -> None:
+    """Raise unless JAX computes in float64: influence coefficients cancel to nothing in float32."""
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise SolveError(
+            "difftrb needs float64: call jax.config.update('jax_enable_x64', True) before the first computation"
+        )

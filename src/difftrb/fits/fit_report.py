@@ -1,0 +1,115 @@
+"""A fit for people (text) and for machines (JSON)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from difftrb.fits.fit_result import Fit
+from difftrb.fits.optimal_design import Suggestion, in_words
+from difftrb.report import run_report
+
+LIKELY = "95 % interval"
+
+
+def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> dict[str, Any]:
+    """A fit with the keys of the command line's `--json`; numbers that do not exist are None."""
+    parameters = {
+        name: {
+            "value": fit.values[i],
+            "unit": fit.units[i],
+            "standard_error": fit.standard_errors[i],
+            "interval": fit.intervals[i],
+            "open": fit.open[i],
+        }
+        for i, name in enumerate(fit.parameters)
+    }
+    rows = [
+        {"quantity": row.quantity, "radial": row.radial, "axial": row.axial, "value": row.value, "unit": row.unit,
+         "predicted": told, "sigma": sigma, "residual": off}
+        for row, told, sigma, off in zip(fit.rows, fit.predicted, fit.sigma, fit.residuals, strict=True)
+    ]  # fmt: skip
+    return run_report.plain({
+        "status": fit.status,
+        "converged": bool(fit.converged),
+        "parameters": parameters,
+        "correlation": fit.correlation,
+        "determined": fit.determined,
+        "remarks": fit.remarks,
+        "chi2": fit.chi2,
+        "degrees_of_freedom": fit.freedom,
+        "sigma_estimated": fit.sigma_estimated,
+        "robust": fit.robust,
+        "rows": rows,
+        "next_measurements": [
+            {"radial": s.row.radial, "axial": s.row.axial, "quantity": s.row.quantity, "phase": s.row.phase,
+             "gain": s.gain, "standard_errors": s.errors}
+            for s in suggestions
+        ],
+        "starts": [
+            {"first": first, "last": last, "chi2": chi2, "steps": int(steps)}
+            for first, last, chi2, steps in zip(*fit.history, strict=True)
+        ],
+        "seconds": seconds,
+    })  # fmt: skip
+
+
+def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
+    """A fit for people: parameters, remarks, rows, and what to measure next."""
+    table = run_report.house_table("Fitted to the measurements")
+    for heading in ("", "value", "standard error", LIKELY, "unit"):
+        table.add_column(heading, justify="left" if heading in ("", "unit") else "right")
+    for i, name in enumerate(fit.parameters):
+        table.add_row(name, f"{fit.values[i]:.4g}", _known(fit.standard_errors[i]), interval(fit, i), fit.units[i])
+    rows = run_report.house_table("Measurements")
+    for heading in ("row", "quantity", "radial [N]", "axial [N]", "phase", "measured", "model", "off [sigma]"):
+        rows.add_column(heading, justify="left" if heading == "quantity" else "right")
+    for k, row in enumerate(fit.rows):
+        rows.add_row(
+            str(k + 1), row.quantity.replace("_", " "), f"{row.radial:g}", f"{row.axial:g}", _phase(row.phase),
+            f"{row.value:.5g} {row.unit}", f"{fit.predicted[k]:.5g} {row.unit}", f"{fit.residuals[k]:+.2f}",
+        )  # fmt: skip
+    lines = [*fit.remarks]
+    if len(fit.parameters) > 1:
+        pairs = [
+            f"{a} and {b} {fit.correlation[i, j]:+.2f}"
+            for i, a in enumerate(fit.parameters)
+            for j, b in enumerate(fit.parameters[:i])
+        ]
+        lines.append(f"correlation of {', '.join(pairs)}")
+    for s in suggestions:
+        errors = ", ".join(f"{name} {error:.2g}" for name, error in s.errors.items())
+        lines.append(f"next: measure {in_words(s.row)} (standard errors then: {errors})")
+    lines.append(
+        f"{fit.status}; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom; {_agreed(fit)} of "
+        f"{len(fit.history.chi2)} starts ended there"
+    )
+    return Group(table, rows, *(Text(line) for line in lines))
+
+
+def interval(fit: Fit, i: int) -> str:
+    """An interval in words: an end that the range sets and not the data is left out."""
+    (low, high), (no_low, no_high) = fit.intervals[i], fit.open[i]
+    if no_low and no_high:
+        return "any"
+    if no_low:
+        return f"< {high:.4g}"
+    if no_high:
+        return f"> {low:.4g}"
+    return f"{low:.4g} … {high:.4g}"
+
+
+def _agreed(fit: Fit) -> int:
+    return int(np.sum(fit.history.chi2 <= fit.chi2 * (1.0 + 1e-4) + 1e-6))
+
+
+def _known(value: float) -> str:
+    return f"{value:.2g}" if math.isfinite(value) else "–"
+
+
+def _phase(phase: Any) -> str:
+    return "scene's" if phase is None else phase if isinstance(phase, str) else f"{phase:.4g}"

@@ -1,0 +1,152 @@
+"""Which measurement to make next: of many that could be made, the ones that leave the least uncertainty."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.core import geometry
+from difftrb.fits import intervals, predicted
+from difftrb.fits import parameters as unknown
+from difftrb.fits.fit_result import Fit
+from difftrb.fits.measured import MeasuredError, Measurement
+from difftrb.fits.predicted import Plan, Problem
+from difftrb.ring.ring import Load, largest_load, needed_axial
+
+PRIOR = 5.0
+"""Standard deviation [coordinates] that an unknown has before any measurement: the whole range."""
+
+
+class Suggestion(NamedTuple):
+    """A measurement worth making.
+
+    Attributes:
+      row: what to measure; its value is what the fit predicts, its sigma what the fit's rows let expect.
+      gain: by what factor the volume of the confidence region shrinks.
+      errors: standard errors of the fit's parameters with this measurement and those suggested before it.
+    """
+
+    row: Measurement
+    gain: float
+    errors: dict[str, float]
+
+
+def candidates(fit: Fit) -> tuple[Measurement, ...]:
+    """Measurements that the fit's rig could make: its loads, half and twice their axial and half and no radial load
+    where the law covers them, both directions, with a roller in the middle of the spall, with the spall between two
+    rollers, and the mean over phases; of the kinds of quantity that were measured."""
+    scene = fit.scene
+    measured = sorted({(float(row.radial), float(row.axial)) for row in fit.rows})
+    most = max(float(largest_load(scene.bearing, Load(*pair))) for pair in measured)
+    loads = [
+        (r * a, f * b) for r, f in measured for a, b in ((1.0, 1.0), (0.0, 1.0), (0.5, 1.0), (1.0, 0.5), (1.0, 2.0))
+    ]
+    half = 0.5 * float(geometry.roller_pitch(scene.bearing))
+    centred = float(geometry.turned(float(scene.spalls[0].angle)))
+    kinds = [kind for kind in ("loss", "stiffness") if any(row.quantity.endswith(kind) for row in fit.rows)]
+    definition = fit.rows[0].definition
+    found = []
+    for radial, axial in dict.fromkeys(loads):
+        load = Load(radial, axial)
+        if float(largest_load(scene.bearing, load)) > most * (1.0 + 1e-9) or axial == 0.0:
+            continue
+        if axial <= 1.02 * float(needed_axial(scene.bearing, radial, half)):
+            continue
+        for kind in kinds:
+            for direction in ("radial", "axial"):
+                if direction == "radial" and radial == 0.0 and (definition or scene.definition) == "secant":
+                    continue
+                for phase in (centred, centred + half, "mean"):
+                    found.append(
+                        Measurement(radial, axial, f"{direction}_{kind}", 0.0, 1.0, definition, phase)  # type: ignore[arg-type]
+                    )
+    return tuple(found)
+
+
+def next_measurements(
+    fit: Fit, among: Sequence[Measurement] | None = None, count: int = 3, parameter: str | None = None
+) -> tuple[Suggestion, ...]:
+    """The measurements to add, one after the other, each the best beside those before it.
+
+    Args:
+      fit: from `difftrb.fit`; measurements are judged at its values.
+      among: what could be measured; values are ignored, and a sigma of 1 or None stands for the same relative error as
+        the fit's rows of its kind. None: see `candidates`.
+      count: how many.
+      parameter: None shrinks the volume of the confidence region most (D-optimal); the name of a parameter shrinks that
+        one's interval most.
+    """
+    among = candidates(fit) if among is None else tuple(among)
+    if not among:
+        raise MeasuredError("next_measurements: there is nothing to choose from: give measurements in `among`")
+    if parameter is not None and parameter not in fit.parameters:
+        raise MeasuredError(f"next_measurements: parameter = {parameter!r} was not fitted; use one of "
+                            f"{', '.join(fit.parameters)}")  # fmt: skip
+    unknown.check_loads(fit.scene, among, "next_measurements")
+    todo = predicted.plan(fit.scene, among)
+    told, slopes = map(np.asarray, _told(fit.problem, todo, jnp.asarray(fit.place)))
+    sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, told, strict=True)])
+    rows = slopes / sigma[:, None]
+    covariance = np.linalg.inv(fit.normal + np.eye(len(fit.place)) / PRIOR**2)
+    slope = intervals.natural_slope(fit.problem, fit.place)
+    slope = slope * np.where(fit.problem.unknowns.logarithmic, fit.values, 1.0)
+    chosen: list[Suggestion] = []
+    left = np.ones(len(among), bool)
+    for _ in range(min(count, len(among))):
+        towards = rows @ covariance
+        more = 1.0 + np.sum(towards * rows, axis=1)
+        of_one = None if parameter is None else towards[:, fit.parameters.index(parameter)]
+        worth = more if of_one is None else of_one**2 / more
+        k = int(np.argmax(np.where(left & np.isfinite(worth), worth, -1.0)))
+        left[k] = False
+        covariance = covariance - np.outer(towards[k], towards[k]) / more[k]
+        errors = dict(zip(fit.parameters, (np.sqrt(np.diag(covariance)) * slope).tolist(), strict=True))
+        row = dataclasses.replace(among[k], value=float(told[k]), sigma=float(sigma[k]))
+        chosen.append(Suggestion(row, float(np.sqrt(more[k])), errors))
+    return tuple(chosen)
+
+
+def telling(fit: Fit, values: np.ndarray) -> tuple[Measurement, float]:
+    """The measurement among `candidates` that tells the fitted values best from other ones, shape (parameters,), and by
+    how many sigma it would differ."""
+    among = candidates(fit)
+    todo = predicted.plan(fit.scene, among)
+    other = np.asarray(fit.problem.unknowns.coordinates(jnp.asarray(values)))
+    here, there = (np.asarray(_told(fit.problem, todo, jnp.asarray(u))[0]) for u in (fit.place, other))
+    sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, here, strict=True)])
+    apart = np.nan_to_num(np.abs(there - here) / sigma)
+    return among[int(np.argmax(apart))], float(np.max(apart))
+
+
+@jax.jit
+def _told(problem: Problem, todo: Plan, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Predictions of other rows, shape (rows,), and their slopes by coordinates, shape (rows, unknowns)."""
+
+    def told(v: jax.Array) -> tuple[jax.Array, jax.Array]:
+        value, _ = predicted.predicted(problem.unknowns, problem.scene, todo, problem.unknowns.values(v))
+        return value, value
+
+    slopes, value = jax.jacfwd(told, has_aux=True)(u)
+    return value, slopes
+
+
+def _sigma(fit: Fit, row: Measurement, value: float) -> float:
+    """The error to expect of a measurement: its own, or in proportion to what it will be, as of the fit's rows."""
+    if row.sigma not in (None, 1.0):
+        return float(row.sigma)  # type: ignore[arg-type]
+    of_kind = [k for k, other in enumerate(fit.rows) if other.is_loss == row.is_loss] or range(len(fit.rows))
+    own = [fit.sigma[k] / max(abs(fit.predicted[k]), 1e-12) for k in of_kind]
+    smallest = min(fit.sigma[k] for k in of_kind)
+    return max(float(np.median(own)) * abs(value), 0.3 * float(smallest), 1e-9)
+
+
+def in_words(row: Measurement) -> str:
+    """What to measure, for a sentence."""
+    at = "as the mean over phases" if row.phase == "mean" else f"with roller 0 at {float(row.phase or 0.0):.4g} rad"  # type: ignore[arg-type]
+    what = row.quantity.replace("_", " ")
+    return f"the {what} at {row.radial:g} N radial and {row.axial:g} N axial {at}"

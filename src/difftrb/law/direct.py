@@ -1,0 +1,345 @@
+"""The roller law with nothing in between: contact solves for exactly the states that a scene's rollers are in."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.contact import gap as gaps
+from difftrb.contact.solver import GRIDS
+from difftrb.core import status
+from difftrb.core.geometry import LineContact, Real, Spall, as_floats
+from difftrb.law import edge_ramp, load_curve, samples
+from difftrb.law.edge_ramp import Carried, Ramp
+from difftrb.law.laws import LENGTH_SHARE, Rest, known_up_to, of_one_deep_spall, spalls_under, within_range
+from difftrb.law.load_curve import Curve
+from difftrb.law.samples import Case, Node, Progress
+
+LOADS = 12
+"""Contact solves of one curve: enough for 1e-4 over `DECADES` of load."""
+DECADES = 2.5
+"""With three, derivatives of stiffness by what moves the land along the roller are ten times as far off: the lightest
+solves are the noisiest, and one curve for all of them bends."""
+EDGE_LOADS = 8
+WINDOW = 0.8, 1.25
+"""Of the approach that is expected of a roller at an edge: between these the contact is solved. With 0.65 … 1.5 one
+share for all these loads bends: stiffness is ten times as far off, its derivative by width by a third."""
+EXTENT_DEGREE = 5
+"""Of the polynomials that say where a ramp begins and ends."""
+MARGIN = 1.3
+MOVED = 0.05
+"""By how much of itself an approach may be carried along its slopes before a prepared law calls the scene another."""
+FINER_FROM = 1.5e-4
+"""Accuracy from which on contacts at edges are more exact than the others: alike, they leave loads and stiffness twice
+as far off."""
+FINER = 0.3
+ASIDE = 0.02
+"""How far [mm] rollers and edges may move against each other before a prepared "direct" law calls the scene another."""
+
+
+def log_loads(top: float) -> np.ndarray:
+    """Logarithms of the loads [N] that curves go through, up to `top` [N]."""
+    return np.asarray(load_curve.chebyshev(LOADS, np.log(top) - DECADES * np.log(10.0), np.log(top)))
+
+
+def accuracy_at_edges(accuracy: float) -> float:
+    """Of contacts with a rolling edge in reach, where that of the others is `accuracy`."""
+    return max(FINER * accuracy, min(GRIDS)) if accuracy <= FINER_FROM else accuracy
+
+
+def shift_over(contact: LineContact, spall: Spall) -> jax.Array:
+    """Approach [mm] from which a roller in the middle of a wide and deep spall carries load: the crown at the land."""
+    ends = 0.5 * spall.length - spall.axial_offset, 0.5 * spall.length + spall.axial_offset
+    nearest = jnp.maximum(jnp.minimum(*ends), 0.0)  # no |…|: its slope at 0 would not be 0
+    half = 0.5 * contact.length
+    return gaps.crown_at(jnp.minimum(nearest, half * (1.0 - 1e-9)), contact)
+
+
+class Healthy(NamedTuple):
+    """A roller on a healthy raceway: its curve, and what `Ramp` needs of it: half-width, loads, radius."""
+
+    curve: Curve
+    half_width: jax.Array
+    loads: jax.Array
+    radius: Real
+
+    def beside(self, edge: jax.Array, full: Curve, sunk: jax.Array, share: jax.Array) -> Ramp:
+        """The ramp from here to a curve over the middle of a spall."""
+        return Ramp(edge, self.curve, full, self.half_width, sunk, self.loads, self.radius, share)
+
+
+def healthy_level(
+    contact: LineContact, solved: LineContact, log_loads: jax.Array, approaches: jax.Array, half_width: jax.Array
+) -> Healthy:
+    """For `contact`, of solves of a neighbour of it, `solved`, at `log_loads` [log N], shape (loads,): approaches
+    carried to `contact` [mm], shape (loads,), and `Ramp.half_width` as solved."""
+    middle, reach = 0.5 * (log_loads[-1] + log_loads[0]), 0.5 * (log_loads[-1] - log_loads[0])
+    own = load_curve.through(log_loads, approaches, jnp.zeros(()))
+    wider = 0.5 * jnp.log(contact.radius / solved.radius * solved.modulus / contact.modulus)  # as of a line contact
+    return Healthy(own, half_width.at[0].add(wider), jnp.stack([middle, reach]), contact.radius)
+
+
+def extents(log_loads: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
+    """Coefficients of `Ramp.half_width`, shape (EXTENT_DEGREE + 1, …), of half-widths of shape (loads, …)."""
+    x = (2.0 * log_loads - log_loads[-1] - log_loads[0]) / (log_loads[-1] - log_loads[0])
+    told = np.where(half_widths > 0.0, half_widths, np.nan)  # without a solution there is none, as its status says
+    return np.polynomial.polynomial.polyfit(x, np.log(told), EXTENT_DEGREE)
+
+
+def sunk(contact: LineContact, solved: Sequence[Node], log_loads: np.ndarray) -> np.ndarray:
+    """Coefficients of `Ramp.sunk`, of solves over the middle of one spall at `log_loads` [log N]."""
+    depth = [node.approach - node.reach**2 / (2.0 * float(contact.radius)) for node in solved]
+    return extents(log_loads, np.array(depth) / np.exp(log_loads))
+
+
+def carried_by(
+    healthy: Healthy, fulls: Sequence[Curve], ramps: Sequence[Sequence[Ramp]], spalls: tuple[Spall, ...],
+    distances: jax.Array,
+) -> Carried:  # fmt: skip
+    """What rollers carry at `distances` [mm] from `spalls`, shape (spalls, rollers), of the curves over the middle of
+    each spall and the ramps of the two rollers `next_to` its edges."""
+    under = spalls_under(spalls, distances)
+    each = load_curve.chosen(load_curve.joined(healthy.curve, *fulls), under)
+    if not spalls:
+        return Carried(each)
+    at: list[jax.Array] = []
+    for i, spall in enumerate(spalls):
+        for side in (1.0, -1.0):
+            here = next_to(spall, distances[i], side) & ((under == 0) | (under == i + 1))
+            for taken in at:  # no roller twice: it may be the nearest to both edges
+                here = here & ~taken
+            at.append(here)
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[ramp for pair in ramps for ramp in pair])
+    return Carried(each, stacked, jnp.stack(at).astype(float))
+
+
+def next_to(spall: Spall, distances: jax.Array, side: float) -> jax.Array:
+    """Which roller, of those at `distances` [mm] from the spall's middle, is nearest to its edge on one `side` (±1).
+
+    Only that one can stand on the ramp: rollers are farther apart than it is long.
+    """
+    apart = jnp.abs(distances - side * 0.5 * spall.width)
+    return jnp.argmin(apart) == jnp.arange(distances.size)
+
+
+def over(spall: Spall, distances: jax.Array, side: float) -> jax.Array:
+    """How far the edge stands beyond that roller's middle [mm], positive over the spall."""
+    beyond = 0.5 * spall.width - jnp.abs(distances)
+    return jnp.sum(jnp.where(next_to(spall, distances, side), beyond, 0.0))  # no gather: slow in a batch
+
+
+class Edges(NamedTuple):
+    """Contact solves with a rolling edge of one spall at several places: spall and distance as `samples.inputs`, shape
+    (places, inputs); loads [N], approaches [mm] and their slopes by the inputs, of shape (places, loads, …)."""
+
+    given: jax.Array
+    loads: jax.Array
+    approaches: jax.Array
+    slopes: jax.Array
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["contact", "log_loads", "spalls", "given", "healthy", "healthy_slopes", "half_width", "full",
+                 "full_slopes", "sunk", "edges", "error", "status_code"],
+    meta_fields=[],
+)  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class DirectLaw:
+    """Contact solves for one scene. Exact at the scene it was prepared for; approaches are carried to its neighbours
+    along their exact slopes, so all first derivatives are right.
+
+    Attributes:
+      contact: now. log_loads: of the solves without an edge in reach [log N], shape (loads,).
+      spalls: as prepared. given: `samples.inputs` of the contact as prepared.
+      healthy, healthy_slopes: approaches [mm], shape (loads,), and by the inputs, (loads, inputs).
+      full, full_slopes: over the middle of every spall, shape (spalls, loads), (spalls, loads, inputs).
+      half_width, sunk: see `Ramp`; `sunk` of shape (spalls, coefficients).
+      edges: of every spall, at the places where rollers stand on its ramps.
+      error: of the contact solves [-], as asked for. status_code: worst of all solves.
+    """
+
+    contact: LineContact
+    log_loads: jax.Array
+    spalls: tuple[Spall, ...]
+    given: jax.Array
+    healthy: jax.Array
+    healthy_slopes: jax.Array
+    half_width: jax.Array
+    full: jax.Array
+    full_slopes: jax.Array
+    sunk: jax.Array
+    edges: tuple[Edges, ...]
+    error: Real
+    status_code: Real
+    name = "direct"
+    hard = False
+
+    @property
+    def load_range(self) -> tuple[Real, Real]:
+        """Smallest and largest load of the solves [N]."""
+        return jnp.exp(self.log_loads[0]), jnp.exp(self.log_loads[-1])
+
+    @property
+    def contacts(self) -> int:
+        """How many were solved."""
+        return self.healthy.size + self.full.size + sum(edges.loads.size for edges in self.edges)
+
+    def at(self, contact: LineContact) -> DirectLaw:
+        """The law carried to another contact near by."""
+        return dataclasses.replace(self, contact=contact)
+
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
+        """See `Law`. Spalls beyond those it was prepared for are for `judge` to refuse."""
+        spalls, distances = spalls[: len(self.spalls)], distances[: len(self.spalls)]
+        healthy = self._level()
+        fulls = [self._over(i, spall) for i, spall in enumerate(spalls)]
+        ramps = [
+            [self._ramp(i, spall, healthy, full, distances[i], side) for side in (1.0, -1.0)]
+            for i, (spall, full) in enumerate(zip(spalls, fulls, strict=True))
+        ]
+        return carried_by(healthy, fulls, ramps, spalls, distances)
+
+    def _ramp(self, i: int, spall: Spall, healthy: Healthy, full: Curve, distances: jax.Array, side: float) -> Ramp:
+        """Of the place nearest to where the roller is now."""
+        edges, edge = self.edges[i], over(spall, distances, side)
+        distance = jnp.sum(jnp.where(next_to(spall, distances, side), jnp.abs(distances), 0.0))
+        blank = healthy.beside(edge, full, self.sunk[i], edge_ramp.guess())
+        if not edges.loads.shape[0]:
+            return blank
+        here = jnp.argmin(jnp.abs(edges.given[:, -1] - distance)) == jnp.arange(edges.given.shape[0])
+        chosen = jax.tree.map(lambda leaf: jnp.tensordot(here.astype(float), leaf, 1), edges)
+        apart = jnp.clip(distance - chosen.given[-1], -ASIDE, ASIDE)  # farther off it is on no ramp, or on another's
+        now = samples.inputs(self.contact, spall, chosen.given[-1] + apart)
+        approaches = chosen.approaches + chosen.slopes @ (now - chosen.given)
+        return dataclasses.replace(blank, share=edge_ramp.through(blank, approaches, chosen.loads))
+
+    def levels(self, i: int, spall: Spall) -> tuple[Healthy, Curve]:
+        """A healthy roller and the curve over the middle of the `i`-th spall."""
+        return self._level(), self._over(i, spall)
+
+    def _level(self) -> Healthy:
+        solved = samples.contact_of(self.given)
+        return healthy_level(self.contact, solved, self.log_loads, self._healthy(), self.half_width)
+
+    def _over(self, i: int, spall: Spall) -> Curve:
+        return load_curve.through(self.log_loads, self._full(i, spall), shift_over(self.contact, spall))
+
+    def _healthy(self) -> jax.Array:
+        return self.healthy + self.healthy_slopes @ (samples.inputs(self.contact, None, 0.0) - self.given)
+
+    def _full(self, i: int, spall: Spall) -> jax.Array:
+        change = samples.inputs(self.contact, wide(spall), 0.0) - samples.inputs(
+            samples.contact_of(self.given), wide(self.spalls[i]), 0.0
+        )
+        return self.full[i] + self.full_slopes[i] @ change
+
+    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """See `Law`."""
+        healthy, full = self.levels(number, spall)
+        beside = healthy.beside(jnp.zeros(()), full, self.sunk[number], edge_ramp.guess())
+        return edge_ramp.extent(beside, approach)
+
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
+        """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls; no
+        roller over several spalls or on a bottom: that is `local.LocalLaw`'s."""
+        same = jnp.max(jnp.abs(self._healthy() / self.healthy - 1.0)) < MOVED
+        if len(spalls) not in (0, len(self.spalls)):
+            return jnp.asarray(status.OTHER_SCENE)
+        for i, spall in enumerate(spalls):
+            same = same & (jnp.max(jnp.abs(self._full(i, spall) / self.full[i] - 1.0)) < MOVED)
+            low, high = self.ramp(i, spall, self.full[i, -1])
+            for side in (1.0, -1.0):
+                edge = over(spall, distances[i], side)
+                apart = jnp.abs(self.edges[i].given[:, -1] - (0.5 * spall.width - edge))
+                same = same & ((jnp.min(apart, initial=jnp.inf) < ASIDE) | (edge < low) | (edge > high))
+        code = status.worst(
+            within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest),
+            known_up_to(LENGTH_SHARE * self.contact.length, spalls),
+        )  # fmt: skip
+        return jnp.where(same, code, status.OTHER_SCENE)
+
+
+def without_edges(
+    contact: LineContact, largest: float, spalls: tuple[Spall, ...], accuracy: float = 1e-3,
+    progress: Progress | None = None,
+) -> DirectLaw:  # fmt: skip
+    """The law of a healthy roller and of one over the middle of every spall; for rollers at an edge add `with_edges`.
+
+    Args:
+      contact: from `LineContact.of`.
+      largest: estimate of the largest roller load [N]; curves reach 1.3 times it and begin at a three-hundredth of
+        that.
+      accuracy: relative accuracy of every contact solve, 1e-2…1e-5; see `accuracy_at_edges`.
+      progress: told how many of how many solves are done.
+
+    Needs numbers, not tracers.
+    """
+    contact, spalls = as_floats(contact), as_floats(spalls)
+    loads = log_loads(MARGIN * largest)
+    levels = solved_levels(contact, [wide(spall) for spall in spalls], loads, accuracy, progress)
+    approaches = jnp.asarray([[node.approach for node in level] for level in levels])
+    slopes = jnp.asarray([[node.slopes for node in level] for level in levels])
+    return DirectLaw(
+        contact, jnp.asarray(loads), spalls, samples.inputs(contact, None, 0.0), approaches[0], slopes[0],
+        jnp.asarray(extents(loads, np.array([node.half_width for node in levels[0]]))), approaches[1:], slopes[1:],
+        jnp.asarray([sunk(contact, level, loads) for level in levels[1:]]).reshape(len(spalls), EXTENT_DEGREE + 1),
+        tuple(_edges(contact, spall, [], np.zeros((0, EDGE_LOADS)), []) for spall in spalls), accuracy,
+        samples.worst_status([node for level in levels for node in level]),
+    )  # fmt: skip
+
+
+def solved_levels(
+    contact: LineContact, spalls: Sequence[Spall], log_loads: np.ndarray, accuracy: float, progress: Progress | None
+) -> list[list[Node]]:
+    """Contacts at all `log_loads` [log N], healthy and then over the middle of every spall."""
+    shapes, loads = [None, *spalls], np.exp(log_loads)
+    solved = samples.all_solved(contact, [Case(q, shape) for shape in shapes for q in loads], accuracy, progress)
+    return [solved[k : k + loads.size] for k in range(0, len(solved), loads.size)]
+
+
+def with_edges(
+    law: DirectLaw, places: Sequence[Sequence[tuple[float, float]]], progress: Progress | None = None
+) -> DirectLaw:
+    """The law with contacts solved at `places`: for each spall, distances [mm] of rollers from its middle at which an
+    edge may be in reach, each with about the approach [mm] that the roller will have there."""
+    edges, codes = [], [float(law.status_code)]
+    for i, (spall, own) in enumerate(zip(law.spalls, places, strict=True)):
+        healthy, full = law.levels(i, spall)
+        loads = np.zeros((len(own), EDGE_LOADS))
+        for k, (distance, approach) in enumerate(own):
+            beside = healthy.beside(jnp.asarray(0.5 * spall.width - distance), full, law.sunk[i], edge_ramp.guess())
+            at = approach * np.geomspace(*WINDOW, EDGE_LOADS)
+            healthy_loads, full_loads, low, high = edge_ramp.between(beside, jnp.asarray(at))
+            guessed = edge_ramp.guessed(healthy_loads, full_loads, edge_ramp.place(beside.edge, low, high))
+            loads[k] = np.maximum(guessed, np.exp(law.log_loads[0]))
+        distances = [distance for distance, _ in own]
+        cases = [Case(q, spall, d) for d, row in zip(distances, loads, strict=True) for q in row]
+        solved = samples.all_solved(law.contact, cases, accuracy_at_edges(float(law.error)), progress)
+        edges.append(_edges(law.contact, spall, distances, loads, solved))
+        codes.append(samples.worst_status(solved))
+    return dataclasses.replace(law, edges=tuple(edges), status_code=max(codes))
+
+
+def _edges(
+    contact: LineContact, spall: Spall, distances: Sequence[float], loads: np.ndarray, solved: Sequence[Node]
+) -> Edges:
+    def field(name: str, *shape: int) -> jax.Array:
+        return jnp.asarray([getattr(node, name) for node in solved], float).reshape(*loads.shape, *shape)
+
+    given = [samples.inputs(contact, spall, d) for d in distances]
+    return Edges(
+        jnp.asarray(given, float).reshape(len(distances), samples.INPUTS), jnp.asarray(loads), field("approach"),
+        field("slopes", samples.INPUTS),
+    )  # fmt: skip
+
+
+def wide(spall: Spall) -> Spall:
+    """The same spall so wide that its rolling edges are out of reach from its middle."""
+    return dataclasses.replace(spall, width=1000.0)

@@ -1,0 +1,161 @@
+"""The roller law around the states of one scene: for every roller that meets spalls, contact solves near its own load.
+
+Nothing is assumed of what is under a roller: several spalls, touching ones, a bottom that carries. Beyond the solves it
+was made from the law knows nothing, and says so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from difftrb.core import status
+from difftrb.core.geometry import LineContact, Real, Spall
+from difftrb.law import load_curve, samples
+from difftrb.law.direct import ASIDE, MOVED, DirectLaw
+from difftrb.law.edge_ramp import Carried
+from difftrb.law.laws import Rest
+from difftrb.law.load_curve import Curve
+
+WITHIN = 0.2
+"""By how much in its logarithm a roller's load may be off the one that its contacts were solved about."""
+
+
+HIGHEST = jax.lax.Precision.HIGHEST
+_product = partial(jnp.matmul, precision=HIGHEST)
+
+
+class States(NamedTuple):
+    """Rollers that meet spalls, one behind the other along the first axis of every field.
+
+    Attributes:
+      at: which roller each is: a one in zeros, shape (states, rollers); zeros alone fill up.
+      met: which spalls are in its reach: ones in zeros, shape (states, spalls).
+      log_loads: of its solves [log N], shape (states, loads). approaches: [mm], of the same shape.
+      given: `samples.inputs` of the contact, all spalls, and its distances from them, as solved, shape
+        (states, inputs).
+      slopes: of the approaches by these, shape (states, loads, inputs); 0 by spalls out of reach.
+    """
+
+    at: jax.Array
+    met: jax.Array
+    log_loads: jax.Array
+    approaches: jax.Array
+    given: jax.Array
+    slopes: jax.Array
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["base", "states"], meta_fields=["settling"])
+@dataclasses.dataclass(frozen=True)
+class LocalLaw:
+    """Curves of a healthy roller and, for those that meet spalls, of each by itself.
+
+    Attributes:
+      base: the curve of a healthy roller, and the contact.
+      states: of the rollers that meet spalls; None: none does.
+      settling: while states are looked for, none is refused.
+    """
+
+    base: DirectLaw
+    states: States | None
+    settling: bool = False
+    name = "direct"
+    hard = False
+
+    @property
+    def contact(self) -> LineContact:
+        """Now."""
+        return self.base.contact
+
+    @property
+    def load_range(self) -> tuple[Real, Real]:
+        """Smallest and largest load of the solves [N]."""
+        return self.base.load_range
+
+    @property
+    def error(self) -> Real:
+        """Of the contact solves [-], as asked for."""
+        return self.base.error
+
+    @property
+    def status_code(self) -> Real:
+        """Worst of all solves."""
+        return self.base.status_code
+
+    @property
+    def contacts(self) -> int:
+        """How many were solved."""
+        return self.base.contacts + (0 if self.states is None else self.states.log_loads.size)
+
+    def at(self, contact: LineContact) -> LocalLaw:
+        """The law carried to another contact near by."""
+        return dataclasses.replace(self, base=self.base.at(contact))
+
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
+        """See `Law`. Other spalls than it was made for are for `judge` to refuse."""
+        healthy = load_curve.of(self.base.curves((), distances[:0]).each, 0)
+        every = jax.tree.map(lambda field: jnp.repeat(field[..., None], distances.shape[1], axis=-1), healthy)
+        if self.states is None or self.states.met.shape[1] != len(spalls):
+            return Carried(every)
+        own = jax.vmap(through, out_axes=-1)(self.states.log_loads, self._approaches(self.states, spalls, distances))
+        missing = healthy.coefficients.shape[0] - own.coefficients.shape[0]
+        own = dataclasses.replace(own, coefficients=jnp.pad(own.coefficients, ((0, missing), (0, 0))))
+        at, here = self.states.at, jnp.sum(self.states.at, axis=0) > 0.0
+        return Carried(
+            jax.tree.map(
+                lambda of_all, of_own: jnp.where(jnp.broadcast_to(here, of_all.shape), _product(of_own, at), of_all),
+                every,
+                own,
+            )
+        )
+
+    def _approaches(self, states: States, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+        """Of the solves, carried to what rollers meet now [mm], shape (states, loads)."""
+        alike = samples.inputs(self.contact, spalls, 0.0)[: -len(spalls)]
+        away = _product(states.at, distances.T)
+        now = jnp.concatenate([jnp.broadcast_to(alike, (away.shape[0], alike.size)), away], axis=1)
+        change = jnp.where(jnp.any(states.at > 0.0, axis=1)[:, None], now - states.given, 0.0)
+        return states.approaches + jnp.einsum("kli,ki->kl", states.slopes, change, precision=HIGHEST)
+
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
+        """See `Law`: only the scene it was made for, or its neighbours, or the same bearing without spalls."""
+        if self.settling:
+            return jnp.asarray(status.CONVERGED)
+        code = self.base.judge((), distances[:0], rest)
+        if not spalls:
+            return code
+        met = jnp.zeros(distances.shape, bool)
+        if rest is not None:
+            met = jnp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
+        states = self.states
+        if states is None:
+            return jnp.where(jnp.any(met), status.OTHER_SCENE, code)
+        if states.met.shape[1] != len(spalls):
+            return jnp.asarray(status.OTHER_SCENE)
+        moved = self._approaches(states, spalls, distances) / states.approaches - 1.0
+        apart = (_product(states.at, distances.T) - states.given[:, -len(spalls) :]) * states.met
+        same = (jnp.max(jnp.abs(moved)) < MOVED) & (jnp.max(jnp.abs(apart)) < ASIDE)
+        if rest is not None:
+            load = jnp.maximum(_product(states.at, rest.loads), jnp.exp(self.base.log_loads[0]))
+            off = jnp.abs(jnp.log(load) - jnp.mean(states.log_loads, axis=1)) * jnp.max(states.at, axis=1)
+            unknown = met & (_product(states.met.T, states.at) == 0.0)
+            same = same & (jnp.max(off) < WITHIN) & ~jnp.any(unknown)
+        return jnp.where(same, code, status.OTHER_SCENE)
+
+    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """See `Law`: not known, for there is no mean over phases."""
+        return jnp.zeros(()), jnp.zeros(())
+
+
+def through(log_loads: jax.Array, approaches: jax.Array) -> Curve:
+    """log Q as a quadratic in log δ, nearest to a state's solves; straight beyond them."""
+    x = jnp.log(approaches)
+    middle, reach = 0.5 * (x[-1] + x[0]), 0.5 * (x[-1] - x[0])
+    z = (x - middle) / reach
+    powers = jnp.stack([jnp.ones_like(z), z, z * z], axis=1)
+    coefficients = jnp.linalg.solve(_product(powers.T, powers), _product(powers.T, log_loads))
+    return Curve(coefficients, middle, reach, jnp.zeros(()))

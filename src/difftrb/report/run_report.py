@@ -1,0 +1,246 @@
+"""Results for people (text) and for machines (JSON)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from difftrb.contact.contact_solution import ContactSolution
+from difftrb.core import status
+from difftrb.law.laws import Law
+from difftrb.scene.audit import Audit
+from difftrb.scene.edge_stress import EdgeStress
+from difftrb.scene.promise import rollers_on_edges
+from difftrb.scene.scene import Picked, PitchMean, Scene
+from difftrb.scene.solution import Solution
+from difftrb.scene.solving import Assessment
+
+BAR = 28
+DIRECTIONS = ("radial", "lateral", "axial", "about_radial", "about_lateral")
+UNITS = {"centrifugal_force": "N", "axial_force": "N", "load_rating": "N", "flange_angle": "rad", "tightened": "mm",
+         **dict.fromkeys((f"{row}_row_{way}" for row in ("first", "second") for way in ("radial", "axial")), "N"),
+         "second_row_share": "%", "basic_life": "million revolutions",
+         "reference_life": "million revolutions"}  # fmt: skip
+CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
+
+
+def run_json(
+    scene: Scene, result: Assessment, seconds: float, edges: Sequence[EdgeStress] = (), audit: Audit | None = None
+) -> dict[str, Any]:
+    """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
+
+    `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`, with
+    `edges` a key `edge_stress`, with the law "auto" a key `picked`, with an `audit` a key of that name. `remarks` are
+    what has to be known before the numbers.
+    """
+    spalled, sound = result.spalled, result.healthy
+    verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
+    sizes = ("length", "width")
+    slopes = np.stack([result.by_length, result.by_width], axis=-1)  # (radial | axial, spall, length | width)
+
+    def slope(row: int) -> dict[str, Any]:
+        return {size: slopes[row, 0, i] if scene.spalls else None for i, size in enumerate(sizes)}
+
+    return plain({
+        "status": verdict,
+        "converged": bool(spalled.converged & sound.converged),
+        "angles": spalled.angles,
+        "loads": spalled.loads,
+        "displacement": dict(zip(DIRECTIONS, spalled.displacement, strict=False)),
+        "stiffness": {
+            "definition": scene.definition,
+            "phase": "mean" if isinstance(scene.phase, PitchMean) else scene.phase,
+            "radial": spalled.radial_stiffness,
+            "axial": spalled.axial_stiffness,
+            "matrix": spalled.stiffness,
+        },
+        "healthy": {"radial": sound.radial_stiffness, "axial": sound.axial_stiffness},
+        "loss": dict(zip(("radial", "axial"), result.loss, strict=True)),
+        "sensitivity": {"radial": slope(0), "axial": slope(1)},
+        "residual": spalled.residual,
+        "iterations": spalled.iterations,
+        **({"effects": spalled.effects} if scene.effects else {}),
+        **({"edge_stress": [edge._asdict() for edge in edges]} if edges else {}),
+        **({"picked": dataclasses.asdict(spalled.picked)} if spalled.picked is not None else {}),
+        **({"audit": audit.record()} if audit is not None else {}),
+        **({"remarks": said} if (said := remarks(scene, spalled)) else {}),
+        "seconds": seconds,
+    })  # fmt: skip
+
+
+def remarks(scene: Scene, solution: Solution) -> list[str]:
+    """What a reader has to know before the numbers, a sentence each."""
+    found, of = list(solution.remarks), solution.law
+    loads, (low, high) = np.asarray(solution.loads), (float(v) for v in of.load_range)
+    if float(loads.max()) > high * (1.0 + 1e-9):
+        found.append(
+            f"rollers carry up to {loads.max():,.0f} N, and law {of.name!r} was made for {low:,.0f} … {high:,.0f} N: "
+            "its error there is not known; name the law anew, or use 'direct'"
+        )
+    if of.hard and not isinstance(scene.phase, PitchMean) and (count := rollers_on_edges(scene, solution)):
+        found.append(
+            f"{count} roller{'s stand' if count > 1 else ' stands'} on a spall's rolling edge, which law {of.name!r} "
+            "does not know: in or out, with nothing between; use 'table' or 'direct'"
+        )
+    return found
+
+
+def contact_json(solution: ContactSolution, slopes: dict[str, Any], seconds: float) -> dict[str, Any]:
+    """A single contact's result; `slopes` are derivatives of the approach [mm per unit of the input], by the sizes of
+    several spalls one each."""
+    return plain({
+        "status": solution.status,
+        "converged": bool(solution.converged),
+        "approach": solution.approach,
+        "peak_pressure": solution.peak_pressure,
+        "contact_width": solution.contact_width,
+        "loaded_fraction": solution.loaded_fraction,
+        "residual": solution.residual,
+        "iterations": solution.iterations,
+        "unknowns": solution.unknowns,
+        "sensitivity": slopes,
+        "accuracy": solution.accuracy,
+        "seconds": seconds,
+    })  # fmt: skip
+
+
+def plain(value: Any) -> Any:
+    """`value` with arrays as lists and NaN as None, ready for strict JSON."""
+    if isinstance(value, dict):
+        return {key: plain(entry) for key, entry in value.items()}
+    if isinstance(value, jax.Array | np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def run_text(
+    scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = (), audit: Audit | None = None
+) -> RenderableType:
+    """The main job's result for people: remarks, stiffness and its losses, sensitivities, a bar of load for every
+    roller, a sentence for every one of `edges`, and the `audit`'s."""
+    spalled = result.spalled
+    kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
+    stiffness = house_table(f"Stiffness, {kind} [N/mm]")
+    columns = ["by length [/mm]", "by width [/mm]"] if scene.spalls else []
+    for heading in ("", "healthy", "spalled", "loss [%]", *columns):
+        stiffness.add_column(heading, justify="right" if heading else "left")
+    for row, name in enumerate(("radial", "axial")):
+        values = [getattr(s, f"{name}_stiffness") for s in (result.healthy, spalled)]
+        slopes = [number(v[row, 0], ",.1f") for v in (result.by_length, result.by_width)] if scene.spalls else []
+        stiffness.add_row(name, *(number(v, ",.0f") for v in values), number(result.loss[row], ".3f"), *slopes)
+
+    loads = house_table("Load distribution")
+    more = {
+        name.removesuffix("_loads").replace("_", " "): values for name, values in spalled.effects.items() if values.ndim
+    }
+    for heading in ("roller", "angle [rad]", "load [N]", "against healthy", *(f"on {name} [N]" for name in more)):
+        loads.add_column(heading, justify="right")
+    if not more:
+        loads.add_column("", no_wrap=True)
+    top = float(jnp.max(spalled.loads))
+    for j, (angle, load, sound) in enumerate(zip(spalled.angles, spalled.loads, result.healthy.loads, strict=True)):
+        bar = "█" * round(BAR * float(load) / top) if top > 0.0 else ""
+        last = [f"{values[j]:.1f}" for values in more.values()] if more else [Text(bar, style="cyan")]
+        loads.add_row(str(j), f"{angle:.4f}", f"{load:.1f}", f"{load - sound:+.1f}", *last)
+
+    u = np.round(1e3 * np.asarray(spalled.displacement), 4) + 0.0  # no −0
+    lines = []
+    if isinstance(scene.phase, PitchMean):
+        low, high = spalled.stiffness_span
+        lines.append(
+            f"means over one roller pitch; stiffness radial {low[0, 0]:,.0f} … {high[0, 0]:,.0f}, axial "
+            f"{low[2, 2]:,.0f} … {high[2, 2]:,.0f} N/mm"
+        )
+    lines.append(f"displacement: radial {u[0]:.3f} µm, lateral {u[1]:.3f} µm, axial {u[2]:.3f} µm")
+    if u.size > 3:
+        lines.append(f"tilt: about the radial axis {u[3]:.4f} mrad, about the lateral axis {u[4]:.4f} mrad")
+    for name, value in spalled.effects.items():
+        if not value.ndim:
+            lines.append(f"{name.replace('_', ' ')}: {value:,.5g} {UNITS[name]}")
+    lines += [edge.sentence for edge in edges]
+    lines.append(law_text(spalled.law, spalled.loads))
+    if spalled.picked is not None:
+        lines.append(picked_text(spalled.picked))
+    if scene.spalls and spalled.law.hard and not isinstance(scene.phase, PitchMean):
+        lines.append("width: the window is hard, so stiffness changes with width only where a roller enters or leaves")
+    lines.append(
+        f"{spalled.status}; unbalanced force {spalled.residual:.1e} of the load after {spalled.iterations} steps"
+    )
+    if audit is not None:
+        lines.append(audit.sentence)
+    first = (Text(f"note: {sentence}") for sentence in remarks(scene, spalled))
+    return Group(*first, stiffness, loads, *(Text(line) for line in lines))
+
+
+def number(value: Any, style: str) -> str:
+    return format(float(value), style) if math.isfinite(value) else "–"
+
+
+def law_text(law: Law, loads: jax.Array) -> str:
+    """One sentence on the roller law: its range and error, and how many rollers are outside."""
+    text = f"law: {law.name}"
+    low, high = (float(v) for v in law.load_range)
+    if math.isfinite(high):
+        outside = int(jnp.sum((loads > 0.0) & ((loads < low) | (loads > high))))
+        text += f", made for {low:.0f} … {high:.0f} N ({outside} loaded rollers outside)"
+    error = float(law.error)
+    return text + (f", error of a load up to {100.0 * error:.1f} %" if math.isfinite(error) else ", error not known")
+
+
+def picked_text(picked: Picked) -> str:
+    """One sentence on what the law "auto" became."""
+    keeps = "for" if picked.error <= picked.asked else "although nothing is known to keep"
+    text = (
+        f"picked: {picked.law} {picked.accuracy:g}, {keeps} stiffness and peak load within {picked.asked:g}; "
+        f"they are off by up to {number(picked.error, '.1e')}"
+    )
+    if picked.finer is None:
+        return text
+    return text + f"; finer: {picked.finer.law} {picked.finer.accuracy:g}, in {picked.finer.seconds:.2g} s or more"
+
+
+def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> RenderableType:
+    """A single contact's result for people."""
+    table = house_table("Contact")
+    table.show_header = False
+    table.add_row("load", f"{solution.load:,.1f} N")
+    table.add_row("approach", f"{1e3 * solution.approach:.4f} µm")
+    table.add_row("peak pressure", f"{solution.peak_pressure:,.0f} MPa (a cell's mean; singular at a sharp edge)")
+    table.add_row("contact width", f"{solution.contact_width:.4f} mm")
+    table.add_row("loaded length", f"{100.0 * solution.loaded_fraction:.1f} % of the roller")
+    units = {"load": "N"} | dict.fromkeys(CONTACT_INPUTS[1:5], "mm") | {"design_load": "N"}
+    derivatives = house_table("Derivative of the approach")
+    derivatives.add_column("by")
+    derivatives.add_column("", justify="right")
+    for name, value in slopes.items():
+        each = "–" if value is None else ", ".join(_slope(v) for v in np.atleast_1d(np.asarray(value)))
+        derivatives.add_row(name, each if each == "–" else f"{each} µm/{units[name]}")
+    rows, columns = solution.force.shape
+    last = (
+        f"{solution.status}; {rows} × {columns} cells, contact conditions met to {solution.residual:.1e} of the "
+        f"approach after {solution.iterations} products; accuracy asked for {solution.accuracy:g}"
+    )
+    return Group(table, derivatives, Text(last))
+
+
+def _slope(value: float) -> str:
+    return f"{1e3 * value:+.5g}" if math.isfinite(value) else "–"
+
+
+def house_table(title: str) -> Table:
+    """An empty table of the house."""
+    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)

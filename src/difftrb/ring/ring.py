@@ -1,0 +1,331 @@
+"""The ring on its rollers: equilibrium, load distribution and stiffness of the plain bearing.
+
+Three degrees of freedom of one ring against the other: radial (along the load line, angle 0), lateral (a quarter turn
+on) and axial (pressing the rings together). One contact per roller, the outer raceway's. What effects add to that are
+`Terms`; those that are None leave nothing in the compiled program.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import Annotated, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from annotated_types import Interval, Unit
+
+from difftrb.core import geometry, pytrees, status
+from difftrb.core.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
+from difftrb.law import load_curve
+from difftrb.law.edge_ramp import Carried
+from difftrb.law.laws import Law, Rest
+from difftrb.ring import load_zone, newton, pair, roller_balance, slices
+from difftrb.ring.newton import Rollers
+from difftrb.ring.pair import Pair
+from difftrb.ring.roller_balance import Seat
+from difftrb.ring.tilting import Tilting
+
+HELD = 1e-9
+"""Share of all loads below which a row does not hold a shaft's tilt: one that is lifted off may be left touching."""
+
+
+@pytrees.register
+@dataclasses.dataclass(frozen=True)
+class Load:
+    """The bearing's load.
+
+    Attributes:
+      radial: along the load line [N], 0…1e7.
+      axial: pressing the rings together [N], 0…1e7; needs to exceed about radial × tan(outer_angle).
+    """
+
+    __pydantic_config__ = FILE_RULES
+
+    radial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
+    axial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
+
+    def __post_init__(self) -> None:
+        pytrees.whole_to_float(self)
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["displacement", "approach", "loads", "tangent", "residual", "iterations", "status_code",
+                 "second_loads"],
+    meta_fields=[],
+)  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class Equilibrium:
+    """A ring at rest.
+
+    Attributes:
+      displacement: radial, lateral, axial [mm], shape (3,); with tilt also about the radial and the lateral axis [rad],
+        shape (5,).
+      approach: of every roller [mm], shape (rollers,), negative where it is clear of the raceway.
+      loads: of every roller on the outer raceway [N], shape (rollers,).
+      tangent: dF/du [N/mm], shape (3, 3); with tilt [N/mm, N/rad, N mm/rad], shape (5, 5).
+      residual: largest unbalanced force relative to the load, or to what presses without one. iterations: Newton steps.
+      status_code: `difftrb.status`.
+      second_loads: as `loads`, of a second row; None: there is none.
+    """
+
+    displacement: jax.Array
+    approach: jax.Array
+    loads: jax.Array
+    tangent: jax.Array
+    residual: jax.Array
+    iterations: jax.Array
+    status_code: jax.Array
+    second_loads: jax.Array | None = None
+
+
+def roller_angles(bearing: TaperedBearing, phase: Real) -> jax.Array:
+    """Angle of every roller from the load line [rad], shape (rollers,); roller 0 stands at `phase`."""
+    return phase + geometry.roller_pitch(bearing) * jnp.arange(bearing.rollers)
+
+
+def directions(bearing: TaperedBearing, angles: jax.Array) -> jax.Array:
+    """Unit normals of the rollers' contacts in (radial, lateral, axial), shape (rollers, 3)."""
+    cos, sin = jnp.cos(bearing.outer_angle), jnp.sin(bearing.outer_angle)
+    axial = jnp.broadcast_to(sin, angles.shape)
+    return jnp.stack([cos * jnp.cos(angles), cos * jnp.sin(angles), axial], axis=-1)  # Liu et al. 2018, eq. (5)
+
+
+def spalls_on(spalls: tuple[Spall, ...], raceway: Raceway) -> tuple[Spall, ...]:
+    """The spalls that rollers meet on a raceway: its own, and a roller's, which meets both."""
+    return tuple(spall for spall in spalls if spall.surface in (raceway, "roller"))
+
+
+def distances(
+    bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array, raceway: Raceway = "outer"
+) -> jax.Array:
+    """From the centre of every spall met on a raceway to every roller's contact with it, along the raceway [mm], shape
+    (spalls, rollers). A spall on a roller is on roller 0, its angle counted from the outer contact; to the others it is
+    as far as can be."""
+    met = [spall for spall in spalls if spall.surface != "roller"]
+    centres = jnp.stack([jnp.asarray(spall.angle, float) for spall in met]) if met else jnp.zeros(0)
+    away = geometry.arc_radius(bearing, raceway) * geometry.turned(angles[None, :] - centres[:, None])
+    if len(met) == len(spalls):
+        return away
+    rows = iter(away)
+    facing = jnp.pi if raceway == "inner" else 0.0
+    return jnp.stack([
+        jnp.where(
+            jnp.arange(angles.size) == 0,
+            geometry.mean_roller_radius(bearing) * geometry.turned(facing - spall.angle),
+            jnp.pi * geometry.arc_radius(bearing, raceway),
+        ) if spall.surface == "roller" else next(rows)
+        for spall in spalls
+    ])  # fmt: skip
+
+
+def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Tilting | None = None) -> jax.Array:
+    """The axial load [N] that must be exceeded for an equilibrium under `radial` [N] and, of rings that tilt, moments.
+
+    Rollers push only: the load must lie inside the cone spanned by their normals, that is, the point
+    radial·tanα/axial on the load line inside the polygon of the rollers' angles. Rollers that carry along their length
+    carry at their ends as far as existence goes: force and moments part uniquely into a force on all of one end and one
+    on all of the other, and each must lie inside its share of the polygon.
+    """
+    half = 0.5 * geometry.roller_pitch(bearing)
+    edges = roller_angles(bearing, phase) + half
+    if tilting is None:
+        reach = jnp.max(jnp.cos(edges)) / jnp.cos(half)
+        return radial * jnp.tan(bearing.outer_angle) * reach
+    low, high = jnp.min(tilting.levers), jnp.max(tilting.levers)
+    about_radial, about_lateral = tilting.moments
+    force = jnp.stack([radial / jnp.cos(bearing.outer_angle), jnp.zeros(())])
+    upper = (jnp.stack([-about_lateral, about_radial]) - low * force) / (high - low)
+    ends = jnp.stack([force - upper, upper])
+    beyond = ends[:, :1] * jnp.cos(edges)[None, :] + ends[:, 1:] * jnp.sin(edges)[None, :]
+    return jnp.sin(bearing.outer_angle) * jnp.sum(jnp.max(beyond, axis=1)) / jnp.cos(half)
+
+
+def largest_load(bearing: TaperedBearing, load: Load) -> Real:
+    """A first estimate of the most loaded roller's load [N]."""
+    half_zone = 4.08 * load.radial / (bearing.rollers * jnp.cos(bearing.outer_angle))  # NSK E728g, line contact
+    shared = load.axial / (bearing.rollers * jnp.sin(bearing.outer_angle))
+    all_loaded = shared + 2.0 * load.radial / (bearing.rollers * jnp.cos(bearing.outer_angle))  # a cosine on a mean
+    return jnp.maximum(half_zone, all_loaded)
+
+
+class Facing(NamedTuple):
+    """The inner raceway as it is judged: its law, the spalls met there, their distances from the rollers' contacts
+    [mm], shape (spalls, rollers), and the contacts' equivalent radius [mm]."""
+
+    law: Law
+    spalls: tuple[Spall, ...]
+    distances: jax.Array
+    radius: Real
+
+    def judge(self, rest: Rest) -> jax.Array:
+        """Status: whether the law knows what it meets; `rest` as of the outer raceway."""
+        code = self.law.judge(self.spalls, self.distances, rest._replace(radius=self.radius))
+        return status.worst(code, jnp.asarray(self.law.status_code).astype(int))
+
+
+OWN = 0.75
+"""Share of a roller's approach by two raceways in series that is either contact's at the most."""
+
+
+class Terms(NamedTuple):
+    """What effects add to the plain ring.
+
+    Attributes:
+      interference: what rollers are too thick, added to their approach [mm], one number or shape (rollers,).
+      seat: what holds rollers besides the outer raceway; None: an inner ring that does not give way.
+      axial: axial displacement [mm] at which the rings are held, whatever axial force that takes; None: the load's.
+      slices: what slices of rollers carry, shape (rollers · slices,), roller by roller; None: rollers are whole.
+      tilting: of rings that tilt; None: they stay parallel.
+      extra: force on the ring beside the load [N], shape (3,).
+      known: status: of what else is known of the scene; None: nothing is.
+      facing: the inner raceway's law and spalls, where there is one that gives way; None: there is none.
+      pair: a second row; None: there is none. With it, rollers in all else are those of both rows, the first's first.
+    """
+
+    interference: Real | None = None
+    seat: Seat | None = None
+    axial: Real | None = None
+    slices: Carried | None = None
+    tilting: Tilting | None = None
+    extra: jax.Array | None = None
+    known: jax.Array | None = None
+    facing: Facing | None = None
+    pair: Pair | None = None
+
+
+PLAIN = Terms()
+
+
+def equilibrium(
+    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], roller_law: Law, phase: Real, terms: Terms = PLAIN
+) -> Equilibrium:
+    """The ring's rest position under `load`, its roller loads and tangent stiffness.
+
+    `spalls` are those met on the outer raceway (`spalls_on`); `phase` is the angle of roller 0 from the load line
+    [rad]. Differentiable by everything, forward and reverse, at the solution. Where there is no equilibrium the numbers
+    are NaN and the status says so.
+    """
+    angles = roller_angles(bearing, phase)
+    normals = directions(bearing, angles)
+    valid = (load.radial >= 0.0) & (load.axial >= 0.0) & jnp.isfinite(load.radial + load.axial + phase)
+    for spall in spalls:
+        valid = valid & geometry.spall_is_sound(spall)
+    spare = load.axial
+    if terms.seat is not None and terms.seat.centrifugal is not None:  # thrown rollers push the rings apart
+        spare = spare - bearing.rollers * terms.seat.least * jnp.sin(bearing.outer_angle)
+    if terms.axial is not None:
+        held = jnp.asarray(True)
+    elif terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it
+        moments = 0.0 if terms.tilting is None else jnp.sum(jnp.abs(terms.tilting.moments))
+        held = load.radial + load.axial + moments > 0.0
+    else:
+        held = spare > needed_axial(bearing, load.radial, phase, terms.tilting) * (1.0 + 1e-6)
+    force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
+    if terms.extra is not None:
+        force = force + terms.extra
+    safe = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
+
+    away = distances(bearing, spalls, angles)
+    if terms.pair is not None:
+        away = pair.beside(away)
+        angles, normals = jnp.tile(angles, 2), pair.both(normals)
+    extra = jnp.broadcast_to(0.0 if terms.interference is None else terms.interference, angles.shape)
+    healthy = roller_law.curves((), away[:0])
+    rollers = Rollers(normals, extra, roller_law.curves(spalls, away) if spalls else healthy, terms.seat)
+    start = _start(rollers, healthy, safe, terms)
+    if terms.pair is not None and terms.axial is None:  # the first row pressed by the load, or both by the preload
+        start = start.at[2].set(jnp.maximum(start[2] - 0.5 * jax.lax.stop_gradient(terms.pair.preload), 0.0))
+    if terms.slices is not None:
+        count = terms.slices.each.shift.size // angles.size
+        rollers = Rollers(jnp.repeat(normals, count, axis=0), jnp.repeat(extra, count), terms.slices)
+    if terms.tilting is not None:
+        rollers = rollers._replace(normals=terms.tilting.directions(rollers.normals, angles))
+        safe = jnp.concatenate([safe, terms.tilting.moments / terms.tilting.longest])
+        start = jnp.concatenate([start, jnp.zeros(2)])
+    size = _norm(safe)
+    if terms.axial is not None or terms.pair is not None:  # what presses without a load
+        still = start if terms.pair is None else jnp.zeros_like(start)
+        size = jnp.maximum(size, jax.lax.stop_gradient(jnp.sum(rollers.carried(rollers.approach(still))[0])))
+    u, (loads, slopes), (residual, iterations) = newton.found((rollers, safe, start, size, terms.axial))
+    approach = rollers.approach(u)
+    tangent = newton.tangent(rollers.normals, slopes)
+    unheld = None
+    if terms.slices is not None:
+        bare = jnp.sum(jnp.where(slices.without_land(terms.slices), loads, 0.0))
+        unheld = bare > HELD * jnp.sum(loads)  # they are left a trace of stiffness, by which nothing may be held
+        approach, loads = approach.reshape(angles.size, -1), loads.reshape(angles.size, -1)
+        approach, loads = jnp.mean(approach, axis=1), jnp.sum(loads, axis=1)
+    if terms.tilting is not None:
+        u, tangent = terms.tilting.in_radians(u, tangent)
+
+    known = _known(bearing, spalls, away, roller_law, approach, loads, terms)
+    converged = (residual <= newton.TOLERANCE) & jnp.all(jnp.isfinite(u))
+    code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
+    if unheld is not None:
+        code = jnp.where(unheld, status.NO_EQUILIBRIUM, code)
+    if terms.pair is not None and terms.tilting is not None and terms.slices is None:
+        rows = jnp.sum(loads.reshape(2, -1), axis=1)
+        code = jnp.where(converged & (jnp.min(rows) <= HELD * jnp.sum(rows)), status.LOOSE, code)
+    code = jnp.where(known == status.CONVERGED, code, known)
+    code = jnp.where(held, code, status.NO_EQUILIBRIUM)
+    code = jnp.where(valid, code, status.BAD_INPUT)
+    code = status.worst(code, jnp.asarray(roller_law.status_code).astype(int))
+    usable = valid & held & (known == status.CONVERGED) & (code != status.LOOSE)
+    if unheld is not None:
+        usable = usable & ~unheld
+
+    def only_if_usable(value: jax.Array) -> jax.Array:
+        return jnp.where(usable, value, jnp.nan)
+
+    u, approach, loads, tangent, residual = map(only_if_usable, (u, approach, loads, tangent, residual))
+    if terms.pair is None:
+        return Equilibrium(u, approach, loads, tangent, residual, iterations, code)
+    first, second = jnp.split(loads, 2)
+    return Equilibrium(u, approach[: first.size], first, tangent, residual, iterations, code, second)
+
+
+def _known(
+    bearing: TaperedBearing, spalls: tuple[Spall, ...], away: jax.Array, roller_law: Law, approach: jax.Array,
+    loads: jax.Array, terms: Terms,
+) -> jax.Array:  # fmt: skip
+    """Status: whether the laws know the spalls met, and the states that rollers are in."""
+    approach, loads = map(jax.lax.stop_gradient, (approach, loads))
+    if terms.facing is not None:
+        approach = OWN * approach
+    rest = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads)
+    known = roller_law.judge(spalls, away, rest)
+    if terms.known is not None:
+        known = status.worst(known, terms.known)
+    if terms.facing is None or terms.seat is None:
+        return known
+    return status.worst(known, terms.facing.judge(rest._replace(loads=roller_balance.inner_load(terms.seat, loads))))
+
+
+def _norm(force: jax.Array) -> jax.Array:
+    return jnp.linalg.norm(jax.lax.stop_gradient(force))
+
+
+def _start(rollers: Rollers, healthy: Carried, force: jax.Array, terms: Terms) -> jax.Array:
+    """Where Newton's method begins: the load zone of a healthy ring, or, of a pair of rows, all rollers as loaded as
+    were the load shared equally. If all are clear of what they stand over, beyond the least of these gaps: without a
+    loaded roller Newton's method knows no way."""
+    if terms.axial is not None:
+        return jnp.zeros(3).at[2].set(terms.axial)
+    sound, count, axial = load_curve.of(healthy.each, 0), rollers.normals.shape[0], rollers.normals[0, 2]
+    radial = jnp.sqrt(1.0 - axial**2)
+    total = _norm(force)
+    if terms.tilting is not None:  # moments may be all that presses
+        total = total + _norm(terms.tilting.moments / terms.tilting.longest)
+    largest, narrow = total / (count * axial), jnp.zeros(())
+    if terms.pair is None:
+        push = jnp.maximum(force[2], axial * _norm(force))  # less than that holds no load; thrown rollers may take it
+        share = push / (count * axial)
+        at_share = load_curve.approach(sound, share)
+        load, slope = load_curve.load(sound, at_share)
+        zone = load_zone.of(force[0] * axial / (radial * push), at_share * slope / load)
+        largest, narrow = share * zone.largest, zone.narrowness
+    clear = jnp.maximum(jnp.min(rollers.curves.each.shift - rollers.interference), 0.0)
+    pressed = load_curve.approach(sound, largest) + clear
+    return jax.lax.stop_gradient(pressed * jnp.stack([narrow / radial, jnp.zeros(()), (1.0 - narrow) / axial]))

@@ -1,0 +1,189 @@
+"""One roller between the outer raceway, the inner raceway and the flange: what each of them carries.
+
+The ring pushes a roller by the approach D along the outer normal; outer contact, inner contact and flange share that so
+that the roller rests. Angles are from the bearing's radial plane, in a plane through its axis: the outer normal's α,
+the inner normal's β, and φ of the flange's face, to which the flange's force is square.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from difftrb.core import geometry
+from difftrb.core.geometry import Real, TaperedBearing
+from difftrb.law import edge_ramp
+from difftrb.law.edge_ramp import Carried
+
+ROUNDS = 40
+"""Of the bracketed Newton method for the inner approach, at most: the laws are nearly straight, four or five do."""
+CLOSE = 1e-4
+"""Last step, relative to what it led to, after which two more of Newton's method end at rounding."""
+
+
+class Seat(NamedTuple):
+    """What holds a roller besides the outer raceway.
+
+    Attributes:
+      outer, inner, flange: the angles α, β, φ [rad].
+      centrifugal: force on every roller, away from the bearing's axis [N], shape (); None: there is none.
+      inner_curves: what the inner raceway carries; None: it does not give way.
+      flange_compliance: c in c Q^(2/3), the approach of roller and flange [mm/N^(2/3)]; None: it does not give way.
+    """
+
+    outer: Real
+    inner: Real
+    flange: Real
+    centrifugal: Real | None = None
+    inner_curves: Carried | None = None
+    flange_compliance: Real | None = None
+
+    @property
+    def outer_cos(self) -> jax.Array:
+        """Share of an outer force along the flange's face."""
+        return jnp.cos(self.outer - self.flange)
+
+    @property
+    def inner_cos(self) -> jax.Array:
+        """Share of an inner force along the flange's face."""
+        return jnp.cos(self.inner - self.flange)
+
+    @property
+    def outwards(self) -> Real:
+        """Centrifugal force [N], 0 if there is none."""
+        return 0.0 if self.centrifugal is None else self.centrifugal
+
+    @property
+    def thrown(self) -> jax.Array:
+        """Centrifugal force along the flange's face [N]."""
+        return self.outwards * jnp.cos(self.flange)
+
+    @property
+    def wedge(self) -> jax.Array:
+        """Share of an outer force that the flange takes of a roller between both raceways."""
+        return jnp.sin(self.outer - self.inner) / self.inner_cos
+
+    @property
+    def least(self) -> jax.Array:
+        """What the outer raceway carries of a roller that the inner one does not touch [N]."""
+        return self.thrown / self.outer_cos
+
+
+def seat(bearing: TaperedBearing) -> Seat:
+    """Angles of `bearing`; an inner raceway and a flange that do not give way."""
+    return Seat(bearing.outer_angle, bearing.inner_angle, geometry.flange_force_angle(bearing))
+
+
+def inner_load(seat: Seat, outer_load: jax.Array) -> jax.Array:
+    """Force of the inner raceway [N] on a roller at rest that carries `outer_load` [N], any shape."""
+    # forces along the flange's face, which its own force is square to: Liu et al. 2022, eq. (5)
+    return jnp.maximum(outer_load * seat.outer_cos - seat.thrown, 0.0) / seat.inner_cos
+
+
+def flange_load(seat: Seat, outer_load: jax.Array) -> jax.Array:
+    """Force of the flange [N] on a roller at rest that carries `outer_load` [N], any shape."""
+    # forces square to the inner normal, or to none if the inner raceway is not touched: Liu et al. 2022, eq. (5)
+    free = outer_load * jnp.sin(seat.outer - seat.flange) + seat.outwards * jnp.sin(seat.flange)
+    return jnp.where(outer_load * seat.outer_cos > seat.thrown, _wedged(seat, outer_load), free)
+
+
+def _wedged(seat: Seat, outer_load: jax.Array) -> jax.Array:
+    """Of a roller that touches both raceways."""
+    return outer_load * seat.wedge + seat.outwards * jnp.sin(seat.inner) / seat.inner_cos
+
+
+def carried(seat: Seat, outer_curves: Carried, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Outer load [N] and its slope [N/mm] of every roller whose ring has approached it by `approach` [mm], all of shape
+    (rollers,). Q is at least what the centrifugal force presses outwards."""
+    if seat.inner_curves is None and seat.flange_compliance is None:
+        load, slope = edge_ramp.carried(outer_curves, approach)
+        if seat.centrifugal is None:
+            return load, slope
+        return jnp.maximum(load, seat.least), jnp.where(load > seat.least, slope, 0.0)
+    pressed = _inside(seat, outer_curves, approach)
+    rest = _balance(seat, outer_curves, approach, pressed)
+    touched = pressed > 0.0
+    return jnp.where(touched, rest.load, seat.least), jnp.where(touched, rest.slope, 0.0)
+
+
+class Between(NamedTuple):
+    """A place of the roller between the raceways: outer load by the balance of the roller and its slope [N], [N/mm];
+    displacement of the roller along the outer normal [mm] and its slope [–]; both by what `_inside` finds."""
+
+    load: jax.Array
+    rate: jax.Array
+    moved: jax.Array
+    pace: jax.Array
+
+
+def _between(seat: Seat, inside: jax.Array) -> Between:
+    """At an inner approach [mm], or, if the inner raceway does not give way, at an inner load [N]."""
+    if seat.inner_curves is None:
+        inner, inner_rate, approach, pace = inside, jnp.ones_like(inside), jnp.zeros_like(inside), 0.0
+    else:
+        inner, inner_rate = edge_ramp.carried(seat.inner_curves, inside)
+        approach, pace = inside, 1.0
+    ratio = seat.inner_cos / seat.outer_cos
+    load, rate = inner * ratio + seat.least, inner_rate * ratio
+    moved, share = approach / ratio, pace / ratio * jnp.ones_like(inside)
+    if seat.flange_compliance is None:
+        return Between(load, rate, moved, share)
+    force, wedge = _wedged(seat, load), seat.wedge
+    positive = force > 0.0
+    safe = jnp.where(positive, force, 1.0)
+    sunk = jnp.where(positive, seat.flange_compliance * safe ** (2.0 / 3.0), 0.0)
+    sinking = jnp.where(positive, seat.flange_compliance * (2.0 / 3.0) * safe ** (-1.0 / 3.0) * wedge * rate, 0.0)
+    # the roller may not follow the flange's normal without leaving the inner raceway: it slides along that instead
+    return Between(load, rate, moved + wedge * sunk, share + wedge * sinking)
+
+
+class Balance(NamedTuple):
+    """How far a roller is from rest: what the outer raceway carries too much [N], how fast that falls, and the outer
+    load [N] and its slope by the ring's approach [N/mm] at the same place."""
+
+    excess: jax.Array
+    falling: jax.Array
+    load: jax.Array
+    slope: jax.Array
+
+
+def _balance(seat: Seat, outer_curves: Carried, approach: jax.Array, inside: jax.Array) -> Balance:
+    place = _between(seat, inside)
+    load, slope = edge_ramp.carried(outer_curves, approach - place.moved)
+    falling = slope * place.pace + place.rate
+    falling = jnp.where(falling > 0.0, falling, 1.0)
+    return Balance(load - place.load, falling, load, slope * place.rate / falling)
+
+
+def _inside(seat: Seat, outer_curves: Carried, approach: jax.Array) -> jax.Array:
+    """Inner approach [mm] (or inner load [N]: see `_between`) at which every roller rests, shape (rollers,); 0 where
+    the inner raceway is not touched. Differentiable twice: two steps of Newton's method follow the solution."""
+    fixed = jax.lax.stop_gradient((seat, outer_curves, approach))
+    there = fixed[2]
+    if seat.inner_curves is None:
+        top = jnp.maximum(edge_ramp.carried(fixed[1], there)[0], 1.0) / fixed[0].inner_cos
+    else:
+        top = jnp.maximum(there, 1e-12) * fixed[0].inner_cos / fixed[0].outer_cos
+    held = _balance(*fixed, jnp.zeros_like(there)).excess > 0.0
+
+    def narrowed(state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        low, high, at, _, rounds = state
+        now = _balance(*fixed, at)
+        low, high = jnp.where(now.excess > 0.0, at, low), jnp.where(now.excess > 0.0, high, at)
+        step = at + now.excess / now.falling
+        step = jnp.where((step > low) & (step < high), step, 0.5 * (low + high))
+        moved = jnp.max(jnp.where(held, jnp.abs(step - at) / jnp.maximum(step, 1e-300), 0.0))
+        return low, high, step, moved, rounds + 1
+
+    def unfinished(state: tuple[jax.Array, ...]) -> jax.Array:
+        *_, moved, rounds = state
+        return (moved > CLOSE) & (rounds < ROUNDS)
+
+    start = jnp.zeros_like(there), top, 0.5 * top, jnp.ones(()), jnp.asarray(0)
+    found = jnp.where(held, jax.lax.while_loop(unfinished, narrowed, start)[2], 0.5 * top)
+    for _ in range(2):
+        now = _balance(seat, outer_curves, approach, found)
+        found = jnp.where(held, found + now.excess / now.falling, found)
+    return jnp.where(held, found, 0.0)

@@ -1,0 +1,358 @@
+"""What a scene cannot have, in one sentence: one set of checks for scene files and for scenes made in Python.
+
+Keys are those of a scene file. Numbers that are traced are passed over; inside jit what is wrong with them is a status
+of the result (`code`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, get_args
+
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.contact.contact_problem import is_given
+from difftrb.contact.height_map import HeightMap
+from difftrb.core import geometry, ranges, status
+from difftrb.core.files import shown
+from difftrb.core.geometry import Spall, TaperedBearing
+from difftrb.core.messages import number_in
+from difftrb.core.status import SceneError
+from difftrb.law import laws as laws
+from difftrb.law.laws import Palmgren
+from difftrb.ring import effects, ring
+from difftrb.ring.effect import Effect
+from difftrb.ring.ring import Load
+from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scene
+
+SEVERAL_SHAPES = (
+    "law = 'power' is fitted for spalls of one width, depth and axial offset; make them equal, use another law, "
+    "or give the scene a law prepared with power_law"
+)
+BY_NODES = ("table", "direct")
+"""Laws from contact solves that are made one by one, outside of jit."""
+APEX, TAPER = 0.02, 0.05
+"""How far cone angles may be from one apex, and the roller's angle from its diameters, relative."""
+KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definition", "phase": "stiffness.phase"}
+"""Of a scene's own numbers in a file."""
+
+
+def refuse(scene: Scene) -> None:
+    """Raise `SceneError` if something is wrong with a scene."""
+    sentence = wrong(scene)
+    if sentence is not None:
+        raise SceneError(sentence)
+
+
+def wrong(scene: Scene) -> str | None:
+    """What is wrong with a scene, in one sentence; None if nothing is. Whether there is an equilibrium is not asked,
+    and NaN and infinite loads, spalls and phases are passed over, but for laws from contact solves one by one."""
+    every = _of_kinds, lambda read: across(read.bearing, read.spalls), _of_law, _of_spalls, _of_effects
+    return _first(*every, of=_read(scene))
+
+
+def _read(scene: Scene) -> Scene:
+    """The scene with numbers in arrays read once: to read one takes longer than to check it."""
+    numbers = {"bearing": scene.bearing, "load": scene.load, "spalls": scene.spalls, "design_load": scene.design_load,
+               "phase": scene.phase}  # fmt: skip
+    leaves, structure = jax.tree.flatten(numbers)
+    known = [isinstance(leaf, jax.Array) and not isinstance(leaf, jax.core.Tracer) for leaf in leaves]
+    if not any(known):
+        return scene
+    read = [np.asarray(leaf) if own else leaf for leaf, own in zip(leaves, known, strict=True)]
+    read = [leaf.item() if own and not leaf.ndim else leaf for leaf, own in zip(read, known, strict=True)]
+    return dataclasses.replace(scene, **jax.tree.unflatten(structure, read))
+
+
+def _first(*checks: Callable[[Any], str | None], of: Any) -> str | None:
+    """The first sentence there is."""
+    for check in checks:
+        sentence = check(of)
+        if sentence is not None:
+            return sentence
+    return None
+
+
+# ------------------------------------------------------------------------------------------------ one key at a time
+
+
+def _of_kinds(scene: Scene) -> str | None:
+    """Every field for itself: what it is, and its range."""
+    solved = isinstance(scene.law, LawName) and scene.law.name in (*BY_NODES, laws.AUTO)
+    if not isinstance(scene.bearing, TaperedBearing):
+        return (
+            f"bearing = {shown(scene.bearing)}: must be a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a "
+            "TaperedBearing"
+        )
+    if not isinstance(scene.load, Load):
+        return f"load = {shown(scene.load)}: must be a Load, say Load(radial=9000.0, axial=4500.0)"
+    if not isinstance(scene.spalls, tuple):
+        return f"spall = {shown(scene.spalls)}: must be a Spall, or a tuple of them"
+    for i, spall in enumerate(scene.spalls):
+        if not isinstance(spall, Spall | HeightMap):
+            return f"spall.{i} = {shown(spall)}: must be a Spall, say Spall(length=4.0, width=7.0)"
+    for i, effect in enumerate(scene.effects):
+        if not isinstance(effect, Effect):
+            return f"effects.{i} = {shown(effect)}: must be one of difftrb.effects"
+    for key, owner, not_finite in _owners(scene):
+        if (sentence := ranges.wrong(owner, key, not_finite and not solved)) is not None:
+            return sentence
+    for field in ranges.fields_of(Scene):
+        value = getattr(scene, field.name)
+        if field.name not in KEYS or isinstance(value, PitchMean):
+            continue
+        passed = field.name == "phase" and not solved
+        if (sentence := ranges.of_field(field, value, KEYS[field.name], passed)) is not None:
+            return sentence
+    return None
+
+
+def _owners(scene: Scene) -> Iterator[tuple[str, Any, bool]]:
+    """Everything in a scene that has numbers: its key, itself, and whether numbers that are not finite end as a status
+    of the result."""
+    yield "bearing", scene.bearing, False
+    yield "load", scene.load, True
+    for i, spall in enumerate(scene.spalls):
+        if isinstance(spall, Spall):
+            yield f"spall.{i}", spall, True
+    for effect in scene.effects:
+        yield f"effects.{effect.key}", effect, False
+
+
+# ------------------------------------------------------------------------------------------------ across keys
+
+
+def _known(*values: Any) -> list[float] | None:
+    """Numbers as floats; None if one of them is traced."""
+    if any(isinstance(value, jax.core.Tracer) for value in values):
+        return None
+    return [float(value) for value in values]
+
+
+def across(bearing: TaperedBearing, spalls: tuple[Any, ...]) -> str | None:
+    """What the fields of a bearing, and spalls on its rollers' length, cannot be together."""
+    sentence = _first(_diameters, _apex, _taper, _neighbours, of=bearing)
+    if sentence is not None:
+        return sentence
+    for i, spall in enumerate(spalls):
+        sizes = _known(spall.length, bearing.roller_length) if isinstance(spall, Spall) else None
+        if sizes is not None and sizes[0] > sizes[1] * (1.0 + 1e-12):
+            return f"spall.{i}.length = {sizes[0]:g}: must be at most the roller's length, {sizes[1]:g} mm"
+    return None
+
+
+def _diameters(bearing: TaperedBearing) -> str | None:
+    known = _known(bearing.roller_large_diameter, bearing.roller_small_diameter)
+    if known is None or known[0] > known[1]:
+        return None
+    return (
+        f"bearing.roller_large_diameter = {known[0]:g} must be larger than bearing.roller_small_diameter = "
+        f"{known[1]:g} mm"
+    )
+
+
+def _apex(bearing: TaperedBearing) -> str | None:
+    known = _known(bearing.inner_angle, bearing.roller_angle, bearing.outer_angle)
+    if known is None:
+        return None
+    inner, roller, outer = known
+    if abs(inner + 2.0 * roller - outer) <= APEX * outer:
+        return None
+    return (
+        f"bearing.outer_angle = {outer:g} must be inner_angle + 2 roller_angle = {inner + 2.0 * roller:g} rad within "
+        f"{100.0 * APEX:g} %, so that all cones share one apex"
+    )
+
+
+def _taper(bearing: TaperedBearing) -> str | None:
+    known = _known(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
+                   bearing.roller_angle)  # fmt: skip
+    if known is None:
+        return None
+    large, small, length, angle = known
+    taper = (large - small) / (2.0 * length)
+    if abs(taper - angle) <= TAPER * angle:
+        return None
+    return (
+        f"bearing.roller_angle = {angle:g} does not fit the roller's diameters and length, which give {taper:.4g} rad; "
+        f"they must agree within {100.0 * TAPER:g} %"
+    )
+
+
+def _neighbours(bearing: TaperedBearing) -> str | None:
+    """Rollers side by side: at either end the chord between their axes must exceed the diameter there."""
+    known = _known(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
+                   bearing.outer_angle, bearing.roller_angle)  # fmt: skip
+    if known is None:
+        return None
+    large, small, length, outer, roller = known
+    taper = (large - small) / (2.0 * length)
+    away = (large + small) / (4.0 * taper)  # of the roller's middle from the apex, along its axis
+    fit = bearing.rollers
+    for diameter, end in ((small, away - 0.5 * length), (large, away + 0.5 * length)):
+        radius = end * math.sin(outer - roller)
+        if 2.0 * radius * math.sin(math.pi / bearing.rollers) <= diameter:
+            fit = min(fit, math.floor(math.pi / math.asin(min(1.0, 0.5 * diameter / max(radius, 1e-300)))))
+            fit -= 2.0 * radius * math.sin(math.pi / max(fit, 1)) <= diameter  # those that touch do not turn
+    if fit == bearing.rollers:
+        return None
+    return (
+        f"bearing.rollers = {bearing.rollers}: rollers of these diameters overlap where they run; at most "
+        f"{max(fit, 0)} fit side by side: use fewer or thinner ones"
+    )
+
+
+def _of_law(scene: Scene) -> str | None:
+    """The law, its accuracy, and the lengths of spalls that it knows."""
+    if not isinstance(scene.law, LawName):
+        if not hasattr(scene.law, "curves"):
+            return f"contact.law = {shown(scene.law)}: must be one of {', '.join(map(repr, laws.NAMES))}, or a law made"
+        return None
+    name = scene.law.name
+    if name not in laws.NAMES:
+        return f"contact.{laws.unknown(name)}"
+    if name == "liu2018" and not laws.is_of_liu2018(scene.bearing):
+        return "contact.law = 'liu2018' holds for the bearing 32008J only; use 'power'"
+    return _accuracy(scene, name)
+
+
+def _accuracy(scene: Scene, law: str) -> str | None:
+    limits = get_args(AutoAccuracy if law == laws.AUTO else Accuracy)[1]
+    value, least, most = scene.accuracy, limits.ge, limits.le
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return f"contact.accuracy = {shown(value)}: must be {number_in(least, most)}"
+    if least <= value <= most:
+        return None
+    of = "with law = 'auto', of stiffness and peak load" if law == laws.AUTO else "for the ring"
+    more = "; `difftrb contact` goes further" if value < least else ""
+    return f"contact.accuracy = {value:g}: must be {number_in(least, most)} {of}{more}"
+
+
+def _of_spalls(scene: Scene) -> str | None:
+    """Spalls on the ring, by the law that is named."""
+    for i, spall in enumerate(scene.spalls):
+        if isinstance(spall, HeightMap):
+            return (
+                f"spall.{i}.height_map: the ring takes rectangular spalls; give length and width, or use "
+                "`difftrb contact`, which takes height maps"
+            )
+    law = scene.law.name if isinstance(scene.law, LawName) else None
+    roller = _known(scene.bearing.roller_length)
+    for i, spall in enumerate(scene.spalls):
+        length, width, around = _known(spall.length), _known(spall.width), _around(scene.bearing, spall)
+        if law is not None and length and roller:
+            shares = {"palmgren": 0.99 * roller[0], "liu2018": laws.TABLE_2[-1, 0]}
+            longest = shares.get(law, laws.LENGTH_SHARE * roller[0])
+            if length[0] > longest * (1.0 + 1e-12):
+                return (
+                    f"spall.{i}.length = {length[0]:g}: contact.law = {law!r} knows 0 … {longest:g} mm; shorten the "
+                    "spall or choose another law"
+                )
+        if width and around and width[0] > around * (1.0 + 1e-12):
+            return (
+                f"spall.{i}.width = {width[0]:g}: must be at most once round the {_lies_on(spall)}, {around:.6g} mm; "
+                "make it narrower"
+            )
+    for raceway in ("outer", "inner"):
+        if law == "power" and not of_one_shape(ring.spalls_on(scene.spalls, raceway)):
+            return f"spall: contact.{SEVERAL_SHAPES}"
+    return None
+
+
+def _lies_on(spall: Spall) -> str:
+    return "roller" if spall.surface == "roller" else f"{spall.surface} raceway"
+
+
+def _around(bearing: TaperedBearing, spall: Spall) -> float | None:
+    """Once round what a spall lies on [mm], as `geometry.arc_radius` has it; None if that is not known."""
+    given = () if bearing.arc_radius is None else (bearing.arc_radius,)
+    known = _known(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
+                   bearing.roller_angle, bearing.outer_angle, bearing.inner_angle, *given)  # fmt: skip
+    if known is None:
+        return None
+    large, small, length, roller, outer, inner, *given = known
+    if spall.surface == "roller":
+        return 0.5 * math.pi * (large + small)
+    middle = 0.5 * length * (large + small) / (large - small) * math.cos(roller)
+    radius = given[0] if given else (middle - 0.5 * length) * math.sin(outer)
+    return 2.0 * math.pi * radius * (math.sin(inner) / math.sin(outer) if spall.surface == "inner" else 1.0)
+
+
+def of_one_shape(spalls: tuple[Spall, ...]) -> bool:
+    """Whether all spalls are known to have one width, depth and axial offset; traced numbers are not known."""
+    shapes = [(spall.width, spall.depth, spall.axial_offset) for spall in spalls]
+    if len(shapes) < 2 or any(isinstance(value, jax.core.Tracer) for shape in shapes for value in shape):
+        return len(shapes) < 2
+    return len({tuple(float(value) for value in shape) for shape in shapes}) == 1
+
+
+def _of_effects(scene: Scene) -> str | None:
+    """What keeps the scene's spalls and effects from being had together."""
+    keys = {effect.key for effect in scene.effects}
+    name = scene.law.name if isinstance(scene.law, LawName) else None
+    for i, spall in enumerate(scene.spalls):
+        if spall.surface != "outer" and "raceways" not in keys:
+            return (
+                f"spall.{i}.surface = {spall.surface!r}: the plain ring meets spalls on the 'outer' raceway only; name "
+                "effects.raceways"
+            )
+        if spall.surface == "roller" and isinstance(scene.phase, PitchMean):
+            return (
+                f"spall.{i}.surface = 'roller' belongs to one roller, so phase = 'mean' has no meaning for it; give a "
+                "phase in rad"
+            )
+    if "raceways" in keys and name in ("palmgren", "liu2018"):
+        return (
+            f"contact.law = {name!r} does not know the inner raceway alone: with effects.raceways use 'power', 'table' "
+            "or 'direct'"
+        )
+    if "tilt" in keys and not isinstance(scene.law, Palmgren) and name != "palmgren":
+        return "effects.tilt carries by slices of ISO/TS 16281: set contact.law = 'palmgren'"
+    if "tilt" in keys and (sentence := _tilting(scene.effects)) is not None:
+        return sentence
+    for effect in scene.effects:
+        try:
+            effect.check(scene.bearing, scene.load)
+        except ValueError as error:
+            return str(error)
+    return None
+
+
+def _tilting(acting: tuple[Effect, ...]) -> str | None:
+    """What keeps slices from holding a tilt, and a second row from being had with them; None if nothing does."""
+    tilt = next(effect for effect in acting if isinstance(effect, effects.Tilt))
+    row = next((effect for effect in acting if isinstance(effect, effects.DoubleRow)), None)
+    if row is None:
+        if tilt.rings == "free" and tilt.slices < 2:
+            return "effects.tilt.slices = 1: one slice does not hold a tilt; give a whole number in 2 … 200"
+        return None
+    if is_given(tilt.reach):
+        return (
+            "effects.tilt.reach must be 0 with effects.double_row, whose shaft tilts about the middle between its "
+            "rows; leave it out"
+        )
+    if tilt.rings == "free" and row.spacing is None:
+        return "effects.double_row.spacing is missing: effects.tilt needs it, or rings = 'parallel'; give one of both"
+    if tilt.rings == "parallel" and row.spacing is not None:
+        return (
+            "effects.tilt.rings = 'parallel' and effects.double_row.spacing exclude each other: rings with a spacing "
+            "tilt; leave one out"
+        )
+    return None
+
+
+# ------------------------------------------------------------------------------------------------ inside jit
+
+
+def code(scene: Scene) -> jax.Array:
+    """Status inside jit: whether every number of the scene is within its range, and rollers taper the right way."""
+    owners = [scene, *(owner for _, owner, _ in _owners(scene))]
+    within = ranges.all_within(number for owner in owners for number in ranges.traced(owner))
+    bearing = jax.lax.stop_gradient(scene.bearing)
+    within = within & (bearing.roller_large_diameter > bearing.roller_small_diameter)
+    return jnp.where(within, status.CONVERGED, status.BAD_INPUT)

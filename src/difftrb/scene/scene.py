@@ -1,0 +1,142 @@
+"""Scene: what is simulated and nothing more."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import Annotated, Any, Literal
+
+import jax
+from annotated_types import Interval, Unit
+
+from difftrb.contact.height_map import HeightMap
+from difftrb.core import geometry, pytrees
+from difftrb.core.files import shown
+from difftrb.core.geometry import Real, Spall, TaperedBearing
+from difftrb.core.status import SceneError
+from difftrb.law.laws import Law
+from difftrb.ring import effects
+from difftrb.ring.effects import Effect
+from difftrb.ring.ring import Load
+
+Definition = Literal["tangent", "secant"]
+DesignLoad = Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
+Accuracy = Annotated[float, Interval(ge=1e-4, le=1e-2)]
+AutoAccuracy = Annotated[float, Interval(ge=1e-3, le=1e-1)]
+"""What can be asked of the law "auto": below, contact solves at 1e-4 are not known to suffice; above, why ask."""
+Phase = Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class PitchMean:
+    """In place of a phase: the mean over one roller pitch."""
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["name"])
+@dataclasses.dataclass(frozen=True)
+class LawName:
+    """A law that is not prepared yet: `solve` builds it from the scene."""
+
+    name: str
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["accuracy", "seconds"], meta_fields=["law"])
+@dataclasses.dataclass(frozen=True)
+class Finer:
+    """The next more exact law: its name, the accuracy of its contacts [-], and how many seconds it would take to make
+    here at least, by the contacts that were solved before."""
+
+    law: str
+    accuracy: Real
+    seconds: Real
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["accuracy", "asked", "error", "finer"], meta_fields=["law"])
+@dataclasses.dataclass(frozen=True)
+class Picked:
+    """What the law "auto" became.
+
+    Attributes:
+      law: its name. accuracy: of its contacts [-].
+      asked: the scene's `accuracy`. error: how far radial stiffness, axial stiffness and the largest roller load are
+        known to be off at most, relative [-]; larger than `asked` if nothing keeps that, NaN if a scene without a
+        solution tells nothing.
+      finer: None if there is none.
+    """
+
+    law: str
+    accuracy: Real
+    asked: Real
+    error: Real
+    finer: Finer | None
+
+
+@pytrees.register
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """A bearing, its load and its spalls, and how to compute with them. A pytree: every number is a leaf.
+
+    What a scene file would refuse, `solve` and all others refuse as `SceneError` (a ValueError), in the same sentence:
+    numbers out of their range, cones without a common apex, rollers that overlap, spalls longer than the law knows or
+    wider than once round, effects that cannot be had together. Loads, spalls and phases that are not finite, numbers
+    traced inside jit, and loads without an equilibrium end as a status of the result. Making a scene raises for unknown
+    names alone. Whole numbers become floats.
+
+    Attributes:
+      bearing: its name, say "32008J", or your own `TaperedBearing`.
+      load: radial and axial [N].
+      spalls: a tuple of them, or one; on the outer raceway, or with the effect `Raceways` on the inner one and on
+        roller 0, too; empty is healthy.
+      law: "power" (default), "liu2018", "palmgren", "table", "direct", "auto" (chosen: see `prepare`), or a law made
+        before (then nothing is fitted here). "table", "direct" and "auto" need `prepare` before the scene is
+        differentiated, jitted or batched.
+      design_load: Q_d of the rollers' crown [N], 0…1e7. Default 6500, with which Liu et al. 2018, Table 2 comes out.
+      accuracy: relative accuracy of the contact solves behind the law, 1e-2…1e-4. Default 1e-3: a power law is not
+        worth more. With law "auto" it is that of stiffness and the largest roller load, 1e-1…1e-3.
+      definition: of stiffness, "tangent" (dF/du, default) or "secant" (F/u, as in Liu et al. 2018, Fig. 17).
+      phase: angle of roller 0 from the load line [rad], −2π…2π, or "mean": everything is averaged over one roller
+        pitch of cage phases.
+      effects: what else acts, from `difftrb.effects`; empty is the plain ring.
+      picked: filled in by `prepare` for the law "auto": what was chosen, at the scene that was prepared.
+    """
+
+    bearing: TaperedBearing
+    load: Load
+    spalls: tuple[Spall, ...] = ()
+    law: Law | LawName | str = "power"
+    design_load: DesignLoad = 6500.0
+    accuracy: Accuracy = dataclasses.field(default=1e-3, metadata={"static": True})
+    definition: Definition = dataclasses.field(default="tangent", metadata={"static": True})
+    phase: Phase | PitchMean | Literal["mean"] = 0.0
+    effects: tuple[Effect, ...] = ()
+    picked: Picked | None = None
+
+    def __post_init__(self) -> None:
+        tidy: dict[str, Any] = {"effects": effects.in_order(self.effects)}
+        if isinstance(self.bearing, str):
+            tidy["bearing"] = _named(self.bearing)
+        if isinstance(self.spalls, Spall | HeightMap | list):
+            tidy["spalls"] = tuple(self.spalls) if isinstance(self.spalls, list) else (self.spalls,)
+        if isinstance(self.phase, str):
+            if self.phase != "mean":
+                raise SceneError(f"phase = {self.phase!r} is unknown; give an angle [rad] or 'mean'")
+            tidy["phase"] = PitchMean()
+        if isinstance(self.law, str):
+            tidy["law"] = LawName(self.law)
+        for name, value in tidy.items():
+            object.__setattr__(self, name, value)
+        pytrees.whole_to_float(self, ("design_load", "phase"))
+
+
+def _named(name: str) -> TaperedBearing:
+    """A bearing by its name; raises `SceneError`."""
+    if name not in geometry.NAMED_BEARINGS:
+        known = ", ".join(geometry.NAMED_BEARINGS)
+        raise SceneError(f"bearing = {shown(name)} is unknown; use {known} or a TaperedBearing")
+    return geometry.bearing(name)
+
+
+def healthy(scene: Scene) -> Scene:
+    """The same scene without spalls. Prepare first, so that both share one law."""
+    return dataclasses.replace(scene, spalls=())

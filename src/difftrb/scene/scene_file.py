@@ -1,0 +1,336 @@
+"""Scene files: TOML in, a `Scene` out; what is wrong with a file is one sentence with file, key, value and range."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+import re
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import jax.numpy as jnp
+from annotated_types import Interval, Unit
+from pydantic import TypeAdapter, ValidationError
+
+from difftrb.contact import height_map
+from difftrb.contact.contact_problem import Defect
+from difftrb.contact.contact_solution import ContactSolution
+from difftrb.contact.height_map import HeightMap
+from difftrb.contact.solver import solve_contact
+from difftrb.core import files, geometry
+from difftrb.core.files import shown
+from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence
+from difftrb.core.status import SceneError
+from difftrb.law import laws as laws
+from difftrb.ring import effects, ring
+from difftrb.ring.ring import Load, needed_axial
+from difftrb.scene import checks
+from difftrb.scene.scene import Definition, DesignLoad, Phase, Scene
+from difftrb.scene.solution import Solution
+
+PACKAGED_MAPS = ("spall_map.npz",)
+DEEPEST = 32
+"""Points of a line of a scene file, without those of numbers: no key has so many parts."""
+PHASES = 16
+"""Of one roller pitch, at which rings under moments are asked for an equilibrium."""
+COARSEST = 1e-2
+"""Accuracy of a contact solve; only "auto" is asked for less, and of something else."""
+
+
+class NoEquilibriumError(SceneError):
+    """A scene that is well formed but has no solution."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactTable:
+    """`[contact]`: the roller law and the single contact of `difftrb contact`."""
+
+    __pydantic_config__ = FILE_RULES
+
+    law: Literal["power", "liu2018", "palmgren", "table", "direct", "auto"] = "power"
+    design_load: DesignLoad = 6500.0
+    accuracy: Annotated[float, Interval(ge=1e-5, le=1e-1)] = dataclasses.field(default=1e-3, metadata={"static": True})
+    load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
+    offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
+    tilt: Annotated[Real, Interval(ge=-0.1, le=0.1), Unit("rad")] = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class StiffnessTable:
+    """`[stiffness]`: which stiffness, and where the rollers stand."""
+
+    __pydantic_config__ = FILE_RULES
+
+    definition: Definition = "tangent"
+    phase: Phase | Literal["mean"] = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class EffectsTable:
+    """`[effects]`: what acts beyond the plain ring, each only when it is named."""
+
+    __pydantic_config__ = FILE_RULES
+
+    double_row: effects.DoubleRow | None = None
+    raceways: effects.Raceways | None = None
+    flange: effects.Flange | None = None
+    diameters: effects.Diameters | None = None
+    mounting: effects.Mounting | None = None
+    centrifugal: effects.Centrifugal | None = None
+    through: effects.Through | None = None
+    tilt: effects.Tilt | None = None
+    life: effects.Life | None = None
+
+    def named(self) -> tuple[effects.Effect, ...]:
+        """Those that are."""
+        every = (getattr(self, field.name) for field in dataclasses.fields(self))
+        return tuple(effect for effect in every if effect is not None)
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneFile:
+    """A whole scene file, table by table. After `parse`, a `HeightMap` may stand among the spalls."""
+
+    __pydantic_config__ = FILE_RULES
+
+    bearing: TaperedBearing
+    load: Load
+    spall: tuple[Spall, ...] = ()
+    contact: ContactTable = ContactTable()
+    stiffness: StiffnessTable = StiffnessTable()
+    effects: EffectsTable = EffectsTable()
+
+    def scene(self) -> Scene:
+        """The scene this file describes."""
+        return Scene(
+            bearing=self.bearing,
+            load=self.load,
+            spalls=self.spall,
+            law=self.contact.law,
+            design_load=self.contact.design_load,
+            accuracy=self.contact.accuracy,
+            definition=self.stiffness.definition,
+            phase=self.stiffness.phase,
+            effects=self.effects.named(),
+        )
+
+    def line_contact(self) -> LineContact:
+        """The contact of one roller: with the inner raceway if the first spall lies there, else with the outer."""
+        inner = bool(self.spall) and self.spall[0].surface == "inner"
+        return LineContact.of(self.bearing, "inner" if inner else "outer", self.contact.design_load)
+
+    def under_contact(self) -> tuple[Defect, tuple[Real, ...]]:
+        """All spalls, and where they are from the middle of the single contact [mm]: the first by `contact.offset`, the
+        others as far from it as their angles say."""
+        radius = geometry.arc_radius(self.bearing)
+        return self.spall, tuple(
+            self.contact.offset + (spall.angle - self.spall[0].angle) * radius for spall in self.spall
+        )
+
+    def single_contact(self) -> dict[str, Any]:
+        """What `solve_contact` is given for the single contact, by its names."""
+        table, (spalls, offsets) = self.contact, self.under_contact()
+        return {"contact": self.line_contact(), "load": table.load, "spall": spalls, "offset": offsets,
+                "accuracy": table.accuracy, "tilt": table.tilt}  # fmt: skip
+
+
+def contact_under_spall(file: SceneFile, solution: Solution) -> ContactSolution:
+    """The outer contact of the roller nearest to the first spall met there (of the most loaded roller if there is none,
+    or the nearest carries nothing), with the load and the offset it has in `solution`."""
+    spall = next(iter(ring.spalls_on(file.spall, "outer")), None)
+    roller, offset = int(jnp.argmax(solution.loads)), 0.0
+    if spall is not None:
+        away = ring.distances(file.bearing, (spall,), solution.angles)[0]
+        nearest = int(jnp.argmin(jnp.abs(away)))
+        if float(solution.loads[nearest]) > 0.0:
+            roller = nearest
+        offset = -float(away[roller])
+    contact = LineContact.of(file.bearing, "outer", file.contact.design_load)
+    return solve_contact(contact, solution.loads[roller], spall, offset, min(file.contact.accuracy, COARSEST))
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read a scene file; `SceneError` (a ValueError) says in one sentence what is wrong with it."""
+    file = read(path)
+    check_ring(file, path)
+    return file.scene()
+
+
+def example(name: str = "spall") -> str:
+    """The text of a packaged scene; `SceneError` lists the names there are."""
+    if name not in example_names():
+        raise SceneError(f"no example named {name!r}; there are {', '.join(example_names())}")
+    return (resources.files("difftrb") / "scenes" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def example_names() -> list[str]:
+    """Names of the packaged scenes."""
+    folder = resources.files("difftrb") / "scenes"
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def read(path: str | Path) -> SceneFile:
+    """Read and check a scene file, table by table and across tables; raises `SceneError`."""
+    return parse(text_of(path), path)
+
+
+def text_of(path: str | Path) -> str:
+    """The text of a scene file, at most 1 MB; raises `SceneError`."""
+    return files.text_of(path, "a scene file", SceneError)
+
+
+def parse(text: str, path: str | Path = "scene") -> SceneFile:
+    """Check the text of a scene file; `path` names it in errors. Raises `SceneError`."""
+    _deep(text, path)
+    try:
+        content: dict[str, Any] = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so are numbers without end
+        reason = str(error).splitlines()[0][:200]
+        twice = re.match(r"Cannot overwrite a value \(at line (\d+)", reason)
+        if twice:
+            number = int(twice[1])
+            key = text.splitlines()[number - 1].split("=")[0].strip()
+            raise SceneError(f"{path}: line {number}: {shown(key)} is named twice; name it once") from None
+        raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
+    content.pop("sweep", None)  # for `sweepfile`
+    return from_content(content, path)
+
+
+def _deep(text: str, path: str | Path) -> None:
+    """Refuse keys of very many parts: TOML's reader takes the square of their number in time and memory."""
+    for number, line in enumerate(text.split("\n"), 1):
+        if line.count(".") > DEEPEST and len(re.sub(r"\d\.\d|\.\.+|[^.]", "", line)) > DEEPEST:
+            raise SceneError(
+                f"{path}: line {number}: has more than {DEEPEST} points beside those of numbers: no key has so many "
+                "parts; write keys as `difftrb example` does"
+            )
+
+
+def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
+    """Check a scene file's tables, which are changed by it, as `parse` does its text."""
+    _not_yet(content, path)
+    if isinstance(content.get("bearing"), str):
+        name = content["bearing"]
+        if name not in geometry.NAMED_BEARINGS:
+            known = ", ".join(geometry.NAMED_BEARINGS)
+            raise SceneError(f"{path}: bearing = {shown(name)} is unknown; use {known} or a [bearing] table")
+        content["bearing"] = dataclasses.asdict(geometry.bearing(name))
+    if isinstance(content.get("spall"), dict):
+        raise SceneError(f"{path}: [spall] is a list of tables; write [[spall]]")
+    maps = _height_maps(content, path)
+    try:  # as JSON, where strictness still lets a table become a dataclass and a list a tuple
+        file = _adapter().validate_json(json.dumps(content, default=str))
+    except ValidationError as error:
+        worst = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY)  # a misspelt key explains a missing one
+        raise SceneError(f"{path}: {in_one_sentence(worst, SceneFile)}") from None
+    except RecursionError:
+        raise SceneError(f"{path}: is nested too deeply for a scene") from None
+    if (sentence := checks.across(file.bearing, file.spall)) is not None:
+        raise SceneError(f"{path}: {sentence}")
+    spalls: list[Any] = list(file.spall)
+    for i, name in maps.items():
+        spalls[i] = _loaded(name, spalls[i], f"{path}: spall.{i}.height_map", Path(path).parent)
+    return dataclasses.replace(file, spall=tuple(spalls))
+
+
+@functools.cache
+def _adapter() -> TypeAdapter[SceneFile]:
+    """Made once, which takes longer than to check a file, and only if a file is read."""
+    return TypeAdapter(SceneFile)
+
+
+def _height_maps(content: dict[str, Any], path: str | Path) -> dict[int, str]:
+    """Names of height maps by the index of their spall, which keeps a stand-in for the sizes it does not have."""
+    found: dict[int, str] = {}
+    tables = content.get("spall")
+    for i, table in enumerate(tables if isinstance(tables, list) else []):
+        if not isinstance(table, dict) or "height_map" not in table:
+            continue
+        name = table.pop("height_map")
+        if not isinstance(name, str) or not name or not name.isprintable():
+            raise SceneError(f"{path}: spall.{i}.height_map = {shown(name)}: must be the name of a file .npz or .csv")
+        for key in ("length", "width", "depth"):
+            if key in table:
+                raise SceneError(
+                    f"{path}: spall.{i}.{key} = {shown(table[key])}: a height map has its own size; leave it out"
+                )
+        table |= {"length": 0.01, "width": 0.01}
+        found[i] = name
+    return found
+
+
+def _loaded(name: str, place: Spall, key: str, folder: Path) -> HeightMap:
+    """The map of a file beside the scene file or, if there is none, of a packaged one, put where `place` is."""
+    file = folder / name
+    try:
+        if name in PACKAGED_MAPS and not file.exists():
+            file = height_map.example_map(name)
+        return height_map.load_height_map(file, place.axial_offset, place.angle, place.surface)
+    except height_map.HeightMapError as error:
+        raise SceneError(f"{key} = {shown(name)}: {error}") from None
+
+
+def _not_yet(content: dict[str, Any], path: str | Path) -> None:
+    """Refuse, by name, what this version does not have."""
+    contact = content.get("contact")
+    law = contact.get("law") if isinstance(contact, dict) else None
+    if isinstance(law, str) and law not in laws.NAMES:
+        raise SceneError(f"{path}: contact.{laws.unknown(law)}")
+
+
+def check_contact(file: SceneFile, path: str | Path) -> None:
+    """Refuse what a single contact cannot have; raises `SceneError`."""
+    if file.contact.accuracy > COARSEST:
+        raise SceneError(
+            f"{path}: contact.accuracy = {file.contact.accuracy:g}: must be at most {COARSEST:g} for `difftrb contact`"
+        )
+    first = file.spall[0] if file.spall else None
+    for i, spall in enumerate(file.spall):
+        if first is not None and spall.surface != first.surface:
+            raise SceneError(
+                f"{path}: spall.{i}.surface = {spall.surface!r}: all spalls of `difftrb contact` lie on one surface; "
+                f"make it {first.surface!r}, or leave the spall out"
+            )
+        if first is not None and spall.surface != "outer" and spall.angle != first.angle:
+            raise SceneError(
+                f"{path}: spall.{i}.angle = {spall.angle:g}: an angle is a distance on the 'outer' raceway only; "
+                f"make it that of the first spall, {first.angle:g} rad"
+            )
+
+
+def check_ring(file: SceneFile, path: str | Path) -> None:
+    """Refuse what the contact alone could do but the ring cannot; raises `SceneError`."""
+    try:
+        sentence = checks.wrong(file.scene())
+    except SceneError as error:  # effects that exclude each other
+        sentence = str(error)
+    if sentence is not None:
+        raise SceneError(f"{path}: {sentence}")
+    if file.effects.mounting is not None:
+        return
+    tilt, row, load = file.effects.tilt, file.effects.double_row, file.load
+    moments = [m for effect in (tilt, row) if effect is not None for m in (effect.moment_radial, effect.moment_lateral)]
+    if load.axial == load.radial == 0.0 and (row is None or not any(moments)):
+        raise NoEquilibriumError(
+            f"{path}: load.axial = 0 N and load.radial = 0 N: there is nothing to hold; give a load"
+        )
+    if row is not None:  # one of both rows is pressed by any load
+        return
+    phases, tilting = jnp.asarray(file.stiffness.phase) if file.stiffness.phase != "mean" else None, None
+    if tilt is not None and tilt.rings == "free":
+        tilting = tilt.of_one_row(file.bearing, LineContact.of(file.bearing), tilt.reach)
+    if phases is None:  # without moments the worst has the load line in the middle between two rollers
+        shares = jnp.array([0.5]) if tilting is None else jnp.arange(PHASES) / PHASES
+        phases = shares * geometry.roller_pitch(file.bearing)
+    needed = max(float(needed_axial(file.bearing, load.radial, phase, tilting)) for phase in jnp.atleast_1d(phases))
+    if load.axial <= needed * (1.0 + 1e-6) or load.axial == 0.0:
+        beside = " and the moments of effects.tilt" if any(moments) else ""
+        raise NoEquilibriumError(
+            f"{path}: load.axial = {load.axial:g} N is too small for an equilibrium: with load.radial = "
+            f"{load.radial:g} N{beside} it must exceed {needed:.6g} N (about radial × tan(outer_angle)"
+            f"{' without them' if beside else ''})"
+        )

@@ -1,0 +1,172 @@
+"""The table `[sweep]` of a scene file: axes, outputs and gradients; and the plan that they make with the scene."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import dataclasses
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from difftrb.contact.contact_solution import ContactSolution
+from difftrb.contact.solver import solve_contact
+from difftrb.core import geometry
+from difftrb.core.files import dotted, known, shown
+from difftrb.core.status import SweepError
+from difftrb.law.samples import Progress
+from difftrb.scene import scene_file
+from difftrb.scene.scene_file import NoEquilibriumError, SceneError, SceneFile
+from difftrb.sweeps import axes as axes_
+from difftrb.sweeps import outputs, sweeping
+from difftrb.sweeps.axes import RANGE_KEYS, Axis
+from difftrb.sweeps.plan import Plan
+
+SETTINGS = ("outputs", "gradients", "mode", "axes")
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepFile:
+    """A scene file with its `[sweep]`, checked; `text` is the whole file's."""
+
+    scene: SceneFile
+    axes: dict[str, Any]
+    outputs: tuple[str, ...]
+    gradients: tuple[str, ...]
+    mode: str
+    text: str
+    path: str
+
+    @property
+    def of_contact(self) -> bool:
+        """Whether single contacts are swept, and not rings."""
+        return all(name in outputs.CONTACT for name in self.outputs)
+
+    def plan(self, batch: int | None = None, progress: Progress | None = None) -> Plan:
+        """What is to be computed; the roller law is made now. Raises `SceneError`."""
+        with _named(self.path):
+            if not self.of_contact:
+                given = self.scene.scene()
+                return sweeping.planned(self.outputs, given, self.axes, self.gradients, self.mode, batch, progress)
+            function = outputs.of_contact(self.outputs, _contact)
+            plan = sweeping.planned(function, self.scene, self.axes, self.gradients, self.mode, batch or 1)
+            units = plan.units | {name: outputs.CONTACT[name].unit for name in self.outputs}
+            return dataclasses.replace(plan, units=units, title=" ".join(self.outputs))
+
+
+@contextlib.contextmanager
+def _named(path: str) -> Iterator[None]:
+    """What is wrong with a sweep becomes a `SceneError` that names the file."""
+    try:
+        yield
+    except SweepError as error:
+        raise SceneError(f"{path}: sweep: {error}") from None
+
+
+def _contact(file: SceneFile) -> ContactSolution:
+    return solve_contact(**file.single_contact())
+
+
+def read(path: str | Path) -> SweepFile:
+    """Read and check a scene file with a table `[sweep]`. Raises `SceneError`."""
+    return parse(scene_file.text_of(path), path)
+
+
+def parse(text: str, path: str | Path = "scene") -> SweepFile:
+    """Check the text of a scene file with a table `[sweep]`; `path` names it in errors. Raises `SceneError`."""
+    file = scene_file.parse(text, path)
+    content = tomllib.loads(text)
+    table = content.pop("sweep", None)
+    if not isinstance(table, dict) or not table:
+        raise SceneError(
+            f"{path}: [sweep] is missing: name axes, say spall.0.length = {{from = 0.5, to = 8, count = 64}}"
+        )
+    with _named(str(path)):
+        given = dict(_axes(table))
+        found = SweepFile(
+            file,
+            given,
+            _texts(table, "outputs", outputs.DEFAULT),
+            _texts(table, "gradients", ()),
+            table.get("mode", "product"),
+            text,
+            str(path),
+        )
+        made = axes_.axes_of(given, found.mode)
+        unknown = [name for name in found.outputs if name not in outputs.RING | outputs.CONTACT]
+        outputs.known(unknown or found.outputs, outputs.RING | outputs.CONTACT)
+        if not found.of_contact and any(name in outputs.CONTACT for name in found.outputs):
+            raise SweepError(
+                f"outputs: {', '.join(outputs.CONTACT)} are of a single contact and do not go with the ring's"
+            )
+        _check(content, found)  # before a scene is made of it, which raises where effects exclude each other
+        axes_.check(file if found.of_contact else file.scene(), made, found.gradients)
+        _check_ends(content, made, found)
+    return found
+
+
+def _texts(table: dict[str, Any], key: str, default: tuple[str, ...]) -> tuple[str, ...]:
+    value = table.get(key, default)
+    if not isinstance(value, list | tuple) or not all(isinstance(entry, str) for entry in value):
+        raise SweepError(f"{key} = {shown(value)}: must be a list of names in quotes")
+    return tuple(value)
+
+
+def _axes(table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Axes by dotted key, whether written straight under [sweep], under [sweep.axes], quoted or not."""
+    own = table.get("axes", {})
+    if not isinstance(own, dict):
+        raise SweepError(f"axes = {shown(own)}: must be a table")
+    seen = set()
+    for place in ({key: value for key, value in table.items() if key not in SETTINGS}, own):
+        for key, spec in _flat(place):
+            written = dotted(key.split("."))
+            if written != key:  # quoted, or cut: no key of a scene has to be
+                raise SweepError(f"{written} is not a known key; known here: {axes_.OF_SCENE}")
+            if key in seen:
+                raise SweepError(f"{key} is there twice")
+            seen.add(key)
+            yield key, spec
+
+
+def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in table.items():
+        key = before + name
+        if not before and "." not in name and not isinstance(value, dict):
+            raise SweepError(f"{dotted([name])} is not a known key; {known(name, SETTINGS, ' and dotted keys')}")
+        if isinstance(value, dict) and not set(value) & set(RANGE_KEYS) and value:
+            yield from _flat(value, f"{key}.")
+        else:
+            yield key, value
+
+
+def _check_ends(content: dict[str, Any], made: tuple[Axis, ...], file: SweepFile) -> None:
+    """Every axis's ends as if they stood in the file: what the scene's own checks refuse is refused."""
+    ends = [(key, float(end)) for axis in made for key, values in zip(axis.keys, axis.values, strict=True)
+            for end in (values.min(), values.max())]  # fmt: skip
+    for key, end in ends:
+        changed = copy.deepcopy(content)
+        *way, name = key.split(".")
+        at: Any = changed
+        for step in way:
+            at = at[int(step)] if isinstance(at, list) else _table(at, step)
+        at[name] = end
+        _check(changed, file)
+
+
+def _check(content: dict[str, Any], file: SweepFile) -> None:
+    """Refuse a scene file's tables as `difftrb run` or `contact` does, but for loads without an equilibrium."""
+    try:
+        one = scene_file.from_content(copy.deepcopy(content), file.path)
+        (scene_file.check_contact if file.of_contact else scene_file.check_ring)(one, file.path)
+    except NoEquilibriumError:
+        return  # a member like others: NaN
+    except SceneError as error:
+        raise SweepError(str(error).removeprefix(f"{file.path}: ")) from None
+
+
+def _table(at: dict[str, Any], step: str) -> dict[str, Any]:
+    if step == "bearing" and isinstance(at.get(step), str):
+        at[step] = {k: v for k, v in dataclasses.asdict(geometry.bearing(at[step])).items() if v is not None}
+    return at.setdefault(step, {})

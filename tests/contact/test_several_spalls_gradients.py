@@ -1,0 +1,56 @@
+"""Derivatives by tilt and by each of several spalls: AD against central differences, forward against reverse."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb.core.geometry import LineContact, Spall
+
+pytestmark = pytest.mark.gradient
+
+NAMES = ("load", "tilt", "length 1", "width 1", "axial 1", "offset 1", "length 2", "width 2", "axial 2", "offset 2",
+         "depth 2", "radius")  # fmt: skip
+POINTS = {
+    # rolling edges of both in the contact; the second shallow enough to be touched
+    "apart": (2900.0, 3e-4, 2.1, 1.0, 1.2, 0.47, 1.7, 0.9, -2.4, -0.44, 0.003),
+    # same place and size across: their edges coincide
+    "in line": (2900.0, 2e-4, 2.1, 1.0, 1.2, 0.47, 2.1, 1.0, -2.4, 0.47, 0.2),
+    # the second is out of reach
+    "far": (2900.0, -3e-4, 2.1, 1.0, 1.2, 0.47, 2.1, 1.0, -2.4, 3.0, 0.2),
+}
+
+
+@jax.jit
+def approach(v: jax.Array, contact: LineContact) -> jax.Array:
+    load, tilt, *sizes, radius = v
+    spalls = Spall(sizes[0], sizes[1], 0.2, 0.0, sizes[2]), Spall(sizes[4], sizes[5], sizes[8], 0.0, sizes[6])
+    contact = LineContact(radius, contact.length, contact.modulus, contact.design_load)
+    return trb.solve_contact(contact, load, spalls, (sizes[3], sizes[7]), 1e-2, tilt=tilt).approach
+
+
+gradient = jax.jit(jax.grad(approach))
+
+
+@pytest.mark.parametrize("point", POINTS)
+def test_gradient_matches_central_differences(point: str, contact: LineContact) -> None:
+    at = jnp.array([*POINTS[point], float(contact.radius)])
+    slopes, delta = gradient(at, contact), float(approach(at, contact))
+    for i, name in enumerate(NAMES):
+        size = max(abs(float(at[i])), 1e-3 if name == "tilt" else 0.01)
+        step = 1e-6 * size  # two lines close together: derivatives bend soon
+        ahead, behind = (approach(at.at[i].add(side * step), contact) for side in (1.0, -1.0))
+        difference = float(ahead - behind) / (2.0 * step)
+        assert float(slopes[i]) == pytest.approx(difference, rel=1e-6, abs=1e-8 * delta / size), name
+    if point == "far":
+        assert not slopes[jnp.array([6, 7, 9, 10])].any()  # exactly
+    if point == "in line":
+        assert float(slopes[2]) > 0.0
+        assert float(slopes[6]) == pytest.approx(float(slopes[2]), rel=0.5)  # of the same size, at another place
+
+
+def test_forward_and_reverse_agree(contact: LineContact) -> None:
+    at = jnp.array([*POINTS["apart"], float(contact.radius)])
+    forward = jax.jacfwd(approach)(at, contact)
+    np.testing.assert_allclose(forward, gradient(at, contact), rtol=1e-8, atol=1e-15)

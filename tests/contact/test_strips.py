@@ -1,0 +1,147 @@
+"""The strips' parts against plain quadrature, and their answer against the cells'."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import k0
+
+import difftrb as trb
+from difftrb.contact import strip_basis
+from difftrb.contact.strip_basis import Rows
+from difftrb.core import bickley
+
+pytestmark = pytest.mark.exact
+
+
+def gauss(a: float, b: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    x, w = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (b - a) * x + 0.5 * (a + b), 0.5 * (b - a) * w
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_integrals_of_k0(order: int) -> None:
+    """∫₀ᶻ (z−s)ⁿ⁻¹/(n−1)! K₀(s) ds, the logarithm at 0 taken by s = z u⁴; z on both sides of the split."""
+    u, w = gauss(0.0, 1.0, 60)
+    for z in (1e-3, 0.7, 3.99, 4.01, 11.0):
+        kernel = (1.0 - u**4) ** (order - 1) / float(np.prod(np.arange(1, order))) * 4.0 * u**3
+        expected = z**order * np.sum(w * kernel * k0(z * u**4))
+        assert float(bickley.integrals_k0(order, jnp.asarray(z))[0]) == pytest.approx(expected, rel=1e-9)
+    z, h = jnp.asarray(2.5), 1e-5
+    assert float(bickley.integrals_k0(0, z)[0]) == pytest.approx(k0(2.5), rel=1e-11)
+    slope = jax.grad(lambda n, z: bickley.integrals_k0(n, z)[0], 1)
+    assert float(slope(1, z)) == pytest.approx(k0(2.5), rel=1e-11)
+    by_difference = (k0(2.5 + h) - k0(2.5 - h)) / (2 * h)
+    assert float(slope(0, z)) == pytest.approx(by_difference, rel=1e-8)
+
+
+def test_products_of_rows() -> None:
+    """∬ hat hat' (K₀(κ|y−y'|) + K₀(κ(y+y'))) by nested Gauss rules graded towards y' = y."""
+    land = np.array([10.0, 10.02, 10.1, 10.3, 11.5, 16.0, 20.0, 20.5, 20.6])
+    hollow = np.array([0.0, 3.0, 6.0, 8.0, 9.0, 9.6, 9.9, 9.97, 10.0])
+    groups = Rows(jnp.asarray(land), False, "low"), Rows(jnp.asarray(hollow), True, "high")
+    kappa = np.array([0.01, 0.5, 3.0])
+    found = np.asarray(strip_basis.products(groups, kappa, True))
+    hats = [(land, i) for i in range(8)] + [(hollow, i) for i in range(9)]
+    assert found.shape == (17, 17, 3)
+
+    def value(hat: tuple[np.ndarray, int], y: np.ndarray) -> np.ndarray:
+        return np.interp(y, hat[0], np.eye(9)[hat[1]], left=0.0, right=0.0)
+
+    def panels(hat: tuple[np.ndarray, int]) -> list[tuple[float, float]]:
+        lines, i = hat
+        return [(lines[j], lines[j + 1]) for j in (i - 1, i) if 0 <= j < 8]
+
+    def integral(one: tuple[np.ndarray, int], other: tuple[np.ndarray, int], k: float) -> float:
+        total = 0.0
+        u, v = gauss(0.0, 1.0, 24)
+        for a, b in panels(one):
+            for y, w in zip(*gauss(a, b, 24), strict=True):
+                for c, d in panels(other):
+                    inner = [(c, y), (d, y)] if c < y < d else [(c, d) if abs(d - y) < abs(c - y) else (d, c)]
+                    for far, near in inner:
+                        s = near + (far - near) * u**4
+                        kernel = k0(k * np.maximum(np.abs(y - s), 1e-300)) + k0(k * (y + s))
+                        total += w * value(one, np.array([y]))[0] * abs(far - near) * np.sum(
+                            v * 4.0 * u**3 * value(other, s) * kernel
+                        )  # fmt: skip
+        return total
+
+    for i, j in [(0, 0), (0, 1), (4, 5), (0, 16), (0, 15), (1, 16), (8, 8), (8, 9), (15, 16), (0, 7), (4, 9)]:
+        expected = [integral(hats[i], hats[j], k) for k in kappa]
+        size = np.sqrt(found[i, i] * found[j, j])  # thin hats far apart are taken as points: small beside this
+        np.testing.assert_allclose(found[i, j] / size, expected / size, rtol=2e-5, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("spall", "offset"),
+    [
+        (None, 0.0),
+        (trb.Spall(5.0, 7.0), 0.3),
+        (trb.Spall(3.0, 1.0), 0.52),  # a rolling edge in the contact
+        (trb.Spall(3.0, 0.12), 0.0),  # narrower than the contact
+        (trb.Spall(4.0, 7.0, axial_offset=1.5), 0.0),
+    ],
+)
+def test_strips_and_cells_agree(spall: trb.Spall | None, offset: float) -> None:
+    contact = trb.LineContact(3.623, 13.66, 113794.5, 3000.0)
+    strips = trb.solve_contact(contact, 2500.0, spall, offset, 1e-2, "strips").check()
+    cells = trb.solve_contact(contact, 2500.0, spall, offset, 1e-3, "cells").check()
+    assert float(strips.approach) == pytest.approx(float(cells.approach), rel=1e-3)
+    assert float(jnp.sum(strips.force)) == pytest.approx(2500.0, rel=1e-9)
+    # the longest row lies at the spall's end, where the contact bulges: coarse rows see less of it
+    assert float(strips.contact_width) == pytest.approx(float(cells.contact_width), rel=0.15)
+    assert int(strips.unknowns) < 150
+
+
+SLIVERS = (
+    (4683.0, 7.44, 1.787, 1.5488662687e-02), (1140.0, 7.75, 1.870, 5.3331256861e-03),
+    (3735.0, 2.92, 1.825, 1.0572018885e-02), (1048.0, 7.76, 1.809, 6.0499778444e-03),
+    (432.0, 6.13, 1.894, 2.6510343735e-03), (1942.0, 7.53, 1.765, 9.1822547572e-03),
+    (2216.0, 7.77, 1.846, 8.5538523861e-03),
+)  # fmt: skip
+"""Load [N], length of a spall 4 mm wide and its offset [mm], approach [mm] by strips far finer than any here:
+Fineness(36, 14, 5, 2, 3, Frequencies(6, 18, 32, 32.0), Frequencies(6, 18, 200, 300.0)); known to 5e-5."""
+
+
+@pytest.mark.parametrize(("accuracy", "median", "worst"), [(1e-3, 6e-4, 2e-3), (1e-4, 2e-4, 6e-4)])
+def test_slivers_of_land(contact: trb.LineContact, accuracy: float, median: float, worst: float) -> None:
+    """A rolling edge so far out that the roller meets the land beyond it in a sliver, which ends along the spall."""
+    errors = []
+    for load, length, offset, truth in SLIVERS:
+        s = trb.solve_contact(contact, load, trb.Spall(length, 4.0), offset, accuracy, method="strips").check()
+        errors.append(abs(float(s.approach) / truth - 1.0))
+    assert np.median(errors) < median
+    assert max(errors) < worst
+
+
+def test_finer_strips_do_where_these_do_not(contact: trb.LineContact) -> None:
+    """A sliver at which strips of 1e-2 do not converge and which cells' domain cuts off, 1.5e-2 off. The approach is by
+    strips of 1e-5."""
+    case = 403.0, trb.Spall(6.3068, 4.0), 1.8794, 1e-2
+    assert not bool(trb.solve_contact(contact, *case, method="strips").converged)
+    found = trb.solve_contact(contact, *case).check()
+    assert found.accuracy < 1e-2
+    assert float(found.approach) == pytest.approx(2.731817e-3, rel=3e-4)
+
+
+def test_strips_know_where_they_end() -> None:
+    straight = trb.LineContact(3.623, 13.66, 113794.5, 0.0)
+    crowned = trb.LineContact(3.623, 13.66, 113794.5, 3000.0)
+    assert "method 'cells'" in trb.solve_contact(straight, 1000.0, None, 0.0, 1e-2, "strips").status
+    shallow = trb.Spall(5.0, 7.0, depth=0.002)
+    assert "method 'cells'" in trb.solve_contact(crowned, 3000.0, shallow, 0.0, 1e-2, "strips").status
+    assert bool(trb.solve_contact(crowned, 3000.0, shallow, 0.0, 1e-2).converged)
+
+
+def test_inside_jit_the_choice_is_the_same(contact: trb.LineContact) -> None:
+    """Strips out of reach of an edge, strips at an edge, cells where the roller reaches the bottom."""
+
+    def approach(case: jax.Array) -> jax.Array:
+        return trb.solve_contact(contact, 2500.0, trb.Spall(4.0, 7.0, case[1]), case[0], 1e-2).approach
+
+    cases = jnp.array([[0.0, 0.2], [3.5, 0.2], [0.0, 0.003]])
+    together = jax.jit(lambda c: jax.lax.map(approach, c))(cases)
+    for (offset, depth), found in zip(np.asarray(cases), together, strict=True):
+        one = trb.solve_contact(contact, 2500.0, trb.Spall(4.0, 7.0, float(depth)), float(offset), 1e-2)
+        assert float(found) == pytest.approx(float(one.approach), rel=1e-8)

@@ -1,0 +1,40 @@
+"""The JAX that is installed computes this package's kind of expression correctly and takes its compile options."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from difftrb.core import compiling
+
+pytestmark = pytest.mark.hard
+
+
+@pytest.mark.portable
+def test_batched_small_matrix_products() -> None:
+    """jax 0.10.2 (issue 39103) is silently wrong here by up to 400 %: a bearing sweep is just this expression."""
+    rng = np.random.default_rng(0)
+    M, r = rng.normal(size=(40000, 3, 3)), rng.normal(size=(40000, 3))
+    got = jax.jit(jax.vmap(lambda m, v: jnp.sum((m @ v) ** 2)))(jnp.asarray(M), jnp.asarray(r))
+    np.testing.assert_allclose(got, (np.einsum("nij,nj->ni", M, r) ** 2).sum(axis=1), rtol=1e-11)
+
+
+@pytest.mark.portable
+def test_it_is_not_the_release_that_is_wrong() -> None:
+    assert jax.__version__ != "0.10.2"
+
+
+@pytest.mark.portable
+def test_options_that_xla_does_not_know_are_left_out(monkeypatch) -> None:
+    """As on jax 0.11 and later, which have no older emitters."""
+    known = {"xla_backend_optimization_level": 1}
+    monkeypatch.setattr(compiling, "OPTIONS", {"xla_no_such_option": False} | known)
+    compiling.quick.cache_clear()
+    try:
+        with pytest.raises(jax.errors.JaxRuntimeError, match="No such compile option"):
+            jax.jit(lambda: 0.0, compiler_options=compiling.OPTIONS)()
+        double = compiling.jit_quickly(static_argnames="times")(lambda x, times: times * x)
+        assert float(double(2.0, times=3.0)) == 6.0
+        assert compiling.quick() == known
+    finally:
+        compiling.quick.cache_clear()

@@ -1,0 +1,288 @@
+"""The road backwards: what was put in comes out, what cannot come out is said."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb import __main__ as cli
+from difftrb.fits import fit_report, intervals, least_squares, optimal_design, parameters, predicted
+from difftrb.fits.fitting import evaluated, fit, solved, start_places
+from difftrb.fits.measured import MeasuredError, Measurement, example, parse
+from difftrb.scene import scene_file
+from experiments.speed_of_fit import ours, scipys
+
+TRUTH = {"length": 5.0, "width": 9.0}
+LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))
+BLANK = tuple(
+    Measurement(radial, axial, quantity, 1.0, 1.0, None, phase)
+    for radial, axial in LOADS
+    for phase in (0.0, "mean")
+    for quantity in ("radial_loss", "axial_loss")
+)
+
+
+@pytest.fixture(scope="module")
+def rig(bearing: trb.TaperedBearing) -> trb.Scene:
+    return trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), "liu2018"))
+
+
+@pytest.fixture(scope="module")
+def exact(rig: trb.Scene) -> np.ndarray:
+    """What the rows of BLANK are without noise."""
+    spall = trb.Spall(TRUTH["length"], TRUTH["width"])
+    losses = [
+        trb.assess(dataclasses.replace(rig, spalls=(spall,), load=trb.Load(*load), phase=phase)).loss
+        for load in LOADS
+        for phase in (0.0, "mean")
+    ]
+    return np.concatenate(losses)
+
+
+def measured(values: np.ndarray, sigma: float | None = 0.01) -> list[Measurement]:
+    return [
+        dataclasses.replace(row, value=float(v), sigma=None if sigma is None else sigma * abs(float(v)))
+        for row, v in zip(BLANK, values, strict=True)
+    ]
+
+
+def noisy(exact: np.ndarray, seed: int) -> list[Measurement]:
+    """Rows with noise of 1 %, whose sigma is of the exact values."""
+    rows = measured(exact)
+    noise = np.random.default_rng(seed).standard_normal(len(exact))
+    return [
+        dataclasses.replace(row, value=row.value + row.sigma * float(e)) for row, e in zip(rows, noise, strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def noisy_fit(rig: trb.Scene, exact: np.ndarray) -> trb.Fit:
+    return fit(rig, noisy(exact, 1), model_error=0.0).check()
+
+
+def test_exact_data_give_the_spall_back(rig: trb.Scene, exact: np.ndarray) -> None:
+    found = fit(rig, measured(exact)).check()
+    np.testing.assert_allclose(found.values, [TRUTH["length"], TRUTH["width"]], rtol=1e-7)
+    np.testing.assert_allclose(found.predicted, exact, rtol=1e-7)
+    assert found.determined
+    assert found["width"] == found.values[1]
+    assert (found.intervals[:, 0] < found.values).all()
+    assert (found.intervals[:, 1] > found.values).all()
+    assert "converged" in fit_report.fit_json(found, (), 0.0)["status"]
+
+
+def test_it_is_the_least_squares_of_scipy(noisy_fit: trb.Fit) -> None:
+    problem = noisy_fit.problem
+    starts = start_places(problem.unknowns, noisy_fit.scene, 16)
+    theirs = scipys(problem, starts, lambda u: evaluated(problem, u[None]).residual[0])
+    np.testing.assert_allclose(ours(problem, starts), theirs, rtol=1e-6)
+    np.testing.assert_allclose(noisy_fit.values, theirs, rtol=1e-6)
+
+
+def test_slopes_equal_central_differences(noisy_fit: trb.Fit) -> None:
+    problem, u, step = noisy_fit.problem, noisy_fit.place, 1e-5
+    places = np.concatenate([u + step * np.eye(2), u - step * np.eye(2)])
+    told = np.asarray(solved(problem, places, np.ones_like(places, bool), 0, 0).told[0])
+    slopes = (told[:2] - told[2:]).T / (2.0 * step) / np.asarray(problem.sigma)[:, None]
+    np.testing.assert_allclose(noisy_fit.normal, slopes.T @ slopes, rtol=1e-6)
+
+
+def test_values_follow_the_data(rig: trb.Scene, exact: np.ndarray, noisy_fit: trb.Fit) -> None:
+    slopes = noisy_fit.by_data()
+    rows, k, step = noisy(exact, 1), 2, 1e-3
+    ends = [
+        fit(rig, [*rows[:k], dataclasses.replace(rows[k], value=rows[k].value + e), *rows[k + 1 :]], model_error=0.0)
+        for e in (step, -step)
+    ]
+    differences = (ends[0].values - ends[1].values) / (2.0 * step)
+    np.testing.assert_allclose(slopes[:, k], differences, rtol=1e-4, atol=1e-5 * float(np.abs(differences).max()))
+
+
+def test_intervals_cover(rig: trb.Scene, exact: np.ndarray) -> None:
+    fits = [fit(rig, noisy(exact, seed), model_error=0.0, starts=8) for seed in range(10, 22)]
+    truth = np.array([TRUTH["length"], TRUTH["width"]])
+    scores = np.array([(f.values - truth) / f.standard_errors for f in fits])
+    assert 0.4 < np.mean(scores**2) < 2.0  # 24 values: chance 1 in 1000 on either side
+    inside = np.array([(f.intervals[:, 0] < truth) & (truth < f.intervals[:, 1]) for f in fits])
+    assert np.mean(inside) >= 0.8
+
+
+def test_an_error_of_the_model_widens_intervals(rig: trb.Scene, exact: np.ndarray, noisy_fit: trb.Fit) -> None:
+    wider = fit(rig, measured(exact))  # the law's own error, 2.5 % by the paper
+    shifted = fit(rig, measured(1.025 * exact), model_error=0.0)
+    assert wider.standard_errors[0] == pytest.approx(abs(shifted["length"] - TRUTH["length"]), rel=0.05)
+    assert wider.standard_errors[0] > 3.0 * noisy_fit.standard_errors[0]
+
+
+def test_an_error_of_the_model_pulls_nowhere(noisy_fit: trb.Fit) -> None:
+    """Peelle's puzzle: 1.0 and 1.5, each known to 10 %, both to 20 %, are best told by something in between."""
+    measured = jnp.where(jnp.arange(len(BLANK)) % 2 == 0, 1.0, 1.5)
+    problem = dataclasses.replace(noisy_fit.problem, measured=measured, sigma=0.1 * measured, common=0.2)
+    told = jnp.linspace(0.5, 2.0, 301)
+    squares = jax.vmap(lambda t: jnp.sum(predicted.counted(problem, jnp.full(len(BLANK), t)) ** 2))(told)
+    assert 1.1 < float(told[jnp.argmin(squares)]) < 1.3
+
+
+def test_what_data_do_not_determine_is_said(rig: trb.Scene, exact: np.ndarray) -> None:
+    rows = [dataclasses.replace(row, sigma=1e3 * row.sigma) if row.phase == 0.0 else row for row in noisy(exact, 3)]
+    found = fit(rig, rows, model_error=0.0)
+    assert not found.determined
+    sentence = next(r for r in found.remarks if "is determined to" in r)
+    assert "length × width" in sentence or "width × length" in sentence
+    assert "length is not" in sentence
+    assert "with roller 0 at 0 rad" in sentence
+    assert found.correlation[0, 1] < -0.99
+    widths = found.ridge(np.stack([found.place - 0.05, found.place + 0.05], 1))
+    assert widths.min() > -1e-9
+
+
+def test_sigma_is_estimated_when_none_is_given(rig: trb.Scene, exact: np.ndarray, noisy_fit: trb.Fit) -> None:
+    rows = [dataclasses.replace(row, sigma=None) for row in noisy(exact, 1)]
+    found = fit(rig, rows, model_error=0.0)
+    assert found.sigma_estimated
+    assert any("no sigma was given" in r for r in found.remarks)
+    assert np.sum(found.residuals**2) == pytest.approx(found.freedom, rel=1e-6)
+    np.testing.assert_allclose(found.values, noisy_fit.values, rtol=2e-3)
+
+
+def test_an_outlier_is_left_aside_on_request(rig: trb.Scene, exact: np.ndarray) -> None:
+    rows = noisy(exact, 1)
+    rows[0] = dataclasses.replace(rows[0], value=1.4 * rows[0].value)
+    plain = fit(rig, rows, model_error=0.0)
+    assert any("misses the data" in r and "row 1" in r for r in plain.remarks)
+    for way in ("huber", "student"):
+        found = fit(rig, rows, robust=way)
+        assert abs(found["length"] - 5.0) < 0.3 * abs(plain["length"] - 5.0), way
+        assert any(r.startswith("row 1 stands") for r in found.remarks), way
+
+
+def test_wrong_data_get_sentences(rig: trb.Scene, exact: np.ndarray) -> None:
+    cases = {
+        "row 1: radial_loss = -": -exact[0],
+        "more than the model can give": 60.0,
+    }
+    for sentence, value in cases.items():
+        rows = noisy(exact, 1)
+        rows[0] = dataclasses.replace(rows[0], value=float(value))
+        assert any(sentence in r for r in fit(rig, rows, model_error=0.0).remarks), sentence
+    same = [dataclasses.replace(row, value=3.0, sigma=0.01) for row in BLANK]
+    assert any("all 4 values of radial_loss are 3" in r for r in fit(rig, same, model_error=0.0).remarks)
+
+
+def test_the_next_measurement_shrinks_the_interval(noisy_fit: trb.Fit) -> None:
+    among = optimal_design.candidates(noisy_fit)
+    assert len(among) > 12
+    first, second = optimal_design.next_measurements(noisy_fit, among, count=2)
+    assert first.gain >= second.gain > 1.0
+    assert second.errors["length"] <= first.errors["length"] < noisy_fit.standard_errors[0]
+    for name in TRUTH:
+        (best,) = optimal_design.next_measurements(noisy_fit, among, count=1, parameter=name)
+        assert best.errors[name] <= first.errors[name] + 1e-12
+
+
+def test_bounded_coordinates_go_both_ways() -> None:
+    some = parameters.Unknowns(("length", "angle"), jnp.array([0.1, -3.0]), jnp.array([10.0, 3.0]))
+    values = jnp.array([2.0, 0.5])
+    np.testing.assert_allclose(some.values(some.coordinates(values)), values, rtol=1e-12)
+    assert float(some.values(jnp.array([50.0, -50.0]))[0]) == pytest.approx(10.0)
+
+
+def test_limits_of_intervals() -> None:
+    assert intervals.limit_of(None) == pytest.approx(3.841, rel=1e-3)
+    assert intervals.limit_of(6) == pytest.approx(2.447**2, rel=1e-3)  # Student's t, tables
+    assert intervals.tail(9.488, 4) == pytest.approx(0.05, rel=1e-3)
+
+
+def test_levenberg_marquardt_alone() -> None:
+    def rosenbrock(u: np.ndarray) -> least_squares.Evaluated:
+        x, y = u.T
+        residual = np.stack([10.0 * (y - x**2), 1.0 - x], 1)
+        slopes = np.stack([np.stack([-20.0 * x, np.full_like(x, 10.0)], 1), np.tile([-1.0, 0.0], (len(u), 1))], 1)
+        return least_squares.Evaluated(residual, slopes, (u,))
+
+    free = np.array([[True, True], [True, False], [True, True]])
+    starts = np.array([[-1.2, 1.0], [3.0, 4.0], [-1.21, 1.0]])
+    found = least_squares.minimum(rosenbrock, starts, free, 14.0, 60)
+    np.testing.assert_allclose(found.place[::2], 1.0, rtol=1e-7)
+    assert found.place[1, 1] == 4.0
+    assert found.converged.all()
+    met = least_squares.minimum(rosenbrock, starts, free, 14.0, 60, meet=0.02)
+    np.testing.assert_array_equal(met.place[0], met.place[2])
+    np.testing.assert_allclose(met.place[0], 1.0, rtol=1e-7)
+    assert met.converged.all()
+    assert min(met.steps[0], met.steps[2]) < 3 < max(met.steps[0], met.steps[2])
+
+
+BAD = {
+    "no rows": ({"rows": []}, "no rows"),
+    "unknown parameter": ({"parameters": ("size",)}, "'size' is not known"),
+    "twice": ({"parameters": ("length", "length")}, "each once"),
+    "frozen crown": ({"parameters": ("length", "crown")}, "crown cannot be fitted.*frozen"),
+    "unknown way": ({"robust": "median"}, "robust = 'median'"),
+    "model error": ({"model_error": -1.0}, "model_error = -1.0"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_fitted_is_refused(name: str, rig: trb.Scene, exact: np.ndarray) -> None:
+    changed, sentence = BAD[name]
+    with pytest.raises(MeasuredError, match=sentence):
+        fit(rig, **({"rows": measured(exact)} | changed))
+
+
+def test_rows_that_do_not_fit_together_are_refused(rig: trb.Scene, exact: np.ndarray) -> None:
+    rows = measured(exact)
+
+    def first(**changed: object) -> list[Measurement]:
+        return [dataclasses.replace(rows[0], **changed), *rows[1:]]
+
+    for wrong, sentence in (
+        (first(sigma=None), "row 1: sigma is empty"),
+        (first(axial=1000.0), "row 1: axial = 1000 N is too small"),
+        (first(radial=0.0, definition="secant"), "row 1.*needs a radial load"),
+        (first(speed_rpm=100.0), "row 1: speed_rpm = 100"),
+        (measured(exact, None)[:2], "2 rows cannot give 2 parameters"),
+    ):
+        with pytest.raises(MeasuredError, match=sentence):
+            fit(rig, wrong)
+    with pytest.raises(MeasuredError, match="no \\[\\[spall\\]\\]"):
+        fit(dataclasses.replace(rig, spalls=()), rows)
+    with pytest.raises(MeasuredError, match="'direct'"):
+        fit(dataclasses.replace(rig, law="direct"), rows)
+
+
+SCENE = f"""{scene_file.example("spall")}
+[contact]
+law = "liu2018"
+"""
+
+
+@pytest.mark.portable
+def test_the_command_line_fits(exact: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, table = tmp_path / "s.toml", tmp_path / "m.csv"
+    scene.write_text(SCENE, encoding="utf-8")
+    rows = [f"{r.radial},{r.axial},{r.quantity},{r.value},{r.sigma},{r.phase}" for r in measured(exact)]
+    table.write_text("\n".join(["radial,axial,quantity,value,sigma,phase", *rows]), encoding="utf-8")
+    folder = tmp_path / "out"
+    assert cli.main(["--no-cache", "fit", str(scene), str(table), "--json", "--out", str(folder)]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["converged"]
+    assert record["parameters"]["length"]["value"] == pytest.approx(5.0, rel=1e-6)
+    assert record["next_measurements"][0]["gain"] > 1.0
+    assert {p.name for p in folder.iterdir()} == {"fit.png", "fit.svg", "result.json"}
+    assert cli.main(["--no-cache", "fit", str(scene), str(table), "--parameters", "size"]) == 2
+    assert "'size' is not known" in capsys.readouterr().err
+    table.write_text("radial,axial\n", encoding="utf-8")
+    assert cli.main(["--no-cache", "fit", str(scene), str(table)]) == 2
+    assert f"{table}: column quantity is missing" in capsys.readouterr().err
+
+
+def test_the_packaged_measurements_are_in_order() -> None:
+    rows = parse(example())
+    assert len(rows) == 8
+    assert all(row.sigma is not None for row in rows)

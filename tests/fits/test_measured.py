@@ -1,0 +1,74 @@
+"""Tables of measurements: what is right is read, what is wrong gets one sentence."""
+
+from pathlib import Path
+
+import pytest
+
+from difftrb.fits.measured import MeasuredError, Measurement, load_measured, parse
+
+GOOD = """# a comment
+radial, axial, quantity, value, sigma, phase, definition, speed_rpm
+
+9000, 4500, radial_loss, 2.4, 0.02, mean, tangent,
+3000, 4500, axial_stiffness, 4.6e5, 5e3, 0.1, , 0
+"""
+
+# what is changed in a good table, and what the sentence has to name
+BAD = {
+    "unknown quantity": ("radial_loss", "radial_los", ["row 1 (line 4)", "quantity = 'radial_los'", "'radial_loss'"]),
+    "no number": ("2.4", "two", ["row 1", "value = 'two'", "a number", "percent"]),
+    "not a number": ("2.4", "nan", ["row 1", "value = nan", "a number"]),
+    "empty value": ("2.4", "", ["row 1", "value is empty", "N/mm"]),
+    "negative load": ("3000", "-3000", ["row 2 (line 5)", "radial = -3000.0", "0 … 1e+07 N"]),
+    "zero sigma": ("0.02", "0", ["row 1", "sigma = 0.0", "leave it empty in all rows"]),
+    "degrees": ("0.1", "90", ["row 2", "phase = 90.0", "rad or 'mean'"]),
+    "phase in words": ("mean", "average", ["row 1", "phase = 'average'", "'mean'"]),
+    "definition": ("tangent", "chord", ["row 1", "definition = 'chord'", "'tangent', 'secant'"]),
+    "speed": ("5e3, 0.1, , 0", "5e3, 0.1, , 3000", ["row 2", "speed_rpm = 3000", "must be 0"]),
+    "more than everything": ("2.4", "240", ["row 1", "value = 240", "below 100 %"]),
+    "stiffness below zero": ("4.6e5", "-4.6e5", ["row 2", "value = -460000", "above 0 N/mm"]),
+    "unknown column": ("sigma", "sgima", ["column 'sgima'", "did you mean sigma"]),
+    "missing column": ("axial, q", "q", ["column axial is missing"]),
+    "twice": ("sigma, phase", "sigma, sigma", ["column 'sigma' stands twice"]),
+    "decimal comma": ("2.4,", "2,4,", ["row 1", "9 cells", "point"]),
+    "column without end": ("sigma", "s" * 3000, ["column 'sss", "...", "is not known"]),
+    "cell without end": ("2.4", "4" * 40 + "x" * 3000, ["row 1 (line 4): value = '444", "...: must be"]),
+    "quoted over lines": ("mean", '"mean\n"', ["line 5", "CSV", "quote"]),
+}
+
+
+def test_a_table_is_read(tmp_path: Path) -> None:
+    file = tmp_path / "m.csv"
+    file.write_text("\ufeff" + GOOD, encoding="utf-8")
+    first, second = load_measured(file)
+    assert first == Measurement(9000.0, 4500.0, "radial_loss", 2.4, 0.02, "tangent", "mean")
+    assert second == Measurement(3000.0, 4500.0, "axial_stiffness", 4.6e5, 5e3, None, 0.1)
+    assert (first.unit, second.unit, first.is_loss, second.is_loss) == ("%", "N/mm", True, False)
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_tables_get_one_sentence(name: str) -> None:
+    old, new, named = BAD[name]
+    assert old in GOOD
+    with pytest.raises(MeasuredError) as caught:
+        parse(GOOD.replace(old, new, 1), "m.csv")
+    sentence = str(caught.value)
+    assert sentence.startswith("m.csv: ")
+    assert "\n" not in sentence
+    assert len(sentence) < 400
+    for part in named:
+        assert part in sentence, sentence
+
+
+def test_tables_without_rows() -> None:
+    for text, named in (("", "no rows"), ("radial,axial,quantity,value\n", "no rows"), ("radial;axial\n1;2", "commas")):
+        with pytest.raises(MeasuredError, match=named):
+            parse(text, "m.csv")
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    binary = tmp_path / "b.csv"
+    binary.write_bytes(b"\xff\xfe\x00")
+    for path, named in ((tmp_path / "none.csv", "no such file"), (tmp_path, "directory"), (binary, "UTF-8")):
+        with pytest.raises(MeasuredError, match=named):
+            load_measured(path)

@@ -1,0 +1,144 @@
+"""Rollers over several spalls, or on a spall's bottom: right by contacts solved around their own load, else refused."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import difftrb as trb
+from difftrb.core import status
+from difftrb.law.local import LocalLaw
+from difftrb.scene import preparation
+from difftrb.scene.solution import solved
+
+pytestmark = pytest.mark.exact
+
+LOAD = trb.Load(9000.0, 4500.0)
+ENDS = (trb.Spall(3.0, 7.0, axial_offset=-3.5), trb.Spall(3.0, 7.0, axial_offset=3.5))
+
+
+def direct(bearing: trb.TaperedBearing, spalls: tuple[trb.Spall, ...], load: trb.Load = LOAD) -> trb.Scene:
+    return trb.prepare(trb.Scene(bearing, load, spalls, law="direct", accuracy=1e-2))
+
+
+@pytest.fixture(scope="module")
+def two(bearing: trb.TaperedBearing) -> trb.Scene:
+    return direct(bearing, ENDS)
+
+
+@pytest.fixture(scope="module")
+def shallow(bearing: trb.TaperedBearing) -> trb.Scene:
+    """A bottom at 5 µm, which carries."""
+    return direct(bearing, (trb.Spall(6.3, 9.0, depth=5e-3),), trb.Load(12000.0, 7000.0))
+
+
+def test_every_spall_under_a_roller_counts(two: trb.Scene) -> None:
+    """Not only the longest: of two alike the loss was that of one, and the derivative by the second's length 0."""
+    assert isinstance(two.law, LocalLaw)
+    both = trb.assess(two)
+    assert bool(both.spalled.converged)
+    assert trb.verify(two, both.spalled).load_error < 3e-3
+    one = trb.assess(trb.prepare(trb.Scene(two.bearing, LOAD, ENDS[:1], law="direct", accuracy=1e-2)))
+    assert 1.9 < float(both.loss[0] / one.loss[0]) < 2.4
+    assert jnp.all(both.by_length[0] < -2e4)
+    assert abs(float(both.by_length[0, 0] / both.by_length[0, 1]) - 1.0) < 0.02  # mirror images
+
+
+def test_spalls_that_touch_leave_no_land(bearing: trb.TaperedBearing) -> None:
+    """Two of 4 × 5 mm side by side are one of 4 × 10 mm."""
+    half = 2.5 / 28.65
+    parts = tuple(trb.Spall(4.0, 5.0, angle=angle) for angle in (-half, half))
+    apart, whole = (trb.solve(direct(bearing, spalls)).check() for spalls in (parts, (trb.Spall(4.0, 10.0),)))
+    assert abs(float(apart.radial_stiffness / whole.radial_stiffness) - 1.0) < 2e-3
+    assert float(jnp.max(jnp.abs(apart.loads - whole.loads))) < 0.01 * float(whole.loads.max())
+
+
+def test_a_bottom_carries(shallow: trb.Scene, bearing: trb.TaperedBearing) -> None:
+    """Its kink is not smoothed away by a curve over all loads: dK/dlength came out as +12 366, and is about −5 000."""
+    found = trb.assess(shallow)
+    audit = trb.verify(shallow, found.spalled)
+    assert audit.load_error < 5e-3
+    assert audit.stiffness_error.max() < 5e-3
+    assert -9e3 < float(found.by_length[0, 0]) < -2e3
+    deep = trb.solve(direct(bearing, (trb.Spall(6.3, 9.0),), trb.Load(12000.0, 7000.0)))
+    assert float(found.spalled.loads[0]) > 1.05 * float(deep.loads[0])
+
+
+def test_the_local_law_by_two_routes(two: trb.Scene) -> None:
+    """Reverse mode against central differences, along every spall's length and offset, load and crown."""
+
+    def stiffness(scene: trb.Scene) -> jax.Array:
+        return solved(scene).stiffness[0, 0]
+
+    slopes = jax.jit(jax.grad(stiffness))(two)
+    for number, name, h in ((0, "length", 1e-4), (1, "axial_offset", 1e-4), (1, "depth", 1e-3)):
+
+        def changed(step: float, number: int = number, name: str = name) -> trb.Scene:
+            own = dataclasses.replace(two.spalls[number], **{name: getattr(two.spalls[number], name) + step})
+            return dataclasses.replace(two, spalls=tuple(own if i == number else s for i, s in enumerate(two.spalls)))
+
+        wanted = float(stiffness(changed(h)) - stiffness(changed(-h))) / (2.0 * h)
+        assert float(getattr(slopes.spalls[number], name)) == pytest.approx(wanted, rel=1e-4, abs=1.0)
+    assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves((slopes.bearing, slopes.load)))
+
+
+def test_a_local_law_knows_its_scene_only(two: trb.Scene) -> None:
+    codes = {
+        "loads": dataclasses.replace(two, load=trb.Load(4500.0, 2250.0)),
+        "place": dataclasses.replace(two, phase=0.1),
+        "spalls": dataclasses.replace(two, spalls=ENDS[:1]),
+    }
+    for scene in codes.values():
+        assert int(solved(scene).status_code) == status.OTHER_SCENE
+    assert int(solved(dataclasses.replace(two, spalls=())).status_code) == status.CONVERGED
+
+
+@pytest.mark.parametrize("law", ["liu2018", "palmgren"])
+@pytest.mark.parametrize(
+    ("spalls", "code"),
+    [
+        (ENDS, status.SEVERAL),
+        ((trb.Spall(4.0, 5.0, angle=-0.0873), trb.Spall(4.0, 5.0, angle=0.0873)), status.SEVERAL),
+        ((trb.Spall(6.3, 9.0, depth=3e-3),), status.BOTTOM),
+        ((trb.Spall(4.0, 5.0, angle=-0.5), trb.Spall(4.0, 5.0, angle=0.5)), status.CONVERGED),
+    ],
+)
+def test_laws_of_one_deep_spall_say_so(
+    law: str, spalls: tuple[trb.Spall, ...], code: int, bearing: trb.TaperedBearing
+) -> None:
+    found = trb.solve(trb.Scene(bearing, LOAD, spalls, law=law))
+    assert int(found.status_code) == code
+    assert bool(jnp.all(jnp.isnan(found.loads))) == (code != status.CONVERGED)
+
+
+def test_a_fitted_law_says_so_too(scene: trb.Scene) -> None:
+    shallow = dataclasses.replace(scene, spalls=(trb.Spall(4.0, 7.0, depth=1e-3),))
+    assert int(solved(shallow).status_code) == status.BOTTOM
+
+
+def test_several_spalls_have_no_mean(bearing: trb.TaperedBearing) -> None:
+    for spalls in (ENDS, (trb.Spall(6.3, 9.0, depth=5e-3),)):
+        with pytest.raises(ValueError, match="at one phase only"):
+            trb.prepare(trb.Scene(bearing, LOAD, spalls, law="direct", accuracy=1e-2, phase="mean"))
+
+
+def test_a_law_is_made_for_what_effects_press(bearing: trb.TaperedBearing) -> None:
+    """`difftrb example mounting` was made for 61 … 439 N where all rollers carry thousands, and the one over the spall
+    more than its neighbours."""
+    fit = trb.effects.Mounting(preload=0.01, shaft_interference=0.02, bore=40.0, warmer=15.0)
+    scene = trb.prepare(
+        trb.Scene(bearing, trb.Load(2000.0, 0.0), (trb.Spall(4.0, 7.0),), accuracy=1e-2, effects=(fit,))
+    )
+    found = trb.solve(scene).check()
+    low, high = found.law.load_range
+    assert float(low) < float(found.loads.min())
+    assert float(found.loads.max()) < float(high)
+    assert float(found.loads[0]) < 0.95 * float(found.loads[1])
+
+
+def test_loads_outside_the_range_are_said(two: trb.Scene, bearing: trb.TaperedBearing) -> None:
+    """A law of curves through solves knows nothing beyond them."""
+    light = preparation.with_law(trb.Scene(bearing, trb.Load(90.0, 45.0), law="direct", accuracy=1e-2))
+    assert int(solved(light).status_code) == status.CONVERGED
+    assert int(solved(dataclasses.replace(light, load=LOAD)).status_code) == status.OUTSIDE

@@ -1,0 +1,156 @@
+"""Scenes by the laws "table" and "direct" agree closely where a closed form stands in for the contact solver."""
+
+import dataclasses
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb.core.compiling import jit_quickly
+from difftrb.law import samples
+
+pytestmark = pytest.mark.exact
+
+SPALL = trb.Spall(4.0, 7.0)
+
+
+def prepared(bearing, roller_law: str, **changes) -> trb.Scene:
+    # half a millimetre before the pitch between two rollers, one stands on the ramp
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (SPALL,), law=roller_law, phase=0.1215)
+    return trb.prepare(dataclasses.replace(scene, **changes))
+
+
+@jit_quickly(static_argnums=1)
+def slopes(scene: trb.Scene, derivative: Callable) -> tuple[jax.Array, trb.Solution]:
+    """Of radial stiffness by length, width, angle, design load and modulus; the solution."""
+
+    def at(x: jax.Array) -> tuple[jax.Array, trb.Solution]:
+        spall = dataclasses.replace(scene.spalls[0], length=x[0], width=x[1], angle=x[2])
+        bearing = dataclasses.replace(scene.bearing, modulus=x[4])
+        moved = dataclasses.replace(scene, spalls=(spall, *scene.spalls[1:]), design_load=x[3], bearing=bearing)
+        solution = trb.solve(moved)
+        return solution.stiffness[0, 0], solution
+
+    spall = scene.spalls[0]
+    values = spall.length, spall.width, spall.angle, scene.design_load, scene.bearing.modulus
+    return derivative(at, has_aux=True)(jnp.stack([jnp.asarray(value, float) for value in values]))
+
+
+def agree(one: trb.Scene, two: trb.Scene, derivative: Callable) -> None:
+    """Loads to 1e-4, stiffness to 1e-3, its derivatives to 1e-2."""
+    (ours, a), (theirs, b) = slopes(one, derivative), slopes(two, derivative)
+    np.testing.assert_allclose(a.check().loads, b.check().loads, atol=1e-4 * float(b.loads.max()))
+    np.testing.assert_allclose(a.stiffness, b.stiffness, rtol=1e-3, atol=1e-3 * float(b.stiffness.max()))
+    ours, theirs = np.asarray(ours), np.asarray(theirs)
+    assert ours[:3] == pytest.approx(theirs[:3], rel=1e-2, abs=1e-4 * float(b.stiffness[0, 0]))
+    assert ours[3:] == pytest.approx(theirs[3:], rel=1e-2)
+    assert float(ours[1]) < 0.0
+
+
+def test_scene_by_table_is_the_scene_by_direct(closed, bearing) -> None:
+    """A roller stands on the ramp."""
+    one, two = (prepared(bearing, name) for name in ("table", "direct"))
+    assert [len(edges.loads) for edges in two.law.edges] == [1]
+    agree(one, two, jax.grad)
+
+
+def test_errors_of_solves_hardly_move_a_derivative(closed, bearing) -> None:
+    """Approaches at edges 3e-5 off and their slopes 1e-3, as of contacts at 1e-4: loads in a closer window would make
+    ten times as much of it."""
+    scene, rng = prepared(bearing, "direct"), np.random.default_rng(0)
+    edges = scene.law.edges[0]
+    wanted = np.asarray(slopes(scene, jax.grad)[0])
+    for _ in range(5):
+        off = rng.standard_normal(edges.approaches.shape)
+        noisy = edges._replace(
+            approaches=edges.approaches * (1.0 + 3e-5 * off), slopes=edges.slopes * (1.0 + 1e-3 * off[..., None])
+        )
+        moved = dataclasses.replace(scene.law, edges=(noisy,))
+        got = np.asarray(slopes(dataclasses.replace(scene, law=moved), jax.grad)[0])
+        assert got[:2] == pytest.approx(wanted[:2], rel=5e-3)
+
+
+@pytest.mark.parametrize(("accuracy", "at"), [(1e-2, 1e-2), (1e-3, 1e-3), (1e-4, 3e-5)])
+def test_exact_laws_solve_more_exact_edges(closed, bearing, monkeypatch, accuracy: float, at: float) -> None:
+    asked: list[float] = []
+    solved = samples.all_solved
+
+    def all_solved(contact, cases, accuracy, progress=None):
+        asked.append(accuracy)
+        return solved(contact, cases, accuracy, progress)
+
+    monkeypatch.setattr(samples, "all_solved", all_solved)
+    prepared(bearing, "direct", accuracy=accuracy)
+    assert asked == [accuracy, pytest.approx(at)]
+
+
+def test_mean_by_table_is_the_mean_by_direct(closed, bearing) -> None:
+    agree(*(prepared(bearing, name, phase="mean") for name in ("table", "direct")), jax.jacfwd)
+
+
+STEPS = {"length": 1e-3, "width": 1e-4, "angle": 1e-6, "axial_offset": 1e-3, "radial": 1.0, "design_load": 5.0,
+         "phase": 1e-6, "modulus": 20.0, "preload": 1e-6}  # fmt: skip
+
+
+@pytest.mark.parametrize("leaf", STEPS)
+def test_direct_scene_derivatives_are_differences_of_direct_scenes(closed, bearing, leaf: str) -> None:
+    """Both ends of the difference prepared afresh: nothing of the law is held."""
+    h = STEPS[leaf]
+    aside = trb.Spall(4.0, 7.0, axial_offset=0.5)
+
+    def moved(step: float) -> dict:
+        if leaf == "axial_offset":
+            return {"spalls": (dataclasses.replace(aside, axial_offset=0.5 + step),)}
+        if leaf == "preload":  # where the rings stand decides, not the axial load
+            return {"load": trb.Load(9000.0, 0.0), "effects": (trb.effects.Mounting(0.002 + step),)}
+        if leaf in ("length", "width", "angle"):
+            return {"spalls": (dataclasses.replace(SPALL, **{leaf: getattr(SPALL, leaf) + step}),)}
+        if leaf == "radial":
+            return {"load": trb.Load(9000.0 + step, 4500.0)}
+        if leaf == "modulus":
+            return {"bearing": dataclasses.replace(bearing, modulus=bearing.modulus + step)}
+        return {leaf: {"design_load": 6500.0, "phase": 0.1215}[leaf] + step}
+
+    def stiffness(step: float) -> float:
+        scene = {"bearing": bearing} | moved(step)
+        return float(trb.solve(prepared(scene.pop("bearing"), "direct", **scene)).stiffness[0, 0])
+
+    scene = {"bearing": bearing} | moved(0.0)
+    slopes = jax.grad(lambda s: trb.solve(s).stiffness[0, 0])(prepared(scene.pop("bearing"), "direct", **scene))
+    if leaf in ("radial", "modulus", "preload"):
+        owner = {"radial": slopes.load, "modulus": slopes.bearing, "preload": slopes.effects and slopes.effects[0]}[
+            leaf
+        ]
+    else:
+        owner = slopes.spalls[0] if hasattr(SPALL, leaf) else slopes
+    got = getattr(owner, leaf)
+    assert float(got) == pytest.approx((stiffness(h) - stiffness(-h)) / (2 * h), rel=2e-3)
+
+
+def test_laws_by_nodes_need_numbers(bearing) -> None:
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (SPALL,), law="table")
+    with pytest.raises(ValueError, match="prepare the scene first"):
+        jax.grad(lambda s: trb.solve(s).stiffness[0, 0])(scene)
+
+
+def test_prepared_direct_law_refuses_another_scene(closed, bearing) -> None:
+    scene = prepared(bearing, "direct")
+    for other in (
+        {"phase": 0.1225},
+        {"spalls": (trb.Spall(8.0, 7.0),)},
+        {"spalls": (SPALL, SPALL)},
+        {"design_load": 9000.0},
+    ):
+        assert "another scene" in trb.solve(dataclasses.replace(scene, **other)).status
+    assert bool(trb.solve(trb.healthy(scene)).converged)
+
+
+def test_two_spalls_of_their_own_depth_and_place(closed, bearing) -> None:
+    """Each from its own atlas; direct says the same."""
+    spalls = SPALL, trb.Spall(3.0, 5.0, angle=0.27, axial_offset=1.0)
+    one, two = (trb.solve(prepared(bearing, name, spalls=spalls, phase=0.0)).check() for name in ("table", "direct"))
+    assert one.law.which == (0, 1)
+    np.testing.assert_allclose(one.loads, two.loads, atol=1e-4 * float(two.loads.max()))

@@ -1,0 +1,188 @@
+"""The law "auto": what is chosen for one scene and for many, by contacts that follow Table 2 of Liu et al. 2018 but for
+a share of the accuracy they are asked for; phase 0, where no roller stands at an edge."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb import __main__ as cli
+from difftrb.law import samples
+from difftrb.report import run_report
+from difftrb.scene import auto_law, scene_file
+from difftrb.scene.scene import Picked
+
+TABLE_2 = trb.liu2018()
+SHORT = scene_file.example("spall").replace("length = 4.0", "length = 0.3")
+SPALL = trb.Spall(0.3, 7.0)  # so short that the crown at its ends is less than any approach
+
+
+@pytest.fixture
+def solves(monkeypatch: pytest.MonkeyPatch) -> dict:
+    """What contacts are off by, in parts of their accuracy, how much stiffer they are than Table 2, and the accuracies
+    they were asked for."""
+    told: dict = {"off": 0.1, "stiffer": 1.0, "asked": []}
+
+    def solved(contact: trb.LineContact, case: samples.Case, accuracy: float) -> samples.Node:
+        told["asked"].append(accuracy)
+        length = 0.0 if case.spall is None else case.spall.length
+        K, n = map(float, TABLE_2.coefficients(np.asarray(length)))
+        approach = (case.load / told["stiffer"] / K * (1.0 + told["off"] * accuracy)) ** (1.0 / n)
+        reach = math.sqrt(float(contact.radius) * approach)
+        return samples.Node(approach, approach / case.load / n, np.zeros(samples.INPUTS), 0, 0.1, reach)
+
+    monkeypatch.setattr(samples, "solved", solved)
+    return told
+
+
+@pytest.fixture
+def auto(bearing: trb.TaperedBearing) -> trb.Scene:
+    return trb.Scene(bearing, trb.Load(9000.0, 4500.0), (SPALL,), law="auto", accuracy=1e-2)
+
+
+def picked_for(scene: trb.Scene, accuracy: float) -> Picked:
+    solution = trb.solve(dataclasses.replace(scene, accuracy=accuracy)).check()
+    assert solution.picked is not None
+    return solution.picked
+
+
+@pytest.mark.parametrize(
+    ("asked", "off", "made", "error"),
+    [(5e-2, 0.1, [1e-2], 1e-2), (3e-3, 0.1, [1e-2, 1e-3], 9e-4), (3e-3, 1.0, [1e-2, 1e-3, 1e-4], 9e-4),
+     (1e-3, 3.0, [1e-2, 1e-3, 1e-4], 2.7e-3)],
+)  # fmt: skip
+def test_contacts_are_as_exact_as_needed(
+    auto: trb.Scene, solves: dict, asked: float, off: float, made: list[float], error: float
+) -> None:
+    solves["off"] = off
+    picked = picked_for(auto, asked)
+    assert sorted(set(solves["asked"]), reverse=True) == made
+    assert (picked.law, picked.accuracy, picked.asked) == ("direct", made[-1], asked)
+    assert picked.error == pytest.approx(error, rel=0.3)
+    assert (picked.finer is None) == (made[-1] == 1e-4)
+    keeps = "although nothing is known to keep" not in run_report.picked_text(picked)
+    assert keeps == (picked.error <= asked)
+
+
+def test_result_is_within_what_is_asked(auto: trb.Scene, solves: dict) -> None:
+    exact = trb.solve(dataclasses.replace(auto, law=TABLE_2))
+    for asked in (5e-2, 3e-3):
+        found = trb.solve(dataclasses.replace(auto, accuracy=asked))
+        assert auto_law.apart(auto_law.promised(found), auto_law.promised(exact)) < asked
+
+
+def test_scene_without_a_solution_is_said_to_be_one(auto: trb.Scene, solves: dict) -> None:
+    solution = trb.solve(dataclasses.replace(auto, load=trb.Load(9000.0, 100.0)))
+    assert "no equilibrium" in solution.status
+    assert solution.picked is not None
+    assert math.isnan(solution.picked.error)
+
+
+def test_prepared_it_is_differentiated_and_before_it_says_so(auto: trb.Scene, solves: dict) -> None:
+    def radial(scene: trb.Scene) -> jax.Array:
+        return trb.solve(scene).stiffness[0, 0]
+
+    with pytest.raises(ValueError, match="'auto' need numbers: prepare the scene first"):
+        jax.grad(radial)(auto)
+    ready = trb.prepare(auto)
+    assert ready.picked is not None
+    step = 1e-2
+    sides = [dataclasses.replace(ready, load=trb.Load(9000.0 + h, 4500.0)) for h in (step, -step)]
+    difference = (radial(sides[0]) - radial(sides[1])) / (2.0 * step)
+    assert float(jax.grad(radial)(ready).load.radial) == pytest.approx(float(difference), rel=1e-6)
+
+
+@pytest.mark.parametrize("accuracy", [1e-4, 0.2])
+def test_accuracy_out_of_range_is_one_sentence(auto: trb.Scene, solves: dict, tmp_path: Path, accuracy: float) -> None:
+    with pytest.raises(ValueError, match=r"must be a number in 0\.001 … 0\.1"):
+        trb.solve(dataclasses.replace(auto, accuracy=accuracy))
+    assert not solves["asked"]
+    path = tmp_path / "scene.toml"
+    table = f'[contact]\nlaw = "auto"\naccuracy = {accuracy}\n'
+    path.write_text(scene_file.example("spall") + table, encoding="utf-8")
+    with pytest.raises(trb.SceneError, match=r"contact\.accuracy = .*: must be a number in .* … 0\.1"):
+        trb.load_scene(path)
+
+
+def test_coarse_accuracy_is_for_auto_alone() -> None:
+    for law, check in (("direct", scene_file.check_ring), ("auto", scene_file.check_contact)):
+        file = scene_file.parse(f'{scene_file.example("spall")}[contact]\nlaw = "{law}"\naccuracy = 5e-2\n')
+        with pytest.raises(trb.SceneError, match=r"contact\.accuracy = 0\.05: must be .* 0\.01 for "):
+            check(file, "scene")
+
+
+def shared(auto: trb.Scene, asked: float, among=(("liu2018", 1e-3), ("table", 1e-3))) -> trb.Scene:
+    """Of a light and a heavy scene; contact solves for the heavy one stand in for a table."""
+    scenes = [
+        dataclasses.replace(auto, load=trb.Load(2.0 * axial, axial), accuracy=asked) for axial in (4300.0, 4500.0)
+    ]
+
+    def make(law: str, accuracy: float) -> trb.Scene:
+        if law == "power":
+            raise ValueError("it cannot be had")
+        return auto_law.by_name(scenes[1], "direct" if law == "table" else law, accuracy)
+
+    return auto_law.shared(scenes, make, among)
+
+
+@pytest.mark.parametrize(("asked", "law"), [(1e-1, "liu2018"), (3e-2, "table")])
+def test_many_scenes_share_the_cheapest_law_that_keeps_it(
+    auto: trb.Scene, solves: dict, asked: float, law: str
+) -> None:
+    solves["stiffer"] = 1.06
+    picked = shared(auto, asked).picked
+    assert picked is not None
+    assert picked.law == law
+
+
+def test_error_of_a_shared_law_is_measured(auto: trb.Scene, solves: dict) -> None:
+    ready = shared(auto, 3e-3)
+    picked = ready.picked
+    assert picked is not None
+    assert (picked.law, ready.law.name) == ("liu2018", "liu2018")
+    assert 0.0 < picked.error < 3e-3
+    assert picked.finer is not None
+    assert picked.finer.law == "table"
+    assert picked.finer.seconds > 0.0
+
+
+def test_laws_that_cannot_be_had_are_left_out(auto: trb.Scene, solves: dict) -> None:
+    picked = shared(auto, 1e-1, (("power", 1e-2), ("liu2018", 1e-3))).picked
+    assert picked is not None
+    assert (picked.law, picked.finer) == ("liu2018", None)
+    with pytest.raises(ValueError, match="cannot be had"):
+        shared(auto, 1e-1, (("power", 1e-2),))
+    other = dataclasses.replace(auto, bearing=dataclasses.replace(auto.bearing, modulus=2.05e5))
+    picked = shared(other, 1e-1).picked
+    assert picked is not None
+    assert picked.law == "table"
+
+
+def test_sweep_chooses_and_says_so(auto: trb.Scene, solves: dict, tmp_path: Path) -> None:
+    axes = {"load.axial": [4300.0, 4400.0, 4500.0]}
+    scene = dataclasses.replace(auto, accuracy=1e-1, load=trb.Load(8500.0, 4500.0))
+    swept = trb.sweep(["radial_stiffness"], scene, axes)
+    law = trb.sweep(["radial_stiffness"], dataclasses.replace(scene, law="liu2018", accuracy=1e-3), axes)
+    np.testing.assert_array_equal(swept.values["radial_stiffness"], law.values["radial_stiffness"])
+    written = [trb.write_sweep(["radial_stiffness"], scene, axes, tmp_path, resume=resume) for resume in (False, True)]
+    assert written[1].computed == 0
+    manifest = json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["law"]["name"] == "liu2018"
+
+
+@pytest.mark.portable
+def test_command_shows_what_was_picked(solves: dict, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(f'{SHORT}[contact]\nlaw = "auto"\naccuracy = 5e-2\n', encoding="utf-8")
+    assert cli.main(["--no-cache", "run", str(path), "--json"]) == 0
+    picked = json.loads(capsys.readouterr().out)["picked"]
+    assert picked["finer"].pop("seconds") > 0.0
+    assert picked == {"law": "direct", "accuracy": 1e-2, "asked": 5e-2, "error": 1e-2,
+                      "finer": {"law": "direct", "accuracy": 1e-3}}  # fmt: skip
+    assert cli.main(["--no-cache", "run", str(path)]) == 0
+    assert "picked: direct 0.01, for stiffness and peak load within 0.05" in capsys.readouterr().out

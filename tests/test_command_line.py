@@ -1,0 +1,413 @@
+"""The command line, in process: output, exit codes, and what is (not) written."""
+
+import dataclasses
+import json
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import difftrb as trb
+from difftrb import __main__ as cli
+from difftrb.core import atomic_io, geometry, jax_config
+from difftrb.fits import measured
+from difftrb.report import plot
+from difftrb.scene import light_load, scene_file
+
+PAPER = scene_file.example("paper")
+
+
+def call(capsys, *arguments: str) -> tuple[int, str, str]:
+    code = cli.main(["--no-cache", *arguments])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.fixture
+def paper(tmp_path: Path) -> Path:
+    path = tmp_path / "paper.toml"
+    path.write_text(PAPER, encoding="utf-8")
+    return path
+
+
+RUN_KEYS = {
+    "status", "converged", "angles", "loads", "displacement", "stiffness", "healthy", "loss", "sensitivity", "residual",
+    "iterations", "seconds",
+}  # fmt: skip
+CONTACT_KEYS = {
+    "status", "converged", "approach", "peak_pressure", "contact_width", "loaded_fraction", "residual", "iterations",
+    "unknowns", "sensitivity", "accuracy", "seconds",
+}  # fmt: skip
+
+
+@pytest.mark.portable
+def test_run_prints_json(capsys, paper: Path) -> None:
+    code, out, err = call(capsys, "run", str(paper), "--json")
+    record = json.loads(out)
+    assert (code, err) == (0, "")
+    assert set(record) == RUN_KEYS
+    assert record["converged"] is True
+    assert len(record["loads"]) == len(record["angles"]) == 23
+    assert set(record["displacement"]) == {"radial", "lateral", "axial"}
+    assert set(record["stiffness"]) == {"definition", "phase", "radial", "axial", "matrix"}
+    assert record["stiffness"]["definition"] == "secant"
+    assert record["loss"]["radial"] == pytest.approx(8.78, abs=0.005)
+    assert record["loss"]["axial"] == pytest.approx(3.42, abs=0.005)
+    assert record["loads"][0] == pytest.approx(846.0, rel=1e-3)
+    assert record["sensitivity"]["radial"]["length"] < 0.0
+    assert record["sensitivity"]["axial"]["width"] == 0.0
+
+
+@pytest.mark.portable
+def test_run_prints_text_for_people(capsys, paper: Path) -> None:
+    code, out, _ = call(capsys, "run", str(paper))
+    assert code == 0
+    for words in (
+        "Stiffness, secant F/u [N/mm]",
+        "loss [%]",
+        "8.783",
+        "Load distribution",
+        "█",
+        "µm",
+        "liu2018",
+        "converged",
+    ):
+        assert words in out
+    assert max(len(line) for line in out.splitlines()) <= 80
+
+
+def test_run_audits_itself(capsys, paper: Path) -> None:
+    """`--verify` solves contacts afresh; the paper's law promises nothing of these, and is off by what is known."""
+    code, out, err = call(capsys, "run", str(paper), "--json", "--verify")
+    audit = json.loads(out)["audit"]
+    assert (code, err) == (0, "")
+    assert audit["promised"] is None
+    assert audit["kept"] is True
+    assert 0.01 < audit["load_error"] < 0.1
+    assert audit["worst"]["roller"] in range(23)
+    assert set(audit["stiffness_error"]) == {"radial", "axial"}
+    code, out, _ = call(capsys, "run", str(paper), "--verify")
+    assert "nothing is promised" in " ".join(out.split())
+
+
+def test_run_with_effects(capsys, tmp_path: Path) -> None:
+    """A scene that names some: their results in both kinds of output, within the width of a page."""
+    path = tmp_path / "effects.toml"
+    path.write_text(
+        PAPER + "\n[effects]\nflange = {}\nlife = {}\ncentrifugal = { speed_rpm = 3000 }\n", encoding="utf-8"
+    )
+    code, out, _ = call(capsys, "run", str(path), "--json")
+    record = json.loads(out)
+    assert code == 0
+    assert set(record) == RUN_KEYS | {"effects", "edge_stress"}
+    (edge,) = record["edge_stress"]
+    assert set(edge) == {"spall", "roller", "raceway", "load", "land", "intensity", "within"}
+    assert edge["load"] == record["loads"][0]
+    assert set(record["effects"]) == {
+        "inner_loads", "flange_loads", "flange_angle", "centrifugal_force", "load_rating", "basic_life",
+        "reference_life",
+    }  # fmt: skip
+    code, out, _ = call(capsys, "run", str(path))
+    assert code == 0
+    for words in ("on flange [N]", "centrifugal force: 1.8", "reference life: ", "million revolutions", "no limit",
+                  f"K = {edge['intensity']:.0f} N"):  # fmt: skip
+        assert words in " ".join(out.split())
+    assert max(len(line) for line in out.splitlines()) <= 80
+
+
+@pytest.mark.portable
+def test_every_packaged_scene_is_in_order(capsys, tmp_path: Path) -> None:
+    for name in scene_file.example_names():
+        path = tmp_path / f"{name}.toml"
+        path.write_text(scene_file.example(name), encoding="utf-8")
+        code, _, err = call(capsys, "check", str(path))
+        assert (code, "ring takes rectangular" in err) == ((2, True) if name == "map" else (0, False)), err
+
+
+def test_run_of_a_healthy_bearing(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "healthy.toml"
+    path.write_text(scene_file.example("healthy") + '[contact]\nlaw = "liu2018"\n', encoding="utf-8")
+    code, out, _ = call(capsys, "run", str(path), "--json")
+    record = json.loads(out)
+    assert code == 0
+    assert record["loss"] == {"radial": 0.0, "axial": 0.0}
+    assert record["sensitivity"]["radial"] == {"length": None, "width": None}
+    assert call(capsys, "run", str(path))[0] == 0
+
+
+def test_run_writes_figures_and_the_record(capsys, paper: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "out"
+    code, printed, _ = call(capsys, "run", str(paper), "--json", "--out", str(out))
+    assert code == 0
+    names = {f"{stem}.{kind}" for stem in ("load_distribution", "pressure", "stiffness") for kind in ("png", "svg")}
+    assert {p.name for p in out.iterdir()} == names | {"result.json"}
+    assert json.loads((out / "result.json").read_text()) == json.loads(printed)
+    assert (out / "pressure.png").read_bytes().startswith(b"\x89PNG")
+    assert "<svg" in (out / "pressure.svg").read_text()
+    assert [p.name for p in out.parent.iterdir()] == ["out"]  # nothing of the scratch folder is left
+
+
+def test_figures_put_an_inner_spall_where_it_is() -> None:
+    before, _, inner = scene_file.example("raceways").split("[[spall]]")
+    file = scene_file.parse(f"{before}[[spall]]{inner}")
+    scene = trb.prepare(file.scene())
+    result = trb.assess(scene)
+    assert not scene_file.contact_under_spall(file, result.spalled).spalls  # outside, no roller meets it
+    bar = plot.load_distribution(result, scene).patches[0]
+    assert bar.get_width() == pytest.approx(7.0 / geometry.arc_radius(scene.bearing, "inner"))
+
+
+@pytest.mark.portable
+def test_contact_prints_json(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "contact.toml"
+    path.write_text(scene_file.example("contact").replace("accuracy = 1e-3", "accuracy = 1e-2"), encoding="utf-8")
+    code, out, err = call(capsys, "contact", str(path), "--json")
+    record = json.loads(out)
+    assert (code, err) == (0, "")
+    assert set(record) == CONTACT_KEYS
+    assert set(record["sensitivity"]) == {"load", "length", "width", "offset", "radius", "design_load"}
+    contact = trb.LineContact.of(trb.bearing("32008J"))
+    direct = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 1.0), 0.5, 1e-2)
+    assert record["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
+    assert record["unknowns"] == int(direct.unknowns)
+    code, out, _ = call(capsys, "contact", str(path), "--out", str(tmp_path / "out"))
+    assert code == 0
+    assert "approach" in out
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"pressure.png", "pressure.svg", "result.json"}
+
+
+def test_contact_with_the_inner_raceway(capsys, tmp_path: Path) -> None:
+    text = scene_file.example("contact").replace("accuracy = 1e-3", "accuracy = 1e-2")
+    path = tmp_path / "inner.toml"
+    path.write_text(text.replace("length = 2.0", 'surface = "inner"\nlength = 2.0'), encoding="utf-8")
+    code, out, _ = call(capsys, "contact", str(path), "--json")
+    contact = trb.LineContact.of(trb.bearing("32008J"), "inner")
+    direct = trb.solve_contact(contact, 3000.0, trb.Spall(2.0, 1.0), 0.5, 1e-2)
+    assert code == 0
+    assert json.loads(out)["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
+
+
+def test_contact_with_a_height_map(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "map.toml"
+    path.write_text(scene_file.example("map").replace("accuracy = 1e-3", "accuracy = 1e-2"), encoding="utf-8")
+    code, out, err = call(capsys, "contact", str(path), "--json", "--out", str(tmp_path / "out"))
+    record = json.loads(out)
+    assert (code, err) == (0, "")
+    assert set(record) == CONTACT_KEYS
+    assert [record["sensitivity"][key] for key in ("length", "width", "offset")] == [None] * 3
+    contact = trb.LineContact.of(trb.bearing("32008J"))
+    direct = trb.solve_contact(contact, 3000.0, trb.load_height_map(trb.example_map()), 0.5, 1e-2)
+    assert record["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"pressure.png", "pressure.svg", "result.json"}
+    code, out, err = call(capsys, "run", str(path))
+    assert (code, out) == (2, "")
+    assert "spall.0.height_map: the ring takes rectangular spalls" in err
+
+
+SEVERAL = """[[spall]]
+length = 2.0
+width = 1.0
+axial_offset = 2.0
+[[spall]]
+length = 3.0
+width = 0.9
+axial_offset = -2.0
+angle = 0.01
+"""
+
+
+def test_contact_with_several_spalls_and_tilt(capsys, tmp_path: Path) -> None:
+    """Angles place spalls from the first on; derivatives by size come one for each."""
+    head = 'bearing = "32008J"\n[load]\nradial = 9000.0\naxial = 4500.0\n'
+    table = "[contact]\noffset = 0.4\naccuracy = 1e-2\ntilt = 1e-4\n"
+    path = tmp_path / "several.toml"
+    path.write_text(head + table + SEVERAL, encoding="utf-8")
+    code, out, _ = call(capsys, "contact", str(path), "--json")
+    record = json.loads(out)
+    bearing = trb.bearing("32008J")
+    offsets = (0.4, 0.4 + 0.01 * float(geometry.arc_radius(bearing)))
+    spalls = trb.Spall(2.0, 1.0, axial_offset=2.0), trb.Spall(3.0, 0.9, axial_offset=-2.0)
+    direct = trb.solve_contact(trb.LineContact.of(bearing), 3000.0, spalls, offsets, 1e-2, tilt=1e-4)
+    assert code == 0
+    assert record["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
+    assert [len(record["sensitivity"][key]) for key in ("length", "width", "offset")] == [2, 2, 2]
+    code, out, _ = call(capsys, "contact", str(path))
+    assert code == 0
+    assert "converged" in out
+    for old, new, words in (
+        ("length = 3.0", 'surface = "inner"\nlength = 3.0', "spall.1.surface = 'inner': all spalls of"),
+        ("length = ", 'surface = "inner"\nlength = ', "spall.1.angle = 0.01: an angle is a distance on the 'outer'"),
+    ):
+        path.write_text(head + table + SEVERAL.replace(old, new), encoding="utf-8")
+        code, out, err = call(capsys, "contact", str(path))
+        assert (code, out) == (2, "")
+        assert words in err
+
+
+@pytest.mark.portable
+@pytest.mark.parametrize(
+    ("old", "new", "code", "words"),
+    [
+        ("length = 8.0", "lenght = 8.0", 2, "did you mean length"),
+        ("length = 8.0", "length = 8.1", 2, "knows 0 … 8 mm"),
+        ("axial = 4500.0", "axial = 2200.0", 1, "too small for an equilibrium"),
+    ],
+)
+def test_refusals(capsys, tmp_path: Path, old: str, new: str, code: int, words: str) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(PAPER.replace(old, new), encoding="utf-8")
+    out = tmp_path / "out"
+    for arguments in (["run", str(path), "--out", str(out)], ["check", str(path)], ["run", str(path), "--json"]):
+        got, printed, err = call(capsys, *arguments)
+        assert (got, printed) == (code, "")
+        assert err.startswith(f"difftrb: {path}: ")
+        assert words in err
+        assert err.count("\n") == 1
+        assert not out.exists()
+
+
+def test_missing_file(capsys, tmp_path: Path) -> None:
+    code, _, err = call(capsys, "run", str(tmp_path / "none.toml"))
+    assert (code, err) == (2, f"difftrb: {tmp_path / 'none.toml'}: there is no such file\n")
+
+
+def test_contact_that_cannot_be_resolved_is_no_solution(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "narrow.toml"
+    text = (
+        scene_file.example("contact")
+        .replace("accuracy = 1e-3", "accuracy = 1e-2")
+        .replace("width = 1.0", "depth = 0.001\nwidth = 0.01")
+    )
+    path.write_text(text.replace("offset = 0.5", "offset = 0.0"), encoding="utf-8")
+    code, _, err = call(capsys, "contact", str(path), "--out", str(tmp_path / "out"))
+    assert code == 1
+    assert "narrower than one cell" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_out_that_is_a_file_is_refused_and_kept(capsys, paper: Path, tmp_path: Path) -> None:
+    target = tmp_path / "result"
+    target.write_text("mine", encoding="utf-8")
+    code, _, err = call(capsys, "run", str(paper), "--out", str(target))
+    assert code == 2
+    assert err == f"difftrb: {target}: File exists\n"
+    assert target.read_text() == "mine"
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path, there: bool) -> None:
+    target = tmp_path / "a" / "out"
+    if there:
+        target.mkdir(parents=True)
+        (target / "result.json").write_text("old", encoding="utf-8")
+
+    def fill(folder: Path) -> None:
+        (folder / "result.json").write_text("half", encoding="utf-8")
+        raise OSError(28, "No space left on device", str(folder))
+
+    with pytest.raises(OSError, match="No space left") as caught:
+        atomic_io.write_folder(target, fill)
+    assert caught.value.filename == str(target)
+    if there:
+        assert (target / "result.json").read_text() == "old"
+        assert [p.name for p in target.iterdir()] == ["result.json"]
+    else:
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_in_the_way_stops_everything(capsys, paper: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (out / "stiffness.png").mkdir(parents=True)
+    code, _, err = call(capsys, "run", str(paper), "--out", str(out))
+    assert (code, err) == (2, f"difftrb: {out}: a folder named stiffness.png is in the way\n")
+    assert [p.name for p in out.iterdir()] == ["stiffness.png"]
+
+
+def test_a_pressure_map_that_cannot_be_resolved_is_left_out(capsys, paper: Path, tmp_path: Path, monkeypatch) -> None:
+    narrow = trb.solve_contact(
+        trb.LineContact.of(trb.bearing("32008J")), 3000.0, trb.Spall(2.0, 0.01), accuracy=1e-2, method="cells"
+    )
+    monkeypatch.setattr(scene_file, "contact_under_spall", lambda file, solution: narrow)
+    code, _, err = call(capsys, "run", str(paper), "--out", str(tmp_path / "out"))
+    assert code == 0
+    assert "no pressure map: the spall is narrower than one cell" in err
+    assert not (tmp_path / "out" / "pressure.png").exists()
+    assert (tmp_path / "out" / "stiffness.png").exists()
+
+
+def test_secant_without_radial_load(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "axial.toml"
+    path.write_text(PAPER.replace("radial = 9000.0", "radial = 0.0"), encoding="utf-8")
+    record = json.loads(call(capsys, "run", str(path), "--json")[1])
+    assert (
+        record["stiffness"]["radial"] is record["loss"]["radial"] is record["sensitivity"]["radial"]["length"] is None
+    )
+    assert record["loss"]["axial"] > 0.0
+    assert "–" in call(capsys, "run", str(path))[1]
+
+
+def test_programs_are_kept_only_where_one_may_write(monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = jax_config.cache_folder()
+    assert folder is not None
+    assert folder.is_dir()
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert jax_config.cache_folder() is None
+
+
+@pytest.mark.portable
+def test_check_and_example(capsys, paper: Path) -> None:
+    code, out, _ = call(capsys, "check", str(paper))
+    assert code == 0
+    assert "in order: 23 rollers, 1 spall, radial 9000 N" in out
+    code, out, _ = call(capsys, "example")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()] == [*scene_file.example_names(), "measured"]
+    assert call(capsys, "example", "paper")[1] == PAPER
+    code, _, err = call(capsys, "example", "none")
+    assert code == 2
+    assert "there are contact, diameters, double_row, fit, flange" in err
+    assert err.endswith(", measured\n")
+
+
+@pytest.mark.portable
+def test_version_is_that_of_the_package(capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"difftrb {metadata.version('difftrb')}\n"
+    assert trb.__version__ == metadata.version("difftrb")
+
+
+@pytest.mark.parametrize(
+    ("radial", "axial", "words"),
+    [
+        ("9000.0", "4500.0", None),
+        ("900.0", "450.0", "is 0.019 of the bearing's dynamic load rating C (ISO 281), less than the 0.02 C"),
+        ("120.0", "60.0", "check for a lost factor of ten"),
+        ("9.0", "4.5", "loads are in N, and this looks like kN"),
+    ],
+)
+def test_small_loads_get_a_remark(capsys, tmp_path: Path, radial: str, axial: str, words: str | None) -> None:
+    """In one sentence on stderr; the scene is as much in order as before."""
+    path = tmp_path / "light.toml"
+    path.write_text(PAPER.replace("9000.0", radial).replace("4500.0", axial), encoding="utf-8")
+    for arguments in (["check"], ["run", "--json"]):
+        code, _, err = call(capsys, arguments[0], str(path), *arguments[1:])
+        assert code == 0
+        assert err == "" if words is None else words in err
+        assert err.count("\n") == (words is not None)
+
+
+@pytest.mark.portable
+def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
+    file = scene_file.parse(scene_file.example("contact"))
+    assert light_load.of_contact(file) is None
+    light = dataclasses.replace(file, contact=dataclasses.replace(file.contact, load=3.0))
+    assert "contact.load = 3 N: " in str(light_load.of_contact(light))
+    assert light_load.of_scene(scene_file.parse(scene_file.example("mounting"))) is None
+    rows = measured.parse(measured.example())
+    assert light_load.of_rows(file.bearing, rows) is None
+    in_kn = [dataclasses.replace(row, radial=row.radial / 1e3, axial=row.axial / 1e3) for row in rows[1:]]
+    assert str(light_load.of_rows(file.bearing, [rows[0], *in_kn])).startswith("row 5: radial = 3 N, axial = 4.5 N: ")
