@@ -66,6 +66,16 @@ def test_a_flange_as_hard_as_can_be_is_a_rigid_one(bearing) -> None:
     np.testing.assert_allclose(hard.displacement, rigid.displacement, rtol=1e-12, atol=1e-15)
 
 
+def test_rings_that_have_no_rest_to_be_held_at_say_why(bearing) -> None:
+    """The status is that of the state at rest, not of a search from nowhere."""
+    two = (trb.Spall(3.0, 7.0, axial_offset=-3.0), trb.Spall(3.0, 7.0, axial_offset=3.0))
+    held = (effects.Centrifugal(7100.0, "position"),)
+    r = trb.solve(dataclasses.replace(plain(bearing), spalls=two, effects=held))
+    assert r.status == status.SENTENCES[status.SEVERAL]
+    r = trb.solve(dataclasses.replace(plain(bearing, load=trb.Load(9000.0, 500.0)), effects=held))
+    assert r.status == status.SENTENCES[status.NO_EQUILIBRIUM]
+
+
 def test_rings_held_where_they_rest_stay_there(bearing) -> None:
     rest = trb.solve(plain(bearing))
     held = plain(bearing, load=trb.Load(9000.0, 0.0))

@@ -135,7 +135,8 @@ class Centrifugal(Effect):
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers thrown outwards; the ring held where it is at rest if asked."""
         if self.control == "position" and terms.axial is None:
-            terms = terms._replace(axial=of.equilibrium(terms).displacement[2])
+            rest = of.equilibrium(terms)
+            terms = terms._replace(axial=rest.displacement[2], known=rest.status_code)
         if self.convention == "printed":
             rows = 1 if terms.pair is None else 2
             thrown = (

@@ -86,7 +86,8 @@ def solved(scene: Scene) -> Solution:
 
     def at(phase: Real) -> tuple[ring.Equilibrium, jax.Array, Results]:
         here = _ring(scene, acting, scene.spalls, phase)
-        terms = effects.terms(scene.effects, here)._replace(known=within)
+        terms = effects.terms(scene.effects, here)
+        terms = terms._replace(known=within if terms.known is None else status.worst(within, terms.known))
         rest = here.equilibrium(terms)
         more = effects.results(scene.effects, rest, terms, here)
         if scene.definition == "tangent":
