@@ -375,7 +375,7 @@ def test_a_disk_that_fills_while_gathering_leaves_the_chunks(
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     for size in (0, 100, 5000, len(good) // 2, len(good) - 100):
         with monkeypatch.context() as patch:
-            patch.setattr(chunks.store, "replacing", limited(chunks.store.replacing, resource, size, (soft, hard)))
+            patch.setattr(chunks.cache, "replacing", limited(chunks.cache.replacing, resource, size, (soft, hard)))
             with pytest.raises(trb.SweepError, match=r"File too large: .* chunks are written and stay good"):
                 chunks.run(plan, out, FILE, resume=True)
         assert file.read_bytes() == good  # what was there before stays
@@ -646,10 +646,10 @@ def test_two_devices_make_the_same_files(whole: Path, tmp_path: Path) -> None:
         "import sys; sys.path.insert(0, sys.argv[1]); import jax; jax.config.update('jax_enable_x64', True)\n"
         "jax.config.update('jax_num_cpu_devices', 2)\n"
         "from pathlib import Path; import difftrb\n"
-        "from difftrb import chunks, sweepfile\n"
+        "from difftrb.sweeps import chunks, sweep_file\n"
         "text = Path(sys.argv[2]).read_text()\n"
         "assert len(jax.local_devices()) == 2\n"
-        "chunks.run(sweepfile.parse(text).plan(3), Path(sys.argv[3]), text)\n"
+        "chunks.run(sweep_file.parse(text).plan(3), Path(sys.argv[3]), text)\n"
     )
     file = tmp_path / "scene.toml"
     file.write_text(FILE, encoding="utf-8")

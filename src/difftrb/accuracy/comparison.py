@@ -166,7 +166,8 @@ def _on_one_core(rows: Sequence[Row], file: SceneFile, path: str | Path, batch: 
     if (folder := jax.config.jax_compilation_cache_dir) is not None:  # type: ignore[attr-defined]
         environment["JAX_COMPILATION_CACHE_DIR"] = folder
     code = (
-        "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); import difftrb.accuracy as a; a.pinned()"
+        "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "from difftrb.accuracy import comparison; comparison.pinned()"
     )
     there = subprocess.run(
         [sys.executable, "-c", code], env=environment, input=pickle.dumps((file, path, here.rung, batch)),
