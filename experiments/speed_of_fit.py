@@ -36,14 +36,14 @@ def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measuremen
         for phase in (0.0, "mean")
         for quantity in ("radial_loss", "axial_loss")
     ]
-    todo, sought = predicted.plan(scene, rows), parameters.bounded(scene, rows, ("length", "width"))
-    blank = np.ones(len(rows))
-    sound = predicted.healthy_stiffness(scene, todo)
-    exact = predicted.Problem(sought, scene, todo, blank, blank, sound, 0.0, 0)  # type: ignore[arg-type]
-    there = sought.coordinates(np.array([[TRUTH.length, TRUTH.width]]))  # type: ignore[arg-type]
-    told = fitting.evaluated(exact, np.asarray(there)).told[0][0]
-    sigma = NOISE * told
-    seen = told + sigma * np.random.default_rng(1).standard_normal(told.size)
+    at, sought = predicted.conditions(scene, rows), parameters.named(("length", "width"))
+    bounds, blank = parameters.bounds(sought, scene, rows), np.ones(len(rows))
+    sound = predicted.healthy_stiffness(scene, at)
+    exact = predicted.Problem(sought, bounds, scene, at, blank, blank, sound, 0.0, 0)  # type: ignore[arg-type]
+    there = bounds.coordinates(np.array([[TRUTH.length, TRUTH.width]]))  # type: ignore[arg-type]
+    true = predicted.evaluated(exact, np.asarray(there)).beside[0][0]
+    sigma = NOISE * true
+    seen = true + sigma * np.random.default_rng(1).standard_normal(true.size)
     rows = [
         dataclasses.replace(row, value=float(v), sigma=float(s)) for row, v, s in zip(rows, seen, sigma, strict=True)
     ]
@@ -53,10 +53,10 @@ def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measuremen
 def ours(problem: predicted.Problem, starts: np.ndarray) -> np.ndarray:
     """The best values of all starts here."""
     every = np.ones_like(starts, bool)
-    found = fitting.solved(
+    found = predicted.solved(
         problem, starts, every, fitting.SEARCH, least_squares.STEPS, meet=fitting.MEET, behind=fitting.BEHIND
     )
-    return np.asarray(problem.unknowns.values(found.place[np.argmin(found.cost)]))
+    return np.asarray(problem.bounds.values(found.place[np.argmin(found.cost)]))
 
 
 _residual = jax.jit(predicted.residual)
@@ -74,7 +74,7 @@ def scipys(problem: predicted.Problem, starts: np.ndarray, residual: Callable[[n
         return optimize.least_squares(residual, start, bounds=(-14.0, 14.0), xtol=1e-10, ftol=1e-10, gtol=1e-10)
 
     best = min((one(start) for start in starts), key=lambda found: found.cost)
-    return np.asarray(problem.unknowns.values(best.x))
+    return np.asarray(problem.bounds.values(best.x))
 
 
 def timed(work: Callable[[], object]) -> float:
@@ -91,7 +91,7 @@ def compared(law: str, repeats: int) -> dict[str, float]:
     found: list[tuple[predicted.Problem, list[trb.Measurement]]] = []
     first = timed(lambda: found.append(problem_of(scene)))
     problem, rows = found[0]
-    starts = fitting.start_places(problem.unknowns, scene, fitting.STARTS)
+    starts = fitting.start_places(problem.parameters, problem.bounds, scene, fitting.STARTS)
     theirs_first = timed(lambda: compiled(problem)(starts[0]))
     ways = {
         "a fit with its intervals": lambda: trb.fit(scene, rows, model_error=0.0),

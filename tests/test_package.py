@@ -15,8 +15,8 @@ SOURCE = Path(trb.__file__).parent
 MODULES = sorted(str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*.py"))
 ALONE = {
     "jaxopt": {"core/implicit.py"},
-    "optax": {"fits/fitting.py"},
-    "matplotlib": {"report/plot.py", "sweeps/sweep_plot.py", "fits/fit_plot.py", "accuracy/accuracy_plot.py"},
+    "optax": {"fits/predicted.py"},
+    "matplotlib": {"report/plot.py", "sweeps/sweep_plot.py", "fits/fit_report.py", "accuracy/accuracy_plot.py"},
     "pydantic": {"scene/scene_file.py", "fits/measured.py"},
 }
 """Where a library is used, and nowhere else."""

@@ -238,10 +238,9 @@ def _fit(options: Any) -> int:
     record = fit_report.fit_json(result, suggestions, time.perf_counter() - started)
 
     def figures(folder: Path) -> None:
-        from difftrb.fits import fit_plot
         from difftrb.report import plot
 
-        plot.save(fit_plot.fit_panels(result), folder, "fit")
+        plot.save(fit_report.fit_panels(result), folder, "fit")
 
     return _deliver(options, path, record, lambda: fit_report.fit_text(result, suggestions), figures)
 

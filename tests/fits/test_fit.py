@@ -11,9 +11,10 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.fits import fit_report, intervals, least_squares, optimal_design, parameters, predicted
-from difftrb.fits.fitting import evaluated, fit, solved, start_places
+from difftrb.fits import fit_report, fit_result, least_squares, optimal_design, predicted
+from difftrb.fits.fitting import fit, start_places
 from difftrb.fits.measured import MeasuredError, Measurement, example, parse
+from difftrb.fits.predicted import evaluated, solved
 from difftrb.scene import scene_file
 from experiments.speed_of_fit import ours, scipys
 
@@ -78,7 +79,7 @@ def test_exact_data_give_the_spall_back(rig: trb.Scene, exact: np.ndarray) -> No
 
 def test_it_is_the_least_squares_of_scipy(noisy_fit: trb.Fit) -> None:
     problem = noisy_fit.problem
-    starts = start_places(problem.unknowns, noisy_fit.scene, 16)
+    starts = start_places(problem.parameters, problem.bounds, noisy_fit.scene, 16)
     theirs = scipys(problem, starts, lambda u: evaluated(problem, u[None]).residual[0])
     np.testing.assert_allclose(ours(problem, starts), theirs, rtol=1e-6)
     np.testing.assert_allclose(noisy_fit.values, theirs, rtol=1e-6)
@@ -87,7 +88,7 @@ def test_it_is_the_least_squares_of_scipy(noisy_fit: trb.Fit) -> None:
 def test_slopes_equal_central_differences(noisy_fit: trb.Fit) -> None:
     problem, u, step = noisy_fit.problem, noisy_fit.place, 1e-5
     places = np.concatenate([u + step * np.eye(2), u - step * np.eye(2)])
-    told = np.asarray(solved(problem, places, np.ones_like(places, bool), 0, 0).told[0])
+    told = np.asarray(solved(problem, places, np.ones_like(places, bool), 0, 0).beside[0])
     slopes = (told[:2] - told[2:]).T / (2.0 * step) / np.asarray(problem.sigma)[:, None]
     np.testing.assert_allclose(noisy_fit.normal, slopes.T @ slopes, rtol=1e-6)
 
@@ -186,16 +187,16 @@ def test_the_next_measurement_shrinks_the_interval(noisy_fit: trb.Fit) -> None:
 
 
 def test_bounded_coordinates_go_both_ways() -> None:
-    some = parameters.Unknowns(("length", "angle"), jnp.array([0.1, -3.0]), jnp.array([10.0, 3.0]))
+    some = least_squares.Bounds(jnp.array([0.1, -3.0]), jnp.array([10.0, 3.0]), (True, False))
     values = jnp.array([2.0, 0.5])
     np.testing.assert_allclose(some.values(some.coordinates(values)), values, rtol=1e-12)
     assert float(some.values(jnp.array([50.0, -50.0]))[0]) == pytest.approx(10.0)
 
 
 def test_limits_of_intervals() -> None:
-    assert intervals.limit_of(None) == pytest.approx(3.841, rel=1e-3)
-    assert intervals.limit_of(6) == pytest.approx(2.447**2, rel=1e-3)  # Student's t, tables
-    assert intervals.tail(9.488, 4) == pytest.approx(0.05, rel=1e-3)
+    assert fit_result.limit_of(None) == pytest.approx(3.841, rel=1e-3)
+    assert fit_result.limit_of(6) == pytest.approx(2.447**2, rel=1e-3)  # Student's t, tables
+    assert fit_result.tail(9.488, 4) == pytest.approx(0.05, rel=1e-3)
 
 
 def test_levenberg_marquardt_alone() -> None:
@@ -207,11 +208,11 @@ def test_levenberg_marquardt_alone() -> None:
 
     free = np.array([[True, True], [True, False], [True, True]])
     starts = np.array([[-1.2, 1.0], [3.0, 4.0], [-1.21, 1.0]])
-    found = least_squares.minimum(rosenbrock, starts, free, 14.0, 60)
+    found = least_squares.minimum(rosenbrock, starts, free, 60)
     np.testing.assert_allclose(found.place[::2], 1.0, rtol=1e-7)
     assert found.place[1, 1] == 4.0
     assert found.converged.all()
-    met = least_squares.minimum(rosenbrock, starts, free, 14.0, 60, meet=0.02)
+    met = least_squares.minimum(rosenbrock, starts, free, 60, meet=0.02)
     np.testing.assert_array_equal(met.place[0], met.place[2])
     np.testing.assert_allclose(met.place[0], 1.0, rtol=1e-7)
     assert met.converged.all()

@@ -68,16 +68,16 @@ def rough(phase: float | str) -> list[Measurement]:
 
 
 @partial(jax.jit, static_argnames="names")
-def _told(scene: trb.Scene, todo: predicted.Plan, names: tuple[str, ...], values: jax.Array) -> jax.Array:
-    anywhere = parameters.Unknowns(names, jnp.zeros(len(names)), jnp.ones(len(names)))
-    return predicted.predicted(anywhere, scene, todo, values)[0]
+def _predicted(scene: trb.Scene, at: predicted.Conditions, names: tuple[str, ...], values: jax.Array) -> jax.Array:
+    return predicted.predicted(parameters.named(names), scene, at, values)[0]
 
 
 def measured(scene: trb.Scene, blank: list[Measurement], truth: dict[str, float]) -> list[Measurement]:
     """What the rows are for the truth; sigma, so far relative, in their units."""
-    told = _told(trb.prepare(scene), predicted.plan(scene, blank), tuple(truth), jnp.array(list(truth.values())))
+    at, values = predicted.conditions(scene, blank), jnp.array(list(truth.values()))
+    true = _predicted(trb.prepare(scene), at, tuple(truth), values)
     return [
-        dataclasses.replace(row, value=float(v), sigma=row.sigma * float(v)) for row, v in zip(blank, told, strict=True)
+        dataclasses.replace(row, value=float(v), sigma=row.sigma * float(v)) for row, v in zip(blank, true, strict=True)
     ]
 
 
@@ -116,7 +116,7 @@ def test_losses_alone_do_not_tell_the_scale(liu: trb.Scene) -> None:
 def test_depth_axial_offset_and_crown_are_found(formula: trb.Scene) -> None:
     found = fit(formula, measured(formula, rows(0.0), SHAPED), tuple(SHAPED), model_error=0.0).check()
     np.testing.assert_allclose(found.values, list(SHAPED.values()), rtol=1e-6)
-    assert found.problem.unknowns.high[2] == pytest.approx(3.0, rel=1e-6)  # where the law ends
+    assert found.problem.bounds.high[2] == pytest.approx(3.0, rel=1e-6)  # where the law ends
     assert found.determined
 
 

@@ -1,4 +1,4 @@
-"""What comes out of a fit."""
+"""What comes out of a fit, and how far measurements determine it: covariance, profiles of the likelihood, intervals."""
 
 from __future__ import annotations
 
@@ -10,22 +10,52 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import status
-from difftrb.fits import intervals
-from difftrb.fits import parameters as unknown
-from difftrb.fits.intervals import Profiles, Solve
+from difftrb.fits import predicted
+from difftrb.fits.least_squares import FARTHEST
 from difftrb.fits.measured import Measurement
 from difftrb.fits.predicted import Problem
 from difftrb.scene.scene import Scene
 
+EDGE = 7.0
+"""Coordinates beyond ± this, the outer thousandth of the range, count as the bound."""
+NEAR = np.array([0.75, 1.5, 2.25, 3.0])
+"""Places of a profile on either side, in standard errors."""
+FAR = np.array([0.15, 0.45, 1.0])
+"""More of them, as shares of the way from the last one to the bound."""
+WITHIN = 3
+"""Places between the two that an end of an interval lies between: to 1e-3 of a standard error then."""
+STEPS = 25
+ENOUGH = 1e-5
+"""Gain of half χ² that is not worth a step of a profile, whose ends are where χ² has risen by 4 or so."""
+NORMAL_95 = 1.959963984540054
+"""Standard errors to either side of a 95 % interval of the normal distribution."""
+
 
 class History(NamedTuple):
-    """Where each start went: values at first and at last, shapes (starts, unknowns); chi² at last and steps of
+    """Where each start went: values at first and at last, shapes (starts, parameters); chi² at last and steps of
     Levenberg–Marquardt, shapes (starts,)."""
 
     first: np.ndarray
     last: np.ndarray
     chi2: np.ndarray
     steps: np.ndarray
+
+
+class Profiles(NamedTuple):
+    """Profile of every parameter: what is the least sum of squares with it held at a place, all others free.
+
+    Attributes:
+      coordinates: places, rising, shape (parameters, places). rise: of twice the cost over its least, same shape.
+      ends: of the interval, in coordinates, shape (parameters, 2). open: whether an end is the bound, not the data's.
+      lowest: the best place seen, shape (parameters,); lowest_cost: its cost, below the fit's if it was not least.
+    """
+
+    coordinates: np.ndarray
+    rise: np.ndarray
+    ends: np.ndarray
+    open: np.ndarray
+    lowest: np.ndarray
+    lowest_cost: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,8 +74,8 @@ class Fit(status.Judged):
       remarks: what is worth knowing, in sentences. `determined`: whether every parameter has a closed interval less
         than a factor of 1.5 wide (angle: 0.5 rad), and no other answer fits nearly as well.
       robust: how deviations counted. scene: prepared, with the fitted spall. history: of all starts.
-      profiles, problem, place (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends),
-        solve (the program that fitted): for figures and designs.
+      profiles, problem, place (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends):
+        for figures and designs.
       status_code: see `difftrb.status`.
     """
 
@@ -72,13 +102,17 @@ class Fit(status.Judged):
     place: np.ndarray
     normal: np.ndarray
     limit: float
-    solve: Solve
     status_code: jax.Array
 
     @property
     def units(self) -> tuple[str, ...]:
         """Of the parameters."""
-        return tuple(unknown.UNITS[name] for name in self.parameters)
+        return tuple(parameter.unit for parameter in self.problem.parameters)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Of the parameters, for figures."""
+        return tuple(parameter.label or parameter.name for parameter in self.problem.parameters)
 
     def __getitem__(self, name: str) -> float:
         """The fitted value of a parameter."""
@@ -86,14 +120,148 @@ class Fit(status.Judged):
 
     def along(self, i: int, coordinates: np.ndarray) -> np.ndarray:
         """Values of the i-th parameter at its coordinates, any one shape."""
-        low, high = (np.asarray(end)[i] for end in self.problem.unknowns.ends())
+        low, high = (np.asarray(end)[i] for end in self.problem.bounds.ends())
         raw = low + (high - low) / (1.0 + np.exp(-coordinates))
-        return np.exp(raw) if self.problem.unknowns.logarithmic[i] else raw
+        return np.exp(raw) if self.problem.bounds.logarithmic[i] else raw
 
-    def ridge(self, box: np.ndarray) -> np.ndarray:
-        """See `intervals.ridge`: over coordinates of the first two parameters, (low, high) of each, shape (2, 2)."""
-        return intervals.ridge(self.solve, self.problem, self.place, 0.5 * self.chi2, self.normal, box)
+    def ridge(self, box: np.ndarray, points: int = 21) -> np.ndarray:
+        """Rise of χ² over a grid of the first two parameters, all others free: shape (points, points), the first along
+        rows. `box` are coordinates: (first low, high), (second low, high), shape (2, 2)."""
+        grid = np.meshgrid(*(np.linspace(low, high, points) for low, high in box), indexing="ij")
+        at = np.tile(self.place, (points * points, 1))
+        at[:, 0], at[:, 1] = (axis.ravel() for axis in grid)
+        free = np.tile(np.arange(len(self.place)) > 1, (len(at), 1))
+        costs, _ = _held(self.problem, self.place, self.normal, free, at)
+        return 2.0 * (costs - 0.5 * self.chi2).reshape(points, points)
 
     def by_data(self) -> np.ndarray:
-        """Derivative of the values by what was measured, shape (parameters, rows): see `intervals.by_data`."""
-        return np.asarray(intervals.by_data(self.problem, jnp.asarray(self.place)))
+        """Derivative of the values by what was measured, shape (parameters, rows).
+
+        By the implicit function theorem with the whole second derivative: exact for data that the model does not meet,
+        too.
+        """
+        return np.asarray(_by_data(self.problem, jnp.asarray(self.place)))
+
+
+@jax.jit
+def _by_data(problem: Problem, u: jax.Array) -> jax.Array:
+    def gradient(v: jax.Array, measured: jax.Array) -> jax.Array:
+        own = dataclasses.replace(problem, measured=measured)
+        return jax.jacfwd(lambda w: 0.5 * jnp.sum(predicted.residual(own, w) ** 2))(v)
+
+    curvature = jax.jacfwd(gradient)(u, problem.measured)
+    moved = -jnp.linalg.solve(curvature, jax.jacfwd(gradient, 1)(u, problem.measured))
+    return jax.jacfwd(problem.bounds.values)(u) @ moved
+
+
+def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Of coordinates at the place u, from the normal matrix JᵀJ there, both of shape (parameters, parameters).
+
+    0 for parameters at a bound; huge but finite for what the normal matrix does not know.
+    """
+    free = np.abs(u) < EDGE
+    both = free[:, None] & free[None, :]
+    size = np.sqrt(np.where(free & (np.diag(normal) > 0.0), np.diag(normal), 1.0))
+    matrix = np.where(both, normal / np.outer(size, size), np.eye(len(u)))
+    known, directions = np.linalg.eigh(matrix)
+    inverted = (directions / np.maximum(known, 1e-13)[None, :]) @ directions.T
+    return np.where(both, inverted / np.outer(size, size), 0.0)
+
+
+def _held(
+    problem: Problem, u: np.ndarray, normal: np.ndarray, free: np.ndarray, at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Least costs, shape (cases,), and their places, with the parameters that are not `free`, shape (cases,
+    parameters), held where `at`, same shape, has them. The others start where the quadratic about u expects them."""
+    start = at.copy()
+    for case, (moves, place) in enumerate(zip(free, at, strict=True)):
+        if moves.any():
+            within = normal[np.ix_(moves, moves)]
+            damped = within + np.diag(1e-9 * np.diag(within) + 1e-300)
+            follow = -np.linalg.solve(damped, normal[np.ix_(moves, ~moves)] @ (place - u)[~moves])
+            start[case, moves] = np.clip(u[moves] + np.clip(follow, -3.0, 3.0), -EDGE, EDGE)
+    found = predicted.solved(problem, start, free, 0, STEPS if free.any() else 0, ENOUGH)
+    cost = np.asarray(found.cost)
+    return np.where(np.isfinite(cost), cost, np.inf), np.asarray(found.place)
+
+
+def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limit: float) -> Profiles:
+    """Profiles about the least place u, shape (parameters,), with its cost and normal matrix, and where they have risen
+    by `limit`: once over the whole range, once between the places that an interval's ends lie between."""
+    count = len(u)
+
+    def risen(at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        free = np.repeat(np.arange(count), at[0].size)[:, None] != np.arange(count)[None, :]
+        costs, where = _held(problem, u, normal, free, np.where(free, u[None, :], at.ravel()[:, None]))
+        return 2.0 * (costs - cost).reshape(at.shape), costs, where
+
+    places = _profile_places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
+    rise, costs, where = risen(places)
+    brackets, reached = _brackets(u, places, rise, limit)
+    before, behind = brackets[..., :1], brackets[..., 2:3]
+    inner = before + (behind - before) * np.arange(1, WITHIN + 1) / (WITHIN + 1)
+    finer, *_ = risen(inner)
+    ends = np.empty((count, 2))
+    for i, k in np.ndindex(count, 2):
+        at = np.concatenate([before[i, k], inner[i, k], behind[i, k]])
+        root = np.concatenate([brackets[i, k, 1:2], np.sqrt(np.maximum(finer[i, k], 0.0)), brackets[i, k, 3:]])
+        inside = np.interp(np.sqrt(limit), np.maximum.accumulate(root), at)
+        ends[i, k] = inside if reached[i, k] else np.inf * (2 * k - 1)
+    best = int(np.argmin(costs))
+    every = np.concatenate([places.reshape(count, -1), inner.reshape(count, -1), u[:, None]], 1)
+    order = np.argsort(every, axis=1)
+    rises = np.concatenate([rise.reshape(count, -1), finer.reshape(count, -1), np.zeros((count, 1))], 1)
+    return Profiles(
+        coordinates=np.take_along_axis(every, order, 1),
+        rise=np.take_along_axis(rises, order, 1),
+        ends=np.clip(ends, -FARTHEST, FARTHEST),
+        open=~reached,
+        lowest=where[best],
+        lowest_cost=float(costs[best]),
+    )
+
+
+def _profile_places(u: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Where profiles are computed: on either side of u some near, in `spread`s of shape (parameters,), and some as far
+    as the bound; shape (parameters, 2, places)."""
+    half = len(NEAR) + len(FAR)
+    places = np.empty((len(u), 2, half))
+    for i in range(len(u)):
+        for k, side in enumerate((-1.0, 1.0)):
+            room = max(EDGE - side * u[i], 1e-3)
+            near = NEAR * (spread[i] or 1.0)
+            far = near[-1] + (room - near[-1]) * FAR
+            even = room * np.arange(1, half + 1) / half
+            places[i, k] = u[i] + side * (np.concatenate([near, far]) if near[-1] < 0.7 * room else even)
+    return places
+
+
+def _brackets(u: np.ndarray, places: np.ndarray, rise: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Place and root of the rise before an interval's end, and behind it, shape (parameters, 2, 4), and whether the
+    rise has reached the limit, shape (parameters, 2)."""
+    brackets, reached = np.empty((len(u), 2, 4)), np.zeros((len(u), 2), bool)
+    for i, k in np.ndindex(len(u), 2):
+        beyond = np.nonzero(rise[i, k] > limit)[0]
+        reached[i, k] = len(beyond) > 0
+        last = beyond[0] if reached[i, k] else rise.shape[2] - 1
+        start = (places[i, k, last - 1], rise[i, k, last - 1]) if last else (u[i], 0.0)
+        brackets[i, k] = start[0], max(start[1], 0.0) ** 0.5, places[i, k, last], max(rise[i, k, last], 0.0) ** 0.5
+    return brackets, reached
+
+
+def tail(chi2: float, freedom: int) -> float:
+    """Chance that chi² of so many degrees of freedom is larger."""
+    return float(jax.scipy.special.gammaincc(0.5 * freedom, 0.5 * chi2))
+
+
+def limit_of(freedom: int | None) -> float:
+    """Rise of chi² at the ends of a 95 % interval: of the normal distribution or, with sigma estimated from so many
+    degrees of freedom, of Student's t, whose square it is."""
+    if freedom is None:
+        return NORMAL_95**2
+    low, high = 0.0, 1e6
+    for _ in range(80):  # the tail of t² is an incomplete beta function (Abramowitz and Stegun, 26.7.1)
+        t2 = 0.5 * (low + high)
+        outside = float(jax.scipy.special.betainc(0.5 * freedom, 0.5, freedom / (freedom + t2)))
+        low, high = (t2, high) if outside > 0.05 else (low, t2)
+    return 0.5 * (low + high)

@@ -13,16 +13,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
 from difftrb.core import status
-from difftrb.fits import diagnostics, intervals, least_squares, predicted
-from difftrb.fits import parameters as unknown
-from difftrb.fits.fit_result import Fit, History
-from difftrb.fits.intervals import Profiles
-from difftrb.fits.least_squares import Least
-from difftrb.fits.measured import MeasuredError, Measurement, check
-from difftrb.fits.parameters import FARTHEST, Unknowns
+from difftrb.fits import diagnostics, fit_result, least_squares, measured, predicted
+from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.fit_result import Fit, History, Profiles
+from difftrb.fits.least_squares import Bounds, Least
+from difftrb.fits.measured import MeasuredError, Measurement
+from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.law.samples import Progress
 from difftrb.ring.ring import Load, largest_load
@@ -30,18 +28,14 @@ from difftrb.scene import auto_law
 from difftrb.scene.scene import LawName, Scene
 
 STARTS = 16
-BATCH = 16
-"""Most cases that one call evaluates."""
 SEARCH = 1
 """Steps of Adam before Levenberg–Marquardt takes over."""
-ADAM = optax.adam(0.25)
-"""Steps of a quarter, in coordinates."""
 MEET = 0.3
 """Starts that come this close to each other, in coordinates, go on as one."""
 BEHIND = 0.05
 """Starts that expect less of a step than this share of what parts them from the best one have found another minimum."""
 SPREAD = 0.05, 0.95
-"""Between which shares of an unknown's range starts lie."""
+"""Between which shares of a parameter's range starts lie."""
 FLOOR = 0.1
 """Measurements without sigma count by their own size, but at least by this share of the middle one of their kind."""
 LEAST_SIGMA = 1e-7
@@ -58,7 +52,7 @@ def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | 
     if not rows:
         raise MeasuredError("measurements: there are no rows to fit")
     for k, row in enumerate(rows, 1):
-        check(row, f"measurements: row {k}")
+        measured.check(row, f"measurements: row {k}")
     if isinstance(scene.law, LawName):
         if scene.law.name == "direct":
             raise MeasuredError("contact.law = 'direct' holds for one spall; fit with contact.law = 'table'")
@@ -88,8 +82,8 @@ def fit(
         nothing is solved but rings.
       rows: from `load_measured`, or your own.
       parameters: of "length", "width", "depth", "angle", "axial_offset" (of the spall), "crown" (the rollers' design
-        load), "preload" (added to every axial load) and "scale" (the bearing's share in the measured compliance, the
-        rest being housing and shaft). All others stay as in the scene.
+        load), "preload" (added to every axial load), "scale" (the bearing's share in the measured compliance, the
+        rest being housing and shaft), and what `fits.parameters.register` adds. All others stay as in the scene.
       robust: "squares"; "huber" or "student" where single rows may be far off.
       starts: how many, at least 1. More where the widths may hold many rollers.
       model_error: relative error of the model that all losses share, and all stiffnesses, ≥ 0; it widens intervals
@@ -104,10 +98,30 @@ def fit(
         raise MeasuredError(f"model_error = {model_error!r}: must be 0 or a positive number; None takes the law's own")
     if robust not in ROBUST:
         raise MeasuredError(f"robust = {robust!r} is not known; use one of {', '.join(ROBUST)}")
-    rows, names = tuple(rows), tuple(parameters)
+    rows = tuple(rows)
     scene = prepare_fit(scene, rows, progress)
-    unknown.check_loads(scene, rows)
-    unknowns = unknown.bounded(scene, rows, names)
+    measured.check_loads(scene, rows)
+    problem, estimate = _problem(scene, rows, tuple(parameters), robust, model_error)
+    places = start_places(problem.parameters, problem.bounds, scene, starts)
+    first = _from(problem, places)
+    _check_effects(problem.parameters, np.asarray(first.normal))
+    freedom = len(rows) - places.shape[1]
+    limit = fit_result.limit_of(freedom if estimate else None)
+    problem, found = _with_sigma(problem, places, freedom) if estimate else (problem, _search(problem, places))
+    tried = _judged(problem, places, found, limit)
+    if tried.profiles.lowest_cost < found.cost[tried.best] * (1.0 - 1e-6) - 1e-9:  # a profile has found more
+        again = np.concatenate([tried.profiles.lowest[None], found.place[1:]])
+        tried = _judged(problem, places, _from(problem, again, least_squares.STEPS), limit)
+    result = _result(rows, problem, tried, limit, estimate)
+    return dataclasses.replace(result, **diagnostics.of(result, first.beside[0]))
+
+
+def _problem(
+    scene: Scene, rows: tuple[Measurement, ...], names: tuple[str, ...], robust: str, model_error: float | None
+) -> tuple[Problem, bool]:
+    """What is to be solved, and whether sigma is to be estimated, of which there is only the relative size then."""
+    parameters = fit_parameters.named(names)
+    bounds = fit_parameters.bounds(parameters, scene, rows)
     given = [row.sigma is not None for row in rows]
     if any(given) != all(given):
         k = given.index(False) + 1
@@ -118,33 +132,83 @@ def fit(
             f"measurements: {len(rows)} rows cannot give {len(names)} parameters and their own error: give sigma, more "
             "rows, or fewer parameters"
         )
-    measured = np.array([float(row.value) for row in rows])
-    sigma = _own_size(rows, measured) if estimate else np.array([float(row.sigma) for row in rows])  # type: ignore[arg-type]
-    todo = predicted.plan(scene, rows)
+    at = predicted.conditions(scene, rows)
     own_error = float(scene.law.error)  # type: ignore[union-attr]  # it is prepared
-    common = model_error if model_error is not None else own_error if np.isfinite(own_error) else 0.0
-    sound = None if set(names) & {"crown", "preload"} else predicted.healthy_stiffness(scene, todo)
-    problem = Problem(
-        unknowns, scene, todo, jnp.asarray(measured), jnp.asarray(sigma), sound, common, ROBUST.index(robust)
-    )
-    places = start_places(unknowns, scene, starts)
-    every = np.ones_like(places, bool)
-    first = solved(problem, places, every, 0, 0)
-    _check_effects(names, np.asarray(first.normal))
+    return Problem(
+        parameters=parameters,
+        bounds=bounds,
+        scene=scene,
+        conditions=at,
+        measured=jnp.asarray([float(row.value) for row in rows]),
+        sigma=jnp.asarray(_own_size(rows) if estimate else [float(row.sigma) for row in rows]),  # type: ignore[arg-type]
+        sound=None if any(p.changes_healthy for p in parameters) else predicted.healthy_stiffness(scene, at),
+        common=model_error if model_error is not None else own_error if np.isfinite(own_error) else 0.0,
+        robust=ROBUST.index(robust),
+    ), estimate
 
-    freedom = len(rows) - len(names)
-    limit = intervals.limit_of(freedom if estimate else None)
-    for _ in range(ROUNDS if estimate and robust != "squares" else 1):
-        found = solved(problem, places, every, SEARCH, least_squares.STEPS, meet=MEET, behind=BEHIND)
-        if estimate:
-            off = (found.told[0][np.nanargmin(found.cost)] - measured) / np.asarray(problem.sigma)
-            problem = dataclasses.replace(problem, sigma=problem.sigma * _scatter(off, robust, freedom))
-            found = solved(problem, np.asarray(found.place), every, 0, least_squares.STEPS)
-    tried = _judged(problem, places, found, limit)
-    if tried.profiles.lowest_cost < found.cost[tried.best] * (1.0 - 1e-6) - 1e-9:  # a profile has found more
-        again = np.concatenate([tried.profiles.lowest[None], found.place[1:]])
-        tried = _judged(problem, places, solved(problem, again, every, 0, least_squares.STEPS), limit)
-    return _result(rows, problem, tried, first.told[0], limit, estimate)
+
+def _own_size(rows: Sequence[Measurement]) -> np.ndarray:
+    """What stands for sigma where none is given, up to a factor: a measurement's own size."""
+    size = np.abs([float(row.value) for row in rows])
+    sigma = np.empty_like(size)
+    for loss in (True, False):
+        kind = np.array([row.is_loss == loss for row in rows])
+        if kind.any():
+            sigma[kind] = np.maximum(size[kind], FLOOR * np.median(size[kind]))
+    if not (sigma > 0.0).all():
+        raise MeasuredError("measurements: most values are 0 and no sigma is given, so nothing says what 0 means: "
+                            "give sigma")  # fmt: skip
+    return sigma
+
+
+def start_places(parameters: Sequence[Parameter], bounds: Bounds, scene: Scene, count: int) -> np.ndarray:
+    """Coordinates of the starts, shape (count, parameters): the scene's own values, then an even spread of the range.
+
+    An additive recurrence (Roberts 2018) spreads them.
+    """
+    n = len(parameters)
+    golden = 2.0
+    for _ in range(40):
+        golden = (1.0 + golden) ** (1.0 / (n + 1))
+    steps = golden ** -np.arange(1.0, n + 1.0)
+    shares = np.mod(0.5 + np.arange(1, count)[:, None] * steps[None, :], 1.0)
+    shares = SPREAD[0] + (SPREAD[1] - SPREAD[0]) * shares
+    own = bounds.coordinates(jnp.array([[parameter.start(scene) for parameter in parameters]]))
+    return np.concatenate([np.clip(np.asarray(own), -4.0, 4.0), np.log(shares / (1.0 - shares))])
+
+
+def _check_effects(parameters: Sequence[Parameter], normals: np.ndarray) -> None:
+    """Refuse parameters on which no row depends at any start; `normals` of shape (starts, parameters, parameters)."""
+    size = np.sqrt(np.max(np.einsum("kii->ki", normals), axis=0))
+    for parameter, own in zip(parameters, size, strict=True):
+        if own <= 1e-12 * np.max(size):
+            raise MeasuredError(f"parameters: {parameter.name} cannot be fitted to these rows: {parameter.no_effect}")
+
+
+def _search(problem: Problem, places: np.ndarray) -> Least:
+    """From all starts."""
+    every = np.ones_like(places, bool)
+    return predicted.solved(problem, places, every, SEARCH, least_squares.STEPS, meet=MEET, behind=BEHIND)
+
+
+def _from(problem: Problem, places: np.ndarray, steps: int = 0) -> Least:
+    """From these places with all parameters free, by Levenberg–Marquardt alone."""
+    return predicted.solved(problem, places, np.ones_like(places, bool), 0, steps)
+
+
+def _with_sigma(problem: Problem, places: np.ndarray, freedom: int) -> tuple[Problem, Least]:
+    """The problem with sigma as the fit misses the rows, and its minima."""
+    squares = problem.robust == ROBUST.index("squares")
+    for _ in range(1 if squares else ROUNDS):
+        found = _search(problem, places)
+        off = (found.beside[0][np.nanargmin(found.cost)] - np.asarray(problem.measured)) / np.asarray(problem.sigma)
+        if squares:
+            factor = float(np.sqrt(np.sum(off**2) / freedom))
+        else:  # the middle deviation, of normal errors
+            factor = 1.4826 * float(np.median(np.abs(off))) * float(np.sqrt(len(off) / freedom))
+        problem = dataclasses.replace(problem, sigma=problem.sigma * max(factor, LEAST_SIGMA))
+        found = _from(problem, np.asarray(found.place), least_squares.STEPS)
+    return problem, found  # pyright: ignore[reportPossiblyUnbound]  # there is a round
 
 
 class Tried(NamedTuple):
@@ -158,123 +222,27 @@ class Tried(NamedTuple):
 
 def _judged(problem: Problem, starts: np.ndarray, found: Least, limit: float) -> Tried:
     best = int(np.nanargmin(found.cost))
-    profiles = intervals.profiles(
-        solved, problem, np.asarray(found.place[best]), float(found.cost[best]), np.asarray(found.normal[best]), limit
-    )
-    return Tried(starts, found, best, profiles)
+    place, normal = np.asarray(found.place[best]), np.asarray(found.normal[best])
+    return Tried(starts, found, best, fit_result.profiles(problem, place, float(found.cost[best]), normal, limit))
 
 
-def _own_size(rows: Sequence[Measurement], measured: np.ndarray) -> np.ndarray:
-    """What stands for sigma where none is given, up to a factor: a measurement's own size."""
-    size = np.abs(measured)
-    sigma = np.empty_like(size)
-    for loss in (True, False):
-        kind = np.array([row.is_loss == loss for row in rows])
-        if kind.any():
-            sigma[kind] = np.maximum(size[kind], FLOOR * np.median(size[kind]))
-    if not (sigma > 0.0).all():
-        raise MeasuredError("measurements: most values are 0 and no sigma is given, so nothing says what 0 means: "
-                            "give sigma")  # fmt: skip
-    return sigma
-
-
-def start_places(unknowns: Unknowns, scene: Scene, count: int) -> np.ndarray:
-    """Coordinates of the starts, shape (count, unknowns): the scene's own values, then an even spread of the range."""
-    n = len(unknowns.names)
-    golden = 2.0
-    for _ in range(40):
-        golden = (1.0 + golden) ** (1.0 / (n + 1))
-    steps = golden ** -np.arange(1.0, n + 1.0)  # additive recurrence (Roberts 2018)
-    shares = np.mod(0.5 + np.arange(1, count)[:, None] * steps[None, :], 1.0)
-    shares = SPREAD[0] + (SPREAD[1] - SPREAD[0]) * shares
-    own = unknowns.coordinates(jnp.array([[unknown.own(scene, name) for name in unknowns.names]]))
-    return np.concatenate([np.clip(np.asarray(own), -4.0, 4.0), np.log(shares / (1.0 - shares))])
-
-
-def _check_effects(names: tuple[str, ...], normals: np.ndarray) -> None:
-    """Refuse unknowns on which no row depends at any start; `normals` of shape (starts, unknowns, unknowns)."""
-    size = np.sqrt(np.max(np.einsum("kii->ki", normals), axis=0))
-    for name, own in zip(names, size, strict=True):
-        if own <= 1e-12 * np.max(size):
-            raise MeasuredError(f"parameters: {name} cannot be fitted to these rows: {unknown.NO_EFFECT[name]}")
-
-
-def solved(
-    problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int, enough: float = 0.0,
-    meet: float = 0.0, behind: float = 0.0,
-) -> Least:  # fmt: skip
-    """Least squares from `places`, shape (cases, unknowns), moving those coordinates that are `free`, same shape: first
-    `search` steps of Adam, then `steps` of Levenberg–Marquardt at most; the rest as in `least_squares.minimum`."""
-    lead = (_adam, ADAM.init(jnp.asarray(places)), search) if search else (None, None, 0)
-    return least_squares.minimum(
-        partial(evaluated, problem), np.asarray(places), free, FARTHEST, steps, *lead, enough, meet, behind
-    )
-
-
-@jax.jit
-def _adam(gradient: jax.Array, memory: optax.OptState) -> tuple[jax.Array, optax.OptState]:
-    move, memory = ADAM.update(gradient, memory)
-    return move, memory  # type: ignore[return-value]  # optax says any tree of arrays
-
-
-def evaluated(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
-    """Deviations as they count and their slopes by coordinates at `places`, shape (cases, unknowns); told besides: what
-    the model says of the rows, and its status. In parts of one size, by one program."""
-    parts = []
-    for k in range(0, len(places), BATCH):
-        part = places[k : k + BATCH]
-        padded = np.zeros((BATCH, places.shape[1]))
-        padded[: len(part)] = part
-        parts.append([np.asarray(out)[: len(part)] for out in _evaluated(problem, padded, len(part))])
-    residual, jacobian, *told = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return least_squares.Evaluated(residual, jacobian, tuple(told))
-
-
-@jax.jit
-def _evaluated(problem: Problem, places: jax.Array, count: jax.Array) -> tuple[jax.Array, ...]:
-    """Of the first `count` places, one after the other: the rings of one fill the processor."""
-
-    def misfit(u: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        told, code = predicted.predictions(problem, u)
-        r = predicted.counted(problem, told)
-        return r, (r, told, code)
-
-    def one(k: jax.Array, out: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-        slopes, (r, told, code) = jax.jacfwd(misfit, has_aux=True)(places[k])
-        return tuple(all_.at[k].set(own) for all_, own in zip(out, (r, slopes, told, code), strict=True))
-
-    rows, n = problem.measured.size, places.shape[1]
-    blank = tuple(jnp.zeros((BATCH, *shape)) for shape in ((rows,), (rows, n), (rows,)))
-    return jax.lax.fori_loop(0, count, one, (*blank, jnp.zeros(BATCH, int)))
-
-
-def _scatter(off: np.ndarray, robust: str, freedom: int) -> float:
-    """By what factor the fit misses the measurements more than sigma says; `off` is in sigma, shape (rows,)."""
-    if robust == "squares":
-        factor = float(np.sqrt(np.sum(off**2) / freedom))
-    else:  # the middle deviation, of normal errors
-        factor = 1.4826 * float(np.median(np.abs(off))) * float(np.sqrt(len(off) / freedom))
-    return max(factor, LEAST_SIGMA)
-
-
-def _result(
-    rows: tuple[Measurement, ...], problem: Problem, tried: Tried, first: np.ndarray, limit: float, estimated: bool
-) -> Fit:
-    best, unknowns = tried.best, problem.unknowns
-    u = np.asarray(tried.found.place[best])
-    values = unknowns.values(jnp.asarray(u))
-    known = intervals.covariance(np.asarray(tried.found.normal[best]), u)
+def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, limit: float, estimated: bool) -> Fit:
+    """The fit, without remarks."""
+    best, bounds, found, profiles = tried.best, problem.bounds, tried.found, tried.profiles
+    u, normal, told = (np.asarray(each[best]) for each in (found.place, found.normal, found.beside[0]))
+    values = bounds.values(jnp.asarray(u))
+    known = fit_result.covariance(normal, u)
     variance = np.diag(known)
-    slope = intervals.natural_slope(problem, u) * np.where(unknowns.logarithmic, np.asarray(values), 1.0)
+    slope = bounds.slope(u) * np.where(bounds.logarithmic, np.asarray(values), 1.0)
     spread = np.sqrt(np.where(variance > 0.0, variance, 1.0))
     correlation = known / np.outer(spread, spread)
-    profiles = tried.profiles
-    told = np.asarray(tried.found.told[0][best])
-    result = Fit(
-        parameters=unknowns.names,
+    first, last = (np.asarray(jax.vmap(bounds.values)(jnp.asarray(v))) for v in (tried.starts, found.place))
+    converged = jnp.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
+    return Fit(
+        parameters=tuple(parameter.name for parameter in problem.parameters),
         values=np.asarray(values),
         standard_errors=np.where(variance > 0.0, np.sqrt(variance) * np.abs(slope), np.nan),
-        intervals=np.stack([np.asarray(unknowns.values(jnp.asarray(end))) for end in profiles.ends.T], 1),
+        intervals=np.stack([np.asarray(bounds.values(jnp.asarray(end))) for end in profiles.ends.T], 1),
         open=profiles.open,
         correlation=correlation + np.diag(1.0 - np.diag(correlation)),
         rows=rows,
@@ -282,25 +250,17 @@ def _result(
         sigma=np.asarray(problem.sigma),
         sigma_estimated=estimated,
         residuals=(np.asarray(problem.measured) - told) / np.asarray(problem.sigma),
-        chi2=2.0 * float(tried.found.cost[best]),
-        freedom=len(rows) - len(unknowns.names),
+        chi2=2.0 * float(found.cost[best]),
+        freedom=len(rows) - len(u),
         remarks=(),
         determined=False,
-        scene=unknown.apply(unknowns, problem.scene, values).scene,
-        history=History(
-            *(np.asarray(jax.vmap(unknowns.values)(jnp.asarray(v))) for v in (tried.starts, tried.found.place)),
-            chi2=2.0 * np.asarray(tried.found.cost),
-            steps=np.asarray(tried.found.steps),
-        ),
+        scene=fit_parameters.put(problem.parameters, problem.scene, values),
+        history=History(first, last, 2.0 * np.asarray(found.cost), np.asarray(found.steps)),
         profiles=profiles,
         problem=problem,
         robust=ROBUST[int(problem.robust)],
         place=u,
-        normal=np.asarray(tried.found.normal[best]),
+        normal=normal,
         limit=limit,
-        solve=solved,
-        status_code=status.worst(
-            tried.found.told[1][best], jnp.where(tried.found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
-        ),
-    )  # fmt: skip
-    return dataclasses.replace(result, **diagnostics.of(result, first))
+        status_code=status.worst(found.beside[1][best], converged),
+    )

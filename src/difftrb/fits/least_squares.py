@@ -4,18 +4,26 @@ NaN.
 The loop runs outside of jit: only the evaluation is compiled, once, and finished cases cost nothing more. jaxopt has
 the method, too. It evaluates the residual three times a step where this one does once, a NaN in one trial step ends it
 for good, and it stops by the gradient's size alone, which says nothing without a scale.
+
+It moves in coordinates u without bounds: a value runs from its lower to its upper bound as 1/(1 + e⁻ᵘ) runs from 0 to
+1, in its logarithm where it is a size.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+FARTHEST = 14.0
+"""Coordinates stay within ± this of 0: there they are at the bound to 1e-6 of the range."""
 STEPS = 40
 TOLERANCE = 1e-9
-"""Of coordinates: a step shorter than this ends it."""
+"""A step shorter than this, in coordinates, ends a case."""
 LONGEST = 2.0
 """Longest step of one coordinate."""
 ROUNDING = 1e-13
@@ -24,113 +32,177 @@ LEAST_DAMPING = 1e-13
 """Relative: keeps the normal matrix invertible where residuals do not depend on something."""
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Bounds:
+    """Bounds of n values, shape (n,) each, and which are sizes: those are above 0, and their relative changes count."""
+
+    low: jax.Array
+    high: jax.Array
+    logarithmic: tuple[bool, ...] = dataclasses.field(metadata={"static": True})
+
+    def values(self, u: jax.Array) -> jax.Array:
+        """Values at coordinates u, both of shape (n,)."""
+        low, high = self.ends()
+        raw, sizes = low + (high - low) * jax.nn.sigmoid(u), np.array(self.logarithmic)
+        return jnp.where(sizes, jnp.exp(jnp.where(sizes, raw, 0.0)), raw)
+
+    def coordinates(self, values: jax.Array) -> jax.Array:
+        """Coordinates of values, both of shape (…, n); values at a bound or beyond are moved inside."""
+        raw = self._raw(values)
+        low, high = (jnp.broadcast_to(end, raw.shape) for end in self.ends())
+        share = jnp.clip((raw - low) / (high - low), 1e-6, 1.0 - 1e-6)
+        return jnp.log(share / (1.0 - share))
+
+    def ends(self) -> tuple[jax.Array, jax.Array]:
+        """The bounds, of sizes their logarithms; shape (n,) each."""
+        return self._raw(self.low), self._raw(self.high)
+
+    def _raw(self, values: jax.Array) -> jax.Array:
+        sizes = np.array(self.logarithmic)
+        return jnp.where(sizes, jnp.log(jnp.where(sizes, values, 1.0)), values)
+
+    def slope(self, u: np.ndarray) -> np.ndarray:
+        """Slope of the values, of sizes their logarithms, by coordinates, shape (n,)."""
+        low, high = (np.asarray(end) for end in self.ends())
+        share = 1.0 / (1.0 + np.exp(-np.asarray(u)))
+        return (high - low) * share * (1.0 - share)
+
+
 class Least(NamedTuple):
     """Minima: places, shape (cases, n); half the sums of squares there, shape (cases,); their normal matrices JᵀJ,
-    shape (cases, n, n); what else the residual told there, shapes (cases, …); steps taken; which converged."""
+    shape (cases, n, n); what else was evaluated there, shapes (cases, …); steps taken; which converged."""
 
     place: np.ndarray
     cost: np.ndarray
     normal: np.ndarray
-    told: tuple[np.ndarray, ...]
+    beside: tuple[np.ndarray, ...]
     steps: np.ndarray
     converged: np.ndarray
 
 
 class Evaluated(NamedTuple):
-    """Residuals, shape (cases, m), their Jacobians, shape (cases, m, n), and whatever else there is to tell, shapes
+    """Residuals, shape (cases, m), their Jacobians, shape (cases, m, n), and whatever else there is, shapes
     (cases, …)."""
 
     residual: np.ndarray
     jacobian: np.ndarray
-    told: tuple[np.ndarray, ...]
+    beside: tuple[np.ndarray, ...]
 
 
-Lead = Callable[[np.ndarray, Any], tuple[np.ndarray, Any]]
-"""From gradients, shape (cases, n), and a memory to steps, same shape, and the memory after it: as optax has them."""
+class First(NamedTuple):
+    """Another rule that goes first: from gradients, shape (cases, n), and a memory it makes steps, same shape, and the
+    memory after it, as optax does; its memory at the start; for how many steps."""
+
+    rule: Callable[[np.ndarray, Any], tuple[np.ndarray, Any]]
+    memory: Any
+    steps: int
 
 
 def minimum(
-    evaluate: Callable[[np.ndarray], Evaluated],
-    start: np.ndarray,
-    free: np.ndarray,
-    farthest: float,
-    steps: int,
-    lead: Lead | None = None,
-    memory: Any = None,
-    led: int = 0,
-    enough: float = 0.0,
-    meet: float = 0.0,
-    behind: float = 0.0,
-) -> Least:
+    evaluate: Callable[[np.ndarray], Evaluated], start: np.ndarray, free: np.ndarray, steps: int,
+    first: First | None = None, enough: float = 0.0, meet: float = 0.0, behind: float = 0.0,
+) -> Least:  # fmt: skip
     """Least squares of what `evaluate` says of places, shape (some cases, n).
 
     Args:
-      start: shape (cases, n). free: which coordinates move, same shape. farthest: all stay within ± this of 0.
+      start: shape (cases, n). free: which coordinates move, same shape.
       steps: at most. With none it evaluates the start.
-      lead, memory, led: another rule that goes first, its memory at the start, and for how many steps.
+      first: what goes before, if anything.
       enough: gain of half the sum of squares, besides rounding, below which a case is done.
       meet: a case that comes closer than this to a better one, in every coordinate, ends where that one does.
       behind: a case that expects of its next step less than this share of what parts it from the best one is done.
     """
-    place, cost = start.copy(), np.full(len(start), np.inf)
-    cases, n = start.shape
-    gradient, normal, move = np.zeros((cases, n)), np.zeros((cases, n, n)), np.zeros((cases, n))
-    damping, expected, taken = np.full(cases, 1e-3), np.zeros(cases), np.zeros(cases, int)
-    done, ends = np.zeros(cases, bool), np.arange(cases)
-    told: tuple[np.ndarray, ...] = ()
+    cases, led, memory = _Cases(start), 0, None
+    if first is not None:
+        led, memory = first.steps, first.memory
     for k in range(led + steps + 1):
-        at = np.nonzero(~done)[0]
-        trial = place[at] + move[at]
-        new = evaluate(trial)
-        if not told:
-            told = tuple(np.zeros((cases, *more.shape[1:]), more.dtype) for more in new.told)
-        sums = 0.5 * np.sum(new.residual**2, axis=1)
-        better = (sums < cost[at]) | (k < led)
-        good = better & ~(cost[at] - sums < 0.25 * expected[at])
-        relaxed = np.where(good & (k > led), np.maximum(0.1 * damping[at], LEAST_DAMPING), damping[at])
-        damping[at] = np.where(better, relaxed, np.maximum(10.0 * damping[at], 1e-4))
-        here = at[better]
-        place[here], cost[here] = trial[better], sums[better]
-        jacobian = new.jacobian[better]
-        gradient[here] = np.einsum("kmi,km->ki", jacobian, new.residual[better])
-        normal[here] = np.einsum("kmi,kmj->kij", jacobian, jacobian)
-        for whole, more in zip(told, new.told, strict=True):
-            whole[here] = more[better]
-        taken[at] = k
-        if lead is not None and k < led:
-            other, memory = lead(gradient, memory)
-            move = np.where(free, other, 0.0)
+        at = np.nonzero(~cases.done)[0]
+        cases.update(at, evaluate(cases.place[at] + cases.move[at]), k, led)
+        if first is not None and k < led:
+            move, memory = first.rule(cases.gradient, memory)
+            cases.move = np.where(free, move, 0.0)
         else:
-            move[at] = _step(place[at], gradient[at], normal[at], damping[at], free[at], farthest)
-        move = np.clip(place + np.clip(move, -LONGEST, LONGEST), -farthest, farthest) - place
-        expected = -np.einsum("ki,ki->k", gradient, move) - 0.5 * np.einsum("ki,kij,kj->k", move, normal, move)
+            cases.move[at] = _step(cases.place[at], cases.gradient[at], cases.normal[at], cases.damping[at], free[at])
+        cases.shorten()
         if k >= led:
-            least = np.maximum(np.maximum(ROUNDING * cost, enough), behind * (cost - np.nanmin(cost)))
-            tiny = (np.max(np.abs(move), axis=1) < TOLERANCE) | (expected <= least)
-            done |= tiny | (damping > 1e9)
-            if meet > 0.0:
-                ends = _met(place, cost, ends, meet)
-                done |= ends != np.arange(cases)
-        if done.all():
+            cases.finish(enough, meet, behind)
+        if cases.done.all():
             break
-    for _ in range(cases):  # those that met one that met another
-        ends = ends[ends]
-    own = np.arange(cases) == ends
-    return Least(
-        place[ends],
-        cost[ends],
-        normal[ends],
-        tuple(more[ends] for more in told),
-        taken,
-        np.where(own, done, done[ends]),
-    )
+    return cases.least()
+
+
+class _Cases:
+    """Where all cases are, shape (cases, …) each, and the step that each tries next."""
+
+    def __init__(self, start: np.ndarray) -> None:
+        cases, n = start.shape
+        self.place, self.cost = start.copy(), np.full(cases, np.inf)
+        self.gradient, self.normal = np.zeros((cases, n)), np.zeros((cases, n, n))
+        self.move, self.expected = np.zeros((cases, n)), np.zeros(cases)
+        self.damping, self.taken = np.full(cases, 1e-3), np.zeros(cases, int)
+        self.done, self.ends = np.zeros(cases, bool), np.arange(cases)
+        self.beside: tuple[np.ndarray, ...] = ()
+
+    def update(self, at: np.ndarray, new: Evaluated, k: int, led: int) -> None:
+        """Take the k-th step of the cases `at` if it was a good one; the first `led` ones are taken anyway."""
+        if not self.beside:
+            self.beside = tuple(np.zeros((len(self.cost), *more.shape[1:]), more.dtype) for more in new.beside)
+        sums = 0.5 * np.sum(new.residual**2, axis=1)
+        better = (sums < self.cost[at]) | (k < led)
+        good = better & ~(self.cost[at] - sums < 0.25 * self.expected[at])
+        damping = self.damping[at]
+        relaxed = np.where(good & (k > led), np.maximum(0.1 * damping, LEAST_DAMPING), damping)
+        self.damping[at] = np.where(better, relaxed, np.maximum(10.0 * damping, 1e-4))
+        here, jacobian = at[better], new.jacobian[better]
+        self.place[here], self.cost[here] = (self.place[at] + self.move[at])[better], sums[better]
+        self.gradient[here] = np.einsum("kmi,km->ki", jacobian, new.residual[better])
+        self.normal[here] = np.einsum("kmi,kmj->kij", jacobian, jacobian)
+        for whole, more in zip(self.beside, new.beside, strict=True):
+            whole[here] = more[better]
+        self.taken[at] = k
+
+    def shorten(self) -> None:
+        """Keep the next step in bounds, and say what it is expected to gain."""
+        inside = np.clip(self.place + np.clip(self.move, -LONGEST, LONGEST), -FARTHEST, FARTHEST)
+        self.move = inside - self.place
+        linear = np.einsum("ki,ki->k", self.gradient, self.move)
+        self.expected = -linear - 0.5 * np.einsum("ki,kij,kj->k", self.move, self.normal, self.move)
+
+    def finish(self, enough: float, meet: float, behind: float) -> None:
+        """End the cases that have nothing more to gain; see `minimum`."""
+        least = np.maximum(np.maximum(ROUNDING * self.cost, enough), behind * (self.cost - np.nanmin(self.cost)))
+        tiny = (np.max(np.abs(self.move), axis=1) < TOLERANCE) | (self.expected <= least)
+        self.done |= tiny | (self.damping > 1e9)
+        if meet > 0.0:
+            self._join(meet)
+            self.done |= self.ends != np.arange(len(self.ends))
+
+    def _join(self, meet: float) -> None:
+        """Let every case that has come close to a better one end at that one's place."""
+        order = np.argsort(self.cost, kind="stable")
+        for rank, case in enumerate(order):
+            if self.ends[case] != case:
+                continue
+            for other in order[:rank]:
+                if self.ends[other] == other and np.max(np.abs(self.place[case] - self.place[other])) < meet:
+                    self.ends[case] = other
+                    break
+
+    def least(self) -> Least:
+        """Of every case, at its own end or that of the one it has met."""
+        ends = self.ends
+        for _ in range(len(ends)):  # those that met one that met another
+            ends = ends[ends]
+        beside = tuple(more[ends] for more in self.beside)
+        return Least(self.place[ends], self.cost[ends], self.normal[ends], beside, self.taken, self.done[ends])
 
 
 def _step(
-    place: np.ndarray, gradient: np.ndarray, normal: np.ndarray, damping: np.ndarray, free: np.ndarray, farthest: float
+    place: np.ndarray, gradient: np.ndarray, normal: np.ndarray, damping: np.ndarray, free: np.ndarray
 ) -> np.ndarray:
     """Of Levenberg–Marquardt, shape (cases, n), along what is free and not held back by a bound."""
-    inward = free & ((place < farthest) | (gradient > 0.0)) & ((place > -farthest) | (gradient < 0.0))
+    inward = free & ((place < FARTHEST) | (gradient > 0.0)) & ((place > -FARTHEST) | (gradient < 0.0))
     diagonal = np.einsum("kii->ki", normal)
     size = np.sqrt(np.maximum(diagonal, 1e-12 * np.max(diagonal, axis=1, keepdims=True) + 1e-300))
     both = inward[:, :, None] & inward[:, None, :]
@@ -138,17 +210,3 @@ def _step(
     matrix += np.eye(place.shape[1]) * np.where(inward, damping[:, None], 1.0)[:, None, :]
     right = np.where(inward, -gradient / size, 0.0)
     return np.linalg.solve(matrix, right[..., None])[..., 0] / size
-
-
-def _met(place: np.ndarray, cost: np.ndarray, ends: np.ndarray, meet: float) -> np.ndarray:
-    """Whose place every case ends at: its own, or that of a better one it has come close to."""
-    ends = ends.copy()
-    order = np.argsort(cost, kind="stable")
-    for rank, case in enumerate(order):
-        if ends[case] != case:
-            continue
-        for other in order[:rank]:
-            if ends[other] == other and np.max(np.abs(place[case] - place[other])) < meet:
-                ends[case] = other
-                break
-    return ends

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,12 +13,13 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb.core import files, ranges
+from difftrb.core import files, geometry, ranges
 from difftrb.core.files import known, shown
 from difftrb.core.geometry import FILE_RULES, Real
 from difftrb.core.messages import allowed
 from difftrb.core.status import DifftrbError
-from difftrb.scene.scene import Definition, Phase
+from difftrb.ring.ring import needed_axial
+from difftrb.scene.scene import Definition, Phase, Scene
 
 Quantity = Literal["radial_loss", "axial_loss", "radial_stiffness", "axial_stiffness"]
 NEEDED = ("radial", "axial", "quantity", "value")
@@ -173,3 +175,22 @@ def check(row: Measurement, where: str) -> Measurement:
             "leave rows at speed out, or set 0 if speed did not matter"
         )
     return row
+
+
+def check_loads(scene: Scene, rows: Sequence[Measurement], path: str = "measurements") -> None:
+    """Refuse rows under which the ring has no equilibrium or the stiffness asked for does not exist."""
+    for k, row in enumerate(rows, 1):
+        phase = scene.phase if row.phase is None else row.phase
+        worst = phase if isinstance(phase, float | int) else 0.5 * geometry.roller_pitch(scene.bearing)
+        needed = float(needed_axial(scene.bearing, row.radial, worst))
+        where = f"{path}: row {k}"
+        if row.axial <= needed * (1.0 + 1e-6) or row.axial == 0.0:
+            raise MeasuredError(
+                f"{where}: axial = {row.axial:g} N is too small for an equilibrium: with radial = {row.radial:g} N it "
+                f"must exceed {needed:.6g} N; check both loads of this row"
+            )
+        if (row.definition or scene.definition) == "secant" and row.radial == 0.0 and row.quantity[:6] == "radial":
+            raise MeasuredError(
+                f"{where}: quantity = {row.quantity!r}: a secant radial stiffness F/u needs a radial load; give "
+                "definition = tangent, or leave the row out"
+            )

@@ -1,4 +1,4 @@
-"""Which measurement to make next: of many that could be made, the ones that leave the least uncertainty."""
+"""Which measurement to make next: among many candidates those that leave the least uncertainty."""
 
 from __future__ import annotations
 
@@ -11,15 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import geometry
-from difftrb.fits import intervals, predicted
-from difftrb.fits import parameters as unknown
+from difftrb.fits import measured, predicted
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import MeasuredError, Measurement
-from difftrb.fits.predicted import Plan, Problem
+from difftrb.fits.predicted import Conditions, Problem
 from difftrb.ring.ring import Load, largest_load, needed_axial
-
-PRIOR = 5.0
-"""Standard deviation [coordinates] that an unknown has before any measurement: the whole range."""
 
 
 class Suggestion(NamedTuple):
@@ -87,14 +83,14 @@ def next_measurements(
     if parameter is not None and parameter not in fit.parameters:
         raise MeasuredError(f"next_measurements: parameter = {parameter!r} was not fitted; use one of "
                             f"{', '.join(fit.parameters)}")  # fmt: skip
-    unknown.check_loads(fit.scene, among, "next_measurements")
-    todo = predicted.plan(fit.scene, among)
-    told, slopes = map(np.asarray, _told(fit.problem, todo, jnp.asarray(fit.place)))
-    sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, told, strict=True)])
+    measured.check_loads(fit.scene, among, "next_measurements")
+    at = predicted.conditions(fit.scene, among)
+    values, slopes = map(np.asarray, _of_others(fit.problem, at, jnp.asarray(fit.place)))
+    sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, values, strict=True)])
     rows = slopes / sigma[:, None]
-    covariance = np.linalg.inv(fit.normal + np.eye(len(fit.place)) / PRIOR**2)
-    slope = intervals.natural_slope(fit.problem, fit.place)
-    slope = slope * np.where(fit.problem.unknowns.logarithmic, fit.values, 1.0)
+    prior = np.array([parameter.prior for parameter in fit.problem.parameters])
+    covariance = np.linalg.inv(fit.normal + np.diag(1.0 / prior**2))
+    slope = fit.problem.bounds.slope(fit.place) * np.where(fit.problem.bounds.logarithmic, fit.values, 1.0)
     chosen: list[Suggestion] = []
     left = np.ones(len(among), bool)
     for _ in range(min(count, len(among))):
@@ -106,7 +102,7 @@ def next_measurements(
         left[k] = False
         covariance = covariance - np.outer(towards[k], towards[k]) / more[k]
         errors = dict(zip(fit.parameters, (np.sqrt(np.diag(covariance)) * slope).tolist(), strict=True))
-        row = dataclasses.replace(among[k], value=float(told[k]), sigma=float(sigma[k]))
+        row = dataclasses.replace(among[k], value=float(values[k]), sigma=float(sigma[k]))
         chosen.append(Suggestion(row, float(np.sqrt(more[k])), errors))
     return tuple(chosen)
 
@@ -115,24 +111,24 @@ def telling(fit: Fit, values: np.ndarray) -> tuple[Measurement, float]:
     """The measurement among `candidates` that tells the fitted values best from other ones, shape (parameters,), and by
     how many sigma it would differ."""
     among = candidates(fit)
-    todo = predicted.plan(fit.scene, among)
-    other = np.asarray(fit.problem.unknowns.coordinates(jnp.asarray(values)))
-    here, there = (np.asarray(_told(fit.problem, todo, jnp.asarray(u))[0]) for u in (fit.place, other))
+    at = predicted.conditions(fit.scene, among)
+    other = np.asarray(fit.problem.bounds.coordinates(jnp.asarray(values)))
+    here, there = (np.asarray(_of_others(fit.problem, at, jnp.asarray(u))[0]) for u in (fit.place, other))
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, here, strict=True)])
     apart = np.nan_to_num(np.abs(there - here) / sigma)
     return among[int(np.argmax(apart))], float(np.max(apart))
 
 
 @jax.jit
-def _told(problem: Problem, todo: Plan, u: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Predictions of other rows, shape (rows,), and their slopes by coordinates, shape (rows, unknowns)."""
+def _of_others(problem: Problem, at: Conditions, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Predictions of other rows, shape (rows,), and their slopes by coordinates, shape (rows, parameters)."""
 
-    def told(v: jax.Array) -> tuple[jax.Array, jax.Array]:
-        value, _ = predicted.predicted(problem.unknowns, problem.scene, todo, problem.unknowns.values(v))
-        return value, value
+    def twice(v: jax.Array) -> tuple[jax.Array, jax.Array]:
+        values, _ = predicted.predictions(problem, v, at)
+        return values, values
 
-    slopes, value = jax.jacfwd(told, has_aux=True)(u)
-    return value, slopes
+    slopes, values = jax.jacfwd(twice, has_aux=True)(u)
+    return values, slopes
 
 
 def _sigma(fit: Fit, row: Measurement, value: float) -> float:

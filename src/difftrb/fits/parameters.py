@@ -1,15 +1,14 @@
-"""What a fit may ask for: the spall's size and place, and what else the measurements depend on, each within bounds.
+"""The numbers that a fit can find: each declares its unit, range and start, and what it does, beside its own code.
 
-A fit moves in coordinates u without bounds: a value runs from its lower to its upper bound as 1/(1 + e⁻ᵘ) runs from 0
-to 1, in its logarithm where it is a size.
+A new one is a class of `Parameter` under `@register`; nothing else needs to know its name.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -17,146 +16,241 @@ import numpy as np
 
 from difftrb.core import geometry, status
 from difftrb.core.geometry import LineContact, Real
+from difftrb.fits.least_squares import Bounds
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.law.laws import Law
-from difftrb.ring.ring import needed_axial
+from difftrb.ring.ring import Load
 from difftrb.scene.scene import Scene
 
-NAMES = ("length", "width", "depth", "angle", "axial_offset", "crown", "preload", "scale")
-OF_SPALL = ("length", "width", "depth", "angle", "axial_offset")
-SIGNED = ("angle", "axial_offset", "preload")
-"""What is no size: its differences count, not its ratios."""
-SHORTEST = 0.01
-"""Smallest length, as a share of the longest."""
-NARROWEST = 0.1
-"""Smallest width [mm] for laws that take any."""
-CROWN = 4.0
-"""By what factor the crown may be off, if the law knows so much."""
-SCALE = 0.1, 1.5
-FARTHEST = 14.0
-"""Coordinates beyond ± this are at the bound to 1e-6 of the range."""
-NO_EFFECT = {
-    "length": "without a spall that a roller meets nothing depends on its length",
-    "width": "under this law width acts through the number of rollers inside only: give rows with phase = mean",
-    "depth": "the spall is deeper than rollers sink, or the law does not know depth: leave depth out",
-    "angle": "without a radial load all angles are alike: measure under a radial load, or leave angle out",
-    "axial_offset": "the law is frozen at the scene's axial_offset: fit scenes with several and compare their χ²",
-    "crown": "the law is frozen at the scene's design_load: use contact.law = 'table', or leave crown out",
-    "preload": "nothing depends on the axial load here: leave preload out",
-    "scale": "nothing depends on the scale here: leave it out",
-}
+
+class Parameter:
+    """A number that a fit can find. Methods that are not overridden change nothing."""
+
+    name: ClassVar[str]
+    unit: ClassVar[str]
+    no_effect: ClassVar[str]
+    """Why measurements may not depend on it, and what to do: the end of an error sentence."""
+    label: ClassVar[str] = ""
+    """In figures. Default: the name."""
+    low: ClassVar[float]
+    high: ClassVar[float]
+    """Range that is searched [unit], unless `limits` says it."""
+    default: ClassVar[float]
+    """Value without a fit, where the first start lies [unit], unless `start` says it."""
+    prior: ClassVar[float] = 5.0
+    """Standard deviation before any measurement [coordinates]; 5 is the whole range."""
+    logarithmic: ClassVar[bool] = True
+    """Whether it is a size, above 0, whose ratios count; else its differences count."""
+    wide: ClassVar[float] = 1.5
+    """An interval whose ends differ by more does not determine it: by this factor or, if not logarithmic, [unit]."""
+    in_products: ClassVar[bool] = True
+    """Whether to say how well a product of it and other sizes is determined."""
+    changes_healthy: ClassVar[bool] = True
+    """Whether the healthy bearing's stiffness depends on it (`measured` apart)."""
+
+    def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
+        """The range that is searched [unit]; an empty one refuses the parameter."""
+        return self.low, self.high
+
+    def start(self, scene: Scene) -> float:
+        """The scene's own value [unit]."""
+        return self.default
+
+    def scene(self, scene: Scene, value: Real) -> Scene:
+        """The prepared scene with this value."""
+        return scene
+
+    def load(self, load: Load, value: Real) -> Load:
+        """The load on the bearing where `load` was measured [N]."""
+        return load
+
+    def measured(self, healthy: jax.Array, added: jax.Array, value: Real) -> tuple[jax.Array, jax.Array]:
+        """What is measured of the bearing: its healthy stiffness [N/mm], and the share of the healthy compliance that
+        spalls add, shape (rows,) each."""
+        return healthy, added
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["low", "high"], meta_fields=["names"])
-@dataclasses.dataclass(frozen=True)
-class Unknowns:
-    """What is fitted: names, and bounds [mm, rad, N, –], shape (unknowns,) each."""
-
-    names: tuple[str, ...]
-    low: jax.Array
-    high: jax.Array
-
-    @property
-    def logarithmic(self) -> np.ndarray:
-        """Which are sizes, whose relative changes count; shape (unknowns,)."""
-        return np.array([name not in SIGNED for name in self.names])
-
-    def values(self, u: jax.Array) -> jax.Array:
-        """Values at coordinates u, both of shape (unknowns,)."""
-        low, high = self.ends()
-        raw = low + (high - low) * jax.nn.sigmoid(u)
-        return jnp.where(self.logarithmic, jnp.exp(jnp.where(self.logarithmic, raw, 0.0)), raw)
-
-    def coordinates(self, values: jax.Array) -> jax.Array:
-        """Coordinates of values, both of shape (…, unknowns); values at a bound or beyond are moved inside."""
-        low, high = self.ends()
-        raw = jnp.where(self.logarithmic, jnp.log(jnp.where(self.logarithmic, values, 1.0)), values)
-        low, high = (jnp.broadcast_to(end, raw.shape) for end in (low, high))
-        share = jnp.clip((raw - low) / (high - low), 1e-6, 1.0 - 1e-6)
-        return jnp.log(share / (1.0 - share))
-
-    def ends(self) -> tuple[jax.Array, jax.Array]:
-        """The bounds, of sizes their logarithms; shape (unknowns,) each."""
-
-        def raw(bound: jax.Array) -> jax.Array:
-            return jnp.where(self.logarithmic, jnp.log(jnp.where(self.logarithmic, bound, 1.0)), bound)
-
-        return raw(self.low), raw(self.high)
+PARAMETERS: dict[str, Parameter] = {}
+"""What can be fitted, by name."""
 
 
-UNITS = {"length": "mm", "width": "mm", "depth": "mm", "angle": "rad", "axial_offset": "mm", "crown": "N",
-         "preload": "N", "scale": "–"}  # fmt: skip
+def register(kind: type[Parameter]) -> type[Parameter]:
+    """Add a parameter to `PARAMETERS`: a decorator. Raises `MeasuredError` if its declaration cannot be right."""
+    name = kind.name
+    if name in PARAMETERS:
+        raise MeasuredError(f"parameter {name}: there is one of this name; choose another")
+    if kind.limits is Parameter.limits:
+        low, high, above = kind.low, kind.high, " above 0" if kind.logarithmic else ""
+        if not low < high or (above and low <= 0.0):
+            raise MeasuredError(f"parameter {name}: low = {low:g}, high = {high:g}: give a range{above}")
+        if kind.start is Parameter.start and not low <= kind.default <= high:
+            raise MeasuredError(
+                f"parameter {name}: default = {kind.default:g}: must be in {low:g} … {high:g} {kind.unit}"
+            )
+    PARAMETERS[name] = kind()
+    return kind
 
 
-class Applied(NamedTuple):
-    """A scene with the unknowns put in; `preload` [N] adds to every axial load, `scale` multiplies every stiffness."""
+class OfSpall(Parameter):
+    """A field of the scene's first spall."""
 
-    scene: Scene
-    preload: Real
-    scale: Real
+    changes_healthy = False
 
+    def start(self, scene: Scene) -> float:
+        return float(getattr(scene.spalls[0], self.name))
 
-def apply(unknowns: Unknowns, scene: Scene, values: jax.Array) -> Applied:
-    """Put values, shape (unknowns,), into a prepared scene; those of the spall into its first."""
-    named: dict[str, Real] = dict(zip(unknowns.names, values, strict=True))
-    of_spall = {name: named[name] for name in OF_SPALL if name in named}
-    spalls = (dataclasses.replace(scene.spalls[0], **of_spall), *scene.spalls[1:])
-    crown = named.get("crown", scene.design_load)
-    changed = dataclasses.replace(scene, spalls=spalls, design_load=crown)
-    return Applied(changed, named.get("preload", 0.0), named.get("scale", 1.0))
+    def scene(self, scene: Scene, value: Real) -> Scene:
+        first = dataclasses.replace(scene.spalls[0], **{self.name: value})
+        return dataclasses.replace(scene, spalls=(first, *scene.spalls[1:]))
 
 
-def own(scene: Scene, name: str) -> float:
-    """The scene's own value of an unknown."""
-    if name in OF_SPALL:
-        return float(getattr(scene.spalls[0], name))
-    return float({"crown": scene.design_load, "preload": 0.0, "scale": 1.0}[name])
+class KnownToLaw(Parameter):
+    """What laws know within limits, and frozen ones not at all."""
+
+    def farthest(self, scene: Scene) -> tuple[float, float]:
+        """The widest range to look for the law's limits in [unit]."""
+        raise NotImplementedError
+
+    def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
+        """As far as the law goes."""
+        if scene.law.hard:  # type: ignore[union-attr]  # such laws are frozen
+            return self.start(scene), self.start(scene)
+        between = jnp.array([self.start(scene), *self.farthest(scene)])
+        low, high = map(float, _limits_of_law(self, scene, _size_limits(scene)[0], between))
+        return low, high
 
 
-def bounded(scene: Scene, rows: Sequence[Measurement], names: Sequence[str]) -> Unknowns:
-    """Unknowns of a prepared scene with bounds from what its law knows; raises `MeasuredError`.
+@register
+class Length(OfSpall):
+    """Of the spall, along the roller: from a hundredth of the longest that the law takes to that."""
 
-    length: from a hundredth of the longest spall that the law takes to that. width: from the narrowest it takes to half
-    the raceway. depth, crown, axial_offset: as far as the law goes (crown at most a factor of 4; a "table" 0.02 mm to
-    either side of the scene's axial_offset). angle: −π…π. preload: 0… the largest axial load measured. scale: 0.1…1.5.
+    name, unit = "length", "mm"
+    no_effect = "without a spall that a roller meets nothing depends on its length"
+
+    def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
+        longest = float(_size_limits(scene)[0])
+        return 0.01 * longest, longest
+
+
+@register
+class Width(OfSpall):
+    """Of the spall, in the rolling direction: from the narrowest that the law takes, or 0.1 mm, to half the raceway."""
+
+    name, unit = "width", "mm"
+    no_effect = "under this law width acts through the number of rollers inside only: give rows with phase = mean"
+
+    def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
+        return max(1.01 * float(_size_limits(scene)[1]), 0.1), float(_half_way(scene))
+
+
+@register
+class Depth(OfSpall, KnownToLaw):
+    """Of the spall: as far as the law goes, a factor of 10 at most."""
+
+    name, unit = "depth", "mm"
+    no_effect = "the spall is deeper than rollers sink, or the law does not know depth: leave depth out"
+
+    def farthest(self, scene: Scene) -> tuple[float, float]:
+        return 0.1 * self.start(scene), 10.0 * self.start(scene)
+
+
+@register
+class Angle(OfSpall):
+    """Of the spall's centre from the load line: −π … π."""
+
+    name, unit = "angle", "rad"
+    low, high, logarithmic, wide = -np.pi, np.pi, False, 0.5
+    no_effect = "without a radial load all angles are alike: measure under a radial load, or leave angle out"
+
+
+@register
+class AxialOffset(OfSpall, KnownToLaw):
+    """Of the spall from the roller's middle: as far as the law goes, half the roller at most (a "table": 0.02 mm to
+    either side of the scene's own)."""
+
+    name, unit = "axial_offset", "mm"
+    logarithmic, wide = False, 1.0
+    no_effect = "the law is frozen at the scene's axial_offset: fit scenes with several and compare their χ²"
+
+    def farthest(self, scene: Scene) -> tuple[float, float]:
+        return -0.5 * float(scene.bearing.roller_length), 0.5 * float(scene.bearing.roller_length)
+
+
+@register
+class Crown(KnownToLaw):
+    """Design load of the rollers' crown: as far as the law goes, a factor of 4 at most."""
+
+    name, unit, in_products = "crown", "N", False
+    no_effect = "the law is frozen at the scene's design_load: use contact.law = 'table', or leave crown out"
+
+    def farthest(self, scene: Scene) -> tuple[float, float]:
+        return self.start(scene) / 4.0, 4.0 * self.start(scene)
+
+    def start(self, scene: Scene) -> float:
+        return float(scene.design_load)
+
+    def scene(self, scene: Scene, value: Real) -> Scene:
+        return dataclasses.replace(scene, design_load=value)
+
+
+@register
+class Preload(Parameter):
+    """Axial load that adds to every measured one: from 0 to the largest of them."""
+
+    name, unit, default = "preload", "N", 0.0
+    logarithmic, wide = False, np.inf
+    no_effect = "nothing depends on the axial load here: leave preload out"
+
+    def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
+        return 0.0, max(float(row.axial) for row in rows) or 1.0
+
+    def load(self, load: Load, value: Real) -> Load:
+        return Load(load.radial, load.axial + value)
+
+
+@register
+class Scale(Parameter):
+    """The bearing's share s in the healthy compliance that is measured, the rest being housing and shaft: 0.1 … 1.5.
+
+    1/K = 1/K_bearing + (1/s − 1)/K_healthy: it multiplies all healthy stiffness and makes losses smaller.
     """
+
+    name, unit, low, high, default, changes_healthy = "scale", "–", 0.1, 1.5, 1.0, False
+    no_effect = "nothing depends on the scale here: leave it out"
+
+    def measured(self, healthy: jax.Array, added: jax.Array, value: Real) -> tuple[jax.Array, jax.Array]:
+        return value * healthy, value * added
+
+
+def named(names: Sequence[str]) -> tuple[Parameter, ...]:
+    """The parameters of these names; raises `MeasuredError`."""
     for name in names:
-        if name not in NAMES:
-            raise MeasuredError(f"parameters: {name!r} is not known; use some of {', '.join(NAMES)}")
+        if name not in PARAMETERS:
+            raise MeasuredError(f"parameters: {name!r} is not known; use some of {', '.join(PARAMETERS)}")
     if not names or len(set(names)) < len(names):
         raise MeasuredError(f"parameters = {', '.join(names)}: name at least one, and each once")
+    return tuple(PARAMETERS[name] for name in names)
+
+
+def bounds(parameters: Sequence[Parameter], scene: Scene, rows: Sequence[Measurement]) -> Bounds:
+    """Limits of these parameters of a prepared scene; raises `MeasuredError`."""
     if not scene.spalls:
         raise MeasuredError("the scene has no [[spall]] to fit: give one, with a guess of its size")
-    ranges = _ranges(scene, rows, names)
-    low, high = (jnp.array([ranges[name][k] for name in names]) for k in (0, 1))
-    return Unknowns(tuple(names), low, high)
+    ends = []
+    for parameter in parameters:
+        low, high = parameter.limits(scene, rows)
+        if not high - low > 1e-6 * max(abs(low), abs(high)):
+            raise MeasuredError(f"parameters: {parameter.name} cannot be fitted: {parameter.no_effect}")
+        ends.append((low, high))
+    low, high = jnp.array(ends).T
+    return Bounds(low, high, tuple(parameter.logarithmic for parameter in parameters))
 
 
-def _ranges(scene: Scene, rows: Sequence[Measurement], names: Sequence[str]) -> dict[str, tuple[float, float]]:
-    longest, narrowest = map(float, _size_limits(scene))
-    ranges = {
-        "length": (SHORTEST * longest, longest),
-        "width": (max(1.01 * narrowest, NARROWEST), float(_half_way(scene))),
-        "angle": (-np.pi, np.pi),
-        "preload": (0.0, max(float(row.axial) for row in rows) or 1.0),
-        "scale": SCALE,
-    }
-    half = 0.5 * float(scene.bearing.roller_length)
-    for name in ("depth", "axial_offset", "crown"):
-        if name in names:
-            if scene.law.hard:  # type: ignore[union-attr]  # such laws are frozen
-                raise MeasuredError(f"parameters: {name} cannot be fitted: {NO_EFFECT[name]}")
-            value = own(scene, name)
-            farthest = {
-                "depth": (0.1 * value, 10.0 * value),
-                "axial_offset": (-half, half),
-                "crown": (value / CROWN, CROWN * value),
-            }[name]
-            low, high = map(float, _other_limits(scene, jnp.asarray(longest), jnp.asarray(farthest), name))
-            if not high - low > 1e-6 * max(abs(low), abs(high)):
-                raise MeasuredError(f"parameters: {name} cannot be fitted: {NO_EFFECT[name]}")
-            ranges[name] = low, high
-    return ranges
+def put(parameters: Sequence[Parameter], scene: Scene, values: Iterable[Real]) -> Scene:
+    """The prepared scene with these values."""
+    for parameter, value in zip(parameters, values, strict=True):
+        scene = parameter.scene(scene, value)
+    return scene
 
 
 def _half_way(scene: Scene) -> Real:
@@ -165,10 +259,9 @@ def _half_way(scene: Scene) -> Real:
 
 
 def _known(scene: Scene, **changed: Real) -> jax.Array:
-    """Whether the law knows the scene's spalls, the first one changed; `crown` changes the rollers."""
-    crown = changed.pop("crown", scene.design_load)
+    """Whether the law knows the scene's spalls, with fields of the first one changed."""
     law: Law = scene.law  # type: ignore[assignment]  # it is prepared
-    at = law.at(LineContact.of(scene.bearing, "outer", crown))
+    at = law.at(LineContact.of(scene.bearing, "outer", scene.design_load))
     spalls = (dataclasses.replace(scene.spalls[0], **changed), *scene.spalls[1:])
     return at.judge(spalls, jnp.zeros((len(spalls), 1))) == status.CONVERGED
 
@@ -177,25 +270,24 @@ def _known(scene: Scene, **changed: Real) -> jax.Array:
 def _size_limits(scene: Scene) -> tuple[jax.Array, jax.Array]:
     """The longest spall that the law takes and, of those, the narrowest [mm]."""
     length, half_way = scene.bearing.roller_length, _half_way(scene)
-    longest = limit(lambda v: _known(scene, length=v, width=0.5 * half_way), 0.02 * length, length)
-    return longest, limit(lambda v: _known(scene, length=longest, width=v), 0.5 * half_way, 0.01)
+    longest = _limit(lambda v: _known(scene, length=v, width=0.5 * half_way), 0.02 * length, length)
+    return longest, _limit(lambda v: _known(scene, length=longest, width=v), 0.5 * half_way, 0.01)
 
 
-@partial(jax.jit, static_argnames="name")
-def _other_limits(scene: Scene, longest: jax.Array, farthest: jax.Array, name: str) -> tuple[jax.Array, jax.Array]:
-    """Between which depths, axial offsets [mm] or crowns [N], of those between the two `farthest`, the law knows the
-    shortest and the longest spalls."""
-    value = scene.design_load if name == "crown" else getattr(scene.spalls[0], name)
+@partial(jax.jit, static_argnames="parameter")
+def _limits_of_law(parameter: Parameter, scene: Scene, longest: jax.Array, between: jax.Array) -> jax.Array:
+    """Between which values the law knows the shortest and the longest spalls, going from the first of `between` towards
+    the other two."""
 
-    def takes(v: jax.Array) -> jax.Array:
-        each = [_known(scene, width=0.5 * _half_way(scene), length=l, **{name: v}) for l in (0.02 * longest, longest)]
-        return each[0] & each[1]
+    def takes(value: jax.Array) -> jax.Array:
+        at, width = parameter.scene(scene, value), 0.5 * _half_way(scene)
+        return _known(at, width=width, length=0.02 * longest) & _known(at, width=width, length=longest)
 
-    return limit(takes, value, farthest[0]), limit(takes, value, farthest[1])
+    return jnp.stack([_limit(takes, between[0], end) for end in between[1:]])
 
 
-def limit(holds: Callable[[jax.Array], jax.Array], inside: Real, outside: Real) -> jax.Array:
-    """How far from `inside`, where it holds, towards `outside` it keeps holding."""
+def _limit(holds: Callable[[jax.Array], jax.Array], inside: Real, outside: Real) -> jax.Array:
+    """How far from `inside`, where it holds, towards `outside` it keeps holding: by bisection."""
 
     def halve(_: int, ends: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         middle = 0.5 * (ends[0] + ends[1])
@@ -206,22 +298,3 @@ def limit(holds: Callable[[jax.Array], jax.Array], inside: Real, outside: Real) 
     beyond = inside + (outside - inside) * (1.0 + 1e-9)
     end = jax.lax.fori_loop(0, 50, halve, (jnp.asarray(inside, float), jnp.asarray(beyond, float)))[0]
     return jnp.where(outside > inside, jnp.minimum(end, outside), jnp.maximum(end, outside))
-
-
-def check_loads(scene: Scene, rows: Sequence[Measurement], path: str = "measurements") -> None:
-    """Refuse rows under which the ring has no equilibrium or the stiffness asked for does not exist."""
-    for k, row in enumerate(rows, 1):
-        phase = scene.phase if row.phase is None else row.phase
-        worst = phase if isinstance(phase, float | int) else 0.5 * geometry.roller_pitch(scene.bearing)
-        needed = float(needed_axial(scene.bearing, row.radial, worst))
-        where = f"{path}: row {k}"
-        if row.axial <= needed * (1.0 + 1e-6) or row.axial == 0.0:
-            raise MeasuredError(
-                f"{where}: axial = {row.axial:g} N is too small for an equilibrium: with radial = {row.radial:g} N it "
-                f"must exceed {needed:.6g} N; check both loads of this row"
-            )
-        if (row.definition or scene.definition) == "secant" and row.radial == 0.0 and row.quantity[:6] == "radial":
-            raise MeasuredError(
-                f"{where}: quantity = {row.quantity!r}: a secant radial stiffness F/u needs a radial load; give "
-                "definition = tangent, or leave the row out"
-            )

@@ -1,52 +1,65 @@
-"""What the model says of measurements: every condition solved once, every row read from it."""
+"""What the model says of measurements, how far it misses them, and where it misses them least.
+
+Every condition is solved once, and every row is read from that.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 
 from difftrb.core import status
 from difftrb.core.geometry import Real
-from difftrb.fits import parameters as unknown
+from difftrb.fits import least_squares
+from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.least_squares import Bounds, Least
 from difftrb.fits.measured import Measurement
-from difftrb.fits.parameters import Unknowns
+from difftrb.fits.parameters import Parameter
 from difftrb.ring.ring import Load
 from difftrb.scene import solution, solving
 from difftrb.scene.scene import Definition, PitchMean, Scene, healthy
 
 Kind = tuple[Definition, bool]
 """Of stiffness, and whether it is the mean over phases."""
+ROBUST = ("squares", "huber", "student")
+HUBER = 1.345
+"""Deviations beyond this many sigma count linearly: 95 % efficient on normal errors (Huber 1981)."""
+FREEDOM = 4.0
+"""Degrees of freedom of Student's t for data with outliers (Lange, Little and Taylor 1989)."""
+LOST = 1e3
+"""Deviation [sigma] of a row that the model has no solution for."""
+BATCH = 16
+"""Most cases that one call evaluates."""
+ADAM = optax.adam(0.25)
+"""Steps of a quarter, in coordinates."""
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["conditions", "place", "axis", "loss"],
-    meta_fields=["kinds"],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Plan:
+class Conditions:
     """What to solve for rows of measurements, and where each row finds itself in it.
 
     Attributes:
-      kinds: of stiffness and phase; conditions: for each kind radial load [N], axial load [N], phase [rad], shape
+      kinds: of stiffness and phase. each: for each kind radial load [N], axial load [N], phase [rad], shape
         (conditions, 3). place: of every row among the conditions of all kinds one after the other, shape (rows,).
       axis: 0 radial, 1 axial, shape (rows,). loss: whether it is a loss, shape (rows,).
     """
 
-    kinds: tuple[Kind, ...]
-    conditions: tuple[jax.Array, ...]
+    kinds: tuple[Kind, ...] = dataclasses.field(metadata={"static": True})
+    each: tuple[jax.Array, ...]
     place: jax.Array
     axis: jax.Array
     loss: jax.Array
 
 
-def plan(scene: Scene, rows: Sequence[Measurement]) -> Plan:
-    """The plan for `rows`; what they leave open is the scene's."""
+def conditions(scene: Scene, rows: Sequence[Measurement]) -> Conditions:
+    """Those of `rows`; what they leave open is the scene's."""
     found: dict[Kind, list[tuple[float, float, float]]] = {}
     seen = []
     for row in rows:
@@ -58,11 +71,10 @@ def plan(scene: Scene, rows: Sequence[Measurement]) -> Plan:
         if condition not in of_kind:
             of_kind.append(condition)
         seen.append((kind, of_kind.index(condition)))
-    kinds = tuple(found)
-    first = dict(zip(kinds, np.cumsum([0, *(len(found[kind]) for kind in kinds)]).tolist(), strict=False))
-    return Plan(
-        kinds=kinds,
-        conditions=tuple(jnp.asarray(found[kind]) for kind in kinds),
+    first = dict(zip(found, np.cumsum([0, *map(len, found.values())]).tolist(), strict=False))
+    return Conditions(
+        kinds=tuple(found),
+        each=tuple(map(jnp.asarray, found.values())),
         place=jnp.array([first[kind] + k for kind, k in seen]),
         axis=jnp.array([0 if row.quantity.startswith("radial") else 1 for row in rows]),
         loss=jnp.array([row.is_loss for row in rows]),
@@ -70,88 +82,88 @@ def plan(scene: Scene, rows: Sequence[Measurement]) -> Plan:
 
 
 def predicted(
-    unknowns: Unknowns, scene: Scene, todo: Plan, values: jax.Array, sound: jax.Array | None = None
+    parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: jax.Array, sound: jax.Array | None = None
 ) -> tuple[jax.Array, jax.Array]:
     """What the model says of every row [% or N/mm], shape (rows,), and the worst status of all solves.
 
-    `scene` is prepared; `values` of shape (unknowns,); `sound` from `healthy_stiffness` where no unknown changes it.
+    `scene` is prepared; `values` of shape (parameters,); `sound` is `healthy_stiffness` where no parameter changes it.
     Differentiable by all of it.
-
-    A `scale` s is the share that the bearing has in the healthy compliance that is measured, the rest being housing and
-    shaft: 1/K = 1/K_bearing + (1/s − 1)/K_healthy. So it multiplies all healthy stiffness, and makes losses smaller.
     """
-    at, preload, scale = unknown.apply(unknowns, scene, values)
-    stiffness, code = _stiffness(at, todo, preload)
+    scene = fit_parameters.put(parameters, scene, values)
+
+    def loaded(load: Load) -> Load:
+        for parameter, value in zip(parameters, values, strict=True):
+            load = parameter.load(load, value)
+        return load
+
+    stiffness, code = _stiffness(scene, at, loaded)
     if sound is None:
-        sound, other = _stiffness(healthy(at), todo, preload)
+        sound, other = _stiffness(healthy(scene), at, loaded)
         code = status.worst(code, other)
-    spalled, sound = (pair[todo.place, todo.axis] for pair in (stiffness, sound))
-    left = 1.0 / (1.0 + scale * (sound / spalled - 1.0))
-    return jnp.where(todo.loss, 100.0 * (1.0 - left), scale * sound * left), code
+    spalled, sound = (pair[at.place, at.axis] for pair in (stiffness, sound))
+    added = sound / spalled - 1.0
+    for parameter, value in zip(parameters, values, strict=True):
+        sound, added = parameter.measured(sound, added, value)
+    left = 1.0 / (1.0 + added)
+    return jnp.where(at.loss, 100.0 * (1.0 - left), sound * left), code
 
 
 @jax.jit
-def healthy_stiffness(scene: Scene, todo: Plan) -> jax.Array:
+def healthy_stiffness(scene: Scene, at: Conditions) -> jax.Array:
     """Of the prepared scene without spalls, radial and axial, of every condition [N/mm], shape (conditions, 2)."""
-    return _stiffness(healthy(scene), todo, 0.0)[0]
+    return _stiffness(healthy(scene), at, lambda load: load)[0]
 
 
-def _stiffness(scene: Scene, todo: Plan, preload: Real) -> tuple[jax.Array, jax.Array]:
+def _stiffness(scene: Scene, at: Conditions, loaded: Callable[[Load], Load]) -> tuple[jax.Array, jax.Array]:
     """Radial and axial stiffness of every condition [N/mm], shape (conditions, 2), and the worst status.
 
     All phases of all conditions are solved side by side: a program for one and one for means would be compiled twice.
     """
 
     def under(condition: jax.Array, mean: bool) -> Scene:
-        load = Load(condition[0], condition[1] + preload)
+        load = loaded(Load(condition[0], condition[1]))
         return dataclasses.replace(scene, load=load, phase=PitchMean() if mean else condition[2])
 
     def phases(condition: jax.Array, mean: bool) -> tuple[jax.Array, jax.Array]:
-        at, weights = solution.phases(under(condition, mean))
-        return jnp.stack([jnp.broadcast_to(v, at.shape) for v in (condition[0], condition[1], at)], 1), weights
+        each, weights = solution.phases(under(condition, mean))
+        return jnp.stack([jnp.broadcast_to(v, each.shape) for v in (condition[0], condition[1], each)], 1), weights
+
+    def one(condition: jax.Array, definition: Definition) -> tuple[jax.Array, jax.Array]:
+        solved = solving.solve(dataclasses.replace(under(condition, False), definition=definition))
+        return jnp.stack([solved.radial_stiffness, solved.axial_stiffness]), solved.status_code
 
     every: dict[int, jax.Array] = {}
     codes = []
-    definitions: dict[Definition, None] = dict.fromkeys(definition for definition, _ in todo.kinds)
+    definitions: dict[Definition, None] = dict.fromkeys(definition for definition, _ in at.kinds)
     for definition in definitions:
-
-        def one(condition: jax.Array, definition: Definition = definition) -> tuple[jax.Array, jax.Array]:
-            solved = solving.solve(dataclasses.replace(under(condition, False), definition=definition))
-            return jnp.stack([solved.radial_stiffness, solved.axial_stiffness]), solved.status_code
-
-        own = [k for k, kind in enumerate(todo.kinds) if kind[0] == definition]
-        parts = [jax.vmap(partial(phases, mean=todo.kinds[k][1]))(todo.conditions[k]) for k in own]
-        stiffness, code = jax.vmap(one)(jnp.concatenate([at.reshape(-1, 3) for at, _ in parts]))
+        own = [k for k, kind in enumerate(at.kinds) if kind[0] == definition]
+        parts = [jax.vmap(partial(phases, mean=at.kinds[k][1]))(at.each[k]) for k in own]
+        together = jnp.concatenate([each.reshape(-1, 3) for each, _ in parts])
+        stiffness, code = jax.vmap(partial(one, definition=definition))(together)
         codes.append(jnp.max(code))
         ends = np.cumsum([weights.size for _, weights in parts])[:-1]
         for k, (_, weights), found in zip(own, parts, jnp.split(stiffness, ends), strict=True):
             every[k] = jnp.einsum("cp,cpd->cd", weights, found.reshape(*weights.shape, 2))
-    return jnp.concatenate([every[k] for k in range(len(todo.kinds))]), status.worst(*codes)
+    return jnp.concatenate([every[k] for k in range(len(at.kinds))]), status.worst(*codes)
 
 
-ROBUST = ("squares", "huber", "student")
-HUBER = 1.345
-"""Deviations beyond this many sigma count linearly: 95 % efficient on normal errors (Huber 1981)."""
-FREEDOM = 4.0
-"""Degrees of freedom of Student's t for data with outliers (Lange, Little and Taylor 1989)."""
-LOST = 1e3
-"""Deviation [sigma] of a row that the model has no solution for."""
-
-
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["unknowns", "scene", "todo", "measured", "sigma", "sound", "common", "robust"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """Measurements against the model: unknowns, prepared scene, plan, values and their sigma, shape (rows,) each,
-    `healthy_stiffness` unless an unknown changes it, the model's own relative error, common to all losses and to all
-    stiffnesses, and how deviations count: the number of a name in `ROBUST`."""
+    """Measurements against the model.
 
-    unknowns: Unknowns
+    Attributes:
+      parameters: what is sought, within `bounds`. scene: prepared. conditions: of the rows.
+      measured, sigma: values and their standard deviations [% or N/mm], shape (rows,).
+      sound: `healthy_stiffness` unless a parameter changes it.
+      common: the model's own relative error, which all losses share, and all stiffnesses.
+      robust: how deviations count: the number of a name in `ROBUST`.
+    """
+
+    parameters: tuple[Parameter, ...] = dataclasses.field(metadata={"static": True})
+    bounds: Bounds
     scene: Scene
-    todo: Plan
+    conditions: Conditions
     measured: jax.Array
     sigma: jax.Array
     sound: jax.Array | None
@@ -164,9 +176,10 @@ def residual(problem: Problem, u: jax.Array) -> jax.Array:
     return counted(problem, predictions(problem, u)[0])
 
 
-def predictions(problem: Problem, u: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """See `predicted`, at coordinates u."""
-    return predicted(problem.unknowns, problem.scene, problem.todo, problem.unknowns.values(u), problem.sound)
+def predictions(problem: Problem, u: jax.Array, at: Conditions | None = None) -> tuple[jax.Array, jax.Array]:
+    """See `predicted`: at coordinates u, of the problem's rows or of others `at` other conditions."""
+    at, sound = (problem.conditions, problem.sound) if at is None else (at, None)
+    return predicted(problem.parameters, problem.scene, at, problem.bounds.values(u), sound)
 
 
 def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
@@ -177,15 +190,15 @@ def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
     return r - share * jnp.vdot(along, r) * along
 
 
-def counted(problem: Problem, told: jax.Array) -> jax.Array:
-    """Predicted minus measured in sigma as it counts, shape (rows,): half the sum of squares is the negative log
-    likelihood up to a constant."""
-    known = jnp.isfinite(told)
-    r = jnp.where(known, (told - problem.measured) / problem.sigma, LOST)
+def counted(problem: Problem, values: jax.Array) -> jax.Array:
+    """Predicted `values` minus measured ones in sigma as it counts, shape (rows,): half the sum of squares is the
+    negative log likelihood up to a constant."""
+    known = jnp.isfinite(values)
+    r = jnp.where(known, (values - problem.measured) / problem.sigma, LOST)
     common = jnp.where(problem.robust == ROBUST.index("squares"), problem.common, 0.0)
     # of what is predicted: a share of the measured values would pull every fit below them
-    scale = jnp.where(known, told, problem.measured) / problem.sigma
-    for kind in (problem.todo.loss, ~problem.todo.loss):
+    scale = jnp.where(known, values, problem.measured) / problem.sigma
+    for kind in (problem.conditions.loss, ~problem.conditions.loss):
         r = _without_common(r, jnp.where(kind, scale, 0.0), common)
     size, sign = jnp.abs(r), jnp.sign(r)
     beyond, far = size > HUBER, size > 1e-6
@@ -197,3 +210,52 @@ def counted(problem: Problem, told: jax.Array) -> jax.Array:
         "student": jnp.where(far, sign * student, r * np.sqrt((FREEDOM + 1.0) / FREEDOM)),
     }
     return jnp.select([problem.robust == k for k in range(len(ROBUST))], [ways[name] for name in ROBUST], r)
+
+
+def solved(
+    problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int, enough: float = 0.0,
+    meet: float = 0.0, behind: float = 0.0,
+) -> Least:  # fmt: skip
+    """Least squares from `places`, shape (cases, parameters), moving those coordinates that are `free`, same shape:
+    first `search` steps of Adam, then `steps` of Levenberg–Marquardt at most; the rest as in `least_squares.minimum`.
+    """
+    first = least_squares.First(_adam, ADAM.init(jnp.asarray(places)), search) if search else None
+    evaluate = partial(evaluated, problem)
+    return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, meet, behind)
+
+
+@jax.jit
+def _adam(gradient: jax.Array, memory: optax.OptState) -> tuple[jax.Array, optax.OptState]:
+    move, memory = ADAM.update(gradient, memory)
+    return move, memory  # type: ignore[return-value]  # optax says any tree of arrays
+
+
+def evaluated(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
+    """Deviations as they count and their slopes by coordinates at `places`, shape (cases, parameters); beside them what
+    the model says of the rows, and its status. In parts of one size, by one program."""
+    parts = []
+    for k in range(0, len(places), BATCH):
+        part = places[k : k + BATCH]
+        padded = np.zeros((BATCH, places.shape[1]))
+        padded[: len(part)] = part
+        parts.append([np.asarray(out)[: len(part)] for out in _evaluated(problem, padded, len(part))])
+    deviations, jacobian, *beside = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return least_squares.Evaluated(deviations, jacobian, tuple(beside))
+
+
+@jax.jit
+def _evaluated(problem: Problem, places: jax.Array, count: jax.Array) -> tuple[jax.Array, ...]:
+    """Of the first `count` places, one after the other: the rings of one fill the processor."""
+
+    def misfit(u: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        values, code = predictions(problem, u)
+        r = counted(problem, values)
+        return r, (r, values, code)
+
+    def one(k: jax.Array, out: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        slopes, (r, values, code) = jax.jacfwd(misfit, has_aux=True)(places[k])
+        return tuple(all_.at[k].set(own) for all_, own in zip(out, (r, slopes, values, code), strict=True))
+
+    rows, n = problem.measured.size, places.shape[1]
+    blank = tuple(jnp.zeros((BATCH, *shape)) for shape in ((rows,), (rows, n), (rows,)))
+    return jax.lax.fori_loop(0, count, one, (*blank, jnp.zeros(BATCH, int)))
