@@ -172,8 +172,8 @@ class Centrifugal(Effect):
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`centrifugal_force` on one roller [N]; loads of inner ring and flange unless "printed"; `axial_force` that
         holds the rings [N] if a position is held."""
-        held = {} if terms.axial is None else {"axial_force": axial_force(rest, of.bearing)}
-        return {**inside(terms.seat, rest.loads), "centrifugal_force": self.force(of.bearing), **held}
+        found = {**inside(terms.seat, rest.loads), "centrifugal_force": self.force(of.bearing)}
+        return found if terms.axial is None else {**found, "axial_force": axial_force(rest, of.bearing)}
 
 
 @register
@@ -268,8 +268,8 @@ class Mounting(Effect):
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`axial_force` that holds the rings [N]; `tightened`: growth of inner raceway and rollers [mm]."""
-        tightened = jnp.asarray(self.tightened(of.bearing), float)
-        return {"axial_force": axial_force(rest, of.bearing), "tightened": tightened}
+        held = axial_force(rest, of.bearing)
+        return {"axial_force": held, "tightened": jnp.asarray(self.tightened(of.bearing), float)}
 
 
 @register

@@ -237,7 +237,8 @@ def _as_read(read: SceneFile, kinds: tuple[type[Effect], ...]) -> SceneFile:
     """The file with the effects that it names."""
     tables: dict[str, Any] = {field.name: getattr(read, field.name) for field in dataclasses.fields(SceneFile)}
     every = (getattr(read.effects, kind.key) for kind in kinds)
-    return SceneFile(**tables | {"effects": tuple(one for one in every if one is not None)})
+    tables["effects"] = tuple(one for one in every if one is not None)
+    return SceneFile(**tables)
 
 
 def _height_maps(content: dict[str, Any], path: str | Path) -> dict[int, str]:
