@@ -16,7 +16,7 @@ from difftrb.contact import hertz
 from difftrb.core import geometry, status
 from difftrb.core.compiling import jit_quickly
 from difftrb.law import laws
-from difftrb.ring import effects, life, pair, phase_average, ring
+from difftrb.ring import effects, life, phase_average, ring, terms, tilt
 from tests.bearings import of_many
 
 pytestmark = pytest.mark.exact
@@ -102,11 +102,11 @@ def test_moments_and_loads_balance_and_stiffness_is_their_derivative(bearing) ->
 
     r = solved()
     every = np.concatenate([r.loads, r.effects["second_row_loads"]])
-    reach = pair.reach(bearing, 30.0, True)
+    reach = tilt.reach_of_pair(bearing, 30.0, True)
     angles = np.asarray(ring.roller_angles(bearing, 0.0))
     turned = float(reach) * np.stack([np.sin(angles), -np.cos(angles)])
     np.testing.assert_allclose(np.hstack([turned, -turned]) @ every, [-2e4, 1e5], atol=1e-9 * 3e5)
-    normals = np.asarray(pair.both(ring.directions(bearing, angles)))
+    normals = np.asarray(terms.both(ring.directions(bearing, angles)))
     np.testing.assert_allclose(normals.T @ every, [9000.0, 0.0, 4500.0], atol=1e-9 * 9000.0)
     assert float(r.residual) < 1e-9
     compliance = np.linalg.inv(np.asarray(r.stiffness))
@@ -136,7 +136,7 @@ def test_one_row_alone_holds_no_tilt(bearing) -> None:
     assert int(r.status_code) == status.LOOSE
     assert bool(jnp.isnan(r.stiffness).all())
     sliced = scene(bearing, loose, trb.Load(0.0, 4500.0), (), laws.Palmgren(bearing.roller_length), (effects.Tilt(),))
-    alone = dataclasses.replace(sliced, effects=(effects.Tilt(reach=float(pair.reach(bearing, 30.0, True))),))
+    alone = dataclasses.replace(sliced, effects=(effects.Tilt(reach=float(tilt.reach_of_pair(bearing, 30.0, True))),))
     np.testing.assert_allclose(trb.solve(sliced).check().loads, trb.solve(alone).check().loads, rtol=1e-11)
 
 

@@ -17,7 +17,7 @@ from difftrb.core import geometry, status
 from difftrb.core.compiling import jit_quickly
 from difftrb.law import edge_ramp, laws, load_curve
 from difftrb.report import run_report
-from difftrb.ring import effects, life, ring, roller_balance, slices
+from difftrb.ring import effects, life, ring, roller_balance, tilt
 from difftrb.scene import solution
 
 pytestmark = pytest.mark.exact
@@ -363,7 +363,7 @@ def test_twice_or_against_each_other_is_said(bearing) -> None:
 def most_moment(bearing, load, direction, reach, phase) -> float:
     """The largest moment along `direction` [N mm] that forces of slices which only push can hold: linear programming
     over all of them."""
-    at = np.tile(np.asarray(slices.places(trb.LineContact.of(bearing), 30)) + reach, bearing.rollers)
+    at = np.tile(np.asarray(tilt.places(trb.LineContact.of(bearing), 30)) + reach, bearing.rollers)
     angles = np.repeat(np.asarray(ring.roller_angles(bearing, phase)), 30)
     cos, sin = np.cos(bearing.outer_angle), np.sin(bearing.outer_angle)
     pushes = np.stack([cos * np.cos(angles), cos * np.sin(angles), np.full(at.size, sin), at * np.sin(angles),

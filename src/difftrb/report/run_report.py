@@ -18,6 +18,7 @@ from rich.text import Text
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
 from difftrb.law.laws import Law
+from difftrb.ring import effect
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
 from difftrb.scene.promise import rollers_on_edges
@@ -27,10 +28,6 @@ from difftrb.scene.solving import Assessment
 
 BAR = 28
 DIRECTIONS = ("radial", "lateral", "axial", "about_radial", "about_lateral")
-UNITS = {"centrifugal_force": "N", "axial_force": "N", "load_rating": "N", "flange_angle": "rad", "tightened": "mm",
-         **dict.fromkeys((f"{row}_row_{way}" for row in ("first", "second") for way in ("radial", "axial")), "N"),
-         "second_row_share": "%", "basic_life": "million revolutions",
-         "reference_life": "million revolutions"}  # fmt: skip
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
@@ -144,10 +141,12 @@ def run_text(
         stiffness.add_row(name, *(number(v, ",.0f") for v in values), number(result.loss[row], ".3f"), *slopes)
 
     loads = house_table("Load distribution")
+    units = effect.units(scene.effects)
     more = {
-        name.removesuffix("_loads").replace("_", " "): values for name, values in spalled.effects.items() if values.ndim
-    }
-    for heading in ("roller", "angle [rad]", "load [N]", "against healthy", *(f"on {name} [N]" for name in more)):
+        f"{_column(name)} [{units.get(name, '')}]": values for name, values in spalled.effects.items()
+        if values.shape == spalled.loads.shape
+    }  # fmt: skip
+    for heading in ("roller", "angle [rad]", "load [N]", "against healthy", *more):
         loads.add_column(heading, justify="right")
     if not more:
         loads.add_column("", no_wrap=True)
@@ -168,9 +167,11 @@ def run_text(
     lines.append(f"displacement: radial {u[0]:.3f} µm, lateral {u[1]:.3f} µm, axial {u[2]:.3f} µm")
     if u.size > 3:
         lines.append(f"tilt: about the radial axis {u[3]:.4f} mrad, about the lateral axis {u[4]:.4f} mrad")
+    if scene.effects:
+        lines.append(f"beyond the plain ring: {'; '.join(each.label for each in scene.effects)}")
     for name, value in spalled.effects.items():
         if not value.ndim:
-            lines.append(f"{name.replace('_', ' ')}: {value:,.5g} {UNITS[name]}")
+            lines.append(f"{name.replace('_', ' ')}: {value:,.5g} {units.get(name, '')}".rstrip())
     lines += [edge.sentence for edge in edges]
     lines.append(law_text(spalled.law, spalled.loads))
     if spalled.picked is not None:
@@ -184,6 +185,12 @@ def run_text(
         lines.append(audit.sentence)
     first = (Text(f"note: {sentence}") for sentence in remarks(scene, spalled))
     return Group(*first, stiffness, loads, *(Text(line) for line in lines))
+
+
+def _column(name: str) -> str:
+    """What heads a column of an effect's result for every roller."""
+    words = name.removesuffix("_loads").replace("_", " ")
+    return f"on {words}" if name.endswith("_loads") else words
 
 
 def number(value: Any, style: str) -> str:

@@ -1,23 +1,46 @@
-"""What an effect is: terms that it adds to a ring's equilibrium, and results that it adds to a solution."""
+"""What an effect is, and the register of all there are.
+
+An effect is one dataclass that declares all about itself: its key in a scene file, its fields with unit, range and
+default, its label, what it excludes, what it adds to the equilibrium and to a solution. `register` makes it known.
+Scene files, checks and reports take what they need from the register.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, NamedTuple
+import dataclasses
+import enum
+import keyword
+from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import jax
-import jax.numpy as jnp
-from annotated_types import Interval, Unit
 
-from difftrb.core import geometry, pytrees
+from difftrb.core import geometry, pytrees, ranges
+from difftrb.core.files import shown
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.core.status import SceneError
 from difftrb.law.laws import Law
-from difftrb.ring import pair, ring, roller_balance
-from difftrb.ring.ring import Equilibrium, Load, Terms
+from difftrb.ring import ring, roller_balance
+from difftrb.ring.ring import Equilibrium, Load
+from difftrb.ring.terms import PLAIN, Terms, beside
 
-Length = Annotated[Real, Interval(ge=-1.0, le=1.0), Unit("mm")]
-Moment = Annotated[Real, Interval(ge=-1e9, le=1e9), Unit("N mm")]
 Results = dict[str, jax.Array]
 """What an effect adds to a solution, by name."""
+
+
+class Stage(enum.IntEnum):
+    """When an effect acts; within a stage, effects act in the order in which they were registered."""
+
+    ROWS = 0
+    """How many rows there are."""
+    SEAT = 1
+    """What holds a roller besides the outer raceway."""
+    FIT = 2
+    """How thick rollers are, and where the rings are held."""
+    SPEED = 3
+    CONTACT = 4
+    """How a roller carries."""
+    OUTCOME = 5
+    """What follows from the loads."""
 
 
 class Ring(NamedTuple):
@@ -38,7 +61,11 @@ class Ring(NamedTuple):
     def distances(self, raceway: geometry.Raceway, terms: Terms) -> jax.Array:
         """See `ring.distances`; with a second row those of its rollers behind."""
         away = ring.distances(self.bearing, ring.spalls_on(self.spalls, raceway), self.angles, raceway)
-        return away if terms.pair is None else pair.beside(away)
+        return away if terms.pair is None else beside(away)
+
+    def seat(self, terms: Terms) -> roller_balance.Seat:
+        """What holds the rollers so far."""
+        return roller_balance.seat(self.bearing) if terms.seat is None else terms.seat
 
     def equilibrium(self, terms: Terms) -> Equilibrium:
         """At rest with these terms."""
@@ -46,20 +73,39 @@ class Ring(NamedTuple):
         return ring.equilibrium(self.bearing, self.load, outer, self.law, self.phase, terms)
 
 
+class Asked(NamedTuple):
+    """What an effect is asked for together with; `law` is its name, or a law that is made already."""
+
+    bearing: TaperedBearing
+    load: Load
+    law: Law | str
+    effects: tuple[Effect, ...]
+
+
 class Effect:
-    """Of all effects: `key` names it in a scene file. What is not overridden adds nothing."""
+    """Of all effects. What is not overridden adds nothing.
+
+    Fields are numbers annotated with `Interval` and `Unit`, or `Literal` texts. Numbers are leaves of the pytree; texts
+    and whole numbers have the metadata `{"static": True}`.
+    """
 
     __pydantic_config__ = FILE_RULES
     key: ClassVar[str]
+    """Its name in a scene file's `[effects]`."""
+    label: ClassVar[str]
+    """What acts, in a few words."""
+    stage: ClassVar[Stage] = Stage.FIT
     excludes: ClassVar[dict[str, str]] = {}
     """Keys of effects that cannot be had together with this one, and why."""
     presses: ClassVar[bool] = False
     """Whether rollers may carry more with it than the bearing's load lets expect."""
+    units: ClassVar[dict[str, str]] = {}
+    """Units of what `results` has."""
 
     def __post_init__(self) -> None:
         pytrees.whole_to_float(self)
 
-    def check(self, bearing: TaperedBearing, load: Load) -> None:
+    def check(self, asked: Asked) -> None:
         """Raise ValueError, in one sentence, if this effect cannot be had so. Outside jit only."""
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
@@ -75,31 +121,99 @@ class Effect:
         return {}
 
 
-def seat(terms: Terms, of: Ring) -> roller_balance.Seat:
-    """What holds the rollers so far."""
-    return roller_balance.seat(of.bearing) if terms.seat is None else terms.seat
+# ------------------------------------------------------------------------------------------------ the register
+
+_REGISTER: dict[str, type[Effect]] = {}
+
+Kind = TypeVar("Kind", bound=type[Effect])
+One = TypeVar("One", bound=Effect)
 
 
-def on_the_inner_ring(rest: Equilibrium, terms: Terms) -> Results:
-    """Loads of inner raceway and flange [N], shape (rollers,)."""
-    if terms.seat is None:
-        return {}
-    return {
-        "inner_loads": roller_balance.inner_load(terms.seat, rest.loads),
-        "flange_loads": roller_balance.flange_load(terms.seat, rest.loads),
-    }
+def register(kind: Kind) -> Kind:
+    """Make a dataclass an effect that scenes and scene files may name; for use as a decorator.
+
+    Raises ValueError for a key that is no plain name or another effect's, and for a field without a range. A class of
+    the same name and module replaces the one before, as when a notebook's cell runs again.
+    """
+    key, known = getattr(kind, "key", None), _REGISTER.get(getattr(kind, "key", ""))
+    if not isinstance(key, str) or not key.isidentifier() or keyword.iskeyword(key):
+        raise ValueError(f"{kind.__name__}.key = {shown(key)}: must be a plain name, say 'flange'")
+    if known is not None and (known.__module__, known.__qualname__) != (kind.__module__, kind.__qualname__):
+        raise ValueError(f"{kind.__name__}.key = {key!r} is that of {known.__qualname__}; choose another")
+    if not getattr(kind, "label", ""):
+        raise ValueError(f"{kind.__name__}.label is missing: say in a few words what acts")
+    ranged = {field.name for field in ranges.fields_of(kind)}
+    for field in dataclasses.fields(cast(Any, kind)):
+        if field.name not in ranged:
+            raise ValueError(f"{kind.__name__}.{field.name} has no range: annotate it with Interval and Unit")
+    _REGISTER[key] = kind
+    return pytrees.register(kind)
 
 
-def held_by(rest: Equilibrium, terms: Terms, of: Ring) -> Results:
-    """The axial force [N] that holds the rings where they are, if they are held."""
-    if terms.axial is None:
-        return {}
-    pressed = jnp.sum(rest.loads)
-    if rest.second_loads is not None:
-        pressed = pressed - jnp.sum(rest.second_loads)
-    return {"axial_force": pressed * jnp.sin(of.bearing.outer_angle)}
+def registered() -> tuple[type[Effect], ...]:
+    """All effects there are, in the order in which they act."""
+    return tuple(sorted(_REGISTER.values(), key=lambda kind: kind.stage))
 
 
-def thicker(terms: Terms, more: jax.Array) -> Terms:
-    """Rollers too thick by `more` than they are so far [mm], shape () or (rollers,)."""
-    return terms._replace(interference=more if terms.interference is None else terms.interference + more)
+def file_table(kinds: tuple[type[Effect], ...]) -> type:
+    """The schema of a scene file's `[effects]`: a dataclass with a field for each of these effects, None if absent."""
+    fields = [(kind.key, kind | None, dataclasses.field(default=None)) for kind in kinds]
+    rules = {"__pydantic_config__": FILE_RULES}
+    return dataclasses.make_dataclass("Effects", fields, frozen=True, namespace=rules)
+
+
+# ------------------------------------------------------------------------------------------------ several at once
+
+
+def in_order(effects: Any) -> tuple[Effect, ...]:
+    """The effects, or the only one, in the order in which they act. Raises `SceneError` for what is none, one named
+    twice, or two that exclude each other."""
+    if isinstance(effects, Effect):
+        effects = (effects,)
+    for i, effect in enumerate(effects):
+        if not isinstance(effect, Effect):
+            raise SceneError(f"effects.{i} = {shown(effect)}: must be one of difftrb.effects, say Life()")
+        if getattr(effect, "key", None) not in _REGISTER:
+            raise SceneError(f"effects.{i} = {shown(effect)}: is not known; register its class: effects.register")
+    keys = [effect.key for effect in effects]
+    for effect in effects:
+        if keys.count(effect.key) > 1:
+            raise SceneError(f"effects.{effect.key} is named twice; name it once")
+        for key in effect.excludes:
+            if key in keys:
+                raise SceneError(
+                    f"effects.{effect.key} and effects.{key} exclude each other: {effect.excludes[key]}; name one"
+                )
+    order = [kind.key for kind in registered()]
+    return tuple(sorted(effects, key=lambda effect: order.index(effect.key)))
+
+
+def among(effects: tuple[Effect, ...], kind: type[One]) -> One | None:
+    """The effect of this kind, or None."""
+    return next((effect for effect in effects if isinstance(effect, kind)), None)
+
+
+def remarks(effects: tuple[Effect, ...], spalls: tuple[Spall, ...]) -> tuple[str, ...]:
+    """What all effects have to say of results over these spalls, in sentences."""
+    return tuple(sentence for effect in effects for sentence in effect.remarks(spalls))
+
+
+def terms(effects: tuple[Effect, ...], of: Ring) -> Terms:
+    """What all effects add to the ring's equilibrium."""
+    total = PLAIN
+    for effect in effects:
+        total = effect.terms(total, of)
+    return total
+
+
+def results(effects: tuple[Effect, ...], rest: Equilibrium, total: Terms, of: Ring) -> Results:
+    """What all effects add to the solution."""
+    found: Results = {}
+    for effect in effects:
+        found |= effect.results(rest, total, of)
+    return found
+
+
+def units(effects: tuple[Effect, ...]) -> dict[str, str]:
+    """Units of what all effects add to the solution, by name."""
+    return {name: unit for effect in effects for name, unit in effect.units.items()}

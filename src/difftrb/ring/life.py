@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Annotated
+
 import jax
 import jax.numpy as jnp
+from annotated_types import Interval, Unit
 
 from difftrb.core import geometry
 from difftrb.core.geometry import Real, TaperedBearing
+from difftrb.ring import roller_balance
+from difftrb.ring.effect import Effect, Results, Ring, Stage, register
+from difftrb.ring.ring import Equilibrium, axial_force
+from difftrb.ring.terms import Terms
 
 QUALITY = 1.1
 """b_m of tapered roller bearings of today's steel (ISO 281)."""
@@ -70,3 +78,38 @@ def _mean(loads: jax.Array, power: float) -> jax.Array:
 
 def _slower(ratio: Real) -> Real:
     return ((1.0 - ratio) / (1.0 + ratio)) ** (143.0 / 108.0)
+
+
+@register
+@dataclasses.dataclass(frozen=True)
+class Life(Effect):
+    """Rating life: basic, of a catalogue's load rating (ISO 281), and reference, of the loads of every roller
+    (ISO/TS 16281). With phase "mean" the mean of lives.
+
+    Attributes:
+      load_rating: basic dynamic load rating C [N], 1…1e9, with `DoubleRow` the pair's. Default: by ISO 281 from the
+        bearing's numbers.
+    """
+
+    key = "life"
+    label = "rating life"
+    stage = Stage.OUTCOME
+    units = {  # noqa: RUF012
+        "load_rating": "N", "basic_life": "million revolutions", "reference_life": "million revolutions"
+    }  # fmt: skip
+
+    load_rating: Annotated[Real, Interval(ge=1.0, le=1e9), Unit("N")] | None = None
+
+    def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
+        """`load_rating` [N] of all rows, `basic_life`, `reference_life` [million revolutions]."""
+        rows = 1 if terms.pair is None else 2
+        rating = load_rating(of.bearing, rows)
+        rating = rating if self.load_rating is None else jnp.asarray(self.load_rating, float)
+        axial = of.load.axial if terms.axial is None else axial_force(rest, of.bearing)
+        outer = rest.loads if rest.second_loads is None else jnp.stack([rest.loads, rest.second_loads])
+        inner = outer if terms.seat is None else roller_balance.inner_load(terms.seat, outer)
+        return {
+            "load_rating": rating,
+            "basic_life": basic(of.bearing, rating, of.load.radial, axial, rows),
+            "reference_life": reference(of.bearing, rating, inner, outer),
+        }

@@ -8,8 +8,7 @@ on) and axial (pressing the rings together). One contact per roller, the outer r
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import jax
 import jax.numpy as jnp
@@ -17,14 +16,10 @@ from annotated_types import Interval, Unit
 
 from difftrb.core import geometry, pytrees, status
 from difftrb.core.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
-from difftrb.law import load_curve
-from difftrb.law.edge_ramp import Carried
 from difftrb.law.laws import Law, Rest
-from difftrb.ring import load_zone, newton, pair, roller_balance, slices
-from difftrb.ring.newton import Rollers
-from difftrb.ring.pair import Pair
-from difftrb.ring.roller_balance import Seat
-from difftrb.ring.tilting import Tilting
+from difftrb.ring import newton, roller_balance
+from difftrb.ring.newton import Rollers, System
+from difftrb.ring.terms import PLAIN, Terms, Tilting, beside, both, without_land
 
 HELD = 1e-9
 """Share of all loads below which a row does not hold a shaft's tilt: one that is lifted off may be left touching."""
@@ -49,12 +44,7 @@ class Load:
         pytrees.whole_to_float(self)
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["displacement", "approach", "loads", "tangent", "residual", "iterations", "status_code",
-                 "second_loads"],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Equilibrium:
     """A ring at rest.
@@ -78,6 +68,14 @@ class Equilibrium:
     iterations: jax.Array
     status_code: jax.Array
     second_loads: jax.Array | None = None
+
+
+def axial_force(rest: Equilibrium, bearing: TaperedBearing) -> jax.Array:
+    """That rollers push the rings apart with [N]."""
+    pressed = jnp.sum(rest.loads)
+    if rest.second_loads is not None:
+        pressed = pressed - jnp.sum(rest.second_loads)
+    return pressed * jnp.sin(bearing.outer_angle)
 
 
 def roller_angles(bearing: TaperedBearing, phase: Real) -> jax.Array:
@@ -150,52 +148,8 @@ def largest_load(bearing: TaperedBearing, load: Load) -> Real:
     return jnp.maximum(half_zone, all_loaded)
 
 
-class Facing(NamedTuple):
-    """The inner raceway as it is judged: its law, the spalls met there, their distances from the rollers' contacts
-    [mm], shape (spalls, rollers), and the contacts' equivalent radius [mm]."""
-
-    law: Law
-    spalls: tuple[Spall, ...]
-    distances: jax.Array
-    radius: Real
-
-    def judge(self, rest: Rest) -> jax.Array:
-        """Status: whether the law knows what it meets; `rest` as of the outer raceway."""
-        code = self.law.judge(self.spalls, self.distances, rest._replace(radius=self.radius))
-        return status.worst(code, jnp.asarray(self.law.status_code).astype(int))
-
-
 OWN = 0.75
 """Share of a roller's approach by two raceways in series that is either contact's at the most."""
-
-
-class Terms(NamedTuple):
-    """What effects add to the plain ring.
-
-    Attributes:
-      interference: what rollers are too thick, added to their approach [mm], one number or shape (rollers,).
-      seat: what holds rollers besides the outer raceway; None: an inner ring that does not give way.
-      axial: axial displacement [mm] at which the rings are held, whatever axial force that takes; None: the load's.
-      slices: what slices of rollers carry, shape (rollers · slices,), roller by roller; None: rollers are whole.
-      tilting: of rings that tilt; None: they stay parallel.
-      extra: force on the ring beside the load [N], shape (3,).
-      known: status: of what else is known of the scene; None: nothing is.
-      facing: the inner raceway's law and spalls, where there is one that gives way; None: there is none.
-      pair: a second row; None: there is none. With it, rollers in all else are those of both rows, the first's first.
-    """
-
-    interference: Real | None = None
-    seat: Seat | None = None
-    axial: Real | None = None
-    slices: Carried | None = None
-    tilting: Tilting | None = None
-    extra: jax.Array | None = None
-    known: jax.Array | None = None
-    facing: Facing | None = None
-    pair: Pair | None = None
-
-
-PLAIN = Terms()
 
 
 def equilibrium(
@@ -209,64 +163,116 @@ def equilibrium(
     """
     angles = roller_angles(bearing, phase)
     normals = directions(bearing, angles)
+    valid, held = _is_valid(load, spalls, phase), _is_held(bearing, load, phase, terms)
+    force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
+    if terms.extra is not None:
+        force = force + terms.extra
+    force = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
+    away = distances(bearing, spalls, angles)
+    if terms.pair is not None:
+        away = beside(away)
+        angles, normals = jnp.tile(angles, 2), both(normals)
+
+    system = _system(force, angles, normals, spalls, away, roller_law, terms)
+    rest, unheld = _at_rest(system, angles, terms)
+    known = _known(bearing, spalls, away, roller_law, rest, terms)
+    rest = _judged(rest, valid, held, unheld, known, roller_law, terms)
+
+    if terms.pair is None:
+        return rest
+    first, second = jnp.split(rest.loads, 2)
+    return dataclasses.replace(rest, approach=rest.approach[: first.size], loads=first, second_loads=second)
+
+
+def _is_valid(load: Load, spalls: tuple[Spall, ...], phase: Real) -> jax.Array:
+    """Whether loads, phase and spalls are what they may be."""
     valid = (load.radial >= 0.0) & (load.axial >= 0.0) & jnp.isfinite(load.radial + load.axial + phase)
     for spall in spalls:
         valid = valid & geometry.spall_is_sound(spall)
+    return valid
+
+
+def _is_held(bearing: TaperedBearing, load: Load, phase: Real, terms: Terms) -> jax.Array:
+    """Whether rollers, which only push, can hold the load."""
     spare = load.axial
     if terms.seat is not None and terms.seat.centrifugal is not None:  # thrown rollers push the rings apart
         spare = spare - bearing.rollers * terms.seat.least * jnp.sin(bearing.outer_angle)
     if terms.axial is not None:
-        held = jnp.asarray(True)
-    elif terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it
+        return jnp.asarray(True)
+    if terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it
         moments = 0.0 if terms.tilting is None else jnp.sum(jnp.abs(terms.tilting.moments))
-        held = load.radial + load.axial + moments > 0.0
-    else:
-        held = spare > needed_axial(bearing, load.radial, phase, terms.tilting) * (1.0 + 1e-6)
-    force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
-    if terms.extra is not None:
-        force = force + terms.extra
-    safe = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
+        return jnp.asarray(load.radial + load.axial + moments > 0.0)
+    return spare > needed_axial(bearing, load.radial, phase, terms.tilting) * (1.0 + 1e-6)
 
-    away = distances(bearing, spalls, angles)
-    if terms.pair is not None:
-        away = pair.beside(away)
-        angles, normals = jnp.tile(angles, 2), pair.both(normals)
+
+def _system(
+    force: jax.Array, angles: jax.Array, normals: jax.Array, spalls: tuple[Spall, ...], away: jax.Array,
+    roller_law: Law, terms: Terms,
+) -> System:  # fmt: skip
+    """What presses the rollers of all rows, what they carry, and where Newton's method begins."""
     extra = jnp.broadcast_to(0.0 if terms.interference is None else terms.interference, angles.shape)
     healthy = roller_law.curves((), away[:0])
     rollers = Rollers(normals, extra, roller_law.curves(spalls, away) if spalls else healthy, terms.seat)
-    start = _start(rollers, healthy, safe, terms)
-    if terms.pair is not None and terms.axial is None:  # the first row pressed by the load, or both by the preload
-        start = start.at[2].set(jnp.maximum(start[2] - 0.5 * jax.lax.stop_gradient(terms.pair.preload), 0.0))
+    start = newton.start(rollers, healthy, force, terms)
     if terms.slices is not None:
         count = terms.slices.each.shift.size // angles.size
         rollers = Rollers(jnp.repeat(normals, count, axis=0), jnp.repeat(extra, count), terms.slices)
     if terms.tilting is not None:
         rollers = rollers._replace(normals=terms.tilting.directions(rollers.normals, angles))
-        safe = jnp.concatenate([safe, terms.tilting.moments / terms.tilting.longest])
+        force = jnp.concatenate([force, terms.tilting.moments / terms.tilting.longest])
         start = jnp.concatenate([start, jnp.zeros(2)])
-    size = _norm(safe)
+    size = newton.norm(force)
     if terms.axial is not None or terms.pair is not None:  # what presses without a load
         still = start if terms.pair is None else jnp.zeros_like(start)
         size = jnp.maximum(size, jax.lax.stop_gradient(jnp.sum(rollers.carried(rollers.approach(still))[0])))
-    u, (loads, slopes), (residual, iterations) = newton.found((rollers, safe, start, size, terms.axial))
-    approach = rollers.approach(u)
-    tangent = newton.tangent(rollers.normals, slopes)
+    return System(rollers, force, start, size, terms.axial)
+
+
+def _at_rest(system: System, angles: jax.Array, terms: Terms) -> tuple[Equilibrium, jax.Array | None]:
+    """Where the ring rests, roller by roller of all rows, not judged yet; and whether it is held by slices without
+    land, which are left a trace of stiffness (None: there are no slices)."""
+    u, (loads, slopes), (residual, iterations) = newton.found(system)
+    approach = system.rollers.approach(u)
+    tangent = newton.tangent(system.rollers.normals, slopes)
     unheld = None
     if terms.slices is not None:
-        bare = jnp.sum(jnp.where(slices.without_land(terms.slices), loads, 0.0))
-        unheld = bare > HELD * jnp.sum(loads)  # they are left a trace of stiffness, by which nothing may be held
+        bare = jnp.sum(jnp.where(without_land(terms.slices), loads, 0.0))
+        unheld = bare > HELD * jnp.sum(loads)
         approach, loads = approach.reshape(angles.size, -1), loads.reshape(angles.size, -1)
         approach, loads = jnp.mean(approach, axis=1), jnp.sum(loads, axis=1)
     if terms.tilting is not None:
         u, tangent = terms.tilting.in_radians(u, tangent)
+    return Equilibrium(u, approach, loads, tangent, residual, iterations, jnp.asarray(status.CONVERGED)), unheld
 
-    known = _known(bearing, spalls, away, roller_law, approach, loads, terms)
-    converged = (residual <= newton.TOLERANCE) & jnp.all(jnp.isfinite(u))
+
+def _known(
+    bearing: TaperedBearing, spalls: tuple[Spall, ...], away: jax.Array, roller_law: Law, rest: Equilibrium,
+    terms: Terms,
+) -> jax.Array:  # fmt: skip
+    """Status: whether the laws know the spalls met, and the states that rollers are in."""
+    approach, loads = map(jax.lax.stop_gradient, (rest.approach, rest.loads))
+    if terms.facing is not None:
+        approach = OWN * approach
+    state = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads)
+    known = roller_law.judge(spalls, away, state)
+    if terms.known is not None:
+        known = status.worst(known, terms.known)
+    if terms.facing is None or terms.seat is None:
+        return known
+    return status.worst(known, terms.facing.judge(state._replace(loads=roller_balance.inner_load(terms.seat, loads))))
+
+
+def _judged(
+    rest: Equilibrium, valid: jax.Array, held: jax.Array, unheld: jax.Array | None, known: jax.Array, roller_law: Law,
+    terms: Terms,
+) -> Equilibrium:  # fmt: skip
+    """With its status, and with NaN for numbers that nothing stands for."""
+    converged = (rest.residual <= newton.TOLERANCE) & jnp.all(jnp.isfinite(rest.displacement))
     code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
     if unheld is not None:
         code = jnp.where(unheld, status.NO_EQUILIBRIUM, code)
     if terms.pair is not None and terms.tilting is not None and terms.slices is None:
-        rows = jnp.sum(loads.reshape(2, -1), axis=1)
+        rows = jnp.sum(rest.loads.reshape(2, -1), axis=1)
         code = jnp.where(converged & (jnp.min(rows) <= HELD * jnp.sum(rows)), status.LOOSE, code)
     code = jnp.where(known == status.CONVERGED, code, known)
     code = jnp.where(held, code, status.NO_EQUILIBRIUM)
@@ -275,57 +281,6 @@ def equilibrium(
     usable = valid & held & (known == status.CONVERGED) & (code != status.LOOSE)
     if unheld is not None:
         usable = usable & ~unheld
-
-    def only_if_usable(value: jax.Array) -> jax.Array:
-        return jnp.where(usable, value, jnp.nan)
-
-    u, approach, loads, tangent, residual = map(only_if_usable, (u, approach, loads, tangent, residual))
-    if terms.pair is None:
-        return Equilibrium(u, approach, loads, tangent, residual, iterations, code)
-    first, second = jnp.split(loads, 2)
-    return Equilibrium(u, approach[: first.size], first, tangent, residual, iterations, code, second)
-
-
-def _known(
-    bearing: TaperedBearing, spalls: tuple[Spall, ...], away: jax.Array, roller_law: Law, approach: jax.Array,
-    loads: jax.Array, terms: Terms,
-) -> jax.Array:  # fmt: skip
-    """Status: whether the laws know the spalls met, and the states that rollers are in."""
-    approach, loads = map(jax.lax.stop_gradient, (approach, loads))
-    if terms.facing is not None:
-        approach = OWN * approach
-    rest = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads)
-    known = roller_law.judge(spalls, away, rest)
-    if terms.known is not None:
-        known = status.worst(known, terms.known)
-    if terms.facing is None or terms.seat is None:
-        return known
-    return status.worst(known, terms.facing.judge(rest._replace(loads=roller_balance.inner_load(terms.seat, loads))))
-
-
-def _norm(force: jax.Array) -> jax.Array:
-    return jnp.linalg.norm(jax.lax.stop_gradient(force))
-
-
-def _start(rollers: Rollers, healthy: Carried, force: jax.Array, terms: Terms) -> jax.Array:
-    """Where Newton's method begins: the load zone of a healthy ring, or, of a pair of rows, all rollers as loaded as
-    were the load shared equally. If all are clear of what they stand over, beyond the least of these gaps: without a
-    loaded roller Newton's method knows no way."""
-    if terms.axial is not None:
-        return jnp.zeros(3).at[2].set(terms.axial)
-    sound, count, axial = load_curve.of(healthy.each, 0), rollers.normals.shape[0], rollers.normals[0, 2]
-    radial = jnp.sqrt(1.0 - axial**2)
-    total = _norm(force)
-    if terms.tilting is not None:  # moments may be all that presses
-        total = total + _norm(terms.tilting.moments / terms.tilting.longest)
-    largest, narrow = total / (count * axial), jnp.zeros(())
-    if terms.pair is None:
-        push = jnp.maximum(force[2], axial * _norm(force))  # less than that holds no load; thrown rollers may take it
-        share = push / (count * axial)
-        at_share = load_curve.approach(sound, share)
-        load, slope = load_curve.load(sound, at_share)
-        zone = load_zone.of(force[0] * axial / (radial * push), at_share * slope / load)
-        largest, narrow = share * zone.largest, zone.narrowness
-    clear = jnp.maximum(jnp.min(rollers.curves.each.shift - rollers.interference), 0.0)
-    pressed = load_curve.approach(sound, largest) + clear
-    return jax.lax.stop_gradient(pressed * jnp.stack([narrow / radial, jnp.zeros(()), (1.0 - narrow) / axial]))
+    numbers = rest.displacement, rest.approach, rest.loads, rest.tangent, rest.residual
+    u, approach, loads, tangent, residual = (jnp.where(usable, value, jnp.nan) for value in numbers)
+    return Equilibrium(u, approach, loads, tangent, residual, rest.iterations, code)

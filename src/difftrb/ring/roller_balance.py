@@ -89,6 +89,13 @@ def flange_load(seat: Seat, outer_load: jax.Array) -> jax.Array:
     return jnp.where(outer_load * seat.outer_cos > seat.thrown, _wedged(seat, outer_load), free)
 
 
+def inside(seat: Seat | None, outer_load: jax.Array) -> dict[str, jax.Array]:
+    """`inner_loads` and `flange_loads` [N] of rollers at rest that carry `outer_load` [N]; none without a seat."""
+    if seat is None:
+        return {}
+    return {"inner_loads": inner_load(seat, outer_load), "flange_loads": flange_load(seat, outer_load)}
+
+
 def _wedged(seat: Seat, outer_load: jax.Array) -> jax.Array:
     """Of a roller that touches both raceways."""
     return outer_load * seat.wedge + seat.outwards * jnp.sin(seat.inner) / seat.inner_cos

@@ -9,14 +9,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterator
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact.contact_problem import is_given
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import geometry, ranges, status
 from difftrb.core.files import shown
@@ -24,9 +23,9 @@ from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.core.messages import number_in
 from difftrb.core.status import SceneError
 from difftrb.law import laws as laws
-from difftrb.law.laws import Palmgren
+from difftrb.law.laws import Law
 from difftrb.ring import effects, ring
-from difftrb.ring.effect import Effect
+from difftrb.ring.effects import Effect
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scene
 
@@ -306,43 +305,12 @@ def _of_effects(scene: Scene) -> str | None:
                 f"spall.{i}.surface = 'roller' belongs to one roller, so phase = 'mean' has no meaning for it; give a "
                 "phase in rad"
             )
-    if "raceways" in keys and name in ("palmgren", "liu2018"):
-        return (
-            f"contact.law = {name!r} does not know the inner raceway alone: with effects.raceways use 'power', 'table' "
-            "or 'direct'"
-        )
-    if "tilt" in keys and not isinstance(scene.law, Palmgren) and name != "palmgren":
-        return "effects.tilt carries by slices of ISO/TS 16281: set contact.law = 'palmgren'"
-    if "tilt" in keys and (sentence := _tilting(scene.effects)) is not None:
-        return sentence
+    asked = effects.Asked(scene.bearing, scene.load, name or cast(Law, scene.law), scene.effects)
     for effect in scene.effects:
         try:
-            effect.check(scene.bearing, scene.load)
+            effect.check(asked)
         except ValueError as error:
             return str(error)
-    return None
-
-
-def _tilting(acting: tuple[Effect, ...]) -> str | None:
-    """What keeps slices from holding a tilt, and a second row from being had with them; None if nothing does."""
-    tilt = next(effect for effect in acting if isinstance(effect, effects.Tilt))
-    row = next((effect for effect in acting if isinstance(effect, effects.DoubleRow)), None)
-    if row is None:
-        if tilt.rings == "free" and tilt.slices < 2:
-            return "effects.tilt.slices = 1: one slice does not hold a tilt; give a whole number in 2 … 200"
-        return None
-    if is_given(tilt.reach):
-        return (
-            "effects.tilt.reach must be 0 with effects.double_row, whose shaft tilts about the middle between its "
-            "rows; leave it out"
-        )
-    if tilt.rings == "free" and row.spacing is None:
-        return "effects.double_row.spacing is missing: effects.tilt needs it, or rings = 'parallel'; give one of both"
-    if tilt.rings == "parallel" and row.spacing is not None:
-        return (
-            "effects.tilt.rings = 'parallel' and effects.double_row.spacing exclude each other: rings with a spacing "
-            "tilt; leave one out"
-        )
     return None
 
 

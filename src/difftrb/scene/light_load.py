@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from difftrb.core.geometry import Real, TaperedBearing
-from difftrb.ring import life
+from difftrb.ring import effect, effects, life
 from difftrb.scene.scene_file import SceneFile
 
 LEAST = 0.02
@@ -23,9 +23,9 @@ THOUSAND = 1000.0
 def of_scene(file: SceneFile) -> str | None:
     """The remark on a ring's `load.radial` and `load.axial`, if there is one; none with `effects.mounting`, which sets
     the axial load itself."""
-    if file.effects.mounting is not None:
+    if effect.among(file.effects, effects.Mounting) is not None:
         return None
-    rows = 1 if file.effects.double_row is None else 2
+    rows = 1 if effect.among(file.effects, effects.DoubleRow) is None else 2
     share = float(_share(file.bearing, file.load.radial, file.load.axial, rows))
     given = f"load.radial = {file.load.radial:g} N, load.axial = {file.load.axial:g} N"
     return _remark(given, share)

@@ -15,8 +15,8 @@ from difftrb.core.files import shown
 from difftrb.core.geometry import Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law.laws import Law
-from difftrb.ring import effects
-from difftrb.ring.effects import Effect
+from difftrb.ring import effect
+from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load
 
 Definition = Literal["tangent", "secant"]
@@ -113,7 +113,7 @@ class Scene:
     picked: Picked | None = None
 
     def __post_init__(self) -> None:
-        tidy: dict[str, Any] = {"effects": effects.in_order(self.effects)}
+        tidy: dict[str, Any] = {"effects": effect.in_order(self.effects)}
         if isinstance(self.bearing, str):
             tidy["bearing"] = _named(self.bearing)
         if isinstance(self.spalls, Spall | HeightMap | list):

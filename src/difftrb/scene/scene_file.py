@@ -26,7 +26,8 @@ from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedB
 from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence
 from difftrb.core.status import SceneError
 from difftrb.law import laws as laws
-from difftrb.ring import effects, ring
+from difftrb.ring import effect, effects, ring
+from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load, needed_axial
 from difftrb.scene import checks
 from difftrb.scene.scene import Definition, DesignLoad, Phase, Scene
@@ -70,30 +71,9 @@ class StiffnessTable:
 
 
 @dataclasses.dataclass(frozen=True)
-class EffectsTable:
-    """`[effects]`: what acts beyond the plain ring, each only when it is named."""
-
-    __pydantic_config__ = FILE_RULES
-
-    double_row: effects.DoubleRow | None = None
-    raceways: effects.Raceways | None = None
-    flange: effects.Flange | None = None
-    diameters: effects.Diameters | None = None
-    mounting: effects.Mounting | None = None
-    centrifugal: effects.Centrifugal | None = None
-    through: effects.Through | None = None
-    tilt: effects.Tilt | None = None
-    life: effects.Life | None = None
-
-    def named(self) -> tuple[effects.Effect, ...]:
-        """Those that are."""
-        every = (getattr(self, field.name) for field in dataclasses.fields(self))
-        return tuple(effect for effect in every if effect is not None)
-
-
-@dataclasses.dataclass(frozen=True)
 class SceneFile:
-    """A whole scene file, table by table. After `parse`, a `HeightMap` may stand among the spalls."""
+    """A whole scene file, table by table. After `parse`, a `HeightMap` may stand among the spalls, and `effects` are
+    those that `[effects]` names."""
 
     __pydantic_config__ = FILE_RULES
 
@@ -102,7 +82,7 @@ class SceneFile:
     spall: tuple[Spall, ...] = ()
     contact: ContactTable = ContactTable()
     stiffness: StiffnessTable = StiffnessTable()
-    effects: EffectsTable = EffectsTable()
+    effects: tuple[Effect, ...] = ()
 
     def scene(self) -> Scene:
         """The scene this file describes."""
@@ -115,7 +95,7 @@ class SceneFile:
             accuracy=self.contact.accuracy,
             definition=self.stiffness.definition,
             phase=self.stiffness.phase,
-            effects=self.effects.named(),
+            effects=self.effects,
         )
 
     def line_contact(self) -> LineContact:
@@ -222,13 +202,15 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
     if isinstance(content.get("spall"), dict):
         raise SceneError(f"{path}: [spall] is a list of tables; write [[spall]]")
     maps = _height_maps(content, path)
+    kinds = effects.registered()
     try:  # as JSON, where strictness still lets a table become a dataclass and a list a tuple
-        file = _adapter().validate_json(json.dumps(content, default=str))
+        read = _adapter(kinds).validate_json(json.dumps(content, default=str))
     except ValidationError as error:
         worst = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY)  # a misspelt key explains a missing one
-        raise SceneError(f"{path}: {in_one_sentence(worst, SceneFile)}") from None
+        raise SceneError(f"{path}: {in_one_sentence(worst, _schema(kinds))}") from None
     except RecursionError:
         raise SceneError(f"{path}: is nested too deeply for a scene") from None
+    file = _as_read(read, kinds)
     if (sentence := checks.across(file.bearing, file.spall)) is not None:
         raise SceneError(f"{path}: {sentence}")
     spalls: list[Any] = list(file.spall)
@@ -238,9 +220,25 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
 
 
 @functools.cache
-def _adapter() -> TypeAdapter[SceneFile]:
+def _schema(kinds: tuple[type[Effect], ...]) -> type[SceneFile]:
+    """Of scene files that may name these effects."""
+    table = effect.file_table(kinds)
+    field = ("effects", table, dataclasses.field(default_factory=table))
+    return dataclasses.make_dataclass("SceneFile", [field], bases=(SceneFile,), frozen=True)
+
+
+@functools.cache
+def _adapter(kinds: tuple[type[Effect], ...]) -> TypeAdapter[SceneFile]:
     """Made once, which takes longer than to check a file, and only if a file is read."""
-    return TypeAdapter(SceneFile)
+    return TypeAdapter(_schema(kinds))
+
+
+def _as_read(read: SceneFile, kinds: tuple[type[Effect], ...]) -> SceneFile:
+    """The file with the effects that it names."""
+    tables: dict[str, Any] = {field.name: getattr(read, field.name) for field in dataclasses.fields(SceneFile)}
+    every = (getattr(read.effects, kind.key) for kind in kinds)
+    tables["effects"] = tuple(one for one in every if one is not None)
+    return SceneFile(**tables)
 
 
 def _height_maps(content: dict[str, Any], path: str | Path) -> dict[int, str]:
@@ -310,10 +308,11 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
         sentence = str(error)
     if sentence is not None:
         raise SceneError(f"{path}: {sentence}")
-    if file.effects.mounting is not None:
+    if effect.among(file.effects, effects.Mounting) is not None:
         return
-    tilt, row, load = file.effects.tilt, file.effects.double_row, file.load
-    moments = [m for effect in (tilt, row) if effect is not None for m in (effect.moment_radial, effect.moment_lateral)]
+    tilt, row = effect.among(file.effects, effects.Tilt), effect.among(file.effects, effects.DoubleRow)
+    load = file.load
+    moments = [m for one in (tilt, row) if one is not None for m in (one.moment_radial, one.moment_lateral)]
     if load.axial == load.radial == 0.0 and (row is None or not any(moments)):
         raise NoEquilibriumError(
             f"{path}: load.axial = 0 N and load.radial = 0 N: there is nothing to hold; give a load"

@@ -1,0 +1,144 @@
+"""What effects add to the ring's equilibrium: `Terms`, and what they are made of.
+
+A term that is None leaves nothing in the compiled program.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.core import status
+from difftrb.core.geometry import Real, Spall
+from difftrb.law.edge_ramp import Carried
+from difftrb.law.laws import Law, Rest
+from difftrb.ring.roller_balance import Seat
+
+NOWHERE = 1e4
+"""Distance from a spall [mm] that none is wide enough for."""
+LEAST = 1e-12
+"""Share of a slice's land that is left where a spall takes all of it: its logarithm is needed."""
+
+
+class Facing(NamedTuple):
+    """The inner raceway as it is judged: its law, the spalls met there, their distances from the rollers' contacts
+    [mm], shape (spalls, rollers), and the contacts' equivalent radius [mm]."""
+
+    law: Law
+    spalls: tuple[Spall, ...]
+    distances: jax.Array
+    radius: Real
+
+    def judge(self, rest: Rest) -> jax.Array:
+        """Status: whether the law knows what it meets; `rest` as of the outer raceway."""
+        code = self.law.judge(self.spalls, self.distances, rest._replace(radius=self.radius))
+        return status.worst(code, jnp.asarray(self.law.status_code).astype(int))
+
+
+class Pair(NamedTuple):
+    """A second row of the same bearing on the same shaft, the other way round.
+
+    The shaft's axial load presses the first row's rings together and takes the second one's apart. Only the first row
+    meets spalls. Rollers of both stand at the same angles. A tilt about the middle between the rows moves each row by
+    the distance of its load centre from there, so back to back is stiffer than face to face.
+
+    Attributes:
+      preload: axial way by which both rows together are pressed beyond touching [mm]; negative is end play.
+      reach: of the middle between the rows from the first row's load centre, along its rollers towards their small
+        ends [mm]: its lever about that middle; the second row's is opposite. None: the shaft does not tilt.
+    """
+
+    preload: Real
+    reach: Real | None = None
+
+    def rows(self, displacement: jax.Array, outer_angle: Real) -> tuple[jax.Array, jax.Array]:
+        """Radial, lateral and axial displacement [mm] of the rings of either row, both of shape (3,), at the shaft's
+        `displacement` ([mm] and, if it tilts, [rad])."""
+        u, half, moved = displacement, 0.5 * self.preload, jnp.zeros(2)
+        if self.reach is not None:
+            moved = self.reach / jnp.cos(outer_angle) * jnp.stack([-u[4], u[3]])
+        first = jnp.append(u[:2] + moved, u[2] + half)
+        return first, jnp.append(u[:2] - moved, half - u[2])
+
+
+def both(normals: jax.Array) -> jax.Array:
+    """Normals of both rows in (radial, lateral, axial), shape (2 · rollers, 3), from those of the first."""
+    return jnp.concatenate([normals, normals * jnp.array([[1.0, 1.0, -1.0]])])
+
+
+def beside(distances: jax.Array) -> jax.Array:
+    """`distances` from the spalls [mm], shape (spalls, 2 · rollers), from those of the first row; the second one has no
+    spall."""
+    return jnp.concatenate([distances, jnp.full_like(distances, NOWHERE)], axis=1)
+
+
+class Tilting(NamedTuple):
+    """Rings that tilt against each other: two more degrees of freedom, about the radial and about the lateral axis.
+
+    Attributes:
+      levers: of every roller's (or slice's) normal about the tilting centre [mm], shape (rollers · slices,), roller by
+        roller: its approach per tilt in its own plane.
+      moments: about the radial and the lateral axis through that centre [N mm], shape (2,).
+    """
+
+    levers: jax.Array
+    moments: jax.Array
+
+    def directions(self, normals: jax.Array, angles: jax.Array) -> jax.Array:
+        """Directions in (radial, lateral, axial, about radial, about lateral), the last two times the longest lever;
+        from normals of shape (rollers · slices, 3) of rollers at `angles` [rad], shape (rollers,)."""
+        turned = jnp.stack([jnp.sin(angles), -jnp.cos(angles)], axis=-1)  # n·(θ × p) = (θ_r sinφ − θ_l cosφ) x
+        turned = jnp.repeat(turned, self.levers.size // angles.size, axis=0)
+        return jnp.concatenate([normals, turned * (self.levers / self.longest)[:, None]], axis=1)
+
+    @property
+    def longest(self) -> jax.Array:
+        """The longest lever [mm]."""
+        return jax.lax.stop_gradient(jnp.max(jnp.abs(self.levers)))
+
+    def in_radians(self, displacement: jax.Array, tangent: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Displacement [mm], [rad] and stiffness of the same units, from those by tilt times the longest lever."""
+        scale = jnp.ones(displacement.size).at[3:].set(self.longest)
+        return displacement / scale, tangent * scale[:, None] * scale[None, :]
+
+
+def without_land(slices: Carried) -> jax.Array:
+    """Which slices a spall takes all land from, shape (rollers · slices,)."""
+    stiffness = slices.each.coefficients[0]  # its logarithm
+    return stiffness < jnp.max(stiffness) + 0.5 * np.log(LEAST)
+
+
+class Terms(NamedTuple):
+    """What effects add to the plain ring.
+
+    Attributes:
+      interference: what rollers are too thick, added to their approach [mm], one number or shape (rollers,).
+      seat: what holds rollers besides the outer raceway; None: an inner ring that does not give way.
+      axial: axial displacement [mm] at which the rings are held, whatever axial force that takes; None: the load's.
+      slices: what slices of rollers carry, shape (rollers · slices,), roller by roller; None: rollers are whole.
+      tilting: of rings that tilt; None: they stay parallel.
+      extra: force on the ring beside the load [N], shape (3,).
+      known: status: of what else is known of the scene; None: nothing is.
+      facing: the inner raceway's law and spalls, where there is one that gives way; None: there is none.
+      pair: a second row; None: there is none. With it, rollers in all else are those of both rows, the first's first.
+    """
+
+    interference: Real | None = None
+    seat: Seat | None = None
+    axial: Real | None = None
+    slices: Carried | None = None
+    tilting: Tilting | None = None
+    extra: jax.Array | None = None
+    known: jax.Array | None = None
+    facing: Facing | None = None
+    pair: Pair | None = None
+
+    def thicker(self, more: jax.Array) -> Terms:
+        """Rollers too thick by `more` than they are so far [mm], shape () or (rollers,)."""
+        return self._replace(interference=more if self.interference is None else self.interference + more)
+
+
+PLAIN = Terms()
