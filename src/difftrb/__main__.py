@@ -249,7 +249,7 @@ def _fit(options: Any) -> int:
 def _sweep(options: Any) -> int:
     from difftrb.core import devices
     from difftrb.scene import light_load
-    from difftrb.sweeps import chunks, forecast, sweep_file
+    from difftrb.sweeps import chunks, sweep_file, sweeping
 
     folder: Path = options.out
     if folder is None and not options.dry_run:
@@ -263,7 +263,7 @@ def _sweep(options: Any) -> int:
     _say_picked(plan.base)
     if options.dry_run:
         with terminal.busy("measuring a small batch"):
-            print(forecast.text(plan, options.devices, folder))
+            print(sweeping.forecast(plan, options.devices, folder))
         return EXIT_OK
     with terminal.members("sweeping") as progress:
         ended = chunks.run(plan, folder, file.text, options.resume, options.devices, progress, _say)

@@ -9,7 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from difftrb.report.plot import ACCENT, HEALTHY
-from difftrb.sweeps.sweep_result import Swept
+from difftrb.sweeps.gathered import Swept
+from difftrb.sweeps.outputs import label_of
 
 
 def swept(result: Swept, name: str) -> Any:
@@ -97,9 +98,10 @@ def _cut(
 
 
 def _label(result: Swept, name: str, value: float | None = None) -> str:
-    """A key or a result in words, with its unit or, with a value, with that."""
+    """A key or a result in words, with its unit or with a value."""
     unit = result.units.get(name, "")
-    words = name.replace("_", " ").replace("spall.0.", "spall ").replace(".", " ")
+    key = name.replace("_", " ").replace("spall.0.", "spall ").replace(".", " ")
+    words = key if name in result.coordinates else label_of(name)
     if value is not None:
         return f"{words} {value:.4g} {unit}".rstrip()
     return f"{words} [{unit}]" if unit else words
