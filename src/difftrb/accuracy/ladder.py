@@ -30,9 +30,8 @@ class Rung:
         """Way and, where it has one, size or accuracy."""
         if self.size is not None:
             return f"{self.way} {self.size[0]}×{self.size[1]}"
-        return (
-            self.way if self.way in ("palmgren", "liu2018") else f"{self.way} {self.accuracy:.0e}".replace("e-0", "e-")
-        )
+        accuracy = f" {self.accuracy:.0e}".replace("e-0", "e-")
+        return self.way if self.way in ("palmgren", "liu2018") else self.way + accuracy
 
     @property
     def coarseness(self) -> tuple[float, float]:

@@ -211,10 +211,8 @@ def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any], netcdf: bool) 
                 raise SweepError(f"{folder / _name(chunk)}: is missing or damaged; {RESUME}")
             yield plan.members(chunk)[0], found
 
-    counts: Counter = Counter()
     plane, members = front(plan)
-    taken: dict[str, list[np.ndarray]] = {name: [] for name in plan.shapes}
-    file = folder
+    file, counts, taken = folder, Counter(), {name: [] for name in plan.shapes}
     for file, first, found in gathered.write(plan, folder, manifest, pieces, netcdf):  # noqa: B007
         counts.update(found[STATUS].tolist())
         low, high = np.searchsorted(members, (first, first + len(found[STATUS])))
@@ -224,7 +222,7 @@ def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any], netcdf: bool) 
 
 
 def _there(folder: Path) -> int:
-    """Number of chunks in a folder, damaged ones included."""
+    """Number of chunks in a folder, which need not exist; damaged ones count."""
     return sum(1 for _ in folder.glob("chunk_*.npz"))
 
 
@@ -234,7 +232,7 @@ def _stays_good(folder: Path, plan: Plan) -> Iterator[None]:
     try:
         yield
     except (OSError, ImportError) as error:
-        there = _there(folder) if folder.is_dir() else 0
+        there = _there(folder)
         mend = gathered.INSTALL if isinstance(error, ImportError) else "make room or allow writing there"
         what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
         named = str(getattr(error, "filename", None) or cache.SCRATCH)
@@ -248,16 +246,14 @@ def _refuse_others(folder: Path, manifest: dict[str, Any], resume: bool) -> None
     path = folder / MANIFEST
     if folder.exists() and not folder.is_dir():
         raise SweepError(f"{folder}: is a file; name a folder")
-    if not path.exists():
-        return
-    if not resume:
+    if path.exists() and not resume:
         raise SweepError(f"{folder}: holds a sweep already; {RESUME}, or name another folder")
     try:
         theirs = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         theirs = {}
     if not isinstance(theirs, dict) or not theirs or theirs.get("identity") == manifest["identity"]:
-        return  # a damaged one is written again: chunks hold their identity, too
+        return  # a missing or damaged one is written again: chunks hold their identity, too
     words = {"scene": "of another scene file", "axes": "over other axes", "outputs": "of other outputs",
              "gradients": "with other gradients", "versions": "with other versions of difftrb, jax or numpy",
              "platform": "on another platform", "batch": "with another batch"}  # fmt: skip

@@ -87,14 +87,11 @@ def _cut(
     dims = [dim if dim in result.coordinates else along[0] for dim in result.dims]  # zipped axes: by one of them
     chosen = tuple(slice(None) if dim in along else (at or {}).get(dim, count // 2)
                    for dim, count in zip(dims, result.status_code.shape, strict=True))  # fmt: skip
-    order = np.argsort([along.index(dim) for dim in dims if dim in along])
-
-    def cut(values: np.ndarray) -> np.ndarray:
-        back = np.argsort(order)
-        return np.transpose(values[chosen], back)
-
-    slopes = {key: cut(values) for key, values in result.gradients[name].items()}
-    return [result.coordinates[key] for key in along], (cut(result.values[name]), slopes)
+    left = [dim for dim in dims if dim in along]
+    order = np.argsort(np.argsort([along.index(dim) for dim in left]))
+    slopes = {key: np.transpose(values[chosen], order) for key, values in result.gradients[name].items()}
+    value = np.transpose(result.values[name][chosen], order)
+    return [result.coordinates[key] for key in along], (value, slopes)
 
 
 def _label(result: Swept, name: str, value: float | None = None) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import shutil
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -58,8 +58,7 @@ def planned(
     _check_members([axis.count for axis in made], results * (1 + len(gradients)))
     if isinstance(base, Scene):
         checks.refuse(base)
-    units = axes_.check(base, made, gradients)
-    dims: dict[str, tuple[str, ...]] = {}
+    units, dims = axes_.check(base, made, gradients), {}
     if isinstance(base, Scene):
         _check_ends(base, made)
         base = outputs.with_shared_law(base, made, gradients, progress)
@@ -180,8 +179,7 @@ def _in_bytes(count: float) -> str:
     return f"{count:.4g} PB"
 
 
-def _product(counts: Iterable[int]) -> str:
-    counts = list(counts)
+def _product(counts: Sequence[int]) -> str:
     return f"{' × '.join(f'{count:,}' for count in counts)}{f' = {math.prod(counts):,}' * (len(counts) > 1)} members"
 
 
