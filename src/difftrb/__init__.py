@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from difftrb.scene.solution import Solution
     from difftrb.scene.solving import Assessment, assess, solve
     from difftrb.sweeps.chunks import write_sweep
-    from difftrb.sweeps.gathered import load_sweep
-    from difftrb.sweeps.sweep_result import Swept
+    from difftrb.sweeps.gathered import Swept, load_sweep
     from difftrb.sweeps.sweeping import sweep
 
 _HOMES = {
@@ -61,9 +60,8 @@ _HOMES = {
     "scene.solving": ("Assessment", "assess", "solve"),
     "core.status": ("DifftrbError", "SceneError", "SolveError", "SweepError"),
     "sweeps.chunks": ("write_sweep",),
-    "sweeps.gathered": ("load_sweep",),
+    "sweeps.gathered": ("Swept", "load_sweep"),
     "sweeps.sweeping": ("sweep",),
-    "sweeps.sweep_result": ("Swept",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -193,25 +193,22 @@ def _contact(options: Any) -> int:
 
 
 def _accuracy(options: Any) -> int:
-    from difftrb.accuracy import accuracy_report, comparison, ladder
+    from difftrb.accuracy import accuracy_report, ladder, timing
     from difftrb.scene import light_load, scene_file
 
     if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
         raise scene_file.SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
     file, path = _read(options)
     _remark(light_load.of_scene(file), path)
-    ways, limit = (ladder.FULL, float("inf")) if options.full else (ladder.RUNGS, comparison.LIMIT)
+    ways, limit = (ladder.FULL, float("inf")) if options.full else (ladder.RUNGS, timing.LIMIT)
     with terminal.bar("measuring what accuracy costs") as progress:
-        measured = comparison.measure(
-            file, path, ways, options.accuracy, limit, progress=progress, thorough=options.full
-        )
+        measured = timing.measure(file, path, ways, options.accuracy, limit, progress=progress, thorough=options.full)
 
     def figures(folder: Path) -> None:
-        from difftrb.accuracy import accuracy_plot
         from difftrb.report import plot
 
         if any(row.error > 0.0 for row in measured.rows):
-            plot.save(accuracy_plot.work_precision(measured), folder, "accuracy")
+            plot.save(accuracy_report.work_precision(measured), folder, "accuracy")
 
     record = accuracy_report.accuracy_json(measured)
     return _deliver(options, path, record, lambda: accuracy_report.accuracy_text(measured), figures)
@@ -248,7 +245,7 @@ def _fit(options: Any) -> int:
 def _sweep(options: Any) -> int:
     from difftrb.core import devices
     from difftrb.scene import light_load
-    from difftrb.sweeps import chunks, forecast, sweep_file
+    from difftrb.sweeps import chunks, sweep_file, sweeping
 
     folder: Path = options.out
     if folder is None and not options.dry_run:
@@ -262,7 +259,7 @@ def _sweep(options: Any) -> int:
     _say_picked(plan.base)
     if options.dry_run:
         with terminal.busy("measuring a small batch"):
-            print(forecast.text(plan, options.devices, folder))
+            print(sweeping.forecast(plan, options.devices, folder))
         return EXIT_OK
     with terminal.members("sweeping") as progress:
         ended = chunks.run(plan, folder, file.text, options.resume, options.devices, progress, _say)

@@ -21,8 +21,8 @@ from difftrb import __main__ as cli
 from difftrb.core import cache, devices
 from difftrb.report import plot
 from difftrb.scene import preparation, scene_file
-from difftrb.sweeps import axes, chunks, forecast, gathered, outputs, sizes, sweep_file, sweep_plot, sweeping
-from difftrb.sweeps.plan import Plan, front
+from difftrb.sweeps import axes, chunks, gathered, outputs, sweep_file, sweep_plot, sweeping
+from difftrb.sweeps.plan import Plan, Program, front
 
 SIZES = ("spall.0.length", "spall.0.width")
 FILE = f"""{scene_file.example("spall")}
@@ -111,10 +111,11 @@ def test_a_million_million_members_are_planned_at_once(plan: Plan) -> None:
 def test_a_million_million_members_are_forecast_without_arrays_of_their_length(plan: Plan) -> None:
     thousand = {"from": 3000.0, "to": 4000.0, "count": 1000}
     keys = ("load.axial", "load.radial", "spall.0.angle", "stiffness.phase")
-    given = dict(zip(keys, (thousand, *[{"from": 0.0, "to": 1.0, "count": 1000}] * 3), strict=True))
+    other = {"from": 0.0, "to": 1.0, "count": 1000}
+    given = {key: thousand if key == "load.axial" else other for key in keys}
     plan = sweeping.planned(["peak_load"], plan.base, given, batch=8)
     tracemalloc.start()
-    printed = forecast.text(plan, 1)
+    printed = sweeping.forecast(plan, 1)
     manifest = chunks.manifest_of(plan)
     members = front(plan)[1]
     peak = tracemalloc.get_traced_memory()[1]
@@ -146,19 +147,19 @@ def test_more_members_than_any_sweep_can_have(plan: Plan, tmp_path: Path, mode: 
 
 
 def test_what_does_not_fit_is_not_begun(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sweeping.Program, "__init__", lambda *_: pytest.fail("something is computed"))
+    monkeypatch.setattr(Program, "__init__", lambda *_: pytest.fail("something is computed"))
     thousand = np.linspace(3e3, 4e3, 1000)
     given = {"load.axial": thousand, "load.radial": thousand}
     with monkeypatch.context() as patch:
-        patch.setattr(sizes, "free_memory", lambda: 1e8)
+        patch.setattr(sweeping, "free_memory", lambda: 1e8)
         words = r"^1,000 × 1,000 = 1,000,000 members of 185 bytes take 20\d MB of memory, of which 100 MB are free, "
         with pytest.raises(trb.SweepError, match=words):
             trb.sweep("loads", plan.base, given)
-        patch.setattr(sizes, "free_memory", lambda: 1e6)
+        patch.setattr(sweeping, "free_memory", lambda: 1e6)
         with pytest.raises(trb.SweepError, match="of memory, of which 1 MB are free; give a smaller batch"):
             trb.write_sweep("loads", plan.base, given, tmp_path / "out")
     with monkeypatch.context() as patch:
-        patch.setattr(sizes, "free_disk", lambda folder: 10**8)
+        patch.setattr(sweeping, "free_disk", lambda folder: 10**8)
         words = "take 370 MB of disk, in chunks and in one file, of which 100 MB are free there, enough for 270,270;"
         with pytest.raises(trb.SweepError, match=words):
             trb.write_sweep("loads", plan.base, given, tmp_path / "out")
@@ -172,11 +173,11 @@ def test_a_sweep_that_is_written_but_for_one_file_needs_room_for_that(
 ) -> None:
     out = tmp_path / "out"
     shutil.copytree(whole, out, ignore=shutil.ignore_patterns("sweep.*"))
-    needed = plan.layout.members * sizes.of_member(plan)
-    monkeypatch.setattr(sizes, "free_disk", lambda _: needed - 1)
+    needed = plan.layout.members * sweeping.bytes_of_member(plan)
+    monkeypatch.setattr(sweeping, "free_disk", lambda _: needed - 1)
     with pytest.raises(trb.SweepError, match="bytes still take"):
         chunks.run(plan, out, FILE, resume=True)
-    monkeypatch.setattr(sizes, "free_disk", lambda _: needed)
+    monkeypatch.setattr(sweeping, "free_disk", lambda _: needed)
     assert chunks.run(plan, out, FILE, resume=True).computed == 0
 
 
@@ -211,7 +212,7 @@ def test_members_without_a_solution_are_nan_and_counted(whole: Path) -> None:
 
 def test_the_same_bits_from_any_number_of_lanes(plan: Plan, whole: Path, tmp_path: Path) -> None:
     lanes = [devices.lanes_of(1)[0]] * 3
-    columns = dict(sweeping.Program(plan, lanes).all(range(plan.chunks)))
+    columns = dict(Program(plan, lanes).all(range(plan.chunks)))
     for chunk, found in columns.items():
         there = cache.read(whole / f"chunk_{chunk:06d}.npz")
         assert there is not None
@@ -223,7 +224,7 @@ def test_the_same_bits_from_chunks_of_any_size(plan: Plan, whole: Path, monkeypa
     monkeypatch.setattr("difftrb.sweeps.plan.PARTS", 4)
     assert sweeping.planned(["peak_load"], plan.base, {"load.axial": np.ones(64)}, batch=1).chunk == 4
     other = dataclasses.replace(plan)
-    found = [columns for _, columns in sweeping.Program(other, devices.lanes_of(1)).all(range(other.chunks))]
+    found = [columns for _, columns in Program(other, devices.lanes_of(1)).all(range(other.chunks))]
     swept = trb.load_sweep(whole)
     values = np.concatenate([columns["radial_stiffness"] for columns in found])
     np.testing.assert_array_equal(values, swept.values["radial_stiffness"].ravel())
@@ -258,8 +259,7 @@ def test_contacts_by_file(tmp_path: Path) -> None:
     plan = sweep_file.parse(text + '\n[sweep]\noutputs = ["approach"]\ncontact.offset = [0.0]\n').plan()
     assert plan.layout.size == 1
     assert plan.units["contact.offset"] == plan.units["approach"] == "mm"
-    function = outputs.of_contact(["approach"], lambda file: trb.ContactSolution)
-    assert callable(function)
+    assert (plan.names, plan.title) == (["approach"], "approach")
 
 
 # ------------------------------------------------------------------------------------------------ the law of all
@@ -271,7 +271,7 @@ def test_one_law_covers_all_loads(plan: Plan, monkeypatch: pytest.MonkeyPatch) -
     scene = plan.base
     named = dataclasses.replace(scene, law="power")
     given = axes.axes_of({"load.axial": [3000.0, 30000.0], "spall.0.length": [1.0, 4.0]})
-    outputs.prepared(named, given)
+    outputs.with_shared_law(named, given)
     low, high = asked[0][2]
     single = [float(outputs.ring.largest_load(scene.bearing, trb.Load(9000.0, axial))) for axial in (3000.0, 30000.0)]
     assert (low, high) == (single[0] / 6.0, 1.2 * single[1])
@@ -375,7 +375,7 @@ def test_a_disk_that_fills_while_gathering_leaves_the_chunks(
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     for size in (0, 100, 5000, len(good) // 2, len(good) - 100):
         with monkeypatch.context() as patch:
-            patch.setattr(chunks.cache, "replacing", limited(chunks.cache.replacing, resource, size, (soft, hard)))
+            patch.setattr(cache, "replacing", limited(cache.replacing, resource, size, (soft, hard)))
             with pytest.raises(trb.SweepError, match=r"File too large: .* chunks are written and stay good"):
                 chunks.run(plan, out, FILE, resume=True)
         assert file.read_bytes() == good  # what was there before stays
