@@ -9,6 +9,7 @@ import numpy as np
 
 from difftrb.accuracy.comparison import Measured
 from difftrb.accuracy.ladder import Kind
+from difftrb.core.status import SceneError
 
 WAYS = {"palmgren": ("^", "#BBBBBB"), "liu2018": ("v", "#CCBB44"), "power": ("D", "#66CCEE"), "table": ("s", "#4477AA"),
         "direct": ("o", "#EE6677"), "strips": ("o", "#EE6677"), "cells": ("s", "#4477AA"),
@@ -19,14 +20,14 @@ def work_precision(measured: Measured) -> Any:
     """Error against time, for the ring and for the contact; Axes side by side, the first is returned.
 
     Filled: a new scene, compiled; hollow: one scene of a batch by a law prepared before. A line marks what the finest
-    rung is known to. Only kinds of which an error is known; ValueError if none is.
+    rung is known to. Only kinds of which an error is known; `SceneError` if none is.
     """
     kinds: list[tuple[Kind, str]] = [
         ("ring", "error of the ring's stiffness [–]"), ("contact", "error of the approach [–]")
     ]  # fmt: skip
     kinds = [entry for entry in kinds if any(row.error > 0.0 for row in measured.of(entry[0]))]
     if not kinds:
-        raise ValueError("no error is known: fewer than two rungs of a kind were measured")
+        raise SceneError("no error is known: fewer than two rungs of a kind were measured")
     _, axes = plt.subplots(1, len(kinds), figsize=(4.4 * len(kinds), 4.3), layout="constrained", squeeze=False)
     for ax, (kind, label) in zip(axes[0], kinds, strict=True):
         rows = [row for row in measured.of(kind) if row.error > 0.0]

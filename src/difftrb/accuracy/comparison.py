@@ -19,7 +19,7 @@ import jax
 
 from difftrb.accuracy import timing
 from difftrb.accuracy.ladder import ALWAYS, RUNGS, Kind, Row, Rung, Step, finer, finest, judged, recommended, steps
-from difftrb.core import devices, machine
+from difftrb.core import machine
 from difftrb.core.status import SolveError
 from difftrb.law.samples import Progress
 from difftrb.scene.scene import Scene
@@ -107,7 +107,7 @@ def measure(
     started = time.perf_counter()
     batch = batch or BATCH
     stick = machine.yardstick()
-    importing, accelerator = machine.importing(), devices.accelerator()
+    importing, accelerator = machine.importing(), machine.accelerator()
     rows: list[Row] = []
     left_out: dict[str, str] = {}
     rings: dict[Rung, tuple[int, Scene]] = {}  # number of the row, and the prepared scene

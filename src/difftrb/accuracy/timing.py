@@ -17,8 +17,8 @@ from difftrb.accuracy.ladder import Row, Rung
 from difftrb.contact import reference_cases
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import on_lattice, solve_contact
-from difftrb.core import cache, machine
-from difftrb.core.compiling import jit_quickly
+from difftrb.core import machine, storage
+from difftrb.core.jax_config import jit_quickly
 from difftrb.scene import scene_file
 from difftrb.scene.auto_law import prepare
 from difftrb.scene.scene import PitchMean, Scene
@@ -147,8 +147,8 @@ def _pressed(rung: Rung, **given: Any) -> ContactSolution:
 @contextlib.contextmanager
 def _nothing_kept() -> Iterator[None]:
     """Tables are made, not read from disk."""
-    before, cache.keeping = cache.keeping, False
+    before, storage.keeping = storage.keeping, False
     try:
         yield
     finally:
-        cache.keeping = before
+        storage.keeping = before

@@ -20,8 +20,8 @@ from typing import Any, cast
 import jax
 import numpy as np
 
-from difftrb.core import cache, status
-from difftrb.core.devices import lanes_of, wait
+from difftrb.core import status, storage
+from difftrb.core.machine import lanes_of, wait
 from difftrb.core.status import SweepError
 from difftrb.law.laws import Law
 from difftrb.scene.scene import Scene
@@ -129,7 +129,7 @@ def run(
     Args:
       plan: from `sweeping.planned`. text: the scene file's, kept in the manifest.
       resume: go on with what is there; files that are damaged are made again. Else a folder with a sweep is refused.
-      devices: see `devices.lanes_of`.
+      devices: see `machine.lanes_of`.
       progress: told how many of how many members are done in this process, and how many of them have no solution.
       say: told sentences on what is made again.
 
@@ -150,7 +150,7 @@ def run(
     with _stays_good(folder, plan):
         if jax.process_index() == 0:
             folder.mkdir(parents=True, exist_ok=True)
-            with cache.replacing(folder / MANIFEST) as scratch:
+            with storage.replacing(folder / MANIFEST) as scratch:
                 scratch.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
         _clear(folder)
         if resume:
@@ -172,7 +172,7 @@ def run(
     with _stays_good(folder, plan), contextlib.closing(Program(plan, lanes).all(left)) as columns:
         for chunk, found in columns:
             extra = {"identity": np.array(manifest["identity"]), "first": np.array(plan.members(chunk)[0])}
-            cache.write(folder / _name(chunk), found | extra)
+            storage.write(folder / _name(chunk), found | extra)
             counts.update(found[STATUS].tolist())
             done += len(found[STATUS])
             tell(done, of, done - counts[status.CONVERGED])
@@ -187,7 +187,7 @@ def run(
 def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any], netcdf: bool) -> tuple[Path, Counter, Swept]:
     """The file with everything, the members of every status, and the results along the first one or two axes."""
 
-    def pieces(names: Sequence[str] | None = None) -> Iterator[tuple[int, cache.Arrays]]:
+    def pieces(names: Sequence[str] | None = None) -> Iterator[tuple[int, storage.Arrays]]:
         for chunk in range(plan.chunks):
             found = _sound(folder / _name(chunk), plan, manifest, chunk, names)
             if found is None:
@@ -213,7 +213,7 @@ def _there(folder: Path) -> int:
 
 def _clear(folder: Path) -> None:
     """Of what killed processes left half written: of this one's chunks and, in the first process, of the rest."""
-    for name, scratch in cache.leftovers(folder):
+    for name, scratch in storage.leftovers(folder):
         chunk = re.fullmatch(r"chunk_(\d+)\.npz", name)
         owner = int(chunk[1]) % jax.process_count() if chunk else 0 if name in (MANIFEST, *WHOLE) else None
         if owner == jax.process_index():
@@ -230,7 +230,7 @@ def _stays_good(folder: Path, plan: Plan) -> Iterator[None]:
         mend = gathered.INSTALL if isinstance(error, ImportError) else "make room or allow writing there"
         what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
         named = getattr(error, "filename", None)
-        where = named if named and not str(named).endswith(cache.SCRATCH) else folder
+        where = named if named and not str(named).endswith(storage.SCRATCH) else folder
         why = getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise SweepError(f"{where}: {why}: {what if there else 'nothing is written'}") from None
 
@@ -260,9 +260,9 @@ def _refuse_others(folder: Path, manifest: dict[str, Any], resume: bool) -> None
 
 def _sound(
     path: Path, plan: Plan, manifest: dict[str, Any], chunk: int, names: Sequence[str] | None = None
-) -> cache.Arrays | None:
+) -> storage.Arrays | None:
     """A chunk's columns (or those of these `names`), or None if it is not there, damaged, or another sweep's."""
-    found = cache.read(path, None if names is None else [*names, "identity", "first"])
+    found = storage.read(path, None if names is None else [*names, "identity", "first"])
     first, last = plan.members(chunk)
     if found is None or str(found.pop("identity", "")) != manifest["identity"] or found.pop("first", -1) != first:
         return None

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import jax
 
-from difftrb.core.devices import lanes_of
+from difftrb.core.machine import lanes_of
 from difftrb.sweeps import sizes
 from difftrb.sweeps.plan import Plan
 from difftrb.sweeps.sweeping import Program

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.core import cache
-from difftrb.core.files import shown
+from difftrb.core import storage
+from difftrb.core.messages import shown
 from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import ZIPPED
 from difftrb.sweeps.outputs import STATUS
@@ -27,7 +27,7 @@ RESUME = "go on with --resume"
 INSTALL = "pip install 'difftrb[io]'"
 OWN_NAMES = ("identity", "first", "about", "file", "allow_pickle", STATUS)
 """What results and keys in files cannot be called: what stands beside them, and what `np.savez` calls its arguments."""
-Pieces = Callable[..., Iterator[tuple[int, cache.Arrays]]]
+Pieces = Callable[..., Iterator[tuple[int, storage.Arrays]]]
 """From the start: the first member of every chunk and its columns, or those of the names that are given."""
 
 
@@ -59,14 +59,14 @@ def check_names(plan: Plan) -> None:
 
 def write(
     plan: Plan, folder: Path, manifest: dict[str, Any], pieces: Pieces, netcdf: bool
-) -> Iterator[tuple[Path, int, cache.Arrays]]:
+) -> Iterator[tuple[Path, int, storage.Arrays]]:
     """Write `sweep.nc` (`netcdf`) or `sweep.npz` into `folder`; gives its name, and every one of the pieces once as it
     goes by.
 
     The file is there, whole, when all of them have gone by. Raises OSError, or ImportError without the packages.
     """
     path = folder / (NETCDF if netcdf else NPZ)
-    with cache.replacing(path) as scratch:
+    with storage.replacing(path) as scratch:
         for first, found in (_netcdf if netcdf else _npz)(plan, scratch, manifest, pieces):
             yield path, first, found
 
@@ -104,7 +104,7 @@ class _Disk(io.FileIO):
             raise self.refused
 
 
-def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, cache.Arrays]]:
+def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, storage.Arrays]]:
     """Array after array, each put together from all chunks: never more than a chunk in memory."""
     with zipfile.ZipFile(path, "w", allowZip64=True) as file:
         small = {key: values for axis in plan.axes for key, values in zip(axis.keys, axis.values, strict=True)}
@@ -122,7 +122,7 @@ def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> It
                         yield first, found
 
 
-def _netcdf(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, cache.Arrays]]:
+def _netcdf(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, storage.Arrays]]:
     import h5netcdf  # pyright: ignore[reportMissingImports]
 
     units = manifest["units"]
@@ -180,10 +180,10 @@ def _slabs(first: int, last: int, counts: tuple[int, ...]) -> Iterator[tuple[sli
             yield slice(j, j + 1), *rest
 
 
-def _read(path: Path, identity: str) -> cache.Arrays | None:
+def _read(path: Path, identity: str) -> storage.Arrays | None:
     """What `write` wrote; None if it is damaged, or another sweep's. Raises `SweepError` without the packages."""
     if path.name == NPZ:
-        found = cache.read(path)
+        found = storage.read(path)
         same = found is not None and json.loads(str(found.pop("about", "{}"))).get("identity") == identity
         return found if same else None
     if not has_netcdf():

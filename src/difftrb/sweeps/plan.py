@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import status
-from difftrb.core.files import shown
+from difftrb.core.messages import shown
 from difftrb.sweeps import axes as axes_
 from difftrb.sweeps.axes import Axis, Layout
 from difftrb.sweeps.outputs import STATUS

@@ -17,7 +17,7 @@ import numpy as np
 from jax.sharding import SingleDeviceSharding
 
 from difftrb.core import status
-from difftrb.core.devices import lanes_of
+from difftrb.core.machine import lanes_of
 from difftrb.core.status import SweepError
 from difftrb.law.samples import Progress
 from difftrb.scene import checks
