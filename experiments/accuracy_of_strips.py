@@ -29,7 +29,7 @@ from difftrb.contact import solver as contacts
 from difftrb.contact import strip_model
 from difftrb.contact.strip_fourier import Frequencies
 from difftrb.contact.strip_model import Fineness
-from difftrb.core import compiling
+from difftrb.core import jax_config
 from difftrb.law import samples
 from difftrb.law.direct import wide
 
@@ -70,7 +70,7 @@ def approaches(
         solved = strip_model.solve(contact, case[0], spall, case[3], True, edges, fineness, under)
         return solved.approach, solved.change < strip_model.SETTLED
 
-    solve = one.lower(jnp.asarray(cases[0])).compile(compiler_options=compiling.quick())
+    solve = one.lower(jnp.asarray(cases[0])).compile(compiler_options=jax_config.quick())
     results, times = [], []
     for case in cases:
         started = time.perf_counter()

@@ -36,7 +36,7 @@ import numpy as np
 
 import difftrb as trb
 from difftrb.core import jax_config
-from difftrb.core.devices import lanes_of
+from difftrb.core.machine import lanes_of
 from difftrb.report import plot
 from difftrb.scene import scene_file
 from difftrb.sweeps import chunks, sweep_plot, sweeping

@@ -15,7 +15,7 @@ from rich.console import Console
 from difftrb import __main__ as cli
 from difftrb.accuracy import accuracy_report, ladder, timing
 from difftrb.accuracy.ladder import Measured, Row, Rung
-from difftrb.core import devices
+from difftrb.core import machine
 from difftrb.report import plot
 from difftrb.scene import scene_file
 
@@ -181,7 +181,7 @@ def test_one_core_is_another_process() -> None:
 
 
 def test_with_an_accelerator_a_batch_is_timed_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(devices, "accelerator", lambda: jax.local_devices(backend="cpu")[0])  # stands for one
+    monkeypatch.setattr(machine, "accelerator", lambda: jax.local_devices(backend="cpu")[0])  # stands for one
     monkeypatch.setattr(timing, "BATCH_THERE", 3)
     file = scene_file.parse(scene_file.example("spall"))
     result = timing.measure(file, rungs=(Rung("ring", "liu2018", 1e-3),), batch=2)

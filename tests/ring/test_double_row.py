@@ -14,7 +14,7 @@ import pytest
 import difftrb as trb
 from difftrb.contact import hertz
 from difftrb.core import geometry, status
-from difftrb.core.compiling import jit_quickly
+from difftrb.core.jax_config import jit_quickly
 from difftrb.law import laws
 from difftrb.ring import effects, life, phase_average, ring, terms, tilt
 from tests.bearings import of_many

@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 
 import difftrb as trb
 from difftrb.core import geometry, status
-from difftrb.core.compiling import jit_quickly
+from difftrb.core.jax_config import jit_quickly
 from difftrb.law import edge_ramp, laws, load_curve
 from difftrb.report import run_report
 from difftrb.ring import effects, life, ring, roller_balance, tilt

@@ -7,7 +7,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.contact import contact_slopes
-from difftrb.core.compiling import jit_quickly
+from difftrb.core.jax_config import jit_quickly
 
 pytestmark = [pytest.mark.portable, pytest.mark.exact]
 

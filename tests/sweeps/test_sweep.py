@@ -18,7 +18,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.core import cache, devices
+from difftrb.core import machine, storage
 from difftrb.report import plot
 from difftrb.scene import preparation, scene_file
 from difftrb.sweeps import axes, chunks, gathered, outputs, sweep_file, sweep_plot, sweeping
@@ -58,7 +58,7 @@ def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def _keeping(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the command line's --no-cache sets is set back."""
-    monkeypatch.setattr(cache, "keeping", cache.keeping)
+    monkeypatch.setattr(storage, "keeping", storage.keeping)
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
@@ -211,10 +211,10 @@ def test_members_without_a_solution_are_nan_and_counted(whole: Path) -> None:
 
 
 def test_the_same_bits_from_any_number_of_lanes(plan: Plan, whole: Path, tmp_path: Path) -> None:
-    lanes = [devices.lanes_of(1)[0]] * 3
+    lanes = [machine.lanes_of(1)[0]] * 3
     columns = dict(Program(plan, lanes).all(range(plan.chunks)))
     for chunk, found in columns.items():
-        there = cache.read(whole / f"chunk_{chunk:06d}.npz")
+        there = storage.read(whole / f"chunk_{chunk:06d}.npz")
         assert there is not None
         for name, array in found.items():
             np.testing.assert_array_equal(array, there[name])
@@ -224,7 +224,7 @@ def test_the_same_bits_from_chunks_of_any_size(plan: Plan, whole: Path, monkeypa
     monkeypatch.setattr("difftrb.sweeps.plan.PARTS", 4)
     assert sweeping.planned(["peak_load"], plan.base, {"load.axial": np.ones(64)}, batch=1).chunk == 4
     other = dataclasses.replace(plan)
-    found = [columns for _, columns in Program(other, devices.lanes_of(1)).all(range(other.chunks))]
+    found = [columns for _, columns in Program(other, machine.lanes_of(1)).all(range(other.chunks))]
     swept = trb.load_sweep(whole)
     values = np.concatenate([columns["radial_stiffness"] for columns in found])
     np.testing.assert_array_equal(values, swept.values["radial_stiffness"].ravel())
@@ -308,17 +308,17 @@ def test_resuming_computes_what_is_missing_or_damaged(plan: Plan, whole: Path, t
 def test_a_full_disk_leaves_what_is_written(
     plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write, out = cache.write, tmp_path / "out"
+    write, out = storage.write, tmp_path / "out"
 
-    def full(path: Path, arrays: cache.Arrays) -> None:
+    def full(path: Path, arrays: storage.Arrays) -> None:
         if path.name == "chunk_000002.npz":
             raise OSError(28, "No space left on device", str(path))
         write(path, arrays)
 
-    monkeypatch.setattr(cache, "write", full)
+    monkeypatch.setattr(storage, "write", full)
     with pytest.raises(trb.SweepError, match=r"No space left on device: 2 of \d+ chunks are written and stay good"):
         chunks.run(plan, out, FILE)
-    monkeypatch.setattr(cache, "write", write)
+    monkeypatch.setattr(storage, "write", write)
     assert chunks.run(plan, out, FILE, resume=True).computed == plan.chunks - 2
     assert bytes_of(out) == bytes_of(whole)
 
@@ -375,7 +375,7 @@ def test_a_disk_that_fills_while_gathering_leaves_the_chunks(
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     for size in (0, 100, 5000, len(good) // 2, len(good) - 100):
         with monkeypatch.context() as patch:
-            patch.setattr(cache, "replacing", limited(cache.replacing, resource, size, (soft, hard)))
+            patch.setattr(storage, "replacing", limited(storage.replacing, resource, size, (soft, hard)))
             with pytest.raises(trb.SweepError, match=r"File too large: .* chunks are written and stay good"):
                 chunks.run(plan, out, FILE, resume=True)
         assert file.read_bytes() == good  # what was there before stays
@@ -384,7 +384,7 @@ def test_a_disk_that_fills_while_gathering_leaves_the_chunks(
 
 
 def limited(replacing, resource, size: int, before: tuple[int, int]):
-    """`cache.replacing` with a limit on what is written while a file with everything is."""
+    """`storage.replacing` with a limit on what is written while a file with everything is."""
 
     @contextlib.contextmanager
     def within(path: Path):
@@ -550,7 +550,7 @@ def test_a_disk_that_fills_while_drawing_leaves_the_results(
     file, out = tmp_path / "scene.toml", tmp_path / "out"
     file.write_text(FILE.replace("count = 45", "count = 2"), encoding="utf-8")
     with monkeypatch.context() as patch:
-        patch.setattr(cli, "_draw_sweep", full)
+        patch.setattr(plot, "save", full)
         assert cli.main(["--no-cache", "sweep", str(file), "--out", str(out), "--devices", "1"]) == 2
     said = capsys.readouterr()
     assert said.out == ""
@@ -612,9 +612,9 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 )
 def test_processes_that_cannot_be(given: tuple, words: str) -> None:
     with pytest.raises(trb.SweepError, match=words.replace("(", ".")):
-        devices.join(*given, environment={})
+        machine.join(*given, environment={})
     with pytest.raises(trb.SweepError, match="JAX_NUM_PROCESSES = 'x': must be a whole number"):
-        devices.join("h:1", None, 0, environment={"JAX_NUM_PROCESSES": "x"})
+        machine.join("h:1", None, 0, environment={"JAX_NUM_PROCESSES": "x"})
 
 
 def experiment():

@@ -13,6 +13,7 @@ from rich.text import Text
 from difftrb.accuracy import timing
 from difftrb.accuracy.ladder import Kind, Measured, Row
 from difftrb.contact import reference_cases
+from difftrb.core.status import SceneError
 from difftrb.report import run_report
 
 KINDS: tuple[Kind, ...] = ("ring", "contact")
@@ -172,7 +173,7 @@ def work_precision(measured: Measured) -> Any:
     ]  # fmt: skip
     kinds = [entry for entry in kinds if any(row.error > 0.0 for row in measured.of(entry[0]))]
     if not kinds:
-        raise ValueError("no error is known: fewer than two rungs of a kind were measured")
+        raise SceneError("no error is known: fewer than two rungs of a kind were measured")
     _, axes = plt.subplots(1, len(kinds), figsize=(4.4 * len(kinds), 4.3), layout="constrained", squeeze=False)
     for ax, (kind, label) in zip(axes[0], kinds, strict=True):
         rows = [row for row in measured.of(kind) if row.error > 0.0]

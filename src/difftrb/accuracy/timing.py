@@ -22,8 +22,8 @@ from difftrb.accuracy.ladder import ALWAYS, RUNGS, Measured, Row, Rung, Step, fi
 from difftrb.contact import reference_cases
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import on_lattice, solve_contact
-from difftrb.core import cache, devices, machine
-from difftrb.core.compiling import jit_quickly
+from difftrb.core import machine, storage
+from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SolveError
 from difftrb.law.samples import Progress
 from difftrb.scene import scene_file
@@ -122,7 +122,7 @@ def measure(
     are left out, with the reason. Raises SceneError if not even one can be had.
     """
     started = time.perf_counter()
-    stick, importing, accelerator = machine.yardstick(), machine.importing(), devices.accelerator()
+    stick, importing, accelerator = machine.yardstick(), machine.importing(), machine.accelerator()
     session = _Session(file, path, batch or BATCH, thorough, accelerator)
     order = steps(rungs)
     session.take_all(order, started, limit, progress)
@@ -291,8 +291,8 @@ def _pressed(rung: Rung, **given: Any) -> ContactSolution:
 @contextlib.contextmanager
 def _nothing_kept() -> Iterator[None]:
     """Tables are made, not read from disk."""
-    before, cache.keeping = cache.keeping, False
+    before, storage.keeping = storage.keeping, False
     try:
         yield
     finally:
-        cache.keeping = before
+        storage.keeping = before

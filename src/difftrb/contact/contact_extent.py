@@ -14,6 +14,7 @@ from difftrb.contact import halfspace, hertz
 from difftrb.contact.halfspace import Cells
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
+from difftrb.core.numeric import bisected
 
 AT_EDGES = 0.7
 """Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
@@ -179,13 +180,7 @@ def _reach(contact: LineContact, delta: jax.Array, tilt: jax.Array, side: float)
         room = jnp.maximum(1.0 - t * t, 1e-15)
         return rise * t - scale * jnp.log(room) - delta, rise + 2.0 * scale * t / room
 
-    def bisect(_: int, state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        inner, outer = state
-        t = 0.5 * (inner + outer)
-        out = beyond(t)[0] > 0.0
-        return jnp.where(out, inner, t), jnp.where(out, t, outer)
-
-    found, _ = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, bisect, (flat, jnp.asarray(side))))
+    found, _ = bisected(lambda t: ~(beyond(t)[0] > 0.0), flat, jnp.asarray(side))
     value, slope = beyond(found)
     free = jnp.abs(found) < 1.0 - 1e-9  # else the roller's end is the end
     step = jnp.where(free, value / jnp.where(free, slope, 1.0), 0.0)

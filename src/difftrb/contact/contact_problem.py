@@ -29,18 +29,18 @@ def given(
     """
     status.require_float64()
     if method not in get_args(Method):
-        raise ValueError(f"method = {method!r} is unknown; use {', '.join(map(repr, get_args(Method)))}")
+        raise status.SceneError(f"method = {method!r} is unknown; use {', '.join(map(repr, get_args(Method)))}")
     place = jnp.asarray(offset, float)
     if isinstance(spall, tuple):
         if place.shape not in ((), (len(spall),)):
-            raise ValueError(
+            raise status.SceneError(
                 f"offset has shape {place.shape} for {len(spall)} spalls; give one number, or one for each"
             )
         place = jnp.broadcast_to(place, (len(spall),))
         if len(spall) < 2:
             spall, place = (spall[0], place[0]) if spall else (None, jnp.zeros(()))
     elif place.ndim:
-        raise ValueError(
+        raise status.SceneError(
             f"offset has shape {place.shape}: one spall has one offset; give a tuple of spalls for several"
         )
     straight = is_zero(tilt)
@@ -50,11 +50,13 @@ def given(
     )  # fmt: skip
     if any(isinstance(each, HeightMap) for each in listed(spall)):
         if method not in ("auto", "lattice"):
-            raise ValueError(f"method = {method!r} does not take height maps; use 'lattice'")
+            raise status.SceneError(f"method = {method!r} does not take height maps; use 'lattice'")
         method = "lattice"
     elif (isinstance(spall, tuple) or not straight) and method != "lattice":
         if method == "strips":
-            raise ValueError("method = 'strips' takes at most one spall and a roller that is not tilted; use 'cells'")
+            raise status.SceneError(
+                "method = 'strips' takes at most one spall and a roller that is not tilted; use 'cells'"
+            )
         method = "cells"
     return arguments, straight and is_symmetric(spall), method
 

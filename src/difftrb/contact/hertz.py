@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from difftrb.core.geometry import Real
+from difftrb.core.numeric import bisected
 
 
 def line_half_width(line_load: Real, radius: Real, modulus: Real) -> Real:
@@ -59,14 +60,8 @@ def ellipse(load: Real, radius_x: Real, radius_y: Real, modulus: Real) -> PointC
         K, E = _complete_elliptic(k)
         return jnp.log((E / k**2 - K) / (K - E) / ratio)  # Johnson 1985, eq. (4.28)
 
-    def bisect(_: int, bracket: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        low, high = bracket
-        middle = 0.5 * (low + high)
-        too_slim = excess(middle) > 0.0
-        return jnp.where(too_slim, middle, low), jnp.where(too_slim, high, middle)
-
-    start = (jnp.full_like(ratio, -15.0), jnp.full_like(ratio, -1e-6))
-    log_k = jax.lax.stop_gradient(sum(jax.lax.fori_loop(0, 60, bisect, start)) / 2.0)
+    low, high = bisected(lambda at: excess(at) > 0.0, jnp.full_like(ratio, -15.0), jnp.full_like(ratio, -1e-6))
+    log_k = 0.5 * (low + high)
     value, slope = jax.jvp(excess, (log_k,), (jnp.ones_like(log_k),))
     k = jnp.exp(log_k - value / jax.lax.stop_gradient(slope))
     K, E = _complete_elliptic(k)

@@ -25,8 +25,8 @@ from difftrb.contact.projected_gradient import TOLERANCE, press_by
 from difftrb.contact.strip_fourier import Frequencies
 from difftrb.contact.strip_model import Fineness
 from difftrb.core import status
-from difftrb.core.compiling import jit_quickly
 from difftrb.core.geometry import LineContact, Real, Spall
+from difftrb.core.jax_config import jit_quickly
 
 
 @dataclasses.dataclass(frozen=True)
@@ -204,7 +204,7 @@ def _reached(accuracy: float) -> float:
     """What `grid_for` is known for."""
     enough = [a for a in GRIDS if a <= accuracy * (1.0 + 1e-9)]
     if not enough or not accuracy <= max(GRIDS):
-        raise ValueError(f"accuracy = {accuracy!r} is out of range: {min(GRIDS):g} … {max(GRIDS):g}")
+        raise status.SceneError(f"accuracy = {accuracy!r} is out of range: {min(GRIDS):g} … {max(GRIDS):g}")
     return max(enough)
 
 

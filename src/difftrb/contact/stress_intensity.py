@@ -76,7 +76,7 @@ def edge_intensity(
     status.require_float64()
     for name, value, least in (("land", land, LEAST_ROWS), ("columns", columns, 16)):
         if value < least:
-            raise ValueError(f"{name} = {value!r} is out of range: at least {least}")
+            raise status.SceneError(f"{name} = {value!r} is out of range: at least {least}")
     arguments = as_floats(contact), jnp.asarray(load, float), as_floats(spall), jnp.asarray(offset, float)
     return _solve(*arguments, is_symmetric(spall), land, columns)
 

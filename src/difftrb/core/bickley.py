@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core.numeric import chebyshev_roots, horner
+
 SPLIT = 4.0  # power series below, exponentially scaled Chebyshev series above
 _TERMS = 16
 _DEGREE = 17
@@ -31,7 +33,7 @@ def _series(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _scaled_fit(n: int) -> np.ndarray:
     """Power series in 2·(split/z) − 1 of Kiₙ(z) eᶻ √z for z ≥ split; Kiₙ(z) = ∫ e^(−z cosh t)/coshⁿ t dt."""
-    nodes = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
+    nodes = chebyshev_roots(_DEGREE + 1)
     z = 2.0 * SPLIT / (nodes + 1.0)
     s = np.arange(-6.5, 6.5, 0.05)  # t = s/√z, so that the integrand is a bell of width 1; the trapezoid is exact
     t = s[:, None] / np.sqrt(z)
@@ -57,13 +59,6 @@ _POLYNOMIAL = [
 ]
 
 
-def _horner(coefficients: np.ndarray, x: jax.Array) -> jax.Array:
-    total = jnp.full_like(x, coefficients[-1])
-    for c in coefficients[-2::-1]:
-        total = total * x + float(c)
-    return total
-
-
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def integrals_k0(n: int, z: jax.Array) -> tuple[jax.Array, jax.Array]:
     """K₀ integrated n = 0…4 times from 0 to z ≥ 0, and from infinity; n = −1 is the derivative. Shape of z.
@@ -74,12 +69,12 @@ def integrals_k0(n: int, z: jax.Array) -> tuple[jax.Array, jax.Array]:
     small = jnp.where(near & (z > 0.0), z, 1.0)
     quarter = 0.25 * small * small
     a, b = _SERIES[n]
-    below = small**n * (_horner(a, quarter) - jnp.log(0.5 * small) * _horner(b, quarter))
+    below = small**n * (horner(a, quarter) - jnp.log(0.5 * small) * horner(b, quarter))
     below = jnp.where(z > 0.0, below, 0.0)
     large = jnp.where(near, SPLIT, z)
     u = SPLIT / large
-    above = (-1) ** n * jnp.exp(-large) * jnp.sqrt(u / SPLIT) * _horner(_SCALED[n], 2.0 * u - 1.0)
-    between = _horner(_POLYNOMIAL[n], z)
+    above = (-1) ** n * jnp.exp(-large) * jnp.sqrt(u / SPLIT) * horner(_SCALED[n], 2.0 * u - 1.0)
+    between = horner(_POLYNOMIAL[n], z)
     return jnp.where(near, below, above + between), jnp.where(near, below - between, above)
 
 

@@ -15,6 +15,7 @@ from difftrb.contact import gap as gaps
 from difftrb.contact.solver import GRIDS
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats
+from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import edge_ramp, load_curve, samples
 from difftrb.law.edge_ramp import Carried, Ramp
 from difftrb.law.laws import LENGTH_SHARE, Rest, known_up_to, of_one_deep_spall, spalls_under, within_range
@@ -45,7 +46,7 @@ ASIDE = 0.02
 
 def log_loads(top: float) -> np.ndarray:
     """Logarithms of the loads [N] that curves go through, up to `top` [N]."""
-    return np.asarray(load_curve.chebyshev(LOADS, np.log(top) - DECADES * np.log(10.0), np.log(top)))
+    return np.asarray(chebyshev_nodes(LOADS, np.log(top) - DECADES * np.log(10.0), np.log(top)))
 
 
 def accuracy_at_edges(accuracy: float) -> float:

@@ -25,6 +25,7 @@ import numpy as np
 
 from difftrb.core import implicit
 from difftrb.core.geometry import Real
+from difftrb.core.numeric import chebyshev
 from difftrb.law import load_curve, narrow_spall
 from difftrb.law.load_curve import Curve
 
@@ -135,7 +136,7 @@ def load(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
 def _load(ramp: Ramp, approach: jax.Array) -> jax.Array:
     healthy, full, low, high = between(ramp, approach)
     t = place(ramp.edge if ramp.pit is None else _worth(ramp, ramp.pit, approach, low, high), low, high)
-    levels = _chebyshev(_level(ramp, healthy), ramp.share.shape[0] - 1)
+    levels = chebyshev(_level(ramp, healthy), ramp.share.shape[0] - 1)
     return full + (healthy - full) * _left(t, [_combined(ramp.share[:, k], levels) for k in range(TERMS)])
 
 
@@ -224,14 +225,7 @@ def _terms(t: jax.Array) -> list[jax.Array]:
     """What y is made of: Chebyshev polynomials, a narrow line, a short one, and the edge's entry."""
     left = 1.0 - t
     narrow, short = -jnp.log(load_curve.within(left, 1e-12, 1.0)), jax.lax.rsqrt(left + BEND)
-    return [*_chebyshev(2.0 * t - 1.0, DEGREE), narrow, short, 1.0 / (1.0 + (t / ENTRY) ** 2)]
-
-
-def _chebyshev(x: jax.Array, degree: int) -> list[jax.Array]:
-    rows = [jnp.ones_like(x), x]
-    for _ in range(degree - 1):
-        rows.append(2.0 * x * rows[-1] - rows[-2])
-    return rows[: degree + 1]
+    return [*chebyshev(2.0 * t - 1.0, DEGREE), narrow, short, 1.0 / (1.0 + (t / ENTRY) ** 2)]
 
 
 def fitted(ramp: Ramp, approach: jax.Array, load: jax.Array, by_edge: jax.Array, degree: int) -> jax.Array:
@@ -289,7 +283,7 @@ def equations(ramp: Ramp, approach: jax.Array, load: jax.Array, degree: int) -> 
 
 def _basis(t: jax.Array, level: jax.Array, degree: int) -> jax.Array:
     """Shape (n, (degree + 1)·TERMS)."""
-    levels = jnp.stack(_chebyshev(level, degree), axis=1)
+    levels = jnp.stack(chebyshev(level, degree), axis=1)
     return (levels[:, :, None] * jnp.stack(_terms(t), axis=1)[:, None]).reshape(t.shape[0], -1)
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from difftrb.contact import contact_problem, hertz
 from difftrb.contact import solver as contacts
 from difftrb.core import geometry, status
-from difftrb.core.files import shown
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
+from difftrb.core.messages import shown
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.edge_ramp import Carried
 
@@ -312,7 +312,7 @@ def named(name: str, contact: LineContact, load_range: tuple[Real, Real], spall:
         return liu2018()
     if name == "palmgren":
         return Palmgren(contact.length)
-    raise ValueError(unknown(name))
+    raise status.SceneError(unknown(name))
 
 
 def unknown(name: str) -> str:

@@ -11,13 +11,14 @@ k = (√(e² + 3) − e)/3 and e in half-widths.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from difftrb.core.numeric import bisected, chebyshev_roots, horner
 
 MIDDLE = 1.0 / 8.0
 """Of the width's square, by which the roller sinks over the pit's middle, by R."""
@@ -50,10 +51,10 @@ def sinking(near: jax.Array, width: jax.Array, half_width: jax.Array) -> jax.Arr
     x = width / unit
     end, inside = _polynomials()
     w = 2.0 * x / (x + HALF) * ((WIDEST + HALF) / WIDEST) - 1.0
-    farthest = 1.0 + x * (0.5 - _powers(end, w))
+    farthest = 1.0 + x * (0.5 - horner(end, w))
     place = jnp.minimum(((0.5 * x - near / unit) / farthest) ** 2, 1.0)
     last = over_one(0.5 * width - unit * farthest, unit) / width**2
-    rest = _powers([_powers(row, w) for row in inside], 2.0 * place - 1.0)
+    rest = horner([horner(row, w) for row in inside], 2.0 * place - 1.0)
     share = MIDDLE + place * (last - MIDDLE + (1.0 - place) * rest)
     return jnp.where(place < 1.0, share, over_one(near, unit) / width**2)
 
@@ -86,24 +87,16 @@ class Polynomials(NamedTuple):
     inside: np.ndarray
 
 
-def _powers(coefficients: Sequence[Any] | np.ndarray, x: jax.Array) -> jax.Array:
-    """Σ cₖ xᵏ."""
-    value = coefficients[-1] + jnp.zeros_like(x)
-    for c in coefficients[-2::-1]:
-        value = value * x + c
-    return value
-
-
 @cache
 def _polynomials() -> Polynomials:
     """Solved and fitted once for all."""
-    rise = 0.5 * (1.0 - np.cos(np.pi * (np.arange(24) + 0.5) / 24))
+    rise = 0.5 * (1.0 - chebyshev_roots(24))
     share = rise * WIDEST / (WIDEST + HALF)
     widths = HALF * share / (1.0 - share)
     ends = _where_far_land_touches(widths)
     chebyshev = np.polynomial.chebyshev
     end = np.asarray(chebyshev.cheb2poly(chebyshev.chebfit(2.0 * rise - 1.0, (ends + 1.0) / widths, END_DEGREE)))
-    places = 0.5 * (1.0 - np.cos(np.pi * (np.arange(PLACES) + 0.5) / PLACES))
+    places = 0.5 * (1.0 - chebyshev_roots(PLACES))
     last, sunk = _over_one(ends) / widths**2, _sunk(widths, 0.5 * widths - ends, places) / widths**2
     more = sunk - MIDDLE - places[:, None] * (last - MIDDLE)
     grid = np.meshgrid(2.0 * places - 1.0, 2.0 * rise - 1.0, indexing="ij")
@@ -136,10 +129,7 @@ def _where_far_land_touches(widths: np.ndarray) -> np.ndarray:
         root, area = np.sqrt(np.maximum(z * z - k * k, 0.0)), np.arccosh(np.maximum(z / k, 1.0))
         return 0.5 * z * root - 0.5 * k * k * area - middle * root - middle * k * area > 0.0
 
-    low, high = -np.ones_like(widths), 0.5 * widths
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = np.where(closed(middle), middle, low), np.where(closed(middle), high, middle)
+    low, high = bisected(closed, -np.ones_like(widths), 0.5 * widths)
     return 0.5 * (low + high)
 
 
@@ -171,7 +161,7 @@ def _unbalanced(edges: np.ndarray, lands: np.ndarray) -> np.ndarray:
     ends = edges + np.exp(lands)
     m = _middle(edges, ends)
     second = 0.25 * np.sum(edges**2 - ends**2, axis=0) + 0.5 * m**2
-    x = 0.5 * np.sum(edges, axis=0) * np.cos(np.pi * (np.arange(POINTS)[:, None] + 0.5) / POINTS)
+    x = 0.5 * np.sum(edges, axis=0) * chebyshev_roots(POINTS)[:, None]
     x = x + 0.5 * (edges[1] - edges[0])
     return np.stack([m * m - second - 0.5, np.mean((x - m) * np.sqrt((x + ends[0]) * (ends[1] - x)), axis=0)])
 

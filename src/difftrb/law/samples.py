@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -16,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_problem import is_symmetric, listed
 from difftrb.contact.solver import ContactSolution
-from difftrb.core import status
+from difftrb.core import machine, status
 from difftrb.core.geometry import LineContact, Real, Spall
 
 OF_CONTACT = ("radius", "length", "modulus", "design_load")
@@ -127,10 +126,10 @@ def _reach(contact: LineContact, solution: ContactSolution) -> float:
 def all_solved(
     contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
 ) -> list[Node]:
-    """Solve every case, on as many cores as there are."""
+    """Solve every case, on all cores that this process may use."""
     nodes: list[Node] = []
     # LAPACK's own threads, besides these, only wait for each other: exact edges would take twice as long
-    with threadpool_limits(1, "blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(machine.cores()) as pool:
         for node in pool.map(lambda case: solved(contact, case, accuracy), cases):
             nodes.append(node)
             if progress is not None:

@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core import cache, status
+from difftrb.core import status, storage
 from difftrb.core.geometry import LineContact, Spall, as_floats
+from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots
 from difftrb.law import direct, edge_ramp, load_curve, samples
 from difftrb.law.edge_ramp import Ramp
 from difftrb.law.laws import LENGTH_SHARE, load_over
@@ -91,16 +92,16 @@ def table_law(
     made = []
     numbers = [(*jax.tree.leaves(contact), top, *kind, accuracy) for kind in kinds]
     for kind, own in zip(kinds, numbers, strict=True):
-        arrays = cache.kept(
-            cache.key(own),
+        arrays = storage.kept(
+            storage.key(own),
             partial(_arrays, contact, top, *kind, accuracy, progress),
         )
         made.append(Atlas(**{name: jnp.asarray(value) for name, value in arrays.items()}))
     which = tuple(kinds.index((float(s.depth), float(s.axial_offset))) for s in spalls)
     law = TableLaw(contact, tuple(made), which)
     errors = [
-        cache.kept(
-            cache.key((*numbers[k], NARROW_CHECKS)),
+        storage.kept(
+            storage.key((*numbers[k], NARROW_CHECKS)),
             partial(_narrow_error, contact, made[k], samples.spall_of(made[k].given), accuracy, progress),
         )["error"]
         for k in {k for k, spall in zip(which, spalls, strict=True) if _is_narrow(law, k, spall)}
@@ -121,7 +122,7 @@ def _is_narrow(law: TableLaw, kind: int, spall: Spall) -> bool:
     return codes[0] == status.NARROW != codes[1]
 
 
-def _arrays(*arguments: Any) -> cache.Arrays:
+def _arrays(*arguments: Any) -> storage.Arrays:
     built = atlas(*arguments)
     return {field.name: np.asarray(getattr(built, field.name)) for field in dataclasses.fields(built)}
 
@@ -146,7 +147,7 @@ def atlas(
     loads = direct.log_loads(top)
     longest = LENGTH_SHARE * float(contact.length)
     ends = (float(spread(length, contact, top)) for length in (0.0, longest))
-    places = np.asarray(load_curve.chebyshev(LENGTHS, *ends))
+    places = np.asarray(chebyshev_nodes(LENGTHS, *ends))
     lengths = np.maximum(places**2 - float(shortest(contact, top)), 0.0)
     like = direct.wide(Spall(0.0, 0.0, depth, axial_offset=axial_offset))
     shapes = [dataclasses.replace(like, length=float(length)) for length in lengths[1:]]
@@ -163,7 +164,7 @@ def atlas(
         full=_values(levels),
         full_slopes=_slopes(levels),
         sunk=jnp.asarray(np.concatenate([_at_zero(places, below)[None], below])),
-        edge_lengths=load_curve.chebyshev(of.lengths, np.log(SHORTEST * longest), np.log(longest)),
+        edge_lengths=chebyshev_nodes(of.lengths, np.log(SHORTEST * longest), np.log(longest)),
         share=jnp.broadcast_to(edge_ramp.guess(of.approaches - 1), (of.lengths, of.approaches, edge_ramp.TERMS)),
         share_slopes=jnp.zeros((of.lengths, of.approaches, edge_ramp.TERMS, samples.INPUTS)),
         error=np.nan,
@@ -218,7 +219,7 @@ def _aims(built: Atlas, contact: LineContact, length: jax.Array, of: EdgeNodes) 
     """Loads [N] and places of the edge [mm] at which the ramp of spalls of this length is solved, shape (approaches,
     places + 2), at nearly the same approaches and the same t: the first and the last place lie just beyond the ramp."""
     beside = _plain(built, contact, length)
-    t = jnp.asarray(0.5 * edge_ramp.LAST * (1.0 - np.cos(np.pi * (np.arange(of.places) + 0.5) / of.places)))
+    t = jnp.asarray(0.5 * edge_ramp.LAST * (1.0 - chebyshev_roots(of.places)))
 
     def at(load: jax.Array) -> tuple[jax.Array, jax.Array]:
         healthy, full, low, high = edge_ramp.between(beside, load_curve.approach(beside.healthy, load))
@@ -230,7 +231,7 @@ def _aims(built: Atlas, contact: LineContact, length: jax.Array, of: EdgeNodes) 
         return jnp.concatenate([healthy[None], loads, last[None]]), jnp.concatenate(places)
 
     top = built.log_loads[-1]
-    return jax.vmap(at)(jnp.exp(load_curve.chebyshev(of.approaches, top - np.log(edge_ramp.LEAST), top)))
+    return jax.vmap(at)(jnp.exp(chebyshev_nodes(of.approaches, top - np.log(edge_ramp.LEAST), top)))
 
 
 @jax.jit
@@ -296,7 +297,7 @@ def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, pro
 
 def _narrow_error(
     contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None
-) -> cache.Arrays:
+) -> storage.Arrays:
     """See `TableLaw`: at random points with a roller near the middle of spalls whose edges are both in its reach."""
     rng = np.random.default_rng(1)
     cases = []

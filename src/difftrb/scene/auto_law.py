@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core.geometry import Real
+from difftrb.core.status import SceneError
 from difftrb.law import laws as laws
 from difftrb.law import table
 from difftrb.law.direct import DirectLaw
@@ -61,7 +62,7 @@ def prepare(scene: Scene, progress: Progress | None = None, least: Real | None =
 def _direct(scene: Scene, progress: Progress | None = None) -> tuple[Scene, float]:
     """The scene with contacts as exact as needed, and about how many seconds one of them took."""
     if preparation.is_traced(scene):
-        raise ValueError(preparation.TRACED)
+        raise SceneError(preparation.TRACED)
     ready, before, seconds = scene, None, math.nan
     for number, accuracy in enumerate(LADDER):
         started = time.perf_counter()
@@ -129,7 +130,7 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
     Each of them is solved by "direct" first, see `prepare`, to a tenth of `accuracy` if it can; those without a
     solution do not count. A law's error is the largest difference from these, plus what they themselves are known to.
     If none keeps what is asked, the most exact one is taken, and `picked` says its error. "liu2018" is left out for
-    other bearings, and laws for which `make` raises ValueError; if that leaves none, the last one's is raised.
+    other bearings, and laws for which `make` raises `SceneError`; if that leaves none, the last one's is raised.
     """
     if not laws.is_of_liu2018(scenes[0].bearing):
         among = [made for made in among if made[0] != "liu2018"]

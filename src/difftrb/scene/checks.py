@@ -17,10 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact.height_map import HeightMap
-from difftrb.core import geometry, ranges, status
-from difftrb.core.files import shown
+from difftrb.core import fields, geometry, status
 from difftrb.core.geometry import Spall, TaperedBearing
-from difftrb.core.messages import number_in
+from difftrb.core.messages import number_in, shown
 from difftrb.core.status import SceneError
 from difftrb.law import laws as laws
 from difftrb.law.laws import Law
@@ -99,14 +98,14 @@ def _of_kinds(scene: Scene) -> str | None:
         if not isinstance(effect, Effect):
             return f"effects.{i} = {shown(effect)}: must be one of difftrb.effects"
     for key, owner, not_finite in _owners(scene):
-        if (sentence := ranges.wrong(owner, key, not_finite and not solved)) is not None:
+        if (sentence := fields.wrong(owner, key, not_finite and not solved)) is not None:
             return sentence
-    for field in ranges.fields_of(Scene):
+    for field in fields.fields_of(Scene):
         value = getattr(scene, field.name)
         if field.name not in KEYS or isinstance(value, PitchMean):
             continue
         passed = field.name == "phase" and not solved
-        if (sentence := ranges.of_field(field, value, KEYS[field.name], passed)) is not None:
+        if (sentence := fields.of_field(field, value, KEYS[field.name], passed)) is not None:
             return sentence
     return None
 
@@ -320,7 +319,7 @@ def _of_effects(scene: Scene) -> str | None:
 def code(scene: Scene) -> jax.Array:
     """Status inside jit: whether every number of the scene is within its range, and rollers taper the right way."""
     owners = [scene, *(owner for _, owner, _ in _owners(scene))]
-    within = ranges.all_within(number for owner in owners for number in ranges.traced(owner))
+    within = fields.all_within(number for owner in owners for number in fields.traced(owner))
     bearing = jax.lax.stop_gradient(scene.bearing)
     within = within & (bearing.roller_large_diameter > bearing.roller_small_diameter)
     return jnp.where(within, status.CONVERGED, status.BAD_INPUT)

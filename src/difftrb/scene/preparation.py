@@ -110,7 +110,7 @@ def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
 def _by_nodes(scene: Scene, raceway: Raceway, progress: Progress | None) -> Law:
     """A law from contact solves that are made one by one, outside of jit."""
     if is_traced(scene):
-        raise ValueError(TRACED)
+        raise status.SceneError(TRACED)
     name, largest = cast(LawName, scene.law).name, _largest_for_curves(scene)
     contact, spalls = raceway_contact(scene, raceway), ring.spalls_on(scene.spalls, raceway)
     if name == "table" and spalls:
@@ -242,7 +242,7 @@ def _inner_law(scene: Scene, effect: Raceways, progress: Progress | None, least:
     if isinstance(effect, SeriesRaceways):
         return cast(Law, effect.law).at(raceway_contact(scene, "inner"))
     if not isinstance(scene.law, LawName):
-        raise ValueError(
+        raise status.SceneError(
             "effects.raceways needs a law for the inner raceway: give the scene its law by name, or the effect as "
             "difftrb.effects.SeriesRaceways(law=...)"
         )

@@ -10,9 +10,9 @@ import jax
 from annotated_types import Interval, Unit
 
 from difftrb.contact.height_map import HeightMap
-from difftrb.core import geometry, pytrees
-from difftrb.core.files import shown
+from difftrb.core import fields, geometry
 from difftrb.core.geometry import Real, Spall, TaperedBearing
+from difftrb.core.messages import shown
 from difftrb.core.status import SceneError
 from difftrb.law.laws import Law
 from difftrb.ring import effect
@@ -72,7 +72,7 @@ class Picked:
     finer: Finer | None
 
 
-@pytrees.register
+@fields.register
 @dataclasses.dataclass(frozen=True)
 class Scene:
     """A bearing, its load and its spalls, and how to compute with them. A pytree: every number is a leaf.
@@ -126,7 +126,7 @@ class Scene:
             tidy["law"] = LawName(self.law)
         for name, value in tidy.items():
             object.__setattr__(self, name, value)
-        pytrees.whole_to_float(self, ("design_load", "phase"))
+        fields.whole_to_float(self, ("design_load", "phase"))
 
 
 def _named(name: str) -> TaperedBearing:

@@ -7,7 +7,6 @@ import functools
 import json
 import re
 import tomllib
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -20,10 +19,9 @@ from difftrb.contact.contact_problem import Defect
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import solve_contact
-from difftrb.core import files, geometry
-from difftrb.core.files import shown
+from difftrb.core import geometry, messages
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
-from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence
+from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence, shown
 from difftrb.core.status import SceneError
 from difftrb.law import laws as laws
 from difftrb.ring import effect, effects, ring
@@ -38,12 +36,16 @@ DEEPEST = 32
 """Points of a line of a scene file, without those of numbers: no key has so many parts."""
 PHASES = 16
 """Of one roller pitch, at which rings under moments are asked for an equilibrium."""
+TAKES = {"bearing": f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a [bearing] table"}
+"""What keys take of which annotations do not tell all."""
 COARSEST = 1e-2
 """Accuracy of a contact solve; only "auto" is asked for less, and of something else."""
 
 
 class NoEquilibriumError(SceneError):
     """A scene that is well formed but has no solution."""
+
+    exit_code = 1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,15 +144,15 @@ def load_scene(path: str | Path) -> Scene:
 
 def example(name: str = "spall") -> str:
     """The text of a packaged scene; `SceneError` lists the names there are."""
-    if name not in example_names():
-        raise SceneError(f"no example named {name!r}; there are {', '.join(example_names())}")
-    return (resources.files("difftrb") / "scenes" / f"{name}.toml").read_text(encoding="utf-8")
+    texts = messages.packaged(".toml")
+    if name not in texts:
+        raise SceneError(f"no example named {name!r}; there are {', '.join(texts)}")
+    return texts[name]
 
 
 def example_names() -> list[str]:
     """Names of the packaged scenes."""
-    folder = resources.files("difftrb") / "scenes"
-    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return list(messages.packaged(".toml"))
 
 
 def read(path: str | Path) -> SceneFile:
@@ -160,7 +162,7 @@ def read(path: str | Path) -> SceneFile:
 
 def text_of(path: str | Path) -> str:
     """The text of a scene file, at most 1 MB; raises `SceneError`."""
-    return files.text_of(path, "a scene file", SceneError)
+    return messages.text_of(path, "a scene file", SceneError)
 
 
 def parse(text: str, path: str | Path = "scene") -> SceneFile:
@@ -207,7 +209,7 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
         read = _adapter(kinds).validate_json(json.dumps(content, default=str))
     except ValidationError as error:
         worst = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY)  # a misspelt key explains a missing one
-        raise SceneError(f"{path}: {in_one_sentence(worst, _schema(kinds))}") from None
+        raise SceneError(f"{path}: {in_one_sentence(worst, _schema(kinds), TAKES)}") from None
     except RecursionError:
         raise SceneError(f"{path}: is nested too deeply for a scene") from None
     file = _as_read(read, kinds)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core.geometry import Raceway, Spall
+from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples
 from difftrb.law.direct import DirectLaw
 from difftrb.law.laws import Law, Rest
@@ -150,7 +151,7 @@ def _law(
     spread: float, progress: Progress | None,
 ) -> LocalLaw:  # fmt: skip
     """The law of rollers that carry about `centres` [N], shape (rollers reached,)."""
-    way = np.asarray(load_curve.chebyshev(count, -1.0, 1.0))
+    way = np.asarray(chebyshev_nodes(count, -1.0, 1.0))
     logs = np.log(centres)[:, None] + spread * way
     solved = _cases(base, spalls, reached, logs, progress)
     for k, own in enumerate(solved):

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
-from difftrb.core.files import dotted, known, shown
+from difftrb.core.messages import dotted, known, shown
 from difftrb.core.status import SweepError
 from difftrb.scene.scene import Scene
 

@@ -20,8 +20,8 @@ from typing import Any, cast
 import jax
 import numpy as np
 
-from difftrb.core import cache, status
-from difftrb.core.devices import lanes_of, wait
+from difftrb.core import status, storage
+from difftrb.core.machine import lanes_of, wait
 from difftrb.core.status import SweepError
 from difftrb.law.laws import Law
 from difftrb.scene.scene import Scene
@@ -125,7 +125,7 @@ def run(
     Args:
       plan: from `sweeping.planned`. text: the scene file's, kept in the manifest.
       resume: go on with what is there; damaged files are made again. Without it a folder with a sweep is refused.
-      devices: see `devices.lanes_of`.
+      devices: see `machine.lanes_of`.
       progress: told how many of how many members are done in this process, and how many of them have no solution.
       say: told sentences on what is made again.
 
@@ -152,7 +152,7 @@ def run(
     with _stays_good(folder, plan), contextlib.closing(Program(plan, lanes).all(left)) as columns:
         for chunk, found in columns:
             extra = {"identity": np.array(manifest["identity"]), "first": np.array(plan.members(chunk)[0])}
-            cache.write(folder / _name(chunk), found | extra)
+            storage.write(folder / _name(chunk), found | extra)
             counts.update(found[STATUS].tolist())
             tell()
     wait("sweep: computed")
@@ -176,9 +176,9 @@ def _begin(folder: Path, manifest: dict[str, Any]) -> None:
     """Write the manifest, in the first process, and remove this process's files that were left half written."""
     if jax.process_index() == 0:
         folder.mkdir(parents=True, exist_ok=True)
-        with cache.replacing(folder / MANIFEST) as scratch:
+        with storage.replacing(folder / MANIFEST) as scratch:
             scratch.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
-    for name, scratch in cache.leftovers(folder):
+    for name, scratch in storage.leftovers(folder):
         chunk = re.fullmatch(r"chunk_(\d+)\.npz", name)
         owner = int(chunk[1]) % jax.process_count() if chunk else 0 if name in (MANIFEST, *WHOLE) else None
         if owner == jax.process_index():
@@ -204,7 +204,7 @@ def _left(
 def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any], netcdf: bool) -> tuple[Path, Counter, Swept]:
     """Path of the file with everything, the members by status, and the results along the first one or two axes."""
 
-    def pieces(names: Sequence[str] | None = None) -> Iterator[tuple[int, cache.Arrays]]:
+    def pieces(names: Sequence[str] | None = None) -> Iterator[tuple[int, storage.Arrays]]:
         for chunk in range(plan.chunks):
             found = _read_chunk(folder / _name(chunk), plan, manifest, chunk, names)
             if found is None:
@@ -235,8 +235,8 @@ def _stays_good(folder: Path, plan: Plan) -> Iterator[None]:
         there = _there(folder)
         mend = gathered.INSTALL if isinstance(error, ImportError) else "make room or allow writing there"
         what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
-        named = str(getattr(error, "filename", None) or cache.SCRATCH)
-        where = folder if named.endswith(cache.SCRATCH) else named
+        named = str(getattr(error, "filename", None) or storage.SCRATCH)
+        where = folder if named.endswith(storage.SCRATCH) else named
         why = getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise SweepError(f"{where}: {why}: {what if there else 'nothing is written'}") from None
 
@@ -263,9 +263,9 @@ def _refuse_others(folder: Path, manifest: dict[str, Any], resume: bool) -> None
 
 def _read_chunk(
     path: Path, plan: Plan, manifest: dict[str, Any], chunk: int, names: Sequence[str] | None = None
-) -> cache.Arrays | None:
+) -> storage.Arrays | None:
     """A chunk's columns (or those of `names`); None if it is missing, damaged, or another sweep's."""
-    found = cache.read(path, None if names is None else [*names, "identity", "first"])
+    found = storage.read(path, None if names is None else [*names, "identity", "first"])
     first, last = plan.members(chunk)
     if found is None or str(found.pop("identity", "")) != manifest["identity"] or found.pop("first", -1) != first:
         return None

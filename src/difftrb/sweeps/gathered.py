@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.core import cache, status
+from difftrb.core import status, storage
 from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import ZIPPED
 from difftrb.sweeps.outputs import STATUS, label_of
@@ -27,7 +27,7 @@ NETCDF, NPZ = WHOLE = "sweep.nc", "sweep.npz"
 """Names of the file with everything, as netCDF and without it."""
 RESUME = "go on with --resume"
 INSTALL = "pip install 'difftrb[io]'"
-Pieces = Callable[..., Iterator[tuple[int, cache.Arrays]]]
+Pieces = Callable[..., Iterator[tuple[int, storage.Arrays]]]
 """Begins anew at each call: the first member of every chunk and its columns, or those of the given names."""
 
 
@@ -125,13 +125,13 @@ def has_netcdf() -> bool:
 
 def write(
     plan: Plan, folder: Path, manifest: dict[str, Any], pieces: Pieces, netcdf: bool
-) -> Iterator[tuple[Path, int, cache.Arrays]]:
+) -> Iterator[tuple[Path, int, storage.Arrays]]:
     """Write `sweep.nc` (`netcdf`) or `sweep.npz` into `folder`; gives its path and every piece once, while it writes.
 
     The file is there, whole, after the last piece. Raises OSError, or ImportError without the packages.
     """
     path = folder / (NETCDF if netcdf else NPZ)
-    with cache.replacing(path) as scratch:
+    with storage.replacing(path) as scratch:
         for first, found in (_netcdf if netcdf else _npz)(plan, scratch, manifest, pieces):
             yield path, first, found
 
@@ -169,7 +169,7 @@ class _Disk(io.FileIO):
             raise self.refused
 
 
-def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, cache.Arrays]]:
+def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, storage.Arrays]]:
     """Array after array, each put together from all chunks: never more than a chunk in memory."""
     with zipfile.ZipFile(path, "w", allowZip64=True) as file:
         for name, array in (_coordinates(plan) | {"about": np.array(json.dumps(manifest))}).items():
@@ -186,7 +186,7 @@ def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> It
                         yield first, found
 
 
-def _netcdf(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, cache.Arrays]]:
+def _netcdf(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, storage.Arrays]]:
     import h5netcdf  # pyright: ignore[reportMissingImports]
 
     with _Disk(path, "w+") as disk:
@@ -248,10 +248,10 @@ def _slabs(first: int, last: int, counts: tuple[int, ...]) -> Iterator[tuple[sli
             yield slice(j, j + 1), *rest
 
 
-def _read(path: Path, identity: str) -> cache.Arrays | None:
+def _read(path: Path, identity: str) -> storage.Arrays | None:
     """What `write` wrote; None if it is damaged, or another sweep's. Raises `SweepError` without the packages."""
     if path.name == NPZ:
-        found = cache.read(path)
+        found = storage.read(path)
         same = found is not None and json.loads(str(found.pop("about", "{}"))).get("identity") == identity
         return found if same else None
     if not has_netcdf():

@@ -16,7 +16,7 @@ import numpy as np
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
-from difftrb.core.files import shown
+from difftrb.core.messages import shown
 from difftrb.core.status import SweepError
 from difftrb.law.samples import Progress
 from difftrb.ring import ring

@@ -20,7 +20,7 @@ import numpy as np
 from jax.sharding import SingleDeviceSharding
 
 from difftrb.core import status
-from difftrb.core.files import shown
+from difftrb.core.messages import shown
 from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import Axis, Layout, number_at, replaced
 from difftrb.sweeps.outputs import STATUS

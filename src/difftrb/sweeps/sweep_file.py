@@ -13,7 +13,7 @@ from typing import Any
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
 from difftrb.core import geometry
-from difftrb.core.files import dotted, known, shown
+from difftrb.core.messages import dotted, known, shown
 from difftrb.core.status import SweepError
 from difftrb.law.samples import Progress
 from difftrb.scene import scene_file

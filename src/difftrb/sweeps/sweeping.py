@@ -18,8 +18,7 @@ import numpy as np
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
-from difftrb.core.devices import lanes_of
-from difftrb.core.machine import free_memory
+from difftrb.core.machine import free_memory, lanes_of
 from difftrb.core.status import SweepError
 from difftrb.law.samples import Progress
 from difftrb.scene import checks
