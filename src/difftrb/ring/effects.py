@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 import difftrb.ring
-from difftrb.contact.contact_problem import is_given
+from difftrb.contact.contact_solution import is_given
 from difftrb.core import geometry, pytrees
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.law.laws import Law
