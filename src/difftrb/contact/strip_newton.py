@@ -196,7 +196,7 @@ def _search(layout: Layout, problem: Problem, start: jax.Array, exact: bool):
     (strips, n), outlines = (len(layout.rows), layout.modes), len(layout.sides)
     size = strips * n + ends.size + 1
     no, none = jnp.asarray(False), jnp.zeros(outlines, int)
-    begun = jnp.ones(outlines, bool), layout.outward * (bound - ends) <= 0.0, none
+    begun = jnp.ones(outlines, bool), (bound - ends) * layout.outward <= 0.0, none
     first = State(
         (jnp.zeros((strips, n)).at[:, 0].set(1.0), ends, jnp.asarray(1.0)), begun, none, jnp.asarray(0.5), no,
         jnp.asarray(0), no, begun, (jnp.zeros((size, size)), jnp.zeros(size, jnp.int32)),
@@ -285,7 +285,7 @@ def _placed(
     layout, _, _, bound, small = fixed
     new = jnp.where(active[:, None], ends + move, ends)
     new = jnp.where(tension[:, None], small, new)
-    held = layout.outward * (bound - new) <= 0.0
+    held = (bound - new) * layout.outward <= 0.0
     new = jnp.where(held, bound, new)
     if layout.even:
         return new, held, jnp.zeros(active.shape, int)
