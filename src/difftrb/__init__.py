@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from difftrb.contact.contact_slopes import approach_slopes
     from difftrb.contact.contact_solution import ContactSolution
     from difftrb.contact.height_map import HeightMap, HeightMapError, example_map, load_height_map
-    from difftrb.contact.solver import solve_contact
+    from difftrb.contact.solver import approach_slopes, solve_contact
     from difftrb.contact.stress_intensity import EdgeIntensity, edge_intensity
     from difftrb.core.geometry import LineContact, Spall, TaperedBearing, bearing
     from difftrb.core.status import DifftrbError, SceneError, SolveError, SweepError
@@ -41,8 +40,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "scene.audit": ("Audit", "verify"),
     "scene.auto_law": ("prepare",),
-    "contact.solver": ("solve_contact",),
-    "contact.contact_slopes": ("approach_slopes",),
+    "contact.solver": ("approach_slopes", "solve_contact"),
     "contact.contact_solution": ("ContactSolution",),
     "fits.fitting": ("fit",),
     "scene.edge_stress": ("EdgeStress", "edge_stresses"),

@@ -74,7 +74,7 @@ def _run(options: Any) -> int:
 def _contact(options: Any) -> int:
     import jax
 
-    from difftrb.contact.contact_slopes import approach_and_slopes
+    from difftrb.contact.solver import approach_and_slopes
     from difftrb.report import run_report
     from difftrb.scene import light_load, scene_file
 

@@ -63,7 +63,7 @@ def test_a_longer_spall_never_carries_more(power: trb.PowerLaw) -> None:
 
 @pytest.mark.portable
 def test_palmgren_inverts_its_approach() -> None:
-    from difftrb.contact.hertz import palmgren_approach
+    from difftrb.contact.gap import palmgren_approach
 
     load = loads_over(laws.Palmgren(13.66), jnp.array([3.0]), float(palmgren_approach(1234.0, 13.66 - 3.0)))
     assert float(load[0]) == pytest.approx(1234.0, rel=1e-12)

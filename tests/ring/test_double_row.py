@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.core import geometry, status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import laws
@@ -119,7 +119,7 @@ def test_moments_and_loads_balance_and_stiffness_is_their_derivative(bearing) ->
 def test_slices_carry_a_pair_as_whole_rollers_do(bearing) -> None:
     """One slice is a whole roller without crown, c_L δ^(10/9); moments of both effects add up."""
     palmgren = laws.Palmgren(bearing.roller_length)
-    K = jnp.log(jnp.reshape(hertz.lamina_stiffness(bearing.roller_length), 1))
+    K = jnp.log(jnp.reshape(gap.lamina_stiffness(bearing.roller_length), 1))
     same = laws.PowerLaw(jnp.zeros(1), K, jnp.array([10 / 9]), (0.0, np.inf), np.nan, 0.0, "given")
     row = effects.DoubleRow(0.02, spacing=30.0, moment_lateral=1e5)
     whole = trb.solve(scene(bearing, row, spalls=(), roller_law=same)).check()

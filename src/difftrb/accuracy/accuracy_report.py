@@ -10,9 +10,8 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from difftrb.accuracy import timing
+from difftrb.accuracy import reference_cases, timing
 from difftrb.accuracy.ladder import Kind, Measured, Row
-from difftrb.contact import reference_cases
 from difftrb.core.status import SceneError
 from difftrb.report import run_report
 

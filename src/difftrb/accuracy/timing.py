@@ -18,8 +18,8 @@ from typing import Any, cast
 import jax
 import jax.numpy as jnp
 
+from difftrb.accuracy import reference_cases
 from difftrb.accuracy.ladder import ALWAYS, RUNGS, Measured, Row, Rung, Step, finer, judged, recommended, steps
-from difftrb.contact import reference_cases
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import on_lattice, solve_contact
 from difftrb.core import machine, storage

@@ -11,7 +11,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import contact_problem, hertz
+from difftrb.contact import contact_solution, gap
 from difftrb.contact import solver as contacts
 from difftrb.core import geometry, status
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
@@ -242,7 +242,7 @@ class Palmgren:
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
         """See `Law`."""
         n = 10.0 / 9.0
-        K = hertz.palmgren_approach(1.0, self.length - _lengths(spalls)) ** -n
+        K = gap.palmgren_approach(1.0, self.length - _lengths(spalls)) ** -n
         return Carried(load_curve.chosen(load_curve.power(K, jnp.full_like(K, n)), spalls_under(spalls, distances)))
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
@@ -367,7 +367,7 @@ def power_law(
     """
     status.require_float64()
     shape = spall if spall is not None else Spall(length=1.0, width=10.0)
-    return _fit(contact, load_range, shape, accuracy, contact_problem.is_symmetric(shape))
+    return _fit(contact, load_range, shape, accuracy, contact_solution.is_symmetric(shape))
 
 
 @partial(jax.jit, static_argnames=("accuracy", "mirrored"))

@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from difftrb.contact import solver as contacts
-from difftrb.contact.contact_problem import is_symmetric, listed
+from difftrb.contact.contact_solution import is_symmetric, listed
 from difftrb.contact.solver import ContactSolution
 from difftrb.core import machine, status
 from difftrb.core.geometry import LineContact, Real, Spall

@@ -13,7 +13,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from difftrb.contact import gap, hertz
+from difftrb.contact import gap
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.law import direct, edge_ramp, load_curve, samples
@@ -176,7 +176,7 @@ def spread(length: Real, contact: LineContact, top: Real) -> jax.Array:
 
 def shortest(contact: LineContact, top: Real) -> Real:
     """Width of the contact without a spall [mm]."""
-    return 2.0 * hertz.line_half_width(top / contact.length, contact.radius, contact.modulus)
+    return 2.0 * gap.line_half_width(top / contact.length, contact.radius, contact.modulus)
 
 
 def ramp_of(atlas: Atlas, contact: LineContact, spall: Spall) -> Ramp:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 import difftrb.ring
-from difftrb.contact.contact_problem import is_given
+from difftrb.contact.contact_solution import is_given
 from difftrb.core import fields, geometry
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.core.status import SceneError

@@ -14,8 +14,8 @@ import jax.core
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb.contact import gap, hertz
-from difftrb.contact.contact_problem import is_given
+from difftrb.contact import gap
+from difftrb.contact.contact_solution import is_given
 from difftrb.core import geometry
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
@@ -139,7 +139,7 @@ def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: jax.Array
     """What every slice carries of rollers at `distances` [mm] from `spalls`, shape (spalls, rollers), in `count` slices
     each; shape (rollers · slices,), roller by roller."""
     at = places(contact, count)
-    stiffness = hertz.lamina_stiffness(contact.length) / count  # ISO/TS 16281:2008, eq. (38)
+    stiffness = gap.lamina_stiffness(contact.length) / count  # ISO/TS 16281:2008, eq. (38)
     land = jnp.stack([jnp.ones(count), *(1.0 - _covered(contact, spall, at) for spall in spalls)])
     under = spalls_under(spalls, distances)
     here = (under[:, None] == jnp.arange(land.shape[0])[None, :])[..., None]  # no gather: slow in a batch

@@ -12,7 +12,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.core import geometry, status
 from difftrb.core.geometry import LineContact, Raceway, Real, as_floats
 from difftrb.law import direct, table
@@ -198,7 +198,7 @@ def with_law(scene: Scene, progress: Progress | None = None, least: Real | None 
 def _may_be(scene: Scene) -> bool:
     """Whether to ask `_is_met_otherwise`, which takes contacts: of several spalls, or one that is not surely deep."""
     largest, length = _largest_for_curves(scene), float(scene.bearing.roller_length)
-    deep = DEEP * float(hertz.palmgren_approach(largest, length))
+    deep = DEEP * float(gap.palmgren_approach(largest, length))
     return len(scene.spalls) > 1 or any(float(spall.depth) < deep for spall in scene.spalls)
 
 

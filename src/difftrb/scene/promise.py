@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.core.geometry import Real, Spall
 from difftrb.law import edge_ramp
 from difftrb.law.direct import DirectLaw
@@ -60,7 +60,7 @@ def rollers_on_edges(scene: Scene, found: Solution) -> int:
     contact = preparation.raceway_contact(scene, "outer")
     loads = np.asarray(found.loads)
     line_loads = jnp.maximum(found.loads, 0.0) / contact.length
-    half = np.asarray(hertz.line_half_width(line_loads, contact.radius, contact.modulus))
+    half = np.asarray(gap.line_half_width(line_loads, contact.radius, contact.modulus))
     on_edge = np.zeros(loads.size, bool)
     if spalls:
         for spall, away in zip(spalls, np.asarray(ring.distances(scene.bearing, spalls, found.angles)), strict=True):

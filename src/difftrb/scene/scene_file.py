@@ -15,8 +15,7 @@ from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
 from difftrb.contact import height_map
-from difftrb.contact.contact_problem import Defect
-from difftrb.contact.contact_solution import ContactSolution
+from difftrb.contact.contact_solution import ContactSolution, Defect
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import solve_contact
 from difftrb.core import geometry, messages

@@ -1,4 +1,4 @@
-"""Closed forms of contact mechanics: start values for the solver, and truths to compare with.
+"""Closed forms of Hertz's contact, to compare the solver with.
 
 Symbols: E' = contact modulus [N/mm²] (`geometry.contact_modulus`), R = equivalent radius [mm], load [N], lengths [mm].
 """
@@ -10,13 +10,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from difftrb.contact.gap import line_half_width
 from difftrb.core.geometry import Real
 from difftrb.core.numeric import bisected
-
-
-def line_half_width(line_load: Real, radius: Real, modulus: Real) -> Real:
-    """Half width b of a line contact [mm] under `line_load` [N/mm]."""
-    return jnp.sqrt(4.0 * line_load * radius / (jnp.pi * modulus))  # Johnson 1985, eq. (4.43)
 
 
 def line_peak_pressure(line_load: Real, radius: Real, modulus: Real) -> Real:
@@ -82,13 +78,3 @@ def _complete_elliptic(k: jax.Array) -> tuple[jax.Array, jax.Array]:
         weight *= 2.0
     K = 0.5 * jnp.pi / a
     return K, K * (1.0 - total)
-
-
-def palmgren_approach(load: Real, length: Real) -> Real:
-    """Approach of inner and outer ring about one steel roller [mm], both contacts together."""
-    return 3.84e-5 * load**0.9 / length**0.8  # Palmgren 1959
-
-
-def lamina_stiffness(length: Real) -> Real:
-    """Spring constant c_L of a whole roller between its raceways [N/mm^(10/9)], Q = c_L δ^(10/9)."""
-    return 35948.0 * length ** (8.0 / 9.0)  # ISO/TS 16281:2008, eq. (38)
