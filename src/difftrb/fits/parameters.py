@@ -18,7 +18,7 @@ from difftrb.core import geometry, status
 from difftrb.core.geometry import LineContact, Real
 from difftrb.fits.least_squares import Bounds
 from difftrb.fits.measured import MeasuredError, Measurement
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Scene
 

@@ -19,7 +19,7 @@ import difftrb.ring
 from difftrb.contact.contact_problem import is_given
 from difftrb.core import geometry, pytrees
 from difftrb.core.geometry import Real, TaperedBearing
-from difftrb.law.laws import Law
+from difftrb.law.base import LAWS, Law
 from difftrb.ring import ring
 from difftrb.ring.effect import Asked, Effect, Results, Ring, Stage, register, registered, remarks, results, terms
 from difftrb.ring.life import Life
@@ -60,7 +60,7 @@ class Raceways(Effect):
 
     def check(self, asked: Asked) -> None:
         """A law of one contact."""
-        if isinstance(asked.law, str) and asked.law in ("palmgren", "liu2018"):
+        if isinstance(asked.law, str) and asked.law in LAWS and not LAWS[asked.law].inner:
             raise ValueError(
                 f"contact.law = {asked.law!r} does not know the inner raceway alone: with effects.raceways use "
                 "'power', 'table' or 'direct'"

@@ -14,7 +14,7 @@ from difftrb.core import geometry, pytrees
 from difftrb.core.files import shown
 from difftrb.core.geometry import Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.ring import effect
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load
