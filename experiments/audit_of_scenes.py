@@ -28,7 +28,7 @@ jax.config.update("jax_enable_x64", True)
 import difftrb as trb
 from difftrb.contact import gap
 from difftrb.core import geometry
-from difftrb.law.laws import TABLE_2
+from difftrb.law.power import TABLE_2
 from difftrb.ring import effects as E
 from difftrb.scene.solution import solved
 

@@ -34,7 +34,7 @@ from difftrb.accuracy import timing
 from difftrb.accuracy.accuracy_report import WAYS
 from difftrb.accuracy.ladder import Measured, Rung
 from difftrb.core import machine
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.report import plot
 from difftrb.scene import preparation, scene_file
 from experiments import by_scipy

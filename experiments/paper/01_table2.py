@@ -17,7 +17,7 @@ import numpy as np
 from difftrb.core.geometry import LineContact
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve
-from difftrb.law.laws import TABLE_2
+from difftrb.law.power import TABLE_2
 from experiments.paper import clipped, common
 from experiments.paper.common import Printed, Progress, Result
 

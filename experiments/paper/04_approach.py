@@ -12,7 +12,7 @@ import numpy as np
 import difftrb as trb
 from difftrb.contact import gap
 from difftrb.law import table
-from difftrb.law.laws import load_over
+from difftrb.law.base import load_over
 from experiments.paper import clipped, common
 from experiments.paper.common import FAILS, HOLDS, LENGTHS, ONLY_IF, Claim, Printed, Progress, Result
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from difftrb.fits.fitting import fit
     from difftrb.fits.measured import MeasuredError, Measurement, load_measured
     from difftrb.fits.optimal_design import Suggestion, next_measurements
-    from difftrb.law.laws import PowerLaw, liu2018, power_law
+    from difftrb.law.power import PowerLaw, liu2018, power_law
     from difftrb.ring import effects
     from difftrb.ring.ring import Load
     from difftrb.scene.audit import Audit, verify
@@ -48,7 +48,7 @@ _HOMES = {
     "contact.stress_intensity": ("EdgeIntensity", "edge_intensity"),
     "core.geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
     "contact.height_map": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),
-    "law.laws": ("PowerLaw", "liu2018", "power_law"),
+    "law.power": ("PowerLaw", "liu2018", "power_law"),
     "fits.measured": ("MeasuredError", "Measurement", "load_measured"),
     "fits.optimal_design": ("Suggestion", "next_measurements"),
     "ring.ring": ("Load",),

@@ -34,6 +34,7 @@ def _read(options: Any) -> tuple[Any, str]:
 def _run(options: Any) -> int:
     import jax
 
+    from difftrb.law import base as laws
     from difftrb.report import run_report
     from difftrb.scene import light_load, scene_file
 
@@ -41,7 +42,7 @@ def _run(options: Any) -> int:
     scene_file.check_ring(file, path)
     terminal.remark(light_load.of_scene(file), path)
     started = time.perf_counter()
-    if file.contact.law in ("table", "direct", "auto"):
+    if laws.by_samples(file.contact.law):
         with terminal.bar("solving contacts for the roller law") as progress:
             scene = jax.block_until_ready(difftrb.prepare(file.scene(), progress))
     else:

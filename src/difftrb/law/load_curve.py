@@ -7,7 +7,6 @@ on straight in these logarithms, so that Q, dQ/dδ are continuous for every δ a
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ from difftrb.core.geometry import Real
 from difftrb.core.numeric import horner_with_slope
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["coefficients", "middle", "reach", "shift"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Curve:
     """log Q = Σ cₖ zᵏ with z = (log(δ − δ₀) − middle)/reach in −1…1; one curve or, with the same shape behind every

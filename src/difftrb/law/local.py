@@ -16,9 +16,9 @@ import jax.numpy as jnp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.law import load_curve, samples
+from difftrb.law.base import Rest
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
-from difftrb.law.edge_ramp import Carried
-from difftrb.law.laws import Rest
+from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve
 
 WITHIN = 0.2
@@ -49,7 +49,7 @@ class States(NamedTuple):
     slopes: jax.Array
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["base", "states"], meta_fields=["settling"])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class LocalLaw:
     """Curves of a healthy roller and, for those that meet spalls, of each by itself.
@@ -62,7 +62,7 @@ class LocalLaw:
 
     base: DirectLaw
     states: States | None
-    settling: bool = False
+    settling: bool = dataclasses.field(default=False, metadata={"static": True})
     name = "direct"
     hard = False
 
@@ -95,17 +95,17 @@ class LocalLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, base=self.base.at(contact))
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
         """See `Law`. Other spalls than it was made for are for `judge` to refuse."""
         healthy = load_curve.of(self.base.curves((), distances[:0]).each, 0)
         every = jax.tree.map(lambda field: jnp.repeat(field[..., None], distances.shape[1], axis=-1), healthy)
         if self.states is None or self.states.met.shape[1] != len(spalls):
-            return Carried(every)
+            return RollerCurves(every)
         own = jax.vmap(through, out_axes=-1)(self.states.log_loads, self._approaches(self.states, spalls, distances))
         missing = healthy.coefficients.shape[0] - own.coefficients.shape[0]
         own = dataclasses.replace(own, coefficients=jnp.pad(own.coefficients, ((0, missing), (0, 0))))
         at, here = self.states.at, jnp.sum(self.states.at, axis=0) > 0.0
-        return Carried(
+        return RollerCurves(
             jax.tree.map(
                 lambda of_all, of_own: jnp.where(jnp.broadcast_to(here, of_all.shape), _product(of_own, at), of_all),
                 every,

@@ -18,7 +18,7 @@ from difftrb.core import fields, geometry
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.messages import shown
 from difftrb.core.status import SceneError
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.ring import ring, roller_balance
 from difftrb.ring.ring import Equilibrium, Load
 from difftrb.ring.terms import PLAIN, Terms, beside

@@ -20,7 +20,7 @@ from difftrb.contact.contact_solution import is_given
 from difftrb.core import fields, geometry
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.core.status import SceneError
-from difftrb.law.laws import Law
+from difftrb.law.base import LAWS, Law
 from difftrb.ring import ring
 from difftrb.ring.effect import Asked, Effect, Results, Ring, Stage, register, registered, remarks, results, terms
 from difftrb.ring.life import Life
@@ -61,7 +61,7 @@ class Raceways(Effect):
 
     def check(self, asked: Asked) -> None:
         """A law of one contact."""
-        if isinstance(asked.law, str) and asked.law in ("palmgren", "liu2018"):
+        if isinstance(asked.law, str) and asked.law in LAWS and not LAWS[asked.law].inner:
             raise SceneError(
                 f"contact.law = {asked.law!r} does not know the inner raceway alone: with effects.raceways use "
                 "'power', 'table' or 'direct'"

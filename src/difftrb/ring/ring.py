@@ -16,7 +16,7 @@ from annotated_types import Interval, Unit
 
 from difftrb.core import fields, geometry, status
 from difftrb.core.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
-from difftrb.law.laws import Law, Rest
+from difftrb.law.base import Law, Rest
 from difftrb.ring import newton, roller_balance
 from difftrb.ring.newton import Rollers, System
 from difftrb.ring.terms import PLAIN, Terms, Tilting, beside, both, without_land

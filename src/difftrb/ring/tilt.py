@@ -20,8 +20,9 @@ from difftrb.core import geometry
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import load_curve
-from difftrb.law.edge_ramp import Carried
-from difftrb.law.laws import Palmgren, spalls_under
+from difftrb.law.base import spalls_under
+from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.power import Palmgren
 from difftrb.ring import ring
 from difftrb.ring.effect import Asked, Effect, Results, Ring, Stage, among, register
 from difftrb.ring.ring import Equilibrium
@@ -135,7 +136,7 @@ def places(contact: LineContact, count: int) -> jax.Array:
     return contact.length * ((jnp.arange(count) + 0.5) / count - 0.5)
 
 
-def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: jax.Array, count: int) -> Carried:
+def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: jax.Array, count: int) -> RollerCurves:
     """What every slice carries of rollers at `distances` [mm] from `spalls`, shape (spalls, rollers), in `count` slices
     each; shape (rollers · slices,), roller by roller."""
     at = places(contact, count)
@@ -147,7 +148,7 @@ def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: jax.Array
     K = stiffness * jnp.maximum(left, LEAST)
     slices = load_curve.power(K.ravel(), jnp.full(K.size, 10.0 / 9.0))
     profile = 2.0 * gap.crown_at(at, contact)  # both raceways
-    return Carried(dataclasses.replace(slices, shift=jnp.tile(profile, under.size)))
+    return RollerCurves(dataclasses.replace(slices, shift=jnp.tile(profile, under.size)))
 
 
 def _covered(contact: LineContact, spall: Spall, places: jax.Array) -> jax.Array:

@@ -18,9 +18,10 @@ import numpy as np
 
 from difftrb.contact import solver as contacts
 from difftrb.core.geometry import LineContact, Raceway, Spall
-from difftrb.law import laws, samples
+from difftrb.law import base as laws
+from difftrb.law import samples
+from difftrb.law.base import Law, Rest
 from difftrb.law.direct import DirectLaw
-from difftrb.law.laws import Law, Rest
 from difftrb.law.local import LocalLaw
 from difftrb.law.samples import Case, Node, Progress
 from difftrb.ring import effects, ring, roller_balance

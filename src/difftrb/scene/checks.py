@@ -21,19 +21,13 @@ from difftrb.core import fields, geometry, status
 from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.core.messages import number_in, shown
 from difftrb.core.status import SceneError
-from difftrb.law import laws as laws
-from difftrb.law.laws import Law
+from difftrb.law import base as laws
+from difftrb.law.base import Law
 from difftrb.ring import effects, ring
 from difftrb.ring.effects import Effect
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scene
 
-SEVERAL_SHAPES = (
-    "law = 'power' is fitted for spalls of one width, depth and axial offset; make them equal, use another law, "
-    "or give the scene a law prepared with power_law"
-)
-BY_NODES = ("table", "direct")
-"""Laws from contact solves that are made one by one, outside of jit."""
 APEX, TAPER = 0.02, 0.05
 """How far cone angles may be from one apex, and the roller's angle from its diameters, relative."""
 KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definition", "phase": "stiffness.phase"}
@@ -81,7 +75,7 @@ def _first(*checks: Callable[[Any], str | None], of: Any) -> str | None:
 
 def _of_kinds(scene: Scene) -> str | None:
     """Every field for itself: what it is, and its range."""
-    solved = isinstance(scene.law, LawName) and scene.law.name in (*BY_NODES, laws.AUTO)
+    solved = isinstance(scene.law, LawName) and laws.by_samples(scene.law.name)
     if not isinstance(scene.bearing, TaperedBearing):
         return (
             f"bearing = {shown(scene.bearing)}: must be a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a "
@@ -209,13 +203,14 @@ def _of_law(scene: Scene) -> str | None:
     """The law, its accuracy, and the lengths of spalls that it knows."""
     if not isinstance(scene.law, LawName):
         if not hasattr(scene.law, "curves"):
-            return f"contact.law = {shown(scene.law)}: must be one of {', '.join(map(repr, laws.NAMES))}, or a law made"
+            known = ", ".join(map(repr, laws.names()))
+            return f"contact.law = {shown(scene.law)}: must be one of {known}, or a law made"
         return None
     name = scene.law.name
-    if name not in laws.NAMES:
+    if name not in laws.names():
         return f"contact.{laws.unknown(name)}"
-    if name == "liu2018" and not laws.is_of_liu2018(scene.bearing):
-        return "contact.law = 'liu2018' holds for the bearing 32008J only; use 'power'"
+    if name in laws.LAWS and not laws.LAWS[name].is_for(scene.bearing):
+        return f"contact.law = {name!r} holds for the bearing {laws.LAWS[name].bearing} only; use 'power'"
     return _accuracy(scene, name)
 
 
@@ -244,8 +239,7 @@ def _of_spalls(scene: Scene) -> str | None:
     for i, spall in enumerate(scene.spalls):
         length, width, around = _known(spall.length), _known(spall.width), _around(scene.bearing, spall)
         if law is not None and length and roller:
-            shares = {"palmgren": 0.99 * roller[0], "liu2018": laws.TABLE_2[-1, 0]}
-            longest = shares.get(law, laws.LENGTH_SHARE * roller[0])
+            longest = laws.longest(law, roller[0])
             if length[0] > longest * (1.0 + 1e-12):
                 return (
                     f"spall.{i}.length = {length[0]:g}: contact.law = {law!r} knows 0 … {longest:g} mm; shorten the "
@@ -256,9 +250,10 @@ def _of_spalls(scene: Scene) -> str | None:
                 f"spall.{i}.width = {width[0]:g}: must be at most once round the {_lies_on(spall)}, {around:.6g} mm; "
                 "make it narrower"
             )
+    one_shape = laws.LAWS[law].one_shape if law in laws.LAWS else ""
     for raceway in ("outer", "inner"):
-        if law == "power" and not of_one_shape(ring.spalls_on(scene.spalls, raceway)):
-            return f"spall: contact.{SEVERAL_SHAPES}"
+        if one_shape and not of_one_shape(ring.spalls_on(scene.spalls, raceway)):
+            return f"spall: contact.{one_shape}"
     return None
 
 

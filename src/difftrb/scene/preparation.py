@@ -15,9 +15,9 @@ import numpy as np
 from difftrb.contact import gap
 from difftrb.core import geometry, status
 from difftrb.core.geometry import LineContact, Raceway, Real, as_floats
-from difftrb.law import direct, table
-from difftrb.law import laws as laws
-from difftrb.law.laws import Law
+from difftrb.law import base as laws
+from difftrb.law import direct, power
+from difftrb.law.base import Law
 from difftrb.law.samples import Progress
 from difftrb.ring import effects, phase_average, ring
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through
@@ -49,19 +49,20 @@ def prepared_law(
 ) -> Law:
     """The roller law on one of the scene's raceways, built from contact solves if it is only named.
 
-    The power law is fitted from a sixth of the largest roller load that the scene lets expect (of `least` [N], if that
-    is given) to 1.2 times it, with the spalls' width, depth and axial offset, which must be one for all.
+    `least` is the largest roller load [N] of the lightest loaded scene that the law is to serve; default: of this one.
     """
     contact = raceway_contact(scene, raceway)
     if not isinstance(scene.law, LawName):
         return cast(Law, scene.law).at(contact)
-    spalls = ring.spalls_on(scene.spalls, raceway)
-    if scene.law.name in checks.BY_NODES:
-        return _by_nodes(scene, raceway, progress)
-    largest = _largest_load(scene)
-    spall = spalls[0] if spalls else None
-    low = largest if least is None else least
-    return laws.named(scene.law.name, contact, (low / 6.0, 1.2 * largest), spall, scene.accuracy)
+    spalls, by_samples = ring.spalls_on(scene.spalls, raceway), laws.by_samples(scene.law.name)
+    if by_samples and is_traced(scene):
+        raise status.SceneError(TRACED)
+    largest = _largest_for_curves(scene) if by_samples else _largest_load(scene)
+    request = laws.Request(contact, largest if least is None else least, largest, spalls, scene.accuracy, progress)
+    law = laws.made(scene.law.name, request)
+    if isinstance(law, direct.DirectLaw) and spalls:
+        return direct.with_edges(law, _at_edges(scene, raceway, law), progress)
+    return law
 
 
 def _largest_load(scene: Scene) -> Real:
@@ -69,7 +70,7 @@ def _largest_load(scene: Scene) -> Real:
     largest = ring.largest_load(scene.bearing, scene.load)
     if not any(effect.presses for effect in scene.effects):
         return largest
-    pressed = _pressed(dataclasses.replace(scene, law=laws.Palmgren(scene.bearing.roller_length), spalls=()))
+    pressed = _pressed(dataclasses.replace(scene, law=power.Palmgren(scene.bearing.roller_length), spalls=()))
     return jnp.maximum(largest, pressed)
 
 
@@ -105,18 +106,6 @@ def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
         if raceway == "inner" and isinstance(effect, Raceways) and effect.inner_design_load is not None:
             design_load = effect.inner_design_load
     return LineContact.of(scene.bearing, raceway, design_load)
-
-
-def _by_nodes(scene: Scene, raceway: Raceway, progress: Progress | None) -> Law:
-    """A law from contact solves that are made one by one, outside of jit."""
-    if is_traced(scene):
-        raise status.SceneError(TRACED)
-    name, largest = cast(LawName, scene.law).name, _largest_for_curves(scene)
-    contact, spalls = raceway_contact(scene, raceway), ring.spalls_on(scene.spalls, raceway)
-    if name == "table" and spalls:
-        return table.table_law(contact, largest, spalls, scene.accuracy, progress)
-    law = direct.without_edges(contact, largest, spalls, scene.accuracy, progress)
-    return direct.with_edges(law, _at_edges(scene, raceway, law), progress) if spalls else law
 
 
 def _at_edges(scene: Scene, raceway: Raceway, law: direct.DirectLaw) -> list[list[tuple[float, float]]]:
@@ -251,7 +240,7 @@ def _inner_law(scene: Scene, effect: Raceways, progress: Progress | None, least:
 
 def law_in_effect(scene: Scene, roller_law: Law) -> Law:
     """The outer raceway's law as the scene's effects have it."""
-    return laws.Through(roller_law) if any(isinstance(effect, Through) for effect in scene.effects) else roller_law
+    return power.Through(roller_law) if any(isinstance(effect, Through) for effect in scene.effects) else roller_law
 
 
 def met(scene: Scene, outer: Law) -> tuple[phase_average.Met, ...]:

@@ -14,7 +14,7 @@ from difftrb.core import fields, geometry
 from difftrb.core.geometry import Real, Spall, TaperedBearing
 from difftrb.core.messages import shown
 from difftrb.core.status import SceneError
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.ring import effect
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load

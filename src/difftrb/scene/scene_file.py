@@ -22,7 +22,7 @@ from difftrb.core import geometry, messages
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence, shown
 from difftrb.core.status import SceneError
-from difftrb.law import laws as laws
+from difftrb.law import base as laws
 from difftrb.ring import effect, effects, ring
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load, needed_axial
@@ -53,7 +53,7 @@ class ContactTable:
 
     __pydantic_config__ = FILE_RULES
 
-    law: Literal["power", "liu2018", "palmgren", "table", "direct", "auto"] = "power"
+    law: str = "power"
     design_load: DesignLoad = 6500.0
     accuracy: Annotated[float, Interval(ge=1e-5, le=1e-1)] = dataclasses.field(default=1e-3, metadata={"static": True})
     load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
@@ -193,7 +193,7 @@ def _deep(text: str, path: str | Path) -> None:
 
 def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
     """Check a scene file's tables, which are changed by it, as `parse` does its text."""
-    _not_yet(content, path)
+    _known_law(content, path)
     if isinstance(content.get("bearing"), str):
         name = content["bearing"]
         if name not in geometry.NAMED_BEARINGS:
@@ -273,12 +273,15 @@ def _loaded(name: str, place: Spall, key: str, folder: Path) -> HeightMap:
         raise SceneError(f"{key} = {shown(name)}: {error}") from None
 
 
-def _not_yet(content: dict[str, Any], path: str | Path) -> None:
-    """Refuse, by name, what this version does not have."""
+def _known_law(content: dict[str, Any], path: str | Path) -> None:
+    """Refuse a law that cannot be named here."""
     contact = content.get("contact")
-    law = contact.get("law") if isinstance(contact, dict) else None
-    if isinstance(law, str) and law not in laws.NAMES:
+    if not isinstance(contact, dict) or "law" not in contact or contact["law"] in laws.names():
+        return
+    law = contact["law"]
+    if isinstance(law, str):
         raise SceneError(f"{path}: contact.{laws.unknown(law)}")
+    raise SceneError(f"{path}: contact.law = {shown(law)}: must be one of {', '.join(map(repr, laws.names()))}")
 
 
 def check_contact(file: SceneFile, path: str | Path) -> None:

@@ -13,8 +13,8 @@ import numpy as np
 from difftrb.core.geometry import Raceway, Spall
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples
+from difftrb.law.base import Law, Rest
 from difftrb.law.direct import DirectLaw
-from difftrb.law.laws import Law, Rest
 from difftrb.law.local import LocalLaw, States, through
 from difftrb.law.samples import Node, Progress
 from difftrb.ring import effects, ring, roller_balance
@@ -168,15 +168,13 @@ def _stacked(
     solved: Sequence[Sequence[Node]],
 ) -> States:  # fmt: skip
     """All that was solved; filled up to a multiple of `TOGETHER` states, so that scenes share programs."""
-    count, of_contact, of_spall = len(spalls), len(samples.OF_CONTACT), len(samples.OF_SPALL)
-    slopes = np.zeros((len(reached), logs.shape[1], of_contact + (of_spall + 1) * count))
+    count = len(spalls)
+    slopes = np.zeros((len(reached), logs.shape[1], samples.count(count)))
     given, met = np.zeros((len(reached), slopes.shape[2])), np.zeros((len(reached), count))
     for k, (each, own) in enumerate(zip(reached, solved, strict=True)):
         under = list(each.under)
         met[k, under] = 1.0
-        places = [of_contact + of_spall * i + j for i in under for j in range(of_spall)]
-        places = [*range(of_contact), *places, *(of_contact + of_spall * count + i for i in under)]
-        slopes[k][:, places] = [node.slopes for node in own]
+        slopes[k][:, samples.places(under, count)] = [node.slopes for node in own]
         away = np.zeros(count)
         away[under] = each.away
         given[k] = samples.inputs(base.contact, spalls, jnp.asarray(away))

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from difftrb.core import geometry, status
 from difftrb.core.geometry import Real, Spall
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.ring import effects, ring
 from difftrb.ring.effects import Results
 from difftrb.ring.ring import Load

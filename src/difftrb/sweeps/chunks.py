@@ -23,7 +23,7 @@ import numpy as np
 from difftrb.core import status, storage
 from difftrb.core.machine import lanes_of, wait
 from difftrb.core.status import SweepError
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.scene.scene import Scene
 from difftrb.sweeps import gathered, sweeping
 from difftrb.sweeps.axes import Axis

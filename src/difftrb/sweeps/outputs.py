@@ -18,11 +18,12 @@ from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
 from difftrb.core.messages import shown
 from difftrb.core.status import SweepError
+from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress
 from difftrb.ring import ring
 from difftrb.scene import auto_law
 from difftrb.scene.auto_law import prepare
-from difftrb.scene.checks import SEVERAL_SHAPES, of_one_shape
+from difftrb.scene.checks import of_one_shape
 from difftrb.scene.preparation import prepared_law
 from difftrb.scene.scene import LawName, PitchMean, Scene, healthy
 from difftrb.scene.solution import Solution
@@ -151,9 +152,6 @@ def known(names: Sequence[str], outputs: Mapping[str, Output]) -> Sequence[str]:
 
 # ------------------------------------------------------------------------------------------------ the shared law
 
-FITTED_FOR = {"power": ("width", "depth", "axial_offset"), "liu2018": ("depth", "axial_offset"),
-              "palmgren": ("depth", "axial_offset")}  # fmt: skip
-"""Sizes of a spall that a law is made for one value of, or does not know."""
 JUDGED_AT = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Places, as shares of every axis, of the members that judge the law "auto"."""
 
@@ -183,15 +181,16 @@ def with_shared_law(
             lambda law, accuracy: with_shared_law(auto_law.named(scene, law, accuracy), axes, gradients, progress),
             auto_law.SOFT if edges and not isinstance(scene.phase, PitchMean) else auto_law.SHARED,
         )
-    name = scene.law.name
-    for key in (*ends, *gradients):
-        _refuse_frozen(name, key, "gradients: " if key not in ends else "")
-    if name == "direct" and scene.spalls:
-        raise SweepError(
-            "contact.law = 'direct' holds for one scene and would be made anew for every member; use 'table'"
-        )
-    if name == "power" and not of_one_shape(scene.spalls):
-        raise SweepError(f"contact.{SEVERAL_SHAPES}")
+    law = LAWS.get(scene.law.name)
+    if law is not None:  # else `prepare` refuses it
+        for key in (*ends, *gradients):
+            _refuse_frozen(law, key, "gradients: " if key not in ends else "")
+        if law.one_scene and scene.spalls:
+            raise SweepError(
+                f"contact.law = {law.name!r} holds for one scene and would be made anew for every member; use 'table'"
+            )
+        if law.one_shape and not of_one_shape(scene.spalls):
+            raise SweepError(f"contact.{law.one_shape}")
     low, high = (_with_ends(scene, ends, side) for side in (0, 1))
     made = prepare(high, progress, ring.largest_load(low.bearing, low.load))
     ready = prepare(dataclasses.replace(scene, law=made.law, effects=made.effects))
@@ -212,23 +211,27 @@ def _members(scene: Scene, axes: Sequence[Axis]) -> list[Scene]:
     return found
 
 
-def _refuse_frozen(name: str, key: str, where: str) -> None:
-    """Refuse a key for which the law called `name` would not change."""
+def _refuse_frozen(law: LawKind, key: str, where: str) -> None:
+    """Refuse a key through which a law does not act once it is made."""
+    if law.frozen is None:
+        return
     owner, _, field = key.partition(".")
     if owner == "spall":
         field = key.split(".")[-1]
-    if name in FITTED_FOR and owner == "spall" and field in FITTED_FOR[name]:
-        made = "is fitted for one" if name == "power" else "does not know the"
+    if owner == "spall" and field in law.frozen:
+        made = "is fitted for one" if law.one_shape else "does not know the"
         raise SweepError(
-            f"{where}{key}: contact.law = {name!r} {made} {field.replace('_', ' ')} of a spall; use 'table'"
+            f"{where}{key}: contact.law = {law.name!r} {made} {field.replace('_', ' ')} of a spall; use 'table'"
         )
     crown = key == "contact.design_load"
-    if name in FITTED_FOR and (crown or (owner == "bearing" and field not in ("arc_radius", "outer_angle"))):
+    if crown or (owner == "bearing" and field not in ("arc_radius", "outer_angle")):
         raise SweepError(
-            f"{where}{key}: contact.law = {name!r} would have to be made anew for every member; use 'table'"
+            f"{where}{key}: contact.law = {law.name!r} would have to be made anew for every member; use 'table'"
         )
-    if name == "liu2018" and key == "bearing.outer_angle":
-        raise SweepError(f"{where}{key}: contact.law = 'liu2018' holds for the bearing 32008J only; use 'table'")
+    if law.bearing is not None and key == "bearing.outer_angle":
+        raise SweepError(
+            f"{where}{key}: contact.law = {law.name!r} holds for the bearing {law.bearing} only; use 'table'"
+        )
 
 
 def _with_ends(scene: Scene, ends: dict[str, tuple[float, float]], side: int) -> Scene:
