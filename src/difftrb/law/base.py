@@ -239,7 +239,7 @@ LAWS: dict[str, LawKind] = {}
 
 
 def register(kind: LawKind) -> None:
-    """Let scenes, scene files and the command line name a law. Raises ValueError for a name that is taken."""
+    """Let scenes, scene files and the command line name a law. Raises `SceneError` for a name that is taken."""
     if kind.name in names():
         raise status.SceneError(f"law {kind.name!r} is there already: choose another name")
     LAWS[kind.name] = kind
@@ -266,7 +266,7 @@ def by_samples(name: str) -> bool:
 
 
 def made(name: str, request: Request) -> Law:
-    """The law called `name`; raises ValueError for an unknown one."""
+    """The law called `name`; raises `SceneError` for an unknown one."""
     if name not in LAWS:
         raise status.SceneError(unknown(name))
     return LAWS[name].make(request)
