@@ -17,7 +17,7 @@ import numpy as np
 
 from difftrb.core import status, storage
 from difftrb.core.geometry import LineContact, Spall, as_floats
-from difftrb.core.numeric import chebyshev_nodes
+from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots
 from difftrb.law import base, direct, edge_ramp, load_curve, ramp_fit, samples
 from difftrb.law.base import LENGTH_SHARE, Law, LawKind, Request
 from difftrb.law.samples import AT, Case, Node, Progress
@@ -227,7 +227,7 @@ def _aims(built: Atlas, contact: LineContact, length: jax.Array, of: EdgeNodes) 
     """Loads [N] and places of the edge [mm] at which the ramp of spalls of this length is solved, shape (approaches,
     places + 2), at nearly the same approaches and the same t: the first and the last place lie just beyond the ramp."""
     beside = plain_ramp(built, contact, length)
-    t = jnp.asarray(0.5 * ramp_fit.LAST * (1.0 - np.cos(np.pi * (np.arange(of.places) + 0.5) / of.places)))
+    t = jnp.asarray(0.5 * ramp_fit.LAST * (1.0 - chebyshev_roots(of.places)))
 
     def at(load: jax.Array) -> tuple[jax.Array, jax.Array]:
         healthy, full, low, high = edge_ramp.between(beside, load_curve.approach(beside.healthy, load))

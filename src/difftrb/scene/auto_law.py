@@ -128,8 +128,8 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
 
     Each of them is solved by "direct" first, see `prepare`, to a tenth of `accuracy` if it can; those without a
     solution do not count. A law's error is the largest difference from these, plus what they themselves are known to.
-    If none keeps what is asked, the most exact one is taken, and `picked` says its error. Left out are laws that
-    are for other bearings, and those for which `make` raises ValueError; if that leaves none, the last one's is raised.
+    If none keeps what is asked, the most exact one is taken, and `picked` says its error. Left out are laws for other
+    bearings, and those for which `make` raises `SceneError`; if that leaves none, the last one's is raised.
     """
     among = [made for made in among if laws.LAWS[made[0]].is_for(scenes[0].bearing)]
     scenes = [preparation.checked(scene) for scene in scenes]
