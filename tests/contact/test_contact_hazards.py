@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import contact_extent as domains
-from difftrb.contact import projected_gradient
+from difftrb.contact import contact_cells, projected_gradient
 from difftrb.contact import solver as contacts
 from difftrb.core import status
 from difftrb.law import samples
@@ -159,8 +158,8 @@ def test_sizes_that_are_no_sizes_are_flagged(contact: trb.LineContact) -> None:
 
 def test_a_domain_that_cuts_the_contact_is_noticed(contact: trb.LineContact, monkeypatch) -> None:
     """Forced to half its size, as in the source paper, the domain is reported, not believed."""
-    whole = domains.domain
-    monkeypatch.setattr(domains, "domain", lambda *a: (0.4 * whole(*a)[0], *whole(*a)[1:]))
+    whole = contact_cells.domain
+    monkeypatch.setattr(contact_cells, "domain", lambda *a: (0.4 * whole(*a)[0], *whole(*a)[1:]))
     programs = contacts._by_cells, contacts._alone
     for program in programs:
         program.clear_cache()
