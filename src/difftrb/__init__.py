@@ -28,12 +28,10 @@ if TYPE_CHECKING:
     from difftrb.ring import effects
     from difftrb.ring.ring import Load
     from difftrb.scene.audit import Audit, verify
-    from difftrb.scene.auto_law import prepare
     from difftrb.scene.edge_stress import EdgeStress, edge_stresses
     from difftrb.scene.scene import Scene, healthy
     from difftrb.scene.scene_file import load_scene
-    from difftrb.scene.solution import Solution
-    from difftrb.scene.solving import Assessment, assess, solve
+    from difftrb.scene.solving import Assessment, Solution, assess, prepare, solve
     from difftrb.sweeps.chunks import write_sweep
     from difftrb.sweeps.gathered import load_sweep
     from difftrb.sweeps.sweep_result import Swept
@@ -41,7 +39,6 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "scene.audit": ("Audit", "verify"),
-    "scene.auto_law": ("prepare",),
     "contact.solver": ("solve_contact",),
     "contact.contact_slopes": ("approach_slopes",),
     "contact.contact_solution": ("ContactSolution",),
@@ -57,8 +54,7 @@ _HOMES = {
     "ring.ring": ("Load",),
     "scene.scene": ("Scene", "healthy"),
     "scene.scene_file": ("load_scene",),
-    "scene.solution": ("Solution",),
-    "scene.solving": ("Assessment", "assess", "solve"),
+    "scene.solving": ("Assessment", "Solution", "assess", "prepare", "solve"),
     "core.status": ("DifftrbError", "SceneError", "SolveError", "SweepError"),
     "sweeps.chunks": ("write_sweep",),
     "sweeps.gathered": ("load_sweep",),

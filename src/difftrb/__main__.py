@@ -126,16 +126,15 @@ def _read(options: Any) -> tuple[Any, str]:
 def _run(options: Any) -> int:
     import jax
 
-    from difftrb.report import run_report
-    from difftrb.scene import light_load, scene_file
+    from difftrb.report import remarks, run_report
+    from difftrb.scene import scene_file
     from difftrb.scene.audit import verify
-    from difftrb.scene.auto_law import prepare
     from difftrb.scene.edge_stress import edge_stresses
-    from difftrb.scene.solving import assess
+    from difftrb.scene.solving import assess, prepare
 
     file, path = _read(options)
     scene_file.check_ring(file, path)
-    _remark(light_load.of_scene(file), path)
+    _remark(remarks.light_ring_load(file), path)
     started = time.perf_counter()
     if file.contact.law in ("table", "direct", "auto"):
         with terminal.bar("solving contacts for the roller law") as progress:
@@ -157,7 +156,7 @@ def _run(options: Any) -> int:
 
         plot.save(plot.load_distribution(result, scene), folder, "load_distribution")
         plot.save(plot.stiffness_bars(result, scene)[0], folder, "stiffness")
-        pressed = scene_file.contact_under_spall(file, result.spalled)
+        pressed = plot.contact_under_spall(file.scene(), result.spalled)
         if bool(pressed.converged):
             plot.save(plot.pressure_map(pressed), folder, "pressure")
         else:
@@ -173,12 +172,12 @@ def _contact(options: Any) -> int:
     import jax
 
     from difftrb.contact.contact_slopes import approach_and_slopes
-    from difftrb.report import run_report
-    from difftrb.scene import light_load, scene_file
+    from difftrb.report import remarks, run_report
+    from difftrb.scene import scene_file
 
     file, path = _read(options)
     scene_file.check_contact(file, path)
-    _remark(light_load.of_contact(file), path)
+    _remark(remarks.light_contact_load(file), path)
     started = time.perf_counter()
     with terminal.busy("solving the contact"):
         solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
@@ -194,12 +193,13 @@ def _contact(options: Any) -> int:
 
 def _accuracy(options: Any) -> int:
     from difftrb.accuracy import accuracy_report, comparison, ladder
-    from difftrb.scene import light_load, scene_file
+    from difftrb.report import remarks
+    from difftrb.scene import scene_file
 
     if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
         raise scene_file.SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
     file, path = _read(options)
-    _remark(light_load.of_scene(file), path)
+    _remark(remarks.light_ring_load(file), path)
     ways, limit = (ladder.FULL, float("inf")) if options.full else (ladder.RUNGS, comparison.LIMIT)
     with terminal.bar("measuring what accuracy costs") as progress:
         measured = comparison.measure(
@@ -221,12 +221,13 @@ def _fit(options: Any) -> int:
     from difftrb.fits import fit_report, measured
     from difftrb.fits.fitting import fit, prepare_fit
     from difftrb.fits.optimal_design import next_measurements
-    from difftrb.scene import light_load, scene_file
+    from difftrb.report import remarks
+    from difftrb.scene import scene_file
 
     file, path = _read(options)
     scene_file.check_ring(file, path)
     rows = measured.load_measured(options.measured)
-    _remark(light_load.of_rows(file.bearing, rows), options.measured)
+    _remark(remarks.light_measured_load(file.bearing, rows), options.measured)
     names = [name.strip() for name in options.parameters.split(",")]
     started = time.perf_counter()
     with terminal.bar("solving contacts for the roller law") as progress:
@@ -247,7 +248,7 @@ def _fit(options: Any) -> int:
 
 def _sweep(options: Any) -> int:
     from difftrb.core import devices
-    from difftrb.scene import light_load
+    from difftrb.report import remarks
     from difftrb.sweeps import chunks, forecast, sweep_file
 
     folder: Path = options.out
@@ -256,7 +257,7 @@ def _sweep(options: Any) -> int:
     devices.join(options.coordinator, options.processes, options.process)  # before anything is computed
     file = sweep_file.read(options.scene)
     if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
-        _remark((light_load.of_contact if file.of_contact else light_load.of_scene)(file.scene), options.scene)
+        _remark((remarks.light_contact_load if file.of_contact else remarks.light_ring_load)(file.scene), options.scene)
     with terminal.bar("preparing the roller law") as progress:
         plan = file.plan(options.batch, progress)
     _say_picked(plan.base)
@@ -304,11 +305,12 @@ def _say(sentence: str) -> None:
 
 
 def _check(options: Any) -> int:
-    from difftrb.scene import light_load, scene_file
+    from difftrb.report import remarks
+    from difftrb.scene import scene_file
 
     file = scene_file.read(options.scene)
     scene_file.check_ring(file, options.scene)
-    _remark(light_load.of_scene(file), options.scene)
+    _remark(remarks.light_ring_load(file), options.scene)
     spalls = f"{len(file.spall)} spall{'s' if len(file.spall) != 1 else ''}" if file.spall else "healthy"
     print(f"{options.scene}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
           f"axial {file.load.axial:g} N, law {file.contact.law}")  # fmt: skip

@@ -12,7 +12,7 @@ from difftrb.core import status
 from difftrb.law import samples
 from difftrb.law.laws import PowerLaw
 from difftrb.report import run_report
-from difftrb.scene import audit
+from difftrb.scene.audit_states import key_of
 
 pytestmark = pytest.mark.exact
 
@@ -87,11 +87,11 @@ def test_the_mean_is_audited_at_some_phases(scene: trb.Scene) -> None:
 
 def test_mirror_images_are_one_contact() -> None:
     """In the rolling direction. Between two spalls a roller has one on either side: that is no image of both on one."""
-    same = audit._key("outer", 900.0, (0, 1), (0.5, 0.25))
-    assert same == audit._key("outer", 900.0, (0, 1), (-0.5, -0.25))
-    assert same != audit._key("outer", 900.0, (0, 1), (0.5, -0.25))
-    assert same != audit._key("inner", 900.0, (0, 1), (0.5, 0.25))
-    assert same != audit._key("outer", 901.0, (0, 1), (0.5, 0.25))
+    same = key_of("outer", 900.0, (0, 1), (0.5, 0.25))
+    assert same == key_of("outer", 900.0, (0, 1), (-0.5, -0.25))
+    assert same != key_of("outer", 900.0, (0, 1), (0.5, -0.25))
+    assert same != key_of("inner", 900.0, (0, 1), (0.5, 0.25))
+    assert same != key_of("outer", 901.0, (0, 1), (0.5, 0.25))
 
 
 def test_contacts_that_do_not_converge_keep_no_promise(scene: trb.Scene, monkeypatch: pytest.MonkeyPatch) -> None:

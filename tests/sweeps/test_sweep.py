@@ -20,7 +20,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import cache, devices
 from difftrb.report import plot
-from difftrb.scene import preparation, scene_file
+from difftrb.scene import scene_file, scene_laws
 from difftrb.sweeps import axes, chunks, forecast, gathered, outputs, sizes, sweep_file, sweep_plot, sweeping
 from difftrb.sweeps.plan import Plan, front
 
@@ -267,7 +267,7 @@ def test_contacts_by_file(tmp_path: Path) -> None:
 
 def test_one_law_covers_all_loads(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    monkeypatch.setattr(preparation.laws, "named", lambda *a: asked.append(a) or plan.base.law)
+    monkeypatch.setattr(scene_laws.laws, "named", lambda *a: asked.append(a) or plan.base.law)
     scene = plan.base
     named = dataclasses.replace(scene, law="power")
     given = axes.axes_of({"load.axial": [3000.0, 30000.0], "spall.0.length": [1.0, 4.0]})

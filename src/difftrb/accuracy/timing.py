@@ -20,10 +20,9 @@ from difftrb.contact.solver import on_lattice, solve_contact
 from difftrb.core import cache, machine
 from difftrb.core.compiling import jit_quickly
 from difftrb.scene import scene_file
-from difftrb.scene.auto_law import prepare
 from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.scene_file import SceneFile
-from difftrb.scene.solving import solve
+from difftrb.scene.solving import prepare, solve
 
 BATCH_THERE = 16384
 """Scenes of a batch on an accelerator, which needs many to be busy."""

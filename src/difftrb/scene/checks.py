@@ -41,6 +41,13 @@ KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definitio
 """Of a scene's own numbers in a file."""
 
 
+def checked(scene: Scene) -> Scene:
+    """The scene in floats. Raises `SolveError` without float64, `SceneError` for what cannot be had."""
+    status.require_float64()
+    refuse(scene)
+    return geometry.as_floats(scene)
+
+
 def refuse(scene: Scene) -> None:
     """Raise `SceneError` if something is wrong with a scene."""
     sentence = wrong(scene)

@@ -17,29 +17,24 @@ from pydantic import TypeAdapter, ValidationError
 
 from difftrb.contact import height_map
 from difftrb.contact.contact_problem import Defect
-from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.height_map import HeightMap
-from difftrb.contact.solver import solve_contact
 from difftrb.core import files, geometry
 from difftrb.core.files import shown
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence
 from difftrb.core.status import SceneError
 from difftrb.law import laws as laws
-from difftrb.ring import effect, effects, ring
+from difftrb.ring import effect, effects
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load, needed_axial
 from difftrb.scene import checks
-from difftrb.scene.scene import Definition, DesignLoad, Phase, Scene
-from difftrb.scene.solution import Solution
+from difftrb.scene.scene import COARSEST, Definition, DesignLoad, Phase, Scene
 
 PACKAGED_MAPS = ("spall_map.npz",)
 DEEPEST = 32
 """Points of a line of a scene file, without those of numbers: no key has so many parts."""
 PHASES = 16
 """Of one roller pitch, at which rings under moments are asked for an equilibrium."""
-COARSEST = 1e-2
-"""Accuracy of a contact solve; only "auto" is asked for less, and of something else."""
 
 
 class NoEquilibriumError(SceneError):
@@ -118,21 +113,6 @@ class SceneFile:
                 "accuracy": table.accuracy, "tilt": table.tilt}  # fmt: skip
 
 
-def contact_under_spall(file: SceneFile, solution: Solution) -> ContactSolution:
-    """The outer contact of the roller nearest to the first spall met there (of the most loaded roller if there is none,
-    or the nearest carries nothing), with the load and the offset it has in `solution`."""
-    spall = next(iter(ring.spalls_on(file.spall, "outer")), None)
-    roller, offset = int(jnp.argmax(solution.loads)), 0.0
-    if spall is not None:
-        away = ring.distances(file.bearing, (spall,), solution.angles)[0]
-        nearest = int(jnp.argmin(jnp.abs(away)))
-        if float(solution.loads[nearest]) > 0.0:
-            roller = nearest
-        offset = -float(away[roller])
-    contact = LineContact.of(file.bearing, "outer", file.contact.design_load)
-    return solve_contact(contact, solution.loads[roller], spall, offset, min(file.contact.accuracy, COARSEST))
-
-
 def load_scene(path: str | Path) -> Scene:
     """Read a scene file; `SceneError` (a ValueError) says in one sentence what is wrong with it."""
     file = read(path)
@@ -170,8 +150,7 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
         content: dict[str, Any] = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so are numbers without end
         reason = str(error).splitlines()[0][:200]
-        twice = re.match(r"Cannot overwrite a value \(at line (\d+)", reason)
-        if twice:
+        if twice := re.match(r"Cannot overwrite a value \(at line (\d+)", reason):
             number = int(twice[1])
             key = text.splitlines()[number - 1].split("=")[0].strip()
             raise SceneError(f"{path}: line {number}: {shown(key)} is named twice; name it once") from None
@@ -192,7 +171,10 @@ def _deep(text: str, path: str | Path) -> None:
 
 def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
     """Check a scene file's tables, which are changed by it, as `parse` does its text."""
-    _not_yet(content, path)
+    contact = content.get("contact")
+    law = contact.get("law") if isinstance(contact, dict) else None
+    if isinstance(law, str) and law not in laws.NAMES:
+        raise SceneError(f"{path}: contact.{laws.unknown(law)}")
     if isinstance(content.get("bearing"), str):
         name = content["bearing"]
         if name not in geometry.NAMED_BEARINGS:
@@ -270,14 +252,6 @@ def _loaded(name: str, place: Spall, key: str, folder: Path) -> HeightMap:
         return height_map.load_height_map(file, place.axial_offset, place.angle, place.surface)
     except height_map.HeightMapError as error:
         raise SceneError(f"{key} = {shown(name)}: {error}") from None
-
-
-def _not_yet(content: dict[str, Any], path: str | Path) -> None:
-    """Refuse, by name, what this version does not have."""
-    contact = content.get("contact")
-    law = contact.get("law") if isinstance(contact, dict) else None
-    if isinstance(law, str) and law not in laws.NAMES:
-        raise SceneError(f"{path}: contact.{laws.unknown(law)}")
 
 
 def check_contact(file: SceneFile, path: str | Path) -> None:
