@@ -16,9 +16,9 @@ from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
 from difftrb.contact import height_map
-from difftrb.contact.contact_problem import Defect
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import files, geometry
+from difftrb.core.bearing_checks import across
 from difftrb.core.files import shown
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence
@@ -93,24 +93,15 @@ class SceneFile:
             effects=self.effects,
         )
 
-    def line_contact(self) -> LineContact:
-        """The contact of one roller: with the inner raceway if the first spall lies there, else with the outer."""
-        inner = bool(self.spall) and self.spall[0].surface == "inner"
-        return LineContact.of(self.bearing, "inner" if inner else "outer", self.contact.design_load)
-
-    def under_contact(self) -> tuple[Defect, tuple[Real, ...]]:
-        """All spalls, and where they are from the middle of the single contact [mm]: the first by `contact.offset`, the
-        others as far from it as their angles say."""
-        radius = geometry.arc_radius(self.bearing)
-        return self.spall, tuple(
-            self.contact.offset + (spall.angle - self.spall[0].angle) * radius for spall in self.spall
-        )
-
     def single_contact(self) -> dict[str, Any]:
-        """What `solve_contact` is given for the single contact, by its names."""
-        table, (spalls, offsets) = self.contact, self.under_contact()
-        return {"contact": self.line_contact(), "load": table.load, "spall": spalls, "offset": offsets,
-                "accuracy": table.accuracy, "tilt": table.tilt}  # fmt: skip
+        """What `solve_contact` is given for the single contact, by its names: with the inner raceway if the first spall
+        lies there, else with the outer. The first spall is at `contact.offset` [mm] from the contact's middle, the
+        others as far from it as their angles say."""
+        table, spalls, radius = self.contact, self.spall, geometry.arc_radius(self.bearing)
+        raceway = "inner" if spalls and spalls[0].surface == "inner" else "outer"
+        offsets = tuple(table.offset + (spall.angle - spalls[0].angle) * radius for spall in spalls)
+        return {"contact": LineContact.of(self.bearing, raceway, table.design_load), "load": table.load,
+                "spall": spalls, "offset": offsets, "accuracy": table.accuracy, "tilt": table.tilt}  # fmt: skip
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -151,9 +142,8 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so are numbers without end
         reason = str(error).splitlines()[0][:200]
         if twice := re.match(r"Cannot overwrite a value \(at line (\d+)", reason):
-            number = int(twice[1])
-            key = text.splitlines()[number - 1].split("=")[0].strip()
-            raise SceneError(f"{path}: line {number}: {shown(key)} is named twice; name it once") from None
+            key = text.splitlines()[int(twice[1]) - 1].split("=")[0].strip()
+            raise SceneError(f"{path}: line {twice[1]}: {shown(key)} is named twice; name it once") from None
         raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
     content.pop("sweep", None)  # for `sweepfile`
     return from_content(content, path)
@@ -193,7 +183,7 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
     except RecursionError:
         raise SceneError(f"{path}: is nested too deeply for a scene") from None
     file = _as_read(read, kinds)
-    if (sentence := checks.across(file.bearing, file.spall)) is not None:
+    if (sentence := across(file.bearing, file.spall)) is not None:
         raise SceneError(f"{path}: {sentence}")
     spalls: list[Any] = list(file.spall)
     for i, name in maps.items():
