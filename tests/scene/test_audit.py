@@ -11,7 +11,7 @@ import difftrb as trb
 from difftrb.core import status
 from difftrb.law import samples
 from difftrb.law.laws import PowerLaw
-from difftrb.report import run_report
+from difftrb.report import remarks
 from difftrb.scene.audit_states import key_of
 
 pytestmark = pytest.mark.exact
@@ -46,14 +46,14 @@ def test_a_roller_on_an_edge_is_not_promised(scene: trb.Scene) -> None:
     audit = trb.verify(on_edge, found)
     assert audit.kept
     assert audit.load_error > 0.1
-    assert len(run_report.remarks(on_edge, found)) == 1
-    assert not run_report.remarks(scene, trb.solve(scene))
+    assert len(remarks.of_solution(on_edge, found)) == 1
+    assert not remarks.of_solution(scene, trb.solve(scene))
 
 
 def test_rollers_beyond_the_range_are_said_first(scene: trb.Scene) -> None:
     heavy = dataclasses.replace(scene, load=trb.Load(40000.0, 20000.0))
     found = trb.solve(heavy).check()
-    (sentence,) = run_report.remarks(heavy, found)
+    (sentence,) = remarks.of_solution(heavy, found)
     assert "made for" in sentence
     assert np.isnan(trb.verify(heavy, found).promised)
 

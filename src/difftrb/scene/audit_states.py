@@ -85,7 +85,7 @@ def _states(
     """Rollers that carry a load, or may, each with the contacts that hold it."""
     largest = float(np.max(loads))
     least = float(terms.seat.least) if terms.seat is not None else 0.0
-    contacts = {"outer": raceway_contact(scene, "outer")}
+    contacts: dict[Raceway, LineContact] = {"outer": raceway_contact(scene, "outer")}
     if terms.facing is not None:
         contacts["inner"] = raceway_contact(scene, "inner")
     met = {raceway: _met(scene, here, terms, raceway, approach, loads) for raceway in contacts}

@@ -66,7 +66,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
     """
     if isinstance(scene.law, LawName) and scene.law.name == "direct" and not is_traced(scene) and _may_be_local(scene):
         largest = _largest_for_curves(scene)
-        bases = {
+        bases: dict[Raceway, DirectLaw] = {
             raceway: direct.without_edges(raceway_contact(scene, raceway), largest, (), scene.accuracy, progress)
             for raceway in _raceways(scene)
         }
@@ -231,8 +231,8 @@ def _local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Prog
 
     A scene whose loads do not stay keeps the last laws, and its own status says that rollers are elsewhere.
     """
-    spalls = {raceway: ring.spalls_on(scene.spalls, raceway) for raceway in bases}
-    made = {raceway: LocalLaw(base, None, settling=True) for raceway, base in bases.items()}
+    spalls: dict[Raceway, tuple[Spall, ...]] = {raceway: ring.spalls_on(scene.spalls, raceway) for raceway in bases}
+    made: dict[Raceway, LocalLaw] = {raceway: LocalLaw(base, None, settling=True) for raceway, base in bases.items()}
     loads, reached = _at_rest(scene, made, spalls)
     centres = {raceway: [_guess(scene, spalls[raceway], each, loads[raceway]) for each in reached[raceway]]
                for raceway in bases}  # fmt: skip
