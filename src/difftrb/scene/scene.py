@@ -144,9 +144,9 @@ def _bearing(name: str) -> TaperedBearing:
 def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
     """The contact of the rollers with one raceway."""
     design_load = scene.design_load
-    for effect in scene.effects:
-        if raceway == "inner" and isinstance(effect, effects.Raceways) and effect.inner_design_load is not None:
-            design_load = effect.inner_design_load
+    series = effect.among(scene.effects, effects.Raceways)
+    if raceway == "inner" and series is not None and series.inner_design_load is not None:
+        design_load = series.inner_design_load
     return LineContact.of(scene.bearing, raceway, design_load)
 
 
