@@ -23,7 +23,8 @@ from rich.table import Table
 
 import difftrb as trb
 from difftrb.contact import solver as contacts
-from difftrb.contact.solver import Resolution
+from difftrb.contact.contact_cells import Resolution
+from difftrb.contact.contact_solution import Inputs
 
 FINEST = Resolution(96, 96, 24)
 GRIDS = [*dict.fromkeys(g.cells for g in contacts.GRIDS.values()), Resolution(24, 20, 8), Resolution(48, 48, 12)]
@@ -45,7 +46,7 @@ def approaches(grid: Resolution, contact: trb.LineContact, cases: jax.Array) -> 
 
     def one(case: jax.Array) -> jax.Array:
         spall = trb.Spall(case[1], case[2])
-        return contacts._by_cells(contact, case[0], spall, case[3], grid, True, 1e-3).approach
+        return contacts._by_cells(Inputs(contact, case[0], spall, case[3]), grid, True, 1e-3).approach
 
     batch = jax.jit(lambda c: jax.lax.map(one, c))
     started = time.perf_counter()

@@ -25,11 +25,12 @@ from rich.progress import track
 from rich.table import Table
 
 import difftrb as trb
+from difftrb.contact import contact_cells, strip_model
 from difftrb.contact import solver as contacts
-from difftrb.contact import strip_model
+from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.strip_fourier import Frequencies
 from difftrb.contact.strip_model import Fineness
-from difftrb.core import compiling
+from difftrb.core import jax_config
 from difftrb.law import samples
 from difftrb.law.direct import wide
 
@@ -66,11 +67,12 @@ def approaches(
     @jax.jit
     def one(case: jax.Array) -> tuple[jax.Array, jax.Array]:
         spall = trb.Spall(case[1], case[2])
-        under, _, _ = contacts._stage(contact, case[0], spall, case[3], cells, True)
-        solved = strip_model.solve(contact, case[0], spall, case[3], True, edges, fineness, under)
-        return solved.approach, solved.change < strip_model.SETTLED
+        inputs = Inputs(contact, case[0], spall, case[3])
+        under = contact_cells.stage(inputs, cells, True).cells
+        found = strip_model.solve(inputs, True, edges, fineness, under, 1e-2)
+        return found.approach, found.residual < strip_model.SETTLED
 
-    solve = one.lower(jnp.asarray(cases[0])).compile(compiler_options=compiling.quick())
+    solve = one.lower(jnp.asarray(cases[0])).compile(compiler_options=jax_config.quick())
     results, times = [], []
     for case in cases:
         started = time.perf_counter()

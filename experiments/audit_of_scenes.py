@@ -26,9 +26,9 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 import difftrb as trb
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.core import geometry
-from difftrb.law.laws import TABLE_2
+from difftrb.law.power import TABLE_2
 from difftrb.ring import effects as E
 from difftrb.scene.solving import solve_prepared
 
@@ -73,7 +73,7 @@ def bearing(rng: np.random.Generator) -> trb.TaperedBearing:
 def spall(rng: np.random.Generator, of: trb.TaperedBearing, contact: trb.LineContact, load: float) -> trb.Spall:
     """One spall of any kind."""
     size, pitch = float(of.roller_length), float(geometry.roller_pitch(of)) * float(geometry.arc_radius(of))
-    half = float(hertz.line_half_width(load / size, float(contact.radius), float(contact.modulus)))
+    half = float(gap.line_half_width(load / size, float(contact.radius), float(contact.modulus)))
     length = size * (rng.uniform(0.1, 0.6) if rng.uniform() < 0.7 else rng.uniform(0.02, 0.84))
     width = {
         "usual": pitch * rng.uniform(0.2, 0.9), "wide": pitch * rng.uniform(1.0, 5.0),
@@ -81,7 +81,7 @@ def spall(rng: np.random.Generator, of: trb.TaperedBearing, contact: trb.LineCon
     }[rng.choice(["usual", "wide", "narrow"], p=[0.6, 0.25, 0.15])]  # fmt: skip
     depth = 0.02 * float(of.roller_large_diameter)
     if rng.uniform() < 0.15:
-        depth = float(hertz.palmgren_approach(load, size)) * rng.uniform(0.05, 1.2)
+        depth = float(gap.palmgren_approach(load, size)) * rng.uniform(0.05, 1.2)
     offset = 0.0 if rng.uniform() < 0.5 else rng.uniform(-0.5, 0.5) * (size - length * rng.uniform(0.0, 1.0))
     angle = {"load": rng.uniform(-0.2, 0.2), "end": rng.uniform(1.0, 2.2), "any": rng.uniform(-3.1, 3.1)}[
         rng.choice(["load", "end", "any"], p=[0.7, 0.2, 0.1])
@@ -117,7 +117,7 @@ def drawn(seed: int, laws: tuple[str, ...]) -> Drawn:
     kind = str(rng.choice(kinds, p=[0.36] + [0.08] * 8)) if law not in ("liu2018", "palmgren") else "plain"
     if law == "palmgren" and rng.uniform() < 0.5:
         kind = "tilt"
-    approach = float(hertz.palmgren_approach(largest, size))
+    approach = float(gap.palmgren_approach(largest, size))
     load, acting = trb.Load(radial, axial), ()
     if kind == "raceways":
         acting = (E.Raceways(),)

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import pytest
 
 import difftrb as trb
-from difftrb.core import cache, machine
+from difftrb.core import machine, storage
 from difftrb.scene.scene import LawName
 
 BATCH = 256
@@ -57,7 +57,7 @@ def test_yardstick(benchmark: Any) -> None:
 
 @by_law
 def test_prepare(benchmark: Any, law: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache, "keeping", False)
+    monkeypatch.setattr(storage, "keeping", False)
     timed(benchmark, lambda: trb.prepare(named(law)))
 
 

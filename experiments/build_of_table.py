@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.core import cache
+from difftrb.core import storage
 from difftrb.core.geometry import LineContact
 from difftrb.law import table
 
@@ -44,8 +44,8 @@ def measure(contact: LineContact, accuracy: float, folder: Path) -> dict[str, fl
     def law() -> table.TableLaw:
         return table.table_law(contact, LARGEST, SPALLS, accuracy)
 
-    with mock.patch.object(cache, "folder", return_value=folder):
-        with mock.patch.object(cache, "keeping", False):
+    with mock.patch.object(storage, "folder", return_value=folder):
+        with mock.patch.object(storage, "keeping", False):
             cold, warm = seconds(law), seconds(law)
         kept = law()
         first, *again = [seconds(law) for _ in range(10)]

@@ -15,8 +15,8 @@ from scipy import optimize
 import difftrb as trb
 from difftrb.core import machine
 from difftrb.law import edge_ramp, load_curve
-from difftrb.law.edge_ramp import Carried
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
+from difftrb.law.edge_ramp import RollerCurves
 from difftrb.ring import ring
 
 STEP = 1e-3
@@ -63,11 +63,11 @@ def _angles(scene: trb.Scene) -> jax.Array:
 
 
 @jax.jit
-def _curves(scene: trb.Scene) -> Carried:
+def _curves(scene: trb.Scene) -> RollerCurves:
     return cast(Law, scene.law).curves(scene.spalls, ring.distances(scene.bearing, scene.spalls, _angles(scene)))
 
 
-_carried = jax.jit(edge_ramp.carried)
+_carried = jax.jit(edge_ramp.roller_loads)
 
 
 def in_numpy(scene: trb.Scene) -> Callable[[], Answer]:

@@ -38,9 +38,10 @@ from rich.progress import Progress
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.contact import hertz
+from difftrb.accuracy.reference_cases import CONTACT, DEPTH, TRUTHS, WIDTH, Truth
+from difftrb.contact import gap as gaps
 from difftrb.contact import solver as contacts
-from difftrb.contact.reference_cases import CONTACT, DEPTH, TRUTHS, WIDTH, Truth
+from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.solver import GRIDS
 from difftrb.report import plot
 
@@ -82,7 +83,7 @@ class Row:
 
 def uniform(case: Truth, columns: int, rows: int) -> tuple[tuple[float, float], np.ndarray]:
     """Sides of the domain and the gap at the cells' middles [mm], shape (columns, rows)."""
-    b = float(hertz.line_half_width(case.load / CONTACT.length, CONTACT.radius, CONTACT.modulus))
+    b = float(gaps.line_half_width(case.load / CONTACT.length, CONTACT.radius, CONTACT.modulus))
     sides = 2.0 * REACH * b, float(CONTACT.length)
     x, y = (side * ((np.arange(n) + 0.5) / n - 0.5) for side, n in zip(sides, (columns, rows), strict=True))
     scale = float(CONTACT.design_load / (np.pi * CONTACT.modulus * CONTACT.length))
@@ -120,7 +121,7 @@ def by_contactmechanics(
     topography = importlib.import_module("SurfaceTopography").Topography(-gap, sides)
     substrate = module.FreeFFTElasticHalfSpace(gap.shape, float(CONTACT.modulus), sides)
     system = module.Systems.NonSmoothContactSystem(substrate, topography)
-    b = float(hertz.line_half_width(load / CONTACT.length, CONTACT.radius, CONTACT.modulus))
+    b = float(gaps.line_half_width(load / CONTACT.length, CONTACT.radius, CONTACT.modulus))
     depth = b * b / (2.0 * float(CONTACT.radius))
 
     def solve(tolerance: float) -> Callable:
@@ -176,7 +177,9 @@ def batch_row(method: Way, group: str, cases: Sequence[Truth], accuracy: float, 
     def one(case: jax.Array) -> tuple[jax.Array, jax.Array]:
         arguments = CONTACT, case[0], trb.Spall(case[1], WIDTH, DEPTH), case[2]
         if method == "strips":
-            s = contacts._by_strips(*arguments, True, int(group == IN), accuracy)  # what "auto" chooses for this group
+            s = contacts._by_strips(
+                Inputs(*arguments), True, int(group == IN), accuracy
+            )  # what "auto" chooses for this group
         else:
             s = trb.solve_contact(*arguments, accuracy, method)
         return s.approach, s.unknowns

@@ -25,7 +25,8 @@ from rich.progress import track
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.law import laws
+from difftrb.law import base
+from difftrb.law.power import Palmgren
 from difftrb.ring import effects
 
 BEARING = trb.bearing("32008J")
@@ -44,7 +45,7 @@ class Row(NamedTuple):
     program: int
 
 
-def kinds(raceway_law: laws.Law) -> dict[str, tuple[effects.Effect, ...]]:
+def kinds(raceway_law: base.Law) -> dict[str, tuple[effects.Effect, ...]]:
     """The effects to compare, by what they are called."""
     series = effects.SeriesRaceways(None, raceway_law)
     deviations = tuple(float(v) for v in 1e-3 * np.random.default_rng(1).uniform(-0.5, 0.5, BEARING.rollers))
@@ -65,12 +66,12 @@ def kinds(raceway_law: laws.Law) -> dict[str, tuple[effects.Effect, ...]]:
     }
 
 
-def scene(acting: tuple[effects.Effect, ...], load: trb.Load, roller_law: laws.Law) -> trb.Scene:
+def scene(acting: tuple[effects.Effect, ...], load: trb.Load, roller_law: base.Law) -> trb.Scene:
     """A spall of 6 × 7 mm under a centred roller."""
     if any(effect.key == "mounting" for effect in acting):
         load = trb.Load(load.radial, 0.0)
     if any(effect.key == "tilt" for effect in acting):
-        roller_law = laws.Palmgren(BEARING.roller_length)
+        roller_law = Palmgren(BEARING.roller_length)
     return trb.Scene(BEARING, load, (trb.Spall(6.0, 7.0),), roller_law, effects=acting)
 
 
@@ -96,7 +97,7 @@ def median_seconds(function: Callable[[], Any], repeats: int = 5) -> float:
     return statistics.median(times)
 
 
-def measure(name: str, acting: tuple[effects.Effect, ...], roller_law: laws.Law, loads: Sequence[trb.Load], batch: int):
+def measure(name: str, acting: tuple[effects.Effect, ...], roller_law: base.Law, loads: Sequence[trb.Load], batch: int):
     """Values for every load, and the costs."""
     lengths = jnp.linspace(5.0, 7.0, batch)
     every = jax.jit(jax.vmap(answers, in_axes=(0, None)))

@@ -26,8 +26,8 @@ from rich.table import Table
 import difftrb as trb
 from difftrb.contact import gap as gaps
 from difftrb.contact import halfspace, projected_gradient
-from difftrb.contact import solver as contacts
-from difftrb.contact.solver import Resolution
+from difftrb.contact.contact_cells import Resolution, stage
+from difftrb.contact.contact_solution import Inputs
 
 GRIDS = (Resolution(16, 8, 4), Resolution(32, 16, 8), Resolution(64, 28, 12))
 FINE = Resolution(128, 48, 16)
@@ -60,7 +60,7 @@ def histories(contact: trb.LineContact, grid: Resolution, rows: np.ndarray, coun
 
     def one(case: jax.Array) -> tuple[jax.Array, jax.Array]:
         spall = trb.Spall(case[1], case[2])
-        cells, _, gap = contacts._stage(contact, case[0], spall, case[3], grid, True)
+        cells, gap, _ = stage(Inputs(contact, case[0], spall, case[3]), grid, True)
         matrix = halfspace.influence(cells, jnp.asarray(contact.modulus))
         guess = projected_gradient.first_guess(cells.area, gap, gaps.first_level(cells, contact.radius))
         exact = projected_gradient.press_from(guess, matrix, gap, case[0])[1]

@@ -30,11 +30,11 @@ from rich.progress import Progress
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.accuracy import comparison
-from difftrb.accuracy.accuracy_plot import WAYS
-from difftrb.accuracy.ladder import Rung
+from difftrb.accuracy import timing
+from difftrb.accuracy.accuracy_report import WAYS
+from difftrb.accuracy.ladder import Measured, Rung
 from difftrb.core import machine
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.report import plot
 from difftrb.scene import scene_file
 from difftrb.scene.scene import raceway_contact
@@ -67,7 +67,7 @@ class Row:
     each: float | None
 
 
-def own_rows(measured: comparison.Measured) -> list[Row]:
+def own_rows(measured: Measured) -> list[Row]:
     """difftrb's."""
     return [
         Row("difftrb", row.rung.name, row.error, row.again, row.single, row.each)
@@ -87,7 +87,7 @@ def by_paper(contact: trb.LineContact, reach: float, size: tuple[int, int]) -> t
 
 
 def peer_rows(
-    scene: trb.Scene, measured: comparison.Measured, scipy_on: tuple[str, ...] = ("table 1e-3", "power 1e-3"),
+    scene: trb.Scene, measured: Measured, scipy_on: tuple[str, ...] = ("table 1e-3", "power 1e-3"),
     size: tuple[int, int] = clipped.PAPER_GRID,
 ) -> list[Row]:  # fmt: skip
     """scipy's on laws that difftrb made and measured, and the paper's."""
@@ -161,7 +161,7 @@ def main() -> None:
     file = scene_file.parse(scene_file.example("spall"))
     with Progress(transient=True) as progress:
         task = progress.add_task("laws")
-        measured = comparison.measure(
+        measured = timing.measure(
             file, rungs=RUNGS, limit=np.inf, batch=BATCH,
             progress=lambda done, total: progress.update(task, completed=done, total=total + 1),
         )  # fmt: skip

@@ -26,9 +26,10 @@ from rich.progress import track
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.contact import solver as contacts
-from difftrb.contact.solver import Resolution
+from difftrb.contact.contact_cells import Resolution
+from difftrb.contact.contact_solution import Inputs
 from difftrb.core import status
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 3e-5, 1e-5)
@@ -40,7 +41,7 @@ def geometries(count: int, contact: trb.LineContact, edges: int) -> jax.Array:
     rng = np.random.default_rng(0)
     load, length = np.exp(rng.uniform(np.log(300.0), np.log(1e4), count)), rng.uniform(0.5, 9.0, count)
     width = rng.uniform(3.0, 8.0, count)
-    half_width = np.asarray(hertz.line_half_width(jnp.asarray(load) / contact.length, contact.radius, contact.modulus))
+    half_width = np.asarray(gap.line_half_width(jnp.asarray(load) / contact.length, contact.radius, contact.modulus))
     offset = 0.5 * width + half_width * rng.uniform(-0.8, 0.8, count) if edges == 1 else np.zeros(count)
     if edges == 2:
         width, offset = half_width * rng.uniform(0.2, 1.6, count), half_width * rng.uniform(-0.5, 0.5, count)
@@ -64,7 +65,9 @@ def truths(contact: trb.LineContact, cases: jax.Array, grid: Resolution) -> np.n
     """Approaches by cells [mm], shape (cases,)."""
 
     def approach(case: jax.Array) -> jax.Array:
-        return contacts._by_cells(contact, case[0], trb.Spall(case[1], case[2]), case[3], grid, True, 1e-4).approach
+        return contacts._by_cells(
+            Inputs(contact, case[0], trb.Spall(case[1], case[2]), case[3]), grid, True, 1e-4
+        ).approach
 
     return np.asarray(jax.jit(lambda c: jax.lax.map(approach, c))(cases))
 
@@ -77,12 +80,12 @@ def measure(
 
     def value(case: jax.Array) -> tuple[jax.Array, jax.Array]:
         arguments = contact, case[0], trb.Spall(case[1], case[2]), case[3]
-        s = contacts._by_strips(*arguments, True, edges, accuracy)
+        s = contacts._by_strips(Inputs(*arguments), True, edges, accuracy)
         return s.approach, s.status_code
 
     def slopes(case: jax.Array) -> tuple[jax.Array, tuple]:
         def approach(*a) -> jax.Array:
-            return contacts._by_strips(*a, True, edges, accuracy).approach
+            return contacts._by_strips(Inputs(*a), True, edges, accuracy).approach
 
         arguments = contact, case[0], trb.Spall(case[1], case[2], 0.2, 0.0, 0.0), case[3]
         return jax.value_and_grad(approach, (0, 1, 2, 3))(*arguments)
@@ -128,8 +131,8 @@ def cores(count: int, contact: trb.LineContact, accuracy: float = 1e-3) -> dict[
         return contact, case[0], trb.Spall(case[1], case[2]), case[3]
 
     ways = {
-        "strips": lambda case: contacts._by_strips(*arguments(case), True, 0, accuracy).approach,
-        "cells": lambda case: contacts._by_cells(*arguments(case), grid, True, accuracy).approach,
+        "strips": lambda case: contacts._by_strips(Inputs(*arguments(case)), True, 0, accuracy).approach,
+        "cells": lambda case: contacts._by_cells(Inputs(*arguments(case)), grid, True, accuracy).approach,
     }
     return {name: on_two_threads(way, geometries(count, contact, 0)) for name, way in ways.items()}
 

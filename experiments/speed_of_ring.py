@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import difftrb as trb
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.scene.scene import LawName
 from experiments import by_scipy
 

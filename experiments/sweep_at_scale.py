@@ -36,11 +36,12 @@ import numpy as np
 
 import difftrb as trb
 from difftrb.core import jax_config
-from difftrb.core.devices import lanes_of
+from difftrb.core.machine import lanes_of
 from difftrb.report import plot
 from difftrb.scene import scene_file
-from difftrb.sweeps import chunks, outputs, sweep_plot, sweeping
-from difftrb.sweeps.plan import MOST_MEMBERS, Plan, labelled
+from difftrb.sweeps import chunks, sweep_plot, sweeping
+from difftrb.sweeps.gathered import labelled
+from difftrb.sweeps.plan import MOST_MEMBERS, Plan, Program
 
 NAMES, SIZES = ("radial_stiffness", "axial_stiffness"), ("spall.0.length", "spall.0.width")
 FILE = f"""{scene_file.example("spall")}
@@ -144,7 +145,7 @@ def batches(law: str) -> None:
     """Microseconds a member by members computed at once, on one core: pin it with taskset."""
     for batch in (64, 256, 1024, 4096, 16384):
         made = plan(40_000, law, batch)
-        program = sweeping.Program(made, lanes_of(1))
+        program = Program(made, lanes_of(1))
         program.parts([0])
         times = []
         for _ in range(3):
@@ -225,9 +226,9 @@ def contacts(side: int = 64, accuracy: float = 1e-3, devices: int | None = None)
         return trb.solve_contact(tree["contact"], 3000.0, tree["spall"], tree["offset"], accuracy)
 
     axes = {"offset": np.linspace(-0.7, 0.7, side), "spall.length": np.linspace(0.5, 8.0, side)}
-    made = sweeping.planned(outputs.of_contact(["approach"], solved), base, axes, batch=1)
-    made = dataclasses.replace(made, units=made.units | {"offset": "mm", "approach": "mm"})
-    program = sweeping.Program(made, lanes_of(devices))
+    made = sweeping.planned("approach", base, axes, batch=1, solved=solved)
+    made = dataclasses.replace(made, units=made.units | {"offset": "mm"})
+    program = Program(made, lanes_of(devices))
     started = time.perf_counter()
     program.parts([0])
     compiled = time.perf_counter()

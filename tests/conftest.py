@@ -10,7 +10,7 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 import difftrb as trb
-from difftrb.core import cache
+from difftrb.core import storage
 from difftrb.law import samples
 from tests.closed_form import closed_form
 
@@ -54,7 +54,7 @@ def closed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list]:
     solves = []
     patch.setattr(samples, "solved", lambda *a: (solves.append(a), closed_form(*a))[1])
     folder = tmp_path_factory.mktemp("cache")
-    patch.setattr(cache, "folder", lambda: folder)
-    patch.setattr(cache, "keeping", True)  # whatever ran before
+    patch.setattr(storage, "folder", lambda: folder)
+    patch.setattr(storage, "keeping", True)  # whatever ran before
     yield solves
     patch.undo()

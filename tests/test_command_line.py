@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import subprocess
+import sys
 from importlib import metadata
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.core import atomic_io, geometry, jax_config
+from difftrb.core import geometry, jax_config
 from difftrb.fits import measured
 from difftrb.report import plot, remarks
 from difftrb.scene import scene_file
@@ -294,27 +296,6 @@ def test_an_out_that_is_a_file_is_refused_and_kept(capsys, paper: Path, tmp_path
     assert target.read_text() == "mine"
 
 
-@pytest.mark.parametrize("there", [True, False])
-def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path, there: bool) -> None:
-    target = tmp_path / "a" / "out"
-    if there:
-        target.mkdir(parents=True)
-        (target / "result.json").write_text("old", encoding="utf-8")
-
-    def fill(folder: Path) -> None:
-        (folder / "result.json").write_text("half", encoding="utf-8")
-        raise OSError(28, "No space left on device", str(folder))
-
-    with pytest.raises(OSError, match="No space left") as caught:
-        atomic_io.write_folder(target, fill)
-    assert caught.value.filename == str(target)
-    if there:
-        assert (target / "result.json").read_text() == "old"
-        assert [p.name for p in target.iterdir()] == ["result.json"]
-    else:
-        assert list(tmp_path.iterdir()) == []
-
-
 def test_a_folder_in_the_way_stops_everything(capsys, paper: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     (out / "stiffness.png").mkdir(parents=True)
@@ -327,7 +308,7 @@ def test_a_pressure_map_that_cannot_be_resolved_is_left_out(capsys, paper: Path,
     narrow = trb.solve_contact(
         trb.LineContact.of(trb.bearing("32008J")), 3000.0, trb.Spall(2.0, 0.01), accuracy=1e-2, method="cells"
     )
-    monkeypatch.setattr(scene_file, "contact_under_spall", lambda file, solution: narrow)
+    monkeypatch.setattr(plot, "contact_under_spall", lambda scene, solution: narrow)
     code, _, err = call(capsys, "run", str(paper), "--out", str(tmp_path / "out"))
     assert code == 0
     assert "no pressure map: the spall is narrower than one cell" in err
@@ -378,6 +359,20 @@ def test_version_is_that_of_the_package(capsys) -> None:
     assert ended.value.code == 0
     assert capsys.readouterr().out == f"difftrb {metadata.version('difftrb')}\n"
     assert trb.__version__ == metadata.version("difftrb")
+
+
+def test_a_version_and_an_example_need_no_jax() -> None:
+    code = """if True:
+        import sys
+        from difftrb.__main__ import main
+        for arguments in (["example"], ["example", "paper"], ["example", "none"], ["--version"]):
+            try:
+                main(arguments)
+            except SystemExit:
+                pass
+        assert not {"jax", "pydantic", "matplotlib"} & set(sys.modules)
+    """
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
 
 
 @pytest.mark.parametrize(

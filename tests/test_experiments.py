@@ -15,7 +15,8 @@ import pytest
 import difftrb as trb
 from difftrb.accuracy import ladder
 from difftrb.accuracy.ladder import Rung
-from difftrb.contact.solver import GRIDS, Resolution
+from difftrb.contact.contact_cells import Resolution
+from difftrb.contact.solver import GRIDS
 from experiments import by_scipy
 
 FOLDER = Path(__file__).parents[2] / "experiments"

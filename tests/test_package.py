@@ -1,6 +1,7 @@
 """The package's own promises: rooms in which imports run one way, names that exist, documented."""
 
 import ast
+import importlib
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ MODULES = sorted(str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*.py"))
 ALONE = {
     "jaxopt": {"core/implicit.py"},
     "optax": {"fits/predicted.py"},
-    "matplotlib": {"report/plot.py", "sweeps/sweep_plot.py", "fits/fit_report.py", "accuracy/accuracy_plot.py"},
+    "matplotlib": {"report/plot.py", "sweeps/sweep_plot.py", "fits/fit_report.py", "accuracy/accuracy_report.py"},
     "pydantic": {"scene/scene_file.py", "fits/measured.py"},
 }
 """Where a library is used, and nowhere else."""
@@ -81,6 +82,18 @@ def test_public_names_exist_and_are_documented() -> None:
         assert getattr(trb, name).__doc__, name
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         trb.nothing  # type: ignore[attr-defined]  # noqa: B018
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_errors_have_one_base(module: str) -> None:
+    """Every class of errors is a `DifftrbError`; none raises a bare ValueError, RuntimeError or Exception."""
+    tree = ast.walk(ast.parse((SOURCE / module).read_text(encoding="utf-8")))
+    for node in tree:
+        if isinstance(node, ast.ClassDef) and node.name.endswith("Error"):
+            home = importlib.import_module(f"difftrb.{module.removesuffix('.py').replace('/', '.')}")
+            assert issubclass(getattr(home, node.name), trb.DifftrbError), node.name
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            assert ast.unparse(node.exc.func) not in {"ValueError", "RuntimeError", "Exception"}, node.lineno
 
 
 def test_it_is_typed() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.patches import Rectangle
 
 import difftrb as trb
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from experiments.paper import clipped, common
 from experiments.paper.common import FAILS, HOLDS, ONLY_IF, Claim, Progress, Result
 
@@ -138,7 +138,7 @@ def run(out: Path, progress: Progress) -> Result:
         for place, p, w, f in zip(PLACES, paper, whole, finer, strict=True)
     ]  # fmt: skip
     contact = common.contact()
-    half_width = float(hertz.line_half_width(LOAD / contact.length, contact.radius, contact.modulus))
+    half_width = float(gap.line_half_width(LOAD / contact.length, contact.radius, contact.modulus))
     sunk = float(pressed(jnp.asarray(0.0), jnp.asarray(common.DEPTH), WHOLE).approach)
     lets_go = float(np.sqrt(2.0 * float(contact.radius) * sunk))
     at_036, at_0 = whole[PLACES.index(0.36)], whole[PLACES.index(0.0)]

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import difftrb as trb
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.law import table
-from difftrb.law.laws import load_over
+from difftrb.law.base import load_over
 from experiments.paper import clipped, common
 from experiments.paper.common import FAILS, HOLDS, LENGTHS, ONLY_IF, Claim, Printed, Progress, Result
 
@@ -57,7 +57,7 @@ def ramp(places: np.ndarray, ratio: np.ndarray) -> tuple[float, float]:
 def run(out: Path, progress: Progress) -> Result:
     """Both figures."""
     contact = common.contact()
-    b = float(hertz.line_half_width(LOAD / contact.length, contact.radius, contact.modulus))
+    b = float(gap.line_half_width(LOAD / contact.length, contact.radius, contact.modulus))
     ratios = {
         "domain ±0.7 b": np.asarray(_by_uniform(jnp.asarray(PLACES), clipped.NARROWED, (400, 20))),
         "domain ±1.4 b (the paper's words)": np.asarray(_by_uniform(jnp.asarray(PLACES), 1.4, (400, 40))),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import difftrb as trb
-from difftrb.contact.contact_problem import Defect
+from difftrb.contact.contact_solution import Defect
 from experiments.paper import common
 from experiments.paper.common import Progress, Result
 

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap as gaps
-from difftrb.contact import hertz, projected_gradient, uniform_grid
-from difftrb.contact.halfspace import Cells
+from difftrb.contact import halfspace, projected_gradient
+from difftrb.contact.gap import Cells
 from difftrb.core.geometry import LineContact, Real, Spall
 
 PAPER_GRID = (400, 40)
@@ -46,7 +46,7 @@ def solve(
     to whole cells, as in the paper.
     """
     rows, columns = size
-    half_width = hertz.line_half_width(load / contact.length, contact.radius, contact.modulus)
+    half_width = gaps.line_half_width(load / contact.length, contact.radius, contact.modulus)
     half = reach * half_width
     pitch = jnp.asarray(2.0 * half / columns)
     x = pitch * (jnp.arange(columns) + 0.5) - half
@@ -56,7 +56,7 @@ def solve(
     if spall is not None:
         gap = gap + gaps.depression(cells, spall, offset)
     lowest = jnp.min(gap)
-    matrix = uniform_grid.influence(cells, jnp.asarray(contact.modulus))
+    matrix = halfspace.uniform_influence(cells, jnp.asarray(contact.modulus))
     force, approach, residual, _ = projected_gradient.press_by(
         matrix, cells.area, gap - lowest, load, gaps.first_level(cells, contact.radius)
     )

@@ -24,7 +24,7 @@ from difftrb.core import status
 from difftrb.core.geometry import Raceway, Real
 from difftrb.core.jax_config import set_up_jax
 from difftrb.law import table
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.report import plot, run_report
 from difftrb.ring import effects
 from difftrb.scene import solving

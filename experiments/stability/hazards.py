@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 
 import difftrb as trb
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.core import geometry, status
 from difftrb.ring import ring
 
@@ -75,7 +75,7 @@ class ContactHazard(Hazard):
     design_load: float = 6500.0
 
 
-HALF_WIDTH = float(hertz.line_half_width(3000.0 / LENGTH, RADIUS, CONTACT.modulus))
+HALF_WIDTH = float(gap.line_half_width(3000.0 / LENGTH, RADIUS, CONTACT.modulus))
 """Of the contact at 3 kN [mm], about."""
 
 CONTACTS = (

@@ -13,8 +13,9 @@ import numpy as np
 
 import difftrb as trb
 from difftrb.contact import halfspace, strip_model
+from difftrb.contact.contact_solution import Inputs
 from difftrb.core import status
-from difftrb.law import laws
+from difftrb.law import base
 from experiments.paper import common
 from experiments.stability.hazards import CONTACT, LENGTH, NUMBERS, ContactHazard
 
@@ -123,7 +124,7 @@ def over_load_and_length(
         for field, style, colour, name in limits:
             ax.contour(loads, lengths, field, levels=[0.0], colors=[colour], linestyles=style, linewidths=1.3)
             ax.plot([], [], style, color="#999999" if colour == "#FFFFFF" else colour, label=name)
-        ax.axhline(laws.LENGTH_SHARE * LENGTH, color="black", ls=":", lw=1.2, label="longest of laws")
+        ax.axhline(base.LENGTH_SHARE * LENGTH, color="black", ls=":", lw=1.2, label="longest of laws")
         ax.axvline(6500.0, color="black", ls="-.", lw=0.9, label="crown's design load")
     panels[0].set_ylabel("spall's length [mm]")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
@@ -137,5 +138,5 @@ def over_load_and_length(
 
 def _suited(numbers: jax.Array) -> jax.Array:
     load, length = numbers
-    _, suited = strip_model.outlook(CONTACT, load, trb.Spall(length, 7.0), jnp.zeros(()))
+    _, suited = strip_model.outlook(Inputs(CONTACT, load, trb.Spall(length, 7.0), jnp.zeros(())))
     return suited.astype(float)

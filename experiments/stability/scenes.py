@@ -13,7 +13,8 @@ import numpy as np
 import difftrb as trb
 from difftrb.core import geometry, status
 from difftrb.core.geometry import Spall, TaperedBearing
-from difftrb.law.laws import Law, Palmgren
+from difftrb.law.base import Law
+from difftrb.law.power import Palmgren
 from difftrb.ring import ring
 from difftrb.scene.scene import Definition
 from experiments.stability.hazards import BEARING

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from difftrb.contact.contact_slopes import approach_slopes
     from difftrb.contact.contact_solution import ContactSolution
     from difftrb.contact.height_map import HeightMap, HeightMapError, example_map, load_height_map
-    from difftrb.contact.solver import solve_contact
+    from difftrb.contact.solver import approach_slopes, solve_contact
     from difftrb.contact.stress_intensity import EdgeIntensity, edge_intensity
     from difftrb.core.geometry import LineContact, Spall, TaperedBearing, bearing
     from difftrb.core.status import DifftrbError, SceneError, SolveError, SweepError
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from difftrb.fits.fitting import fit
     from difftrb.fits.measured import MeasuredError, Measurement, load_measured
     from difftrb.fits.optimal_design import Suggestion, next_measurements
-    from difftrb.law.laws import PowerLaw, liu2018, power_law
+    from difftrb.law.power import PowerLaw, liu2018, power_law
     from difftrb.ring import effects
     from difftrb.ring.ring import Load
     from difftrb.scene.audit import Audit, verify
@@ -33,14 +32,12 @@ if TYPE_CHECKING:
     from difftrb.scene.scene_file import load_scene
     from difftrb.scene.solving import Assessment, Solution, assess, prepare, solve
     from difftrb.sweeps.chunks import write_sweep
-    from difftrb.sweeps.gathered import load_sweep
-    from difftrb.sweeps.sweep_result import Swept
+    from difftrb.sweeps.gathered import Swept, load_sweep
     from difftrb.sweeps.sweeping import sweep
 
 _HOMES = {
     "scene.audit": ("Audit", "verify"),
-    "contact.solver": ("solve_contact",),
-    "contact.contact_slopes": ("approach_slopes",),
+    "contact.solver": ("approach_slopes", "solve_contact"),
     "contact.contact_solution": ("ContactSolution",),
     "fits.fitting": ("fit",),
     "scene.edge_stress": ("EdgeStress", "edge_stresses"),
@@ -48,7 +45,7 @@ _HOMES = {
     "contact.stress_intensity": ("EdgeIntensity", "edge_intensity"),
     "core.geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
     "contact.height_map": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),
-    "law.laws": ("PowerLaw", "liu2018", "power_law"),
+    "law.power": ("PowerLaw", "liu2018", "power_law"),
     "fits.measured": ("MeasuredError", "Measurement", "load_measured"),
     "fits.optimal_design": ("Suggestion", "next_measurements"),
     "ring.ring": ("Load",),
@@ -57,9 +54,8 @@ _HOMES = {
     "scene.solving": ("Assessment", "Solution", "assess", "prepare", "solve"),
     "core.status": ("DifftrbError", "SceneError", "SolveError", "SweepError"),
     "sweeps.chunks": ("write_sweep",),
-    "sweeps.gathered": ("load_sweep",),
+    "sweeps.gathered": ("Swept", "load_sweep"),
     "sweeps.sweeping": ("sweep",),
-    "sweeps.sweep_result": ("Swept",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

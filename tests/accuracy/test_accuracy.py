@@ -13,10 +13,9 @@ import pytest
 from rich.console import Console
 
 from difftrb import __main__ as cli
-from difftrb.accuracy import accuracy_plot, accuracy_report, comparison, ladder, timing
-from difftrb.accuracy.comparison import Measured
-from difftrb.accuracy.ladder import Row, Rung
-from difftrb.core import devices
+from difftrb.accuracy import accuracy_report, ladder, timing
+from difftrb.accuracy.ladder import Measured, Row, Rung
+from difftrb.core import machine
 from difftrb.report import plot
 from difftrb.scene import scene_file
 
@@ -133,7 +132,7 @@ def test_what_is_not_known_of_any_rung_has_no_column() -> None:
 
 
 def test_the_figure_has_a_panel_for_what_was_measured(tmp_path: Path) -> None:
-    ax = accuracy_plot.work_precision(measured(ROWS))
+    ax = accuracy_report.work_precision(measured(ROWS))
     assert len(ax.figure.axes) == 1
     names = {text.get_text() for text in ax.get_legend().get_texts()}
     assert names == {"direct", "table", "power", "liu2018", "truth known to"}
@@ -149,7 +148,7 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
     out = tmp_path / "out"
     few = Rung("ring", "liu2018", 1e-3), Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-3, (8, 80))
     monkeypatch.setattr(ladder, "RUNGS", few)
-    monkeypatch.setattr(comparison, "BATCH", 2)
+    monkeypatch.setattr(timing, "BATCH", 2)
     code = cli.main(["--no-cache", "accuracy", str(path), "--json", "--accuracy", "1e-2", "--out", str(out)])
     captured = capsys.readouterr()
     record = json.loads(captured.out)
@@ -174,7 +173,7 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system does not pin processes")
 def test_one_core_is_another_process() -> None:
     file = scene_file.parse(scene_file.example("spall"))
-    result = comparison.measure(file, rungs=(Rung("ring", "liu2018", 1e-3),), batch=2, thorough=True)
+    result = timing.measure(file, rungs=(Rung("ring", "liu2018", 1e-3),), batch=2, thorough=True)
     record = accuracy_report.accuracy_json(result)["one_core"]
     assert record["each"] > 0.0
     assert record["each_with_gradient"] > 0.0
@@ -182,10 +181,10 @@ def test_one_core_is_another_process() -> None:
 
 
 def test_with_an_accelerator_a_batch_is_timed_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(devices, "accelerator", lambda: jax.local_devices(backend="cpu")[0])  # stands for one
+    monkeypatch.setattr(machine, "accelerator", lambda: jax.local_devices(backend="cpu")[0])  # stands for one
     monkeypatch.setattr(timing, "BATCH_THERE", 3)
     file = scene_file.parse(scene_file.example("spall"))
-    result = comparison.measure(file, rungs=(Rung("ring", "liu2018", 1e-3),), batch=2)
+    result = timing.measure(file, rungs=(Rung("ring", "liu2018", 1e-3),), batch=2)
     record = accuracy_report.accuracy_json(result)
     assert record["accelerator"] == record["device"]
     assert record["ring"][0]["there"] > 0.0
@@ -195,7 +194,7 @@ def test_with_an_accelerator_a_batch_is_timed_there(monkeypatch: pytest.MonkeyPa
 def test_ways_to_solve_a_contact_are_compared_with_the_continuum_if_asked() -> None:
     file = scene_file.parse(scene_file.example("spall"))
     few = Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-3, (8, 80))
-    result = comparison.measure(file, rungs=few, thorough=True)
+    result = timing.measure(file, rungs=few, thorough=True)
     cells, lattice = (row.continuum for row in result.rows)
     assert 0.0 < cells < 1e-2
     assert 1e-3 < lattice < 1e-1
@@ -217,16 +216,16 @@ def test_what_would_not_be_done_in_time_is_not_begun(monkeypatch, slower: float,
         slopes_of.append(done.rung)
         return lasts(done.rung, True)
 
-    monkeypatch.setattr(comparison, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    monkeypatch.setattr(timing, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
     monkeypatch.setattr(timing, "on_ring", lambda rung, *_: (lasts(rung, False), None))
     monkeypatch.setattr(timing, "on_contact", lambda rung, *_: lasts(rung, False))
     monkeypatch.setattr(timing, "with_gradient", with_gradient)
-    result = comparison.measure(scene_file.parse(scene_file.example("spall")), progress=lambda *at: told.append(at))
+    result = timing.measure(scene_file.parse(scene_file.example("spall")), progress=lambda *at: told.append(at))
     assert (len(result.rows), len(slopes_of)) == (rows, slopes)
     assert {r.rung for r in result.rows} >= set(slopes_of)
     assert all("no time left within 55 s" in reason for reason in result.left_out.values())
     always = sum(ladder.Step(rung, False).usual for rung in ladder.RUNGS[: ladder.ALWAYS])
-    assert result.seconds <= max(comparison.LIMIT, slower * always)
+    assert result.seconds <= max(timing.LIMIT, slower * always)
     assert told[-1] == (25, 25)
 
 

@@ -8,6 +8,7 @@ import pytest
 import difftrb as trb
 from difftrb.contact import halfspace
 from difftrb.contact import solver as contacts
+from difftrb.contact.contact_solution import Inputs
 
 pytestmark = pytest.mark.exact
 
@@ -18,7 +19,7 @@ jaxopt = pytest.importorskip("jaxopt")
 def test_jaxopt_finds_the_same_approach_and_forces(contact: trb.LineContact, spall, offset: float) -> None:
     load = 2000.0
     s = contacts._by_cells(
-        contact, jnp.asarray(load), spall, jnp.asarray(offset), contacts.Resolution(12, 8, 4), True, 1e-2
+        Inputs(contact, jnp.asarray(load), spall, jnp.asarray(offset)), contacts.Resolution(12, 8, 4), True, 1e-2
     )  # fmt: skip
     W = halfspace.influence(s.cells, jnp.asarray(contact.modulus))
     W = jax.tree.map(lambda m: m * (load / s.approach), W)

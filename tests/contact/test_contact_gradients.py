@@ -10,6 +10,8 @@ import pytest
 import difftrb as trb
 from difftrb.contact import halfspace
 from difftrb.contact import solver as contacts
+from difftrb.contact.contact_cells import stage
+from difftrb.contact.contact_solution import Inputs
 from difftrb.core.geometry import LineContact, Spall
 
 pytestmark = pytest.mark.gradient
@@ -112,10 +114,9 @@ def test_second_derivation_dense_linear_algebra(contact: LineContact) -> None:
     s = trb.solve_contact(contact, load, spall, offset, 1e-2, "cells")
 
     def system(length: float) -> tuple[np.ndarray, np.ndarray]:
-        cells, _ = contacts.fitted_cells(
-            contact, jnp.asarray(load), dataclasses.replace(spall, length=length), jnp.asarray(offset),
-            contacts.GRIDS[1e-2].cells, True,
-        )  # fmt: skip
+        changed = dataclasses.replace(spall, length=length)
+        inputs = Inputs(contact, jnp.asarray(load), changed, jnp.asarray(offset))
+        cells = stage(inputs, contacts.GRIDS[1e-2].cells, True).cells
         from difftrb.contact import gap
 
         W = halfspace.influence(cells, jnp.asarray(contact.modulus))

@@ -6,7 +6,7 @@ import pytest
 from scipy import integrate
 
 from difftrb.contact import halfspace
-from difftrb.contact.halfspace import Cells
+from difftrb.contact.gap import Cells
 
 pytestmark = pytest.mark.exact
 

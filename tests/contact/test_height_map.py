@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import uniform_grid
+from difftrb.contact import contact_extent
 from difftrb.contact.height_map import load_height_map
 from difftrb.core import status
 
@@ -125,12 +125,12 @@ def test_heights_that_are_no_numbers_are_flagged(contact: trb.LineContact, value
 
 
 def test_a_lattice_that_cuts_the_contact_is_noticed(contact: trb.LineContact, monkeypatch) -> None:
-    whole = uniform_grid.contact_extent.extents
+    whole = contact_extent.extents
     m = load_height_map(trb.example_map())
     from difftrb.contact import solver as contacts
 
     for cut in (lambda x, low, high: (0.4 * x, low, high), lambda x, low, high: (x, 0.6 * low, high)):
-        monkeypatch.setattr(uniform_grid.contact_extent, "extents", lambda *a, cut=cut: cut(*whole(*a)))
+        monkeypatch.setattr(contact_extent, "extents", lambda *a, cut=cut: cut(*whole(*a)))
         contacts._by_lattice.clear_cache()
         contacts._alone.clear_cache()
         try:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy import special
 
-from difftrb.contact import hertz
 from difftrb.core import geometry
+from tests import hertz
 
 pytestmark = pytest.mark.exact
 

@@ -7,7 +7,7 @@ import pytest
 import difftrb as trb
 from difftrb.contact import solver as contacts
 from difftrb.contact import strip_model
-from difftrb.contact.contact_slopes import approach_and_slopes
+from difftrb.contact.solver import approach_and_slopes
 from difftrb.core import status
 
 pytestmark = pytest.mark.hard

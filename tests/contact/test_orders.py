@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import hertz, projected_gradient
+from difftrb.contact import projected_gradient
 from difftrb.contact import solver as contacts
-from difftrb.contact.halfspace import Cells
+from difftrb.contact.contact_solution import Inputs
+from difftrb.contact.gap import Cells
+from tests import hertz
 
 pytestmark = pytest.mark.order
 
@@ -80,7 +82,7 @@ def test_roller_contact_converges(spall: trb.Spall | None, offsets: list[float])
 
     def approaches(grid: contacts.Resolution) -> jax.Array:
         def one(case: jax.Array) -> jax.Array:
-            return contacts._by_cells(contact, case[0], spall, case[1], grid, True, 1e-3).approach
+            return contacts._by_cells(Inputs(contact, case[0], spall, case[1]), grid, True, 1e-3).approach
 
         return jax.jit(lambda c: jax.lax.map(one, c))(cases)
 

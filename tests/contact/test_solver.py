@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import pytest
 
 import difftrb as trb
-from difftrb.contact import reference_cases
+from difftrb.accuracy import reference_cases
 
 pytestmark = pytest.mark.exact
 

@@ -7,7 +7,8 @@ import pytest
 
 import difftrb as trb
 from difftrb.contact import projected_gradient, stress_intensity, strip_basis
-from difftrb.contact.halfspace import EDGE_SHIFT, Cells
+from difftrb.contact.gap import Cells
+from difftrb.contact.halfspace import EDGE_SHIFT
 
 pytestmark = pytest.mark.exact
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from difftrb.contact import solver as contacts
+from difftrb.contact.contact_solution import Inputs
 from difftrb.core.geometry import LineContact, Spall
 
 pytestmark = pytest.mark.gradient
@@ -19,7 +20,9 @@ POINTS = {
 
 def approach(v: jax.Array, edges: int) -> jax.Array:
     contact = LineContact(v[4], v[5], v[6], v[7])
-    return contacts._by_strips(contact, v[0], Spall(v[1], v[2], 0.2, 0.0, 0.0), v[3], True, edges, 1e-2).approach
+    return contacts._by_strips(
+        Inputs(contact, v[0], Spall(v[1], v[2], 0.2, 0.0, 0.0), v[3]), True, edges, 1e-2
+    ).approach
 
 
 value = jax.jit(approach, static_argnums=1)

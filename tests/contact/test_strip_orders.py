@@ -7,6 +7,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.contact import solver as contacts
+from difftrb.contact.contact_solution import Inputs
 
 pytestmark = pytest.mark.order
 
@@ -39,7 +40,7 @@ def test_strips_converge_faster_than_first_order(cases: list[tuple[float, ...]],
     def error(accuracy: float) -> float:
         def approach(case: jax.Array) -> jax.Array:
             spall = None if edges is None else trb.Spall(case[1], case[2])
-            return contacts._by_strips(contact, case[0], spall, case[3], True, edges or 0, accuracy).approach
+            return contacts._by_strips(Inputs(contact, case[0], spall, case[3]), True, edges or 0, accuracy).approach
 
         found = np.asarray(jax.jit(lambda c: jax.lax.map(approach, c))(rows))
         return float(np.sqrt(np.mean((found / np.asarray(rows[:, 4]) - 1.0) ** 2)))

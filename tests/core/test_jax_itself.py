@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from difftrb.core import compiling
+from difftrb.core import jax_config
 
 pytestmark = pytest.mark.hard
 
@@ -28,13 +28,13 @@ def test_it_is_not_the_release_that_is_wrong() -> None:
 def test_options_that_xla_does_not_know_are_left_out(monkeypatch) -> None:
     """As on jax 0.11 and later, which have no older emitters."""
     known = {"xla_backend_optimization_level": 1}
-    monkeypatch.setattr(compiling, "OPTIONS", {"xla_no_such_option": False} | known)
-    compiling.quick.cache_clear()
+    monkeypatch.setattr(jax_config, "OPTIONS", {"xla_no_such_option": False} | known)
+    jax_config.quick.cache_clear()
     try:
         with pytest.raises(jax.errors.JaxRuntimeError, match="No such compile option"):
-            jax.jit(lambda: 0.0, compiler_options=compiling.OPTIONS)()
-        double = compiling.jit_quickly(static_argnames="times")(lambda x, times: times * x)
+            jax.jit(lambda: 0.0, compiler_options=jax_config.OPTIONS)()
+        double = jax_config.jit_quickly(static_argnames="times")(lambda x, times: times * x)
         assert float(double(2.0, times=3.0)) == 6.0
-        assert compiling.quick() == known
+        assert jax_config.quick() == known
     finally:
-        compiling.quick.cache_clear()
+        jax_config.quick.cache_clear()

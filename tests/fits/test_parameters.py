@@ -14,8 +14,8 @@ from difftrb.fits import parameters, predicted
 from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.law import load_curve
-from difftrb.law.edge_ramp import Carried
-from difftrb.law.laws import spalls_under
+from difftrb.law.base import spalls_under
+from difftrb.law.edge_ramp import RollerCurves
 
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0), (6000.0, 3000.0))
 QUANTITIES = ("radial_stiffness", "axial_stiffness", "radial_loss", "axial_loss")
@@ -36,14 +36,14 @@ class Formula:
     def at(self, contact: trb.LineContact) -> "Formula":
         return Formula(contact)
 
-    def curves(self, spalls: tuple[trb.Spall, ...], distances: jax.Array) -> Carried:
+    def curves(self, spalls: tuple[trb.Spall, ...], distances: jax.Array) -> RollerCurves:
         crown = jnp.log(self.contact.design_load / 6500.0)
         each = [load_curve.power(9.4e5 * jnp.exp(-0.1 * crown), 1.2 + 0.02 * crown)]
         for spall in spalls:
             land = 1.0 - spall.length / self.contact.length
             over = load_curve.power(9.4e5 * jnp.exp(-0.1 * crown) * land, 1.2 + 0.02 * crown + 0.2 * spall.depth)
             each.append(dataclasses.replace(over, shift=jnp.asarray(2e-4 * (3.0 + spall.axial_offset))))
-        return Carried(load_curve.chosen(load_curve.joined(*each), spalls_under(spalls, distances)))
+        return RollerCurves(load_curve.chosen(load_curve.joined(*each), spalls_under(spalls, distances)))
 
     def judge(self, spalls: tuple[trb.Spall, ...], distances: jax.Array, rest: object = None) -> jax.Array:
         known = [(s.length < 0.8 * self.contact.length) & (abs(s.axial_offset) < 3.0) & (s.depth < 0.5) for s in spalls]

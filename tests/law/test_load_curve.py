@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve
 
 pytestmark = pytest.mark.exact
@@ -18,7 +19,7 @@ def approach(load):
 
 
 def through(count: int) -> load_curve.Curve:
-    at = load_curve.chebyshev(count, np.log(3.0), np.log(3000.0))
+    at = chebyshev_nodes(count, np.log(3.0), np.log(3000.0))
     return load_curve.through(at, approach(jnp.exp(at)), jnp.asarray(SHIFT))
 
 
@@ -31,7 +32,7 @@ def test_a_power_law_is_a_curve_of_degree_one() -> None:
 
 @pytest.mark.parametrize("count", [2, 7, 12, 16])
 def test_curve_goes_through_its_nodes(count: int) -> None:
-    at = load_curve.chebyshev(count, np.log(3.0), np.log(3000.0))
+    at = chebyshev_nodes(count, np.log(3.0), np.log(3000.0))
     loads = jax.vmap(lambda d: load_curve.load(through(count), d)[0])(approach(jnp.exp(at)))
     np.testing.assert_allclose(loads, jnp.exp(at), rtol=1e-9)
 
@@ -94,7 +95,7 @@ def test_no_load_and_no_nan_up_to_the_shift() -> None:
 
 def test_gradient_by_the_nodes() -> None:
     """By approaches and shift, against differences."""
-    at = load_curve.chebyshev(8, np.log(3.0), np.log(3000.0))
+    at = chebyshev_nodes(8, np.log(3.0), np.log(3000.0))
 
     def load(scale: jax.Array, shift: jax.Array) -> jax.Array:
         nodes = approach(jnp.exp(at)) * scale ** jnp.arange(8)
@@ -117,7 +118,7 @@ def test_start_value_inverts() -> None:
 
 
 def test_weights_reproduce_polynomials() -> None:
-    places = load_curve.chebyshev(5, 0.0, 2.0)
+    places = chebyshev_nodes(5, 0.0, 2.0)
     x = jnp.array([[0.1, 2.0], [1.3, 2.3]])
     np.testing.assert_allclose(load_curve.weights(places, x) @ places**4, x**4, rtol=1e-12)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.core.compiling import jit_quickly
+from difftrb.core.jax_config import jit_quickly
 from difftrb.law import samples
 
 pytestmark = pytest.mark.exact

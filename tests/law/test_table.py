@@ -9,9 +9,9 @@ import pytest
 
 import difftrb as trb
 from difftrb.core import status
-from difftrb.core.compiling import jit_quickly
+from difftrb.core.jax_config import jit_quickly
 from difftrb.law import samples, table
-from difftrb.law.laws import load_over
+from difftrb.law.base import load_over
 from experiments import build_of_table
 from tests.closed_form import approach, healthy, load_at
 

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.core import geometry, status
-from difftrb.core.compiling import jit_quickly
-from difftrb.law import laws
+from difftrb.core.jax_config import jit_quickly
+from difftrb.law import base
+from difftrb.law.power import Palmgren, PowerLaw
 from difftrb.ring import effects, life, phase_average, ring, terms, tilt
 from tests.bearings import of_many
 
@@ -61,7 +62,7 @@ def test_radial_load_is_shared_equally(bearing, row) -> None:
 def test_without_play_half_of_either_row_is_loaded_as_in_nsk_e728g(bearing) -> None:
     """Q = 4.08 F/(Z cosα) and an axial force of 1.26 F tanα, F a row's radial load: ε = 0.5, line contact."""
     many = of_many(bearing, 201)
-    r = trb.solve(scene(many, effects.DoubleRow(), trb.Load(9000.0, 0.0), (), laws.Palmgren(bearing.roller_length)))
+    r = trb.solve(scene(many, effects.DoubleRow(), trb.Load(9000.0, 0.0), (), Palmgren(bearing.roller_length)))
     alpha = float(bearing.outer_angle)
     assert float(r.check().loads.max()) == pytest.approx(4.08 * 4500.0 / (201 * np.cos(alpha)), rel=2e-3)
     assert float(r.effects["first_row_axial"]) == pytest.approx(1.26 * 4500.0 * np.tan(alpha), rel=2e-3)
@@ -118,9 +119,9 @@ def test_moments_and_loads_balance_and_stiffness_is_their_derivative(bearing) ->
 
 def test_slices_carry_a_pair_as_whole_rollers_do(bearing) -> None:
     """One slice is a whole roller without crown, c_L δ^(10/9); moments of both effects add up."""
-    palmgren = laws.Palmgren(bearing.roller_length)
-    K = jnp.log(jnp.reshape(hertz.lamina_stiffness(bearing.roller_length), 1))
-    same = laws.PowerLaw(jnp.zeros(1), K, jnp.array([10 / 9]), (0.0, np.inf), np.nan, 0.0, "given")
+    palmgren = Palmgren(bearing.roller_length)
+    K = jnp.log(jnp.reshape(gap.lamina_stiffness(bearing.roller_length), 1))
+    same = PowerLaw(jnp.zeros(1), K, jnp.array([10 / 9]), (0.0, np.inf), np.nan, 0.0, "given")
     row = effects.DoubleRow(0.02, spacing=30.0, moment_lateral=1e5)
     whole = trb.solve(scene(bearing, row, spalls=(), roller_law=same)).check()
     one = trb.solve(scene(bearing, row, spalls=(), roller_law=palmgren, more=(effects.Tilt(slices=1),))).check()
@@ -135,7 +136,7 @@ def test_one_row_alone_holds_no_tilt(bearing) -> None:
     r = trb.solve(scene(bearing, loose, trb.Load(0.0, 4500.0), ()))
     assert int(r.status_code) == status.LOOSE
     assert bool(jnp.isnan(r.stiffness).all())
-    sliced = scene(bearing, loose, trb.Load(0.0, 4500.0), (), laws.Palmgren(bearing.roller_length), (effects.Tilt(),))
+    sliced = scene(bearing, loose, trb.Load(0.0, 4500.0), (), Palmgren(bearing.roller_length), (effects.Tilt(),))
     alone = dataclasses.replace(sliced, effects=(effects.Tilt(reach=float(tilt.reach_of_pair(bearing, 30.0, True))),))
     np.testing.assert_allclose(trb.solve(sliced).check().loads, trb.solve(alone).check().loads, rtol=1e-11)
 
@@ -231,7 +232,7 @@ def test_a_law_at_edges_meets_the_first_row_only(bearing, power) -> None:
     mine = spalled.effects["second_row_loads"]
     np.testing.assert_allclose(mine, mine[0], rtol=1e-10)
     approach = 0.01 * np.sin(bearing.outer_angle) - spalled.displacement[2] * np.sin(bearing.outer_angle)
-    assert float(laws.load_over(power, jnp.asarray(approach))[0]) == pytest.approx(float(mine[0]), rel=1e-10)
+    assert float(base.load_over(power, jnp.asarray(approach))[0]) == pytest.approx(float(mine[0]), rel=1e-10)
 
 
 def test_what_a_pair_cannot_have_is_said(bearing) -> None:

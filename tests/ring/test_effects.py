@@ -14,8 +14,9 @@ from scipy.optimize import linprog
 
 import difftrb as trb
 from difftrb.core import geometry, status
-from difftrb.core.compiling import jit_quickly
-from difftrb.law import edge_ramp, laws, load_curve
+from difftrb.core.jax_config import jit_quickly
+from difftrb.law import edge_ramp, load_curve
+from difftrb.law.power import Palmgren, PowerLaw
 from difftrb.report import run_report
 from difftrb.ring import effects, life, ring, roller_balance, tilt
 from difftrb.scene import solving
@@ -23,7 +24,7 @@ from difftrb.scene import solving
 pytestmark = pytest.mark.exact
 
 LIU = trb.liu2018()
-SOLID = laws.PowerLaw(jnp.zeros(1), jnp.log(jnp.array([1e24])), jnp.array([1.2]), (0.0, np.inf), np.nan, 0.0, "given")
+SOLID = PowerLaw(jnp.zeros(1), jnp.log(jnp.array([1e24])), jnp.array([1.2]), (0.0, np.inf), np.nan, 0.0, "given")
 SERIES = effects.SeriesRaceways(None, LIU)
 LOAD = trb.Load(9000.0, 4500.0)
 SPALLS = (trb.Spall(6.0, 7.0),)
@@ -99,9 +100,7 @@ def test_one_slice_of_parallel_rings_is_a_power_law(bearing) -> None:
     tilted = dataclasses.replace(plain(bearing, "palmgren"), effects=(effects.Tilt(slices=1, rings="parallel"),))
     K = float(35948.0 * bearing.roller_length ** (8 / 9))
     land = jnp.array([1.0, 1.0 - 6.0 / bearing.roller_length])
-    two = laws.PowerLaw(
-        jnp.array([0.0, 6.0]), jnp.log(K * land), jnp.full(2, 10 / 9), (0.0, np.inf), np.nan, 0.0, "given"
-    )
+    two = PowerLaw(jnp.array([0.0, 6.0]), jnp.log(K * land), jnp.full(2, 10 / 9), (0.0, np.inf), np.nan, 0.0, "given")
     same(trb.solve(tilted).check(), trb.solve(plain(bearing, two)), 1e-11)
 
 
@@ -119,28 +118,29 @@ def test_a_roller_is_at_rest_between_its_three_forces(bearing) -> None:
 def test_two_equal_power_laws_in_series(bearing) -> None:
     """D = (Q/K)^(1/n) (1 + κ^(1 + 1/n)), κ the inner force by the outer one."""
     each = load_curve.power(jnp.full(3, 9e5), jnp.full(3, 1.2))
-    seat = roller_balance.seat(bearing)._replace(inner_curves=edge_ramp.Carried(each))
+    seat = roller_balance.seat(bearing)._replace(inner_curves=edge_ramp.RollerCurves(each))
     loads = jnp.array([1e-3, 50.0, 2000.0])
     ratio = seat.outer_cos / seat.inner_cos
     approach = (loads / 9e5) ** (1 / 1.2) * (1.0 + ratio ** (1.0 + 1 / 1.2))
-    found, slope = roller_balance.carried(seat, edge_ramp.Carried(each), approach)
+    found, slope = roller_balance.carried(seat, edge_ramp.RollerCurves(each), approach)
     np.testing.assert_allclose(found, loads, rtol=1e-12)
     np.testing.assert_allclose(slope, 1.2 * loads / approach, rtol=1e-11)
-    outside, _ = roller_balance.carried(seat, edge_ramp.Carried(each), -approach)
+    outside, _ = roller_balance.carried(seat, edge_ramp.RollerCurves(each), -approach)
     assert np.all(np.asarray(outside) == 0.0)
 
 
 def test_a_soft_flange_adds_its_part(bearing) -> None:
     """δ_f sin(α − β)/cos(β − φ) with δ_f = (9 Q_f²/(16 R E'²))^(1/3)."""
     each = load_curve.power(jnp.full(2, 9e5), jnp.full(2, 1.2))
-    hard = roller_balance.seat(bearing)._replace(inner_curves=edge_ramp.Carried(each))
+    hard = roller_balance.seat(bearing)._replace(inner_curves=edge_ramp.RollerCurves(each))
     soft = hard._replace(flange_compliance=(9.0 / (16.0 * 100.0 * 113794.0**2)) ** (1 / 3))
     loads = jnp.array([50.0, 2000.0])
     seat_angle = jnp.sin(hard.outer - hard.inner) / hard.inner_cos
     sunk = soft.flange_compliance * roller_balance.flange_load(soft, loads) ** (2 / 3)
     ratio = hard.outer_cos / hard.inner_cos
     approach = (loads / 9e5) ** (1 / 1.2) * (1.0 + ratio ** (1.0 + 1 / 1.2)) + seat_angle * sunk
-    np.testing.assert_allclose(roller_balance.carried(soft, edge_ramp.Carried(each), approach)[0], loads, rtol=1e-11)
+    found, _ = roller_balance.carried(soft, edge_ramp.RollerCurves(each), approach)
+    np.testing.assert_allclose(found, loads, rtol=1e-11)
 
 
 def test_inner_spalls_are_met_by_the_inner_law_only(bearing) -> None:
@@ -236,7 +236,7 @@ def test_reference_life_is_the_basic_one_where_that_is_defined(bearing) -> None:
     rating = float(life.load_rating(bearing))
     load = trb.Load(rating, 1.26 * rating * float(np.tan(bearing.outer_angle)))
     many = dataclasses.replace(bearing, rollers=23)
-    r = ring.equilibrium(many, load, (), laws.Palmgren(bearing.roller_length), 0.0)
+    r = ring.equilibrium(many, load, (), Palmgren(bearing.roller_length), 0.0)
     assert float(life.reference(bearing, rating, r.loads, r.loads)) == pytest.approx(1.0, rel=0.1)
     assert float(life.basic(bearing, rating, load.radial, load.axial)) == pytest.approx(1.0, rel=1e-9)
     light = trb.solve(dataclasses.replace(plain(bearing), effects=(effects.Life(60000.0),)))
@@ -281,7 +281,7 @@ LEAN = {("raceways", "flange"), ("centrifugal", "mounting"), ("diameters", "thro
 def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
     """In equilibrium to 1e-9, and their derivatives equal central differences to 1e-6."""
     slopes_too = ALL or bool({pair, pair[::-1]} & FEW)
-    roller_law = laws.Palmgren(bearing.roller_length) if "tilt" in pair else LIU
+    roller_law = Palmgren(bearing.roller_length) if "tilt" in pair else LIU
     held = "mounting" in pair
     acting = tuple(KINDS[name] for name in pair)
 
@@ -377,7 +377,7 @@ def most_moment(bearing, load, direction, reach, phase) -> float:
 
 def tilted(bearing, load, moments, reach=0.0, phase=0.0, spalls=()) -> trb.Scene:
     tilt = effects.Tilt(moments[0], moments[1], reach)
-    return trb.Scene(bearing, load, spalls, laws.Palmgren(bearing.roller_length), effects=(tilt,), phase=phase)
+    return trb.Scene(bearing, load, spalls, Palmgren(bearing.roller_length), effects=(tilt,), phase=phase)
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, -1.0), (0.6, -0.8)], ids=str)
@@ -411,7 +411,7 @@ def test_a_pair_with_a_spacing_holds_any_moment(bearing, preload: float) -> None
     """Its rows press against each other, whatever the moment, without any load beside it, too."""
     for moment in (1e4, 1e8):
         row = effects.DoubleRow(preload, spacing=30.0, moment_lateral=moment)
-        r = trb.solve(trb.Scene(bearing, trb.Load(0.0, 0.0), (), laws.Palmgren(bearing.roller_length), effects=(row,)))
+        r = trb.solve(trb.Scene(bearing, trb.Load(0.0, 0.0), (), Palmgren(bearing.roller_length), effects=(row,)))
         assert bool(r.converged), r.status
         rows = float(r.effects["first_row_radial"]), float(r.effects["second_row_radial"])
         assert rows[0] == pytest.approx(-rows[1], rel=1e-9)

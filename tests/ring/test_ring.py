@@ -9,7 +9,8 @@ from scipy import optimize
 
 import difftrb as trb
 from difftrb.core import geometry, status
-from difftrb.law import laws
+from difftrb.law import base
+from difftrb.law.power import Palmgren
 from difftrb.ring import newton, ring
 
 pytestmark = pytest.mark.exact
@@ -52,7 +53,7 @@ def test_pure_axial_load_is_shared_equally_and_has_closed_stiffness(bearing) -> 
 
 def test_a_power_law_scales(bearing) -> None:
     """Loads scale with the load; displacements with its 1/n-th power, for one exponent."""
-    palmgren = laws.Palmgren(bearing.roller_length)
+    palmgren = Palmgren(bearing.roller_length)
     one, ten = (rest(bearing, k * 9000.0, k * 4500.0, (trb.Spall(4.0, 7.0),), palmgren) for k in (1.0, 10.0))
     np.testing.assert_allclose(ten.loads, 10.0 * one.loads, rtol=1e-9)
     np.testing.assert_allclose(ten.displacement, 10.0**0.9 * one.displacement, rtol=1e-9, atol=1e-15)
@@ -100,13 +101,13 @@ def test_hard_window_counts_rollers(bearing) -> None:
     angles = ring.roller_angles(bearing, 0.0)
     for width, inside in zip((7, 14, 21, 28, 35, 42, 49), (1, 1, 3, 3, 5, 5, 7), strict=True):
         spalls = (trb.Spall(4.0, float(width)),)
-        assert int(jnp.sum(laws.spalls_under(spalls, ring.distances(bearing, spalls, angles)))) == inside
+        assert int(jnp.sum(base.spalls_under(spalls, ring.distances(bearing, spalls, angles)))) == inside
 
 
 def test_of_two_spalls_under_a_roller_the_longer_counts(bearing) -> None:
     angles = ring.roller_angles(bearing, 0.0)
     spalls = (trb.Spall(2.0, 7.0), trb.Spall(5.0, 3.0), trb.Spall(3.0, 5.0, angle=float(angles[4])))
-    over = np.asarray(laws.spalls_under(spalls, ring.distances(bearing, spalls, angles)))
+    over = np.asarray(base.spalls_under(spalls, ring.distances(bearing, spalls, angles)))
     assert (over[0], over[4]) == (2, 3)
     assert over.sum() == 5
 

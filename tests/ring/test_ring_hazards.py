@@ -9,7 +9,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.core import geometry, status
-from difftrb.law import direct
+from difftrb.law import direct, ramp_fit
 from difftrb.ring import newton, ring
 from tests.bearings import of_many
 
@@ -75,11 +75,11 @@ def test_rollers_clear_of_the_raceway_leave_no_nan(bearing) -> None:
 
 
 def test_a_roller_exactly_at_zero_approach_has_finite_derivatives() -> None:
-    from difftrb.law import laws
+    from difftrb.law import base
 
     spall = trb.Spall(2.0, 7.0)
     for which in (0, 1):
-        slope = jax.grad(lambda d, which=which: laws.load_over(trb.liu2018(), d, spall)[which])(0.0)
+        slope = jax.grad(lambda d, which=which: base.load_over(trb.liu2018(), d, spall)[which])(0.0)
         assert np.isfinite(float(slope))
 
 
@@ -181,7 +181,7 @@ def test_phase_on_a_window_edge(bearing) -> None:
 def test_ramps_of_contacts_without_a_solution_are_nan() -> None:
     """And nothing else warns of it: the law's status says it."""
     loads = direct.log_loads(1000.0)
-    assert np.isnan(direct.extents(loads, np.where(np.arange(loads.size) == 3, -1.0, 0.1))).all()
+    assert np.isnan(ramp_fit.extents(loads, np.where(np.arange(loads.size) == 3, -1.0, 0.1))).all()
 
 
 def test_spalls_on_other_surfaces_are_refused_by_the_plain_ring(bearing) -> None:

@@ -10,7 +10,7 @@ import pytest
 import difftrb as trb
 from difftrb.core import status
 from difftrb.law import samples
-from difftrb.law.laws import PowerLaw
+from difftrb.law.power import PowerLaw
 from difftrb.report import remarks
 from difftrb.scene.audit_states import key_of
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.law.laws import TABLE_2
+from difftrb.law.power import TABLE_2
 from experiments.paper import __main__ as paper
 from experiments.paper import clipped, common
 

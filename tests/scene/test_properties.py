@@ -13,7 +13,7 @@ import difftrb as trb
 from difftrb.contact import halfspace
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
-from difftrb.law import laws
+from difftrb.law import base
 from difftrb.ring import ring
 
 pytestmark = pytest.mark.hard
@@ -239,7 +239,7 @@ def test_a_batch_of_rings_is_its_members() -> None:
 @jax.jit
 def carried(approach, length):
     """Load and slope of a roller over the middle of a spall."""
-    return laws.load_over(trb.liu2018(), approach, Spall(length, 7.0))
+    return base.load_over(trb.liu2018(), approach, Spall(length, 7.0))
 
 
 @few

@@ -6,8 +6,8 @@ import jax
 import pytest
 
 import difftrb as trb
-from difftrb.contact import contact_slopes
-from difftrb.core.compiling import jit_quickly
+from difftrb.contact import solver
+from difftrb.core.jax_config import jit_quickly
 
 pytestmark = [pytest.mark.portable, pytest.mark.exact]
 
@@ -103,5 +103,5 @@ def test_a_roller_on_the_ramp(closed, bearing) -> None:
 
 
 def test_a_contact_with_an_edge_in_it(contact) -> None:
-    solution, slopes = contact_slopes.approach_and_slopes(contact, 3000.0, trb.Spall(2.0, 1.0), 0.5)
+    solution, slopes = solver.approach_and_slopes(contact, 3000.0, trb.Spall(2.0, 1.0), 0.5)
     is_pinned("contact", {"approach": solution.check().approach, "contact width": solution.contact_width} | slopes)

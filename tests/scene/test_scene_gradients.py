@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.law import edge_ramp, laws
+from difftrb.law import edge_ramp
+from difftrb.law.power import Palmgren
 from difftrb.ring import ring
 
 pytestmark = pytest.mark.gradient
@@ -20,7 +21,7 @@ def resized(scene: trb.Scene, length: jax.Array) -> trb.Scene:
 
 @pytest.fixture(params=["power", "liu2018", "palmgren"])
 def any_scene(request, scene: trb.Scene, power) -> trb.Scene:
-    named = {"power": power, "liu2018": trb.liu2018(), "palmgren": laws.Palmgren(scene.bearing.roller_length)}
+    named = {"power": power, "liu2018": trb.liu2018(), "palmgren": Palmgren(scene.bearing.roller_length)}
     return dataclasses.replace(scene, law=named[request.param])
 
 
@@ -90,7 +91,7 @@ def test_second_derivation_of_the_load_gradient(scene: trb.Scene) -> None:
     h = 1e-5
 
     def at(length: float) -> tuple[jax.Array, jax.Array]:
-        return edge_ramp.carried(s.law.curves(resized(scene, jnp.asarray(length)).spalls, away), s.approach)
+        return edge_ramp.roller_loads(s.law.curves(resized(scene, jnp.asarray(length)).spalls, away), s.approach)
 
     by_length = np.asarray((at(4.0 + h)[0] - at(4.0 - h)[0]) / (2 * h))
     slopes = np.asarray(at(4.0)[1])

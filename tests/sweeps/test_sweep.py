@@ -18,11 +18,12 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.core import cache, devices
+from difftrb.core import machine, storage
+from difftrb.law import power
 from difftrb.report import plot
-from difftrb.scene import scene_file, scene_laws
-from difftrb.sweeps import axes, chunks, forecast, gathered, outputs, sizes, sweep_file, sweep_plot, sweeping
-from difftrb.sweeps.plan import Plan, front
+from difftrb.scene import scene_file
+from difftrb.sweeps import axes, chunks, gathered, outputs, sweep_file, sweep_plot, sweeping
+from difftrb.sweeps.plan import Plan, Program, front
 
 SIZES = ("spall.0.length", "spall.0.width")
 FILE = f"""{scene_file.example("spall")}
@@ -58,7 +59,7 @@ def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def _keeping(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the command line's --no-cache sets is set back."""
-    monkeypatch.setattr(cache, "keeping", cache.keeping)
+    monkeypatch.setattr(storage, "keeping", storage.keeping)
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
@@ -111,10 +112,11 @@ def test_a_million_million_members_are_planned_at_once(plan: Plan) -> None:
 def test_a_million_million_members_are_forecast_without_arrays_of_their_length(plan: Plan) -> None:
     thousand = {"from": 3000.0, "to": 4000.0, "count": 1000}
     keys = ("load.axial", "load.radial", "spall.0.angle", "stiffness.phase")
-    given = dict(zip(keys, (thousand, *[{"from": 0.0, "to": 1.0, "count": 1000}] * 3), strict=True))
+    other = {"from": 0.0, "to": 1.0, "count": 1000}
+    given = {key: thousand if key == "load.axial" else other for key in keys}
     plan = sweeping.planned(["peak_load"], plan.base, given, batch=8)
     tracemalloc.start()
-    printed = forecast.text(plan, 1)
+    printed = sweeping.forecast(plan, 1)
     manifest = chunks.manifest_of(plan)
     members = front(plan)[1]
     peak = tracemalloc.get_traced_memory()[1]
@@ -146,19 +148,19 @@ def test_more_members_than_any_sweep_can_have(plan: Plan, tmp_path: Path, mode: 
 
 
 def test_what_does_not_fit_is_not_begun(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sweeping.Program, "__init__", lambda *_: pytest.fail("something is computed"))
+    monkeypatch.setattr(Program, "__init__", lambda *_: pytest.fail("something is computed"))
     thousand = np.linspace(3e3, 4e3, 1000)
     given = {"load.axial": thousand, "load.radial": thousand}
     with monkeypatch.context() as patch:
-        patch.setattr(sizes, "free_memory", lambda: 1e8)
+        patch.setattr(sweeping, "free_memory", lambda: 1e8)
         words = r"^1,000 × 1,000 = 1,000,000 members of 185 bytes take 20\d MB of memory, of which 100 MB are free, "
         with pytest.raises(trb.SweepError, match=words):
             trb.sweep("loads", plan.base, given)
-        patch.setattr(sizes, "free_memory", lambda: 1e6)
+        patch.setattr(sweeping, "free_memory", lambda: 1e6)
         with pytest.raises(trb.SweepError, match="of memory, of which 1 MB are free; give a smaller batch"):
             trb.write_sweep("loads", plan.base, given, tmp_path / "out")
     with monkeypatch.context() as patch:
-        patch.setattr(sizes, "free_disk", lambda folder: 10**8)
+        patch.setattr(sweeping, "free_disk", lambda folder: 10**8)
         words = "take 370 MB of disk, in chunks and in one file, of which 100 MB are free there, enough for 270,270;"
         with pytest.raises(trb.SweepError, match=words):
             trb.write_sweep("loads", plan.base, given, tmp_path / "out")
@@ -172,11 +174,11 @@ def test_a_sweep_that_is_written_but_for_one_file_needs_room_for_that(
 ) -> None:
     out = tmp_path / "out"
     shutil.copytree(whole, out, ignore=shutil.ignore_patterns("sweep.*"))
-    needed = plan.layout.members * sizes.of_member(plan)
-    monkeypatch.setattr(sizes, "free_disk", lambda _: needed - 1)
+    needed = plan.layout.members * sweeping.bytes_of_member(plan)
+    monkeypatch.setattr(sweeping, "free_disk", lambda _: needed - 1)
     with pytest.raises(trb.SweepError, match="bytes still take"):
         chunks.run(plan, out, FILE, resume=True)
-    monkeypatch.setattr(sizes, "free_disk", lambda _: needed)
+    monkeypatch.setattr(sweeping, "free_disk", lambda _: needed)
     assert chunks.run(plan, out, FILE, resume=True).computed == 0
 
 
@@ -210,10 +212,10 @@ def test_members_without_a_solution_are_nan_and_counted(whole: Path) -> None:
 
 
 def test_the_same_bits_from_any_number_of_lanes(plan: Plan, whole: Path, tmp_path: Path) -> None:
-    lanes = [devices.lanes_of(1)[0]] * 3
-    columns = dict(sweeping.Program(plan, lanes).all(range(plan.chunks)))
+    lanes = [machine.lanes_of(1)[0]] * 3
+    columns = dict(Program(plan, lanes).all(range(plan.chunks)))
     for chunk, found in columns.items():
-        there = cache.read(whole / f"chunk_{chunk:06d}.npz")
+        there = storage.read(whole / f"chunk_{chunk:06d}.npz")
         assert there is not None
         for name, array in found.items():
             np.testing.assert_array_equal(array, there[name])
@@ -223,7 +225,7 @@ def test_the_same_bits_from_chunks_of_any_size(plan: Plan, whole: Path, monkeypa
     monkeypatch.setattr("difftrb.sweeps.plan.PARTS", 4)
     assert sweeping.planned(["peak_load"], plan.base, {"load.axial": np.ones(64)}, batch=1).chunk == 4
     other = dataclasses.replace(plan)
-    found = [columns for _, columns in sweeping.Program(other, devices.lanes_of(1)).all(range(other.chunks))]
+    found = [columns for _, columns in Program(other, machine.lanes_of(1)).all(range(other.chunks))]
     swept = trb.load_sweep(whole)
     values = np.concatenate([columns["radial_stiffness"] for columns in found])
     np.testing.assert_array_equal(values, swept.values["radial_stiffness"].ravel())
@@ -258,8 +260,7 @@ def test_contacts_by_file(tmp_path: Path) -> None:
     plan = sweep_file.parse(text + '\n[sweep]\noutputs = ["approach"]\ncontact.offset = [0.0]\n').plan()
     assert plan.layout.size == 1
     assert plan.units["contact.offset"] == plan.units["approach"] == "mm"
-    function = outputs.of_contact(["approach"], lambda file: trb.ContactSolution)
-    assert callable(function)
+    assert (plan.names, plan.title) == (["approach"], "approach")
 
 
 # ------------------------------------------------------------------------------------------------ the law of all
@@ -267,12 +268,12 @@ def test_contacts_by_file(tmp_path: Path) -> None:
 
 def test_one_law_covers_all_loads(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    monkeypatch.setattr(scene_laws.laws, "named", lambda *a: asked.append(a) or plan.base.law)
+    monkeypatch.setattr(power, "power_law", lambda *a: asked.append(a) or plan.base.law)
     scene = plan.base
     named = dataclasses.replace(scene, law="power")
     given = axes.axes_of({"load.axial": [3000.0, 30000.0], "spall.0.length": [1.0, 4.0]})
-    outputs.prepared(named, given)
-    low, high = asked[0][2]
+    outputs.with_shared_law(named, given)
+    low, high = asked[0][1]
     single = [float(outputs.ring.largest_load(scene.bearing, trb.Load(9000.0, axial))) for axial in (3000.0, 30000.0)]
     assert (low, high) == (single[0] / 6.0, 1.2 * single[1])
 
@@ -308,17 +309,17 @@ def test_resuming_computes_what_is_missing_or_damaged(plan: Plan, whole: Path, t
 def test_a_full_disk_leaves_what_is_written(
     plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write, out = cache.write, tmp_path / "out"
+    write, out = storage.write, tmp_path / "out"
 
-    def full(path: Path, arrays: cache.Arrays) -> None:
+    def full(path: Path, arrays: storage.Arrays) -> None:
         if path.name == "chunk_000002.npz":
             raise OSError(28, "No space left on device", str(path))
         write(path, arrays)
 
-    monkeypatch.setattr(cache, "write", full)
+    monkeypatch.setattr(storage, "write", full)
     with pytest.raises(trb.SweepError, match=r"No space left on device: 2 of \d+ chunks are written and stay good"):
         chunks.run(plan, out, FILE)
-    monkeypatch.setattr(cache, "write", write)
+    monkeypatch.setattr(storage, "write", write)
     assert chunks.run(plan, out, FILE, resume=True).computed == plan.chunks - 2
     assert bytes_of(out) == bytes_of(whole)
 
@@ -375,7 +376,7 @@ def test_a_disk_that_fills_while_gathering_leaves_the_chunks(
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     for size in (0, 100, 5000, len(good) // 2, len(good) - 100):
         with monkeypatch.context() as patch:
-            patch.setattr(chunks.cache, "replacing", limited(chunks.cache.replacing, resource, size, (soft, hard)))
+            patch.setattr(storage, "replacing", limited(storage.replacing, resource, size, (soft, hard)))
             with pytest.raises(trb.SweepError, match=r"File too large: .* chunks are written and stay good"):
                 chunks.run(plan, out, FILE, resume=True)
         assert file.read_bytes() == good  # what was there before stays
@@ -384,7 +385,7 @@ def test_a_disk_that_fills_while_gathering_leaves_the_chunks(
 
 
 def limited(replacing, resource, size: int, before: tuple[int, int]):
-    """`cache.replacing` with a limit on what is written while a file with everything is."""
+    """`storage.replacing` with a limit on what is written while a file with everything is."""
 
     @contextlib.contextmanager
     def within(path: Path):
@@ -550,7 +551,7 @@ def test_a_disk_that_fills_while_drawing_leaves_the_results(
     file, out = tmp_path / "scene.toml", tmp_path / "out"
     file.write_text(FILE.replace("count = 45", "count = 2"), encoding="utf-8")
     with monkeypatch.context() as patch:
-        patch.setattr(cli, "_draw_sweep", full)
+        patch.setattr(plot, "save", full)
         assert cli.main(["--no-cache", "sweep", str(file), "--out", str(out), "--devices", "1"]) == 2
     said = capsys.readouterr()
     assert said.out == ""
@@ -612,9 +613,9 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 )
 def test_processes_that_cannot_be(given: tuple, words: str) -> None:
     with pytest.raises(trb.SweepError, match=words.replace("(", ".")):
-        devices.join(*given, environment={})
+        machine.join(*given, environment={})
     with pytest.raises(trb.SweepError, match="JAX_NUM_PROCESSES = 'x': must be a whole number"):
-        devices.join("h:1", None, 0, environment={"JAX_NUM_PROCESSES": "x"})
+        machine.join("h:1", None, 0, environment={"JAX_NUM_PROCESSES": "x"})
 
 
 def experiment():

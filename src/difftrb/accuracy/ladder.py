@@ -1,4 +1,4 @@
-"""Ways to compute a scene, what was measured of each, and which one to recommend."""
+"""Ways to compute a scene (rungs), what was measured of each (rows), and which one to recommend."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from typing import Literal, NamedTuple
 Kind = Literal["ring", "contact"]
 
 STIFFNESS = ("radial_stiffness", "axial_stiffness")
-"""What a rung is recommended by."""
+"""Names of the values by which a rung is recommended."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Rung:
-    """One way to compute: for the ring a law, for the single contact a method, each with an accuracy [-] or, of a
-    lattice, a `size`: cells across and along the roller."""
+    """One way to compute: a law of the ring or a method of the single contact.
+
+    It has an accuracy [-] or, of a lattice, a `size`: cells across and along the roller.
+    """
 
     kind: Kind
     way: str
@@ -28,16 +30,13 @@ class Rung:
         """Way and, where it has one, size or accuracy."""
         if self.size is not None:
             return f"{self.way} {self.size[0]}×{self.size[1]}"
-        return self.way if self.way in ("palmgren", "liu2018") else f"{self.way} {_short(self.accuracy)}"
+        accuracy = f" {self.accuracy:.0e}".replace("e-0", "e-")
+        return self.way if self.way in ("palmgren", "liu2018") else self.way + accuracy
 
     @property
     def coarseness(self) -> tuple[float, float]:
-        """Of rungs of one way, the finer one's is less."""
+        """Orders the rungs of one way, the finest first."""
         return self.accuracy, -float(math.prod(self.size or (1,)))
-
-
-def _short(accuracy: float) -> str:
-    return f"{accuracy:.0e}".replace("e-0", "e-")
 
 
 LATTICES = tuple(Rung("contact", "lattice", 1e-3, (n, 10 * n)) for n in (20, 40, 80, 160))
@@ -53,13 +52,13 @@ USUAL = {
     Rung("contact", "cells", 1e-4): (2.5, 0.0),
     LATTICES[0]: (3.1, 0.0), LATTICES[1]: (3.3, 0.0), LATTICES[2]: (4.1, 0.0),
 }  # fmt: skip
-"""Seconds that each takes with nothing compiled, and then its slopes; of these only the ratios count. Slopes of one
-law's rungs share their program: whichever comes first takes this time."""
+"""Seconds of each rung with nothing compiled, and of its slopes; only their ratios count. Slopes of one law's rungs
+share a program: the first one takes this time."""
 RUNGS = tuple(USUAL)
 ALWAYS = 4
-"""How many of them are measured however long it takes: what is quick, the truth and what it is known to."""
+"""Number of rungs that are measured however long it takes: the quick ones, the truth and the next finest."""
 FIRST = 7
-"""How many come first: these, what scenes are solved by unless they say otherwise, and what a contact is known to."""
+"""Number of rungs that come first: these, the default law, and the two finest of a contact."""
 FULL = (
     *RUNGS, LATTICES[3], Rung("contact", "strips", 1e-5), Rung("ring", "table", 1e-2), Rung("ring", "table", 1e-4),
     Rung("ring", "direct", 1e-5),
@@ -74,12 +73,12 @@ class Step(NamedTuple):
 
     @property
     def usual(self) -> float:
-        """See `USUAL`; of others, the most that any takes."""
+        """Seconds from `USUAL`; for other rungs the largest there."""
         return USUAL.get(self.rung, max(USUAL.values()))[self.slopes]
 
 
 def steps(rungs: Sequence[Rung]) -> list[Step]:
-    """All there is to measure: the `FIRST`, then what takes least time, slopes after their rung."""
+    """All steps: the `FIRST`, then by time, the shortest first, slopes after their rung."""
     every = [Step(rung, False) for rung in rungs] + [Step(rung, True) for rung in rungs if rung.kind == "ring"]
     first = every[:FIRST]
     done = {step.rung for step in first}
@@ -94,13 +93,13 @@ class Row:
 
     Attributes:
       first: seconds to the first result in this process, with all compiling that no rung before had done.
-      again: of these, seconds to prepare the law once compiled; nothing is read from disk. NaN for a contact.
+      again: seconds to prepare the law, compiled; nothing is read from disk. NaN for a contact.
       single: seconds to solve once more. each, each_with_gradient: seconds per scene of a batch, stiffness alone and
         with its derivatives by the first spall's length and width (by the load if healthy). NaN for a contact.
       memory: largest of the process so far [MiB], NaN where the system does not tell.
       values: what came out, by name [N, mm].
-      errors: of these, relative to the finest rung of the kind [-]; the finest one's own are the difference from the
-        second finest. Filled in by `judged`.
+      errors: of the values, relative to the finest rung of the kind [-]; for the finest the difference from the second
+        finest. Filled in by `judged`.
       status: a sentence; "converged".
       there: as `each`, on an accelerator; NaN without one.
       continuum: of a contact, the largest error of the approach on contacts with a known continuum solution [-]; NaN if
@@ -149,10 +148,10 @@ def _by_fineness(rows: Sequence[Row], kind: Kind) -> list[Row]:
 def judged(rows: Sequence[Row]) -> list[Row]:
     """The rows with their errors; NaN where there is nothing to compare with.
 
-    The finest row's error is its difference from the second finest, and nothing is extrapolated: contacts ten times as
-    exact, from 1e-2 to 1e-5, bring stiffness and peak load of a ring closer in no clean order. Of 54 such steps on nine
-    random scenes 20 turned round, and 8 were larger than the step before; the median is a tenth of it
-    (experiments/accuracy_promise.py --order measures others).
+    The finest row's error is its difference from the second finest. Nothing is extrapolated: with contacts ten times as
+    exact, from 1e-2 to 1e-5, stiffness and peak load of a ring converge in no clean order. Of 54 such steps on nine
+    random scenes 20 changed sign, and 8 were larger than the step before; the median is a tenth of it
+    (experiments/accuracy_promise.py --order).
     """
     result = []
     for row in rows:
@@ -186,3 +185,41 @@ def finer(rows: Sequence[Row], best: Row | None) -> Row | None:
         return None
     good = [row for row in rows if row.rung.kind == "ring" and (row is truth or row.error <= 0.5 * best.error)]
     return min(good, key=lambda row: row.seconds)
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """All rungs of a scene as measured.
+
+    Attributes:
+      rows: in the order in which they were measured. left_out: names of rungs that were not measured, and why.
+      asked: accuracy of stiffness that `recommended` meets: the cheapest such rung, None if none does.
+      finer: the cheapest law with at most half its error, None if there is none.
+      yardstick: seconds of a fixed piece of work, see `machine.yardstick`; seconds by this compare across machines.
+      device: name of the CPU. cores: how many this process may use. seconds: the whole measurement.
+      importing: see `machine.importing`.
+      one_core: time of one scene of a batch on one core relative to all cores, without and with derivatives, for the
+        ring that is cheapest to make; None if not measured.
+      accelerator: name of what `Row.there` was measured on; None without one.
+    """
+
+    rows: tuple[Row, ...]
+    left_out: dict[str, str]
+    asked: float
+    recommended: Row | None
+    finer: Row | None
+    yardstick: float
+    device: str
+    cores: int
+    seconds: float
+    importing: float = math.nan
+    one_core: tuple[float, float] | None = None
+    accelerator: str | None = None
+
+    def of(self, kind: Kind) -> list[Row]:
+        """The rows of one kind, the cheapest first."""
+        return sorted((row for row in self.rows if row.rung.kind == kind), key=lambda row: row.seconds)
+
+    def truth(self, kind: Kind) -> Row | None:
+        """What the others are compared with."""
+        return finest(self.rows, kind)

@@ -1,36 +1,180 @@
-"""One way to compute a scene's ring or its single contact, timed."""
+"""What accuracy costs in time: every way to a scene's stiffness and to its single contact, timed on this machine."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import json
 import math
+import os
+import pickle
+import subprocess
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
 
-from difftrb.accuracy.ladder import Row, Rung
-from difftrb.contact import reference_cases
+from difftrb.accuracy import reference_cases
+from difftrb.accuracy.ladder import ALWAYS, RUNGS, Measured, Row, Rung, Step, finer, judged, recommended, steps
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import on_lattice, solve_contact
-from difftrb.core import cache, machine
-from difftrb.core.compiling import jit_quickly
+from difftrb.core import machine, storage
+from difftrb.core.jax_config import jit_quickly
+from difftrb.core.status import SolveError
+from difftrb.law.samples import Progress
 from difftrb.scene import scene_file
 from difftrb.scene.scene import PitchMean, Scene
-from difftrb.scene.scene_file import SceneFile
+from difftrb.scene.scene_file import SceneError, SceneFile
 from difftrb.scene.solving import prepare, solve
 
+BATCH = 256
+"""Scenes of a batch on the CPU."""
 BATCH_THERE = 16384
 """Scenes of a batch on an accelerator, which needs many to be busy."""
+LIMIT = 55.0
+"""Seconds for all, unless all rungs are asked for: with starting and drawing a minute."""
+NO_TIME = "no time left within {:g} s; compiled programs are kept, so a second run gets further; --full measures all"
+
+
+@contextlib.contextmanager
+def _on_cpu() -> Iterator[None]:
+    """All that is not sent elsewhere is computed on the CPU."""
+    with jax.default_device(jax.local_devices(backend="cpu")[0]):
+        yield
+
+
+@dataclasses.dataclass
+class _Session:
+    """Rungs of one scene while they are measured: arguments as in `measure`, and what was found."""
+
+    file: SceneFile
+    path: str | Path
+    batch: int
+    thorough: bool
+    accelerator: Any
+    rows: list[Row] = dataclasses.field(default_factory=list)
+    left_out: dict[str, str] = dataclasses.field(default_factory=dict)
+    rings: dict[Rung, tuple[int, Scene]] = dataclasses.field(default_factory=dict)  # number of the row, prepared scene
+
+    def take(self, step: Step) -> None:
+        """Measure one step. Raises ValueError or `SolveError` if the scene cannot have it."""
+        if step.slopes:
+            number, ready = self.rings[step.rung]
+            self.rows[number] = with_gradient(self.rows[number], ready, self.batch)
+        elif step.rung.kind == "contact":
+            self.rows.append(on_contact(step.rung, self.file, self.path, self.thorough))
+        else:
+            row, ready = on_ring(step.rung, self.file, self.path, self.batch, self.accelerator)
+            self.rings[step.rung] = len(self.rows), ready
+            self.rows.append(row)
+
+    def take_all(self, order: Sequence[Step], started: float, limit: float, progress: Progress | None) -> None:
+        """Measure the steps that can be done within the limit."""
+        begun, usual = time.perf_counter(), 0.0
+        for done, step in enumerate(order):
+            if progress is not None:
+                progress(done, len(order))
+            if step.slopes and step.rung not in self.rings:
+                continue
+            now = time.perf_counter()
+            slower = (now - begun) / usual if usual else 0.0  # this machine, with what is compiled by now
+            name = f"slopes of {step.rung.name}" if step.slopes else f"{step.rung.kind} {step.rung.name}"
+            if done >= ALWAYS and now - started + slower * step.usual > limit:
+                self.left_out[name] = NO_TIME.format(limit)
+                continue
+            try:
+                self.take(step)
+                usual += step.usual
+            except (ValueError, SolveError) as error:
+                self.left_out[name] = str(error).removeprefix(f"{self.path}: ")
+
+
+@_on_cpu()
+def measure(
+    file: SceneFile,
+    path: str | Path = "scene",
+    rungs: Sequence[Rung] = RUNGS,
+    asked: float | None = None,
+    limit: float = LIMIT,
+    batch: int | None = None,
+    progress: Progress | None = None,
+    thorough: bool = False,
+) -> Measured:
+    """Measure every rung on a scene.
+
+    Args:
+      file: the scene, from `scene_file.read`; `path` names it in sentences.
+      rungs: which; `FULL` has those that take minutes, too.
+      asked: relative accuracy of stiffness to recommend a rung for; default `contact.accuracy`.
+      limit: seconds. After the first four rungs, those that cannot finish by then are skipped and listed, judging by
+        the time that others took here and usually take. Default 55.
+      batch: scenes of a batch, their radial load spread over a tenth; default 256.
+      progress: told how many of how many rungs are done.
+      thorough: whether a batch is also measured on one core alone, in a process of its own, and contacts also on those
+        with a known continuum solution. Default False.
+
+    All is computed on the CPU; with an accelerator, batches are also computed there. Rungs that the scene cannot have
+    are left out, with the reason. Raises SceneError if not even one can be had.
+    """
+    started = time.perf_counter()
+    stick, importing, accelerator = machine.yardstick(), machine.importing(), machine.accelerator()
+    session = _Session(file, path, batch or BATCH, thorough, accelerator)
+    order = steps(rungs)
+    session.take_all(order, started, limit, progress)
+    if not session.rows:
+        why = next(iter(session.left_out.values()), "none")
+        raise SceneError(f"{path}: no way to compute it could be measured: {why}")
+    slower = _on_one_core(session) if thorough else None
+    if progress is not None:
+        progress(len(order), len(order))
+    compared = judged(session.rows)
+    wanted = file.contact.accuracy if asked is None else asked
+    best = recommended(compared, wanted)
+    return Measured(
+        tuple(compared), session.left_out, float(wanted), best, finer(compared, best), stick,
+        jax.local_devices(backend="cpu")[0].device_kind, machine.cores(), time.perf_counter() - started, importing,
+        slower, None if accelerator is None else accelerator.device_kind,
+    )  # fmt: skip
+
+
+def _on_one_core(session: _Session) -> tuple[float, float] | None:
+    """See `Measured.one_core`. XLA takes its threads when it starts, so another process measures."""
+    rings = [row for row in session.rows if row.rung.kind == "ring" and row.each_with_gradient > 0.0]
+    if not rings or not hasattr(os, "sched_setaffinity"):
+        return None
+    here = min(rings, key=lambda row: row.again)
+    environment = os.environ | {"JAX_ENABLE_X64": "1"}
+    if (folder := jax.config.jax_compilation_cache_dir) is not None:  # type: ignore[attr-defined]
+        environment["JAX_COMPILATION_CACHE_DIR"] = folder
+    code = (
+        "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "from difftrb.accuracy import timing; timing.pinned()"
+    )
+    task = pickle.dumps((session.file, session.path, here.rung, session.batch))
+    there = subprocess.run([sys.executable, "-c", code], env=environment, input=task, capture_output=True, check=False)
+    if there.returncode != 0:
+        return None
+    each, each_with_gradient = json.loads(there.stdout)
+    return each / here.each, each_with_gradient / here.each_with_gradient
+
+
+@_on_cpu()
+def pinned() -> None:
+    """The other process: reads what to measure, writes seconds."""
+    file, path, rung, batch = pickle.load(sys.stdin.buffer)
+    row = with_gradient(*on_ring(rung, file, path, batch), batch)
+    print(json.dumps([row.each, row.each_with_gradient]))
+
+
+# ------------------------------------------------------------------------------------------------ one way
 
 
 def on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int, accelerator: Any = None) -> tuple[Row, Scene]:
-    """Prepare and solve the scene by one law, and a batch of it, on an accelerator (a device of JAX's), too, if there
-    is one; also the prepared scene."""
+    """The row of one law, from the scene and a batch of it (also on the `accelerator`), and the prepared scene."""
     file = dataclasses.replace(file, contact=dataclasses.replace(file.contact, law=cast(Any, rung.way), accuracy=1e-3))
     scene_file.check_ring(file, path)
     scene = dataclasses.replace(file.scene(), accuracy=rung.accuracy)  # to 1e-5, which a file may not ask for
@@ -67,23 +211,23 @@ def with_gradient(row: Row, ready: Scene, batch: int) -> Row:
     values = dict(row.values)
     if ready.spalls:
         values["by_length"] = float(slopes[0, 0])
-        if isinstance(ready.phase, PitchMean):  # else it is a staircase under a hard window
+        if isinstance(ready.phase, PitchMean):  # at one phase the hard window makes it a staircase
             values["by_width"] = float(slopes[0, 1])
     return dataclasses.replace(row, each_with_gradient=seconds / batch, values=values, memory=machine.memory())
 
 
 def _spread(ready: Scene, batch: int) -> jax.Array:
-    """Radial loads [N], the scene's first; the others are less, so in equilibrium, too."""
+    """Radial loads [N], shape (batch,): the scene's and smaller ones, which are in equilibrium, too."""
     return ready.load.radial * (1.0 - 0.1 * jnp.arange(batch) / batch)
 
 
 def _of_one_program(ready: Scene) -> Scene:
-    """A prepared scene without the accuracy it was prepared with, which would only compile it once more."""
+    """A prepared scene with one accuracy for all: another one would compile the same program again."""
     return dataclasses.replace(ready, accuracy=1e-3)
 
 
 def _radial(sizes: jax.Array, radial: jax.Array, ready: Scene) -> jax.Array:
-    """Radial stiffness [N/mm] for the first spall's length and width [mm], or a factor on the load if healthy."""
+    """Radial stiffness [N/mm] for length and width of the first spall [mm]; for a factor on the load if healthy."""
     if ready.spalls:
         sized = dataclasses.replace(ready.spalls[0], length=sizes[0], width=sizes[1])
         ready = dataclasses.replace(ready, spalls=(sized, *ready.spalls[1:]))
@@ -116,7 +260,7 @@ def _batch_with_gradient(loads: jax.Array, ready: Scene) -> tuple[jax.Array, jax
 
 
 def on_contact(rung: Rung, file: SceneFile, path: str | Path, known: bool = False) -> Row:
-    """Solve the single contact by one method and, if asked, the contacts of which the continuum solution is known."""
+    """The row of one method for the single contact; with `known` also of contacts with a known continuum solution."""
     file = dataclasses.replace(file, contact=dataclasses.replace(file.contact, accuracy=rung.accuracy))
     scene_file.check_contact(file, path)
     given = file.single_contact()
@@ -146,8 +290,8 @@ def _pressed(rung: Rung, **given: Any) -> ContactSolution:
 @contextlib.contextmanager
 def _nothing_kept() -> Iterator[None]:
     """Tables are made, not read from disk."""
-    before, cache.keeping = cache.keeping, False
+    before, storage.keeping = storage.keeping, False
     try:
         yield
     finally:
-        cache.keeping = before
+        storage.keeping = before

@@ -1,8 +1,7 @@
-"""Where pressure can be: the cells or the rows of strips that one contact is solved on."""
+"""Where pressure can be: an upper estimate of the approach, and how far the contact reaches with it."""
 
 from __future__ import annotations
 
-import dataclasses
 from typing import NamedTuple
 
 import jax
@@ -10,74 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap as gaps
-from difftrb.contact import halfspace, hertz
-from difftrb.contact.halfspace import Cells
-from difftrb.core import status
+from difftrb.contact.height_map import HeightMap, height_at
 from difftrb.core.geometry import LineContact, Real, Spall
+from difftrb.core.numeric import bisected
 
+Defects = tuple[Spall | HeightMap, ...]
 AT_EDGES = 0.7
 """Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Resolution:
-    """How many cells: `columns` across the contact, `land` rows from a spall's end to the roller's end (or the end of
-    the loaded part), `spall` rows along half a spall."""
-
-    columns: int
-    land: int
-    spall: int
-
-
-def fitted_cells(
-    contact: LineContact,
-    load: jax.Array,
-    spall: Spall | None,
-    offset: jax.Array,
-    resolution: Resolution,
-    mirrored: bool,
-    tilt: jax.Array | None = None,
-) -> tuple[Cells, jax.Array]:
-    """Cells for one contact: they span where pressure can be, and have boundaries on the spall's edges."""
-    spalls, offsets = ((), jnp.zeros(0)) if spall is None else ((spall,), offset[None])
-    reach_x, bottom, top = domain(contact, load, spalls, offsets, tilt)
-    reach_y = 0.5 * (top - bottom)
-    reach_x = reach_x * (1.0 + 2.0 / resolution.columns)  # the lattice may slide by half a cell, borders stay unloaded
-    if spall is None:
-        nowhere = jnp.asarray(jnp.inf)
-        pitch, x = halfspace.lattice(reach_x, resolution.columns, -nowhere, nowhere)
-        half = halfspace.graded(jnp.zeros(()), reach_y, resolution.land, at_start=False, at_end=True)
-        lines = half if mirrored else 0.5 * (bottom + top) + jnp.concatenate([-half[:0:-1], half])
-        return Cells(pitch, x, lines, mirrored), jnp.asarray(status.CONVERGED)
-
-    pitch, x = halfspace.lattice(reach_x, resolution.columns, offset - 0.5 * spall.width, offset + 0.5 * spall.width)
-    sliver = 2e-3 * reach_y  # no segment of the grid is thinner
-    ends = spall.axial_offset - 0.5 * spall.length, spall.axial_offset + 0.5 * spall.length
-    high = jnp.clip(ends[1], bottom + 2.0 * sliver, top - sliver)
-    whole = halfspace.graded(jnp.zeros(()), reach_y, resolution.land + resolution.spall, at_start=False, at_end=True)
-    if mirrored:
-        edge = jnp.maximum(high, sliver)
-        land = _beyond_edge(halfspace.graded(edge, top, resolution.land, at_start=True, at_end=True), edge)
-        hollow = halfspace.graded(jnp.zeros(()), land[0], resolution.spall, at_start=False, at_end=True)
-        lines = jnp.concatenate([hollow, land[1:]])
-    else:
-        low = jnp.clip(ends[0], bottom + sliver, high - sliver)
-        upper = halfspace.graded(high, top, resolution.land, at_start=True, at_end=True)
-        lower = halfspace.graded(-low, -bottom, resolution.land, at_start=True, at_end=True)
-        upper, lower = _beyond_edge(upper, 0.5 * (high - low)), -_beyond_edge(lower, 0.5 * (high - low))[::-1]
-        hollow = halfspace.graded(lower[-1], upper[0], 2 * resolution.spall, at_start=True, at_end=True)
-        lines = jnp.concatenate([lower, hollow[1:-1], upper])
-        whole = 0.5 * (bottom + top) + jnp.concatenate([-whole[:0:-1], whole])
-    lines = jnp.where((ends[0] <= bottom) & (ends[1] >= top), whole, lines)  # over a spall all along there is no edge
-    inside = jnp.abs(offset) + 0.5 * spall.width < reach_x
-    unresolved = inside & (spall.width > 0.0) & (spall.width < 2.0 * reach_x / resolution.columns)
-    return Cells(pitch, x, lines, mirrored), jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED)
-
-
-def _beyond_edge(land: jax.Array, room: jax.Array) -> jax.Array:
-    """Land lines with the first one drawn into the spall, where the discrete edge acts as the true one; by at most
-    half the `room` [mm] that there is."""
-    return land.at[0].add(-jnp.minimum(halfspace.EDGE_SHIFT * (land[1] - land[0]), 0.5 * room))
 
 
 def domain(
@@ -117,9 +55,43 @@ def domain(
     return reach, bottom, top
 
 
+def depth_at(defects: Defects, offsets: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
+    """Depth below the raceway [mm] at all pairs of `y` and `x`: of the deepest defect there, less the highest rim."""
+    deep = high = jnp.zeros((y.shape[0], x.shape[0]))
+    for i, each in enumerate(defects):
+        if isinstance(each, HeightMap):
+            height = height_at(each, offsets[i], x, y)
+            deep, high = jnp.maximum(deep, -height), jnp.maximum(high, height)
+        else:
+            across = jnp.abs(x - offsets[i]) < 0.5 * each.width
+            along = jnp.abs(y - each.axial_offset) < 0.5 * each.length
+            deep = jnp.maximum(deep, each.depth * (along[:, None] & across[None, :]))
+    return deep - high
+
+
+def domain_of_any(
+    contact: LineContact, load: jax.Array, defects: Defects, offsets: jax.Array, tilt: jax.Array | None
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """As `domain`, for surfaces of any shape: slices begin to carry where their gap is least."""
+    reach, _, _ = domain(contact, load, (), offsets, tilt)
+    half = 0.5 * contact.length
+    x = reach * jnp.linspace(-1.5, 1.5, 65)
+    y = half * (2.0 * (jnp.arange(256) + 0.5) / 256.0 - 1.0)
+    depth = depth_at(defects, offsets, x, y)
+    lowest = jnp.min(x[None, :] ** 2 / (2.0 * contact.radius) + depth, axis=1)
+    rest = gaps.rest_at(y, contact, tilt)
+    needed = needed_by_slices(contact, load)
+    weight = jnp.full(y.shape, 2.0 * half / 256.0)
+    sunk = carried(needed, weight, rest + lowest, 60)
+    healthy = carried(needed, weight, rest, 60)
+    delta = jnp.minimum(sunk, healthy + jnp.maximum(jnp.max(lowest), 0.0))
+    # a raised rim meets the roller before the raceway does; so does a bottom that is all there is
+    return extents(contact, delta - jnp.min(lowest), tilt)
+
+
 def needed_by_slices(contact: LineContact, load: jax.Array) -> jax.Array:
     """The load in the unit of slices that all have the stiffness of a long line contact [mm²]."""
-    half_width = hertz.line_half_width(load / contact.length, contact.radius, contact.modulus)
+    half_width = gaps.line_half_width(load / contact.length, contact.radius, contact.modulus)
     return load * (2.0 * jnp.log(2.0 * contact.length / half_width) + 1.0) / (jnp.pi * contact.modulus)  # long cylinder
 
 
@@ -179,13 +151,7 @@ def _reach(contact: LineContact, delta: jax.Array, tilt: jax.Array, side: float)
         room = jnp.maximum(1.0 - t * t, 1e-15)
         return rise * t - scale * jnp.log(room) - delta, rise + 2.0 * scale * t / room
 
-    def bisect(_: int, state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        inner, outer = state
-        t = 0.5 * (inner + outer)
-        out = beyond(t)[0] > 0.0
-        return jnp.where(out, inner, t), jnp.where(out, t, outer)
-
-    found, _ = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, bisect, (flat, jnp.asarray(side))))
+    found, _ = bisected(lambda t: ~(beyond(t)[0] > 0.0), flat, jnp.asarray(side))
     value, slope = beyond(found)
     free = jnp.abs(found) < 1.0 - 1e-9  # else the roller's end is the end
     step = jnp.where(free, value / jnp.where(free, slope, 1.0), 0.0)
@@ -303,7 +269,7 @@ def reach_of_strips(
 
     def refine(_: int, state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         length = lands(state[0])
-        half_width = hertz.line_half_width(load / jnp.sum(length), contact.radius, contact.modulus)
+        half_width = gaps.line_half_width(load / jnp.sum(length), contact.radius, contact.modulus)
         apart = [high - low, jnp.sum(length) + high - low, *(length + high - low)]
         whole, both, first, second = (gaps.xlogx(distance) for distance in apart)
         shape = 2.0 * jnp.log(4.0 * length / half_width) - 1.0 + (whole + both - first - second) / length
@@ -317,4 +283,4 @@ def reach_of_strips(
 
     tip, delta = jax.lax.fori_loop(0, 3, refine, (jnp.asarray(half), jnp.asarray(0.0)))
     line_load = load / jnp.sum(lands(tip))
-    return tip, line_load, jnp.asarray(hertz.line_half_width(line_load, contact.radius, contact.modulus)), delta
+    return tip, line_load, jnp.asarray(gaps.line_half_width(line_load, contact.radius, contact.modulus)), delta

@@ -1,29 +1,110 @@
-"""A solved contact, and how it is judged: forces on cells, approach, status."""
+"""One contact: what is asked, in one form; what comes back, in one type; and how an answer is judged."""
 
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
+from collections.abc import Sequence
+from typing import Literal, NamedTuple, get_args
 
 import jax
+import jax.core
 import jax.numpy as jnp
 
 from difftrb.contact import gap as gaps
-from difftrb.contact.contact_problem import Defect, is_sound, listed
-from difftrb.contact.halfspace import Cells
-from difftrb.contact.height_map import HeightMap
+from difftrb.contact.gap import Cells
+from difftrb.contact.height_map import HeightMap, height_map_is_sound
 from difftrb.core import status
-from difftrb.core.geometry import LineContact, Spall
+from difftrb.core.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
+
+Method = Literal["auto", "strips", "cells", "lattice"]
+Defect = Spall | HeightMap | tuple[Spall | HeightMap, ...] | None
+"""What a roller stands over: nothing, one spall or height map, or several."""
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "approach", "force", "cells", "load", "spall", "offset", "tilt", "gap", "contact_width", "loaded_fraction",
-        "residual", "iterations", "unknowns", "status_code",
-    ],
-    meta_fields=["accuracy"],
-)  # fmt: skip
+# ------------------------------------------------------------------------------------------ what is asked
+
+
+class Inputs(NamedTuple):
+    """All numbers of one contact: the load [N], `offset` one per spall of several [mm], and the tilt [rad], which is
+    None where it is known to be 0."""
+
+    contact: LineContact
+    load: jax.Array
+    spall: Defect
+    offset: jax.Array
+    tilt: jax.Array | None = None
+
+
+def given(
+    contact: LineContact, load: Real, spall: Defect, offset: Real | Sequence[Real], tilt: Real, method: Method
+) -> tuple[Inputs, bool, Method]:
+    """The inputs as floats, whether half the roller will do, and the method for them.
+
+    Refuses float32 and a method that is unknown or cannot take the case.
+    """
+    status.require_float64()
+    if method not in get_args(Method):
+        raise status.SceneError(f"method = {method!r} is unknown; use {', '.join(map(repr, get_args(Method)))}")
+    place = jnp.asarray(offset, float)
+    if isinstance(spall, tuple):
+        if place.shape not in ((), (len(spall),)):
+            raise status.SceneError(
+                f"offset has shape {place.shape} for {len(spall)} spalls; give one number, or one for each"
+            )
+        place = jnp.broadcast_to(place, (len(spall),))
+        if len(spall) < 2:
+            spall, place = (spall[0], place[0]) if spall else (None, jnp.zeros(()))
+    elif place.ndim:
+        raise status.SceneError(
+            f"offset has shape {place.shape}: one spall has one offset; give a tuple of spalls for several"
+        )
+    straight = is_zero(tilt)
+    inputs = Inputs(
+        as_floats(contact), jnp.asarray(load, float), as_floats(spall), place,
+        None if straight else jnp.asarray(tilt, float),
+    )  # fmt: skip
+    return inputs, straight and is_symmetric(spall), _method_for(spall, straight, method)
+
+
+def _method_for(spall: Defect, straight: bool, method: Method) -> Method:
+    """`method`, or the only one that takes the case; refuses a named one that does not."""
+    if any(isinstance(each, HeightMap) for each in listed(spall)):
+        if method not in ("auto", "lattice"):
+            raise status.SceneError(f"method = {method!r} does not take height maps; use 'lattice'")
+        return "lattice"
+    if (isinstance(spall, tuple) or not straight) and method != "lattice":
+        if method == "strips":
+            raise status.SceneError(
+                "method = 'strips' takes at most one spall and a roller that is not tilted; use 'cells'"
+            )
+        return "cells"
+    return method
+
+
+def is_symmetric(spall: Defect) -> bool:
+    """Whether a contact is known to be symmetric about the roller's middle: every `axial_offset` is a plain 0."""
+    return all(is_zero(each.axial_offset) for each in listed(spall))
+
+
+def listed(spall: Defect) -> tuple[Spall | HeightMap, ...]:
+    """Every spall or height map of a defect."""
+    return () if spall is None else spall if isinstance(spall, tuple) else (spall,)
+
+
+def is_zero(number: Real) -> bool:
+    """Whether a number is known to be 0: a traced one is not."""
+    return not isinstance(number, jax.core.Tracer) and float(number) == 0.0
+
+
+def is_given(number: Real) -> bool:
+    """Whether a number is known not to be 0: a traced one is not."""
+    return not isinstance(number, jax.core.Tracer) and float(number) != 0.0
+
+
+# ------------------------------------------------------------------------------------------ what comes back
+
+
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class ContactSolution(status.Judged):
     """A solved contact.
@@ -32,7 +113,7 @@ class ContactSolution(status.Judged):
       approach: δ of the two bodies, contact alone [mm].
       force: of every cell [N], shape (rows, columns); a mirrored cell counts both halves.
       cells: the grid: `cells.x`, `cells.y` centres [mm].
-      load: [N]. spall, offset, tilt: what was given; `offset` one per spall of several, `tilt` None where it is 0.
+      load: [N]. spall, offset, tilt: as given; `offset` one per spall of several, `tilt` None where it is 0.
       gap: initial gap [mm], shape of `force`.
       contact_width: longest extent of the contact in the rolling direction [mm].
       loaded_fraction: share of the roller's length on which some cell is loaded [-].
@@ -41,8 +122,8 @@ class ContactSolution(status.Judged):
       iterations: applications of the influence matrix, or passes over the strips.
       unknowns: of the solve: cells, or modes of all strips.
       status_code: see `difftrb.status`; `status` is its sentence.
-      accuracy: the relative accuracy of the approach that it was solved to: what was asked for or, where strips of
-        that did not converge, another.
+      accuracy: relative accuracy of the approach of this solve: as asked or, where strips of that did not converge,
+        another.
     """
 
     approach: jax.Array
@@ -59,7 +140,7 @@ class ContactSolution(status.Judged):
     iterations: jax.Array
     unknowns: jax.Array
     status_code: jax.Array
-    accuracy: float
+    accuracy: float = dataclasses.field(metadata={"static": True})
 
     @property
     def pressure(self) -> jax.Array:
@@ -78,38 +159,83 @@ class ContactSolution(status.Judged):
         return jnp.max(self.pressure)
 
 
-def assembled(
-    contact: LineContact, load: jax.Array, spall: Defect, offset: jax.Array, gap: jax.Array, cells: Cells,
-    accuracy: float, tilt: jax.Array | None, *, approach: jax.Array, force: jax.Array, width: jax.Array,
-    residual: jax.Array, iterations: jax.Array, unknowns: int, code: jax.Array,
-) -> ContactSolution:  # fmt: skip
-    """The solution as whichever way found it; `width` is the contact's, `code` what the way itself says of it."""
-    sound = is_sound((contact, load, spall, offset, tilt))
+class Found(NamedTuple):
+    """What one way of solving finds: approach [mm], force of every cell [N], width of the contact [mm]; the rest as in
+    `ContactSolution`, `status_code` not yet of the inputs."""
+
+    approach: jax.Array
+    force: jax.Array
+    width: jax.Array
+    residual: jax.Array
+    iterations: jax.Array
+    unknowns: int
+    status_code: jax.Array
+
+
+def assembled(inputs: Inputs, cells: Cells, gap: jax.Array, accuracy: float, found: Found) -> ContactSolution:
+    """The solution, whichever way found it."""
+    force = found.force
     rows = jnp.where(jnp.any(force > 0.0, axis=1), jnp.sum(cells.area, axis=1), 0.0)
-    fraction = jnp.sum(rows) / (jnp.sum(cells.widths) * contact.length)
+    fraction = jnp.sum(rows) / (jnp.sum(cells.widths) * inputs.contact.length)
+    width, fraction, residual = jax.lax.stop_gradient((found.width, fraction, found.residual))
     return ContactSolution(
-        approach, force, cells, load, spall, offset, tilt, gap, jax.lax.stop_gradient(width),
-        jax.lax.stop_gradient(fraction), jax.lax.stop_gradient(residual), iterations.astype(int), jnp.asarray(unknowns),
-        jnp.where(sound, code, status.BAD_INPUT), accuracy,
+        found.approach, force, cells, *inputs[1:], gap, width, fraction, residual, found.iterations.astype(int),
+        jnp.asarray(found.unknowns), checked(inputs, found.status_code), accuracy,
     )  # fmt: skip
 
 
-def extent(cells: Cells, force: jax.Array) -> jax.Array:
+def gradient_by_name(by: Inputs) -> dict[str, Real | None]:
+    """The entries of a gradient that are reported, by name: see `solver.approach_slopes`."""
+
+    def by_size(name: str) -> Real | None:
+        if isinstance(by.spall, tuple):
+            return jnp.stack([jnp.asarray(getattr(each, name, jnp.nan)) for each in by.spall])
+        return getattr(by.spall, name, None)
+
+    if isinstance(by.spall, tuple):
+        offset = jnp.where(jnp.array([isinstance(each, Spall) for each in by.spall]), by.offset, jnp.nan)
+    else:
+        offset = by.offset if isinstance(by.spall, Spall) else None
+    return {
+        "load": by.load, "length": by_size("length"), "width": by_size("width"), "offset": offset,
+        "radius": by.contact.radius, "design_load": by.contact.design_load,
+    }  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------------ how it is judged
+
+
+def settled(residual: jax.Array, tolerance: float) -> jax.Array:
+    """The status that an iteration's last `residual` earns."""
+    return jnp.where(residual <= tolerance, status.CONVERGED, status.NOT_CONVERGED)
+
+
+def verdict(approach: jax.Array, residual: jax.Array, tolerance: float) -> jax.Array:
+    """`settled`; an approach that is no number comes from an input that is none."""
+    return jnp.where(jnp.isfinite(approach), settled(residual, tolerance), status.BAD_INPUT)
+
+
+def checked(inputs: Inputs, code: jax.Array, suited: jax.Array | bool = True) -> jax.Array:
+    """A solve's status `code`, where inputs are finite and within what can be and the way of solving is `suited`."""
+    sound = contact_is_sound(inputs.contact) & (inputs.load > 0.0) & jnp.all(jnp.isfinite(inputs.offset))
+    for each in listed(inputs.spall):
+        sound = sound & (height_map_is_sound(each) if isinstance(each, HeightMap) else spall_is_sound(each))
+    if inputs.tilt is not None:
+        sound = sound & jnp.isfinite(inputs.tilt)
+    return jnp.where(sound, jnp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
+
+
+def width_of(cells: Cells, force: jax.Array) -> jax.Array:
     """From the first to the last loaded column [mm]."""
     loaded, borders = jnp.any(force > 0.0, axis=0), cells.borders
     return jnp.max(jnp.where(loaded, borders[1:], -jnp.inf)) - jnp.min(jnp.where(loaded, borders[:-1], jnp.inf))
 
 
-def verdict(approach: jax.Array, residual: jax.Array, tolerance: float) -> jax.Array:
-    """The status that an iteration's last `residual` earns."""
-    converged = jnp.where(residual <= tolerance, status.CONVERGED, status.NOT_CONVERGED)
-    return jnp.where(jnp.isfinite(approach), converged, status.BAD_INPUT)
-
-
-def border(cells: Cells, loaded: jax.Array, approach: jax.Array, gap: jax.Array, contact: LineContact) -> jax.Array:
-    """Whether pressure is cut off by the domain's border: not by a roller's end, nor where the gap there rises above
-    the approach, being the crown's beyond the mean of the last row."""
-    rise = gaps.crown_at(cells.lines, contact)[jnp.array([0, -1])] - gaps.crown(cells, contact)[jnp.array([0, -1]), 0]
-    at_ends = loaded[jnp.array([0, -1])] & (gap[jnp.array([0, -1])] + rise[:, None] < approach)
+def cut_off(cells: Cells, loaded: jax.Array, approach: jax.Array, gap: jax.Array, contact: LineContact) -> jax.Array:
+    """The status `TOUCHES_BORDER` where the domain's border cuts pressure off: not at a roller's end, nor where the gap
+    there, the crown's beyond the mean of the last row, exceeds the approach."""
+    ends = jnp.array([0, -1])
+    rise = gaps.crown_at(cells.lines, contact)[ends] - gaps.crown(cells, contact)[ends, 0]
+    at_ends = loaded[ends] & (gap[ends] + rise[:, None] < approach)
     touched = jnp.any(loaded[:, 0] | loaded[:, -1]) | jnp.any(at_ends[1 if cells.mirrored else 0 :])
     return jnp.where(touched, status.TOUCHES_BORDER, status.CONVERGED)

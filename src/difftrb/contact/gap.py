@@ -1,12 +1,73 @@
-"""The gap between the undeformed surfaces, as terms that add; every term is the mean over the cells [mm]."""
+"""Cells, the gap of the undeformed surfaces on them, and closed forms of a single line contact.
+
+Every term of the gap is the mean over a cell [mm]; terms add. Lengths in mm, loads in N, E' = contact modulus [N/mm²]
+(`geometry.contact_modulus`), R = equivalent radius [mm].
+"""
 
 from __future__ import annotations
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
 
-from difftrb.contact.halfspace import Cells
 from difftrb.core.geometry import LineContact, Real, Spall
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Uneven:
+    """Columns of cells that are not as wide as the others.
+
+    Attributes:
+      columns: their indices, shape (uneven,); a column named twice counts once.
+      borders: all cell boundaries in x [mm], shape (columns + 1,), increasing.
+    """
+
+    columns: jax.Array
+    borders: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """A tensor grid of pressure cells: equal pitch across the contact (x), graded lines along the roller (y).
+
+    Attributes:
+      pitch: width of every cell in x [mm], except the `uneven` ones.
+      x: cell centres in x [mm], shape (columns,).
+      lines: cell boundaries in y [mm], shape (rows + 1,), increasing.
+      mirrored: the grid is the half y ≥ 0 of a contact symmetric about y = 0; a cell's force then counts both halves.
+      uneven: columns of another width, default None.
+    """
+
+    pitch: jax.Array
+    x: jax.Array
+    lines: jax.Array
+    mirrored: bool = dataclasses.field(metadata={"static": True})
+    uneven: Uneven | None = None
+
+    @property
+    def y(self) -> jax.Array:
+        """Cell centres in y [mm], shape (rows,)."""
+        return 0.5 * (self.lines[1:] + self.lines[:-1])
+
+    @property
+    def borders(self) -> jax.Array:
+        """Cell boundaries in x [mm], shape (columns + 1,)."""
+        if self.uneven is not None:
+            return self.uneven.borders
+        return jnp.concatenate([self.x - 0.5 * self.pitch, self.x[-1:] + 0.5 * self.pitch])
+
+    @property
+    def widths(self) -> jax.Array:
+        """Of the columns [mm], shape (columns,)."""
+        return jnp.broadcast_to(self.pitch, self.x.shape) if self.uneven is None else jnp.diff(self.uneven.borders)
+
+    @property
+    def area(self) -> jax.Array:
+        """Of the cells (of both mirror images) [mm²], shape (rows, columns)."""
+        return (2.0 if self.mirrored else 1.0) * jnp.diff(self.lines)[:, None] * self.widths[None, :]
 
 
 def curvature(cells: Cells, radius: Real) -> jax.Array:
@@ -15,7 +76,7 @@ def curvature(cells: Cells, radius: Real) -> jax.Array:
 
 
 def first_level(cells: Cells, radius: Real) -> jax.Array:
-    """The gap up to which a first guess puts pressure [mm]: over six tenths of the cells' reach in x."""
+    """The gap up to which a first guess puts pressure [mm]: 0.4 of the largest curvature gap."""
     return jax.lax.stop_gradient(0.4 * jnp.max(curvature(cells, radius)))
 
 
@@ -74,10 +135,28 @@ def depression(cells: Cells, spall: Spall, offset: Real) -> jax.Array:
     """Depth of the spall under the cells whose centre lies in it, shape (rows, columns).
 
     `offset` is the distance of the spall's centre from the contact's in the rolling direction [mm]. Walls are
-    vertical and stay so: cells follow the edges, hence the mask is exact and has no derivative of its own.
+    vertical; cells follow the edges, so the mask is exact and has no derivative of its own.
     """
     across = jnp.abs(cells.x - offset) < 0.5 * spall.width
     along = jnp.abs(cells.y - spall.axial_offset) < 0.5 * spall.length
     if cells.mirrored:
         along = jnp.abs(cells.y) < 0.5 * spall.length
     return spall.depth * (along[:, None] & across[None, :])  # Liu et al. 2018, eq. (3)
+
+
+# ------------------------------------------------------------------------------------------ closed forms
+
+
+def line_half_width(line_load: Real, radius: Real, modulus: Real) -> Real:
+    """Half width b of a line contact [mm] under `line_load` [N/mm]."""
+    return jnp.sqrt(4.0 * line_load * radius / (jnp.pi * modulus))  # Johnson 1985, eq. (4.43)
+
+
+def palmgren_approach(load: Real, length: Real) -> Real:
+    """Approach of inner and outer ring about one steel roller [mm], both contacts together."""
+    return 3.84e-5 * load**0.9 / length**0.8  # Palmgren 1959
+
+
+def lamina_stiffness(length: Real) -> Real:
+    """Spring constant c_L of a whole roller between its raceways [N/mm^(10/9)], Q = c_L δ^(10/9)."""
+    return 35948.0 * length ** (8.0 / 9.0)  # ISO/TS 16281:2008, eq. (38)

@@ -10,72 +10,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 from typing import Protocol, Self
 
 import jax
 import jax.numpy as jnp
 
+from difftrb.contact.gap import Cells, Uneven
+
 # A sharp edge with a pressure that is singular there acts as if it stood this part of a cell inside the last loaded
 # cell (uniform Galerkin cells, half-plane problem); cells are therefore drawn that much beyond the true edge.
 EDGE_SHIFT = 0.11505
 LOW = 8  # frequencies of the resistance at which rows see one another; 4 or 16 cost as much
-
-
-@partial(jax.tree_util.register_dataclass, data_fields=["columns", "borders"], meta_fields=[])
-@dataclasses.dataclass(frozen=True)
-class Uneven:
-    """Columns of cells that are not as wide as the others.
-
-    Attributes:
-      columns: which, shape (uneven,); one that stands there twice counts once.
-      borders: all cell boundaries in x [mm], shape (columns + 1,), increasing.
-    """
-
-    columns: jax.Array
-    borders: jax.Array
-
-
-@partial(jax.tree_util.register_dataclass, data_fields=["pitch", "x", "lines", "uneven"], meta_fields=["mirrored"])
-@dataclasses.dataclass(frozen=True)
-class Cells:
-    """A tensor grid of pressure cells.
-
-    Attributes:
-      pitch: width of every cell in x [mm], but of those that are `uneven`.
-      x: cell centres in x [mm], shape (columns,).
-      lines: cell boundaries in y [mm], shape (rows + 1,), increasing.
-      mirrored: the grid is the half y ≥ 0 of a contact symmetric about y = 0; a cell's force then counts both halves.
-      uneven: columns of another width; None (default): there are none.
-    """
-
-    pitch: jax.Array
-    x: jax.Array
-    lines: jax.Array
-    mirrored: bool
-    uneven: Uneven | None = None
-
-    @property
-    def y(self) -> jax.Array:
-        """Cell centres in y [mm], shape (rows,)."""
-        return 0.5 * (self.lines[1:] + self.lines[:-1])
-
-    @property
-    def borders(self) -> jax.Array:
-        """Cell boundaries in x [mm], shape (columns + 1,)."""
-        if self.uneven is not None:
-            return self.uneven.borders
-        return jnp.concatenate([self.x - 0.5 * self.pitch, self.x[-1:] + 0.5 * self.pitch])
-
-    @property
-    def widths(self) -> jax.Array:
-        """Of the columns [mm], shape (columns,)."""
-        return jnp.broadcast_to(self.pitch, self.x.shape) if self.uneven is None else jnp.diff(self.uneven.borders)
-
-    @property
-    def area(self) -> jax.Array:
-        """Of the cells (of both mirror images) [mm²], shape (rows, columns)."""
-        return (2.0 if self.mirrored else 1.0) * jnp.diff(self.lines)[:, None] * self.widths[None, :]
 
 
 class Operator(Protocol):
@@ -100,7 +45,7 @@ class Operator(Protocol):
         ...
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["spectrum", "diagonal"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Influence:
     """Mean displacement of a cell by the force on another, ready to apply.
@@ -147,7 +92,7 @@ def _along_rows(blocks: jax.Array, transformed: jax.Array) -> jax.Array:
     return (product[..., 0] + 1j * product[..., 1]).T
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["even", "patch", "place", "diagonal"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PatchedInfluence:
     """The same with columns of another width, whose part is not of differences.
@@ -176,6 +121,28 @@ class PatchedInfluence:
     def resistance(self) -> Callable[[jax.Array], jax.Array]:
         """As if all columns were even."""
         return self.even.resistance()
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Convolution:
+    """Influence on a uniform lattice: its Fourier coefficients on twice the lattice, shape (2 rows, columns + 1), and a
+    cell's influence on itself, shape (1, 1)."""
+
+    spectrum: jax.Array
+    diagonal: jax.Array
+
+    def displacement(self, force: jax.Array) -> jax.Array:
+        rows, columns = force.shape
+        size = (2 * rows, 2 * columns)
+        return jnp.fft.irfft2(jnp.fft.rfft2(force, size) * self.spectrum, size)[:rows, :columns]
+
+    def scaled(self, factor: jax.Array) -> Convolution:
+        return Convolution(factor * self.spectrum, factor * self.diagonal)
+
+    def resistance(self) -> Callable[[jax.Array], jax.Array]:
+        """The inverse of the spectrum, which is positive."""
+        return Convolution(1.0 / self.spectrum, 1.0 / self.diagonal).displacement
 
 
 def graded(start: jax.Array, end: jax.Array, count: int, at_start: bool, at_end: bool, even: float = 0.05) -> jax.Array:
@@ -262,6 +229,20 @@ def influence(cells: Cells, modulus: jax.Array) -> Influence | PatchedInfluence:
     circle = jnp.concatenate([kernel, kernel[-2:0:-1]])  # even extension: a symmetric circulant has a real spectrum
     even = Influence(jnp.fft.rfft(circle, axis=0).real, jnp.diagonal(kernel[0])[:, None])
     return even if cells.uneven is None else _patched(cells, cells.uneven, even, modulus)
+
+
+def uniform_influence(cells: Cells, modulus: jax.Array) -> Convolution:
+    """Mean displacement [mm] of a cell by a unit force [N] on another; all cells of one height, not mirrored."""
+    rows, columns = cells.y.shape[0], cells.x.shape[0]
+    height = (cells.lines[-1] - cells.lines[0]) / rows
+    x, y = cells.pitch * jnp.arange(-1, columns + 2), height * jnp.arange(-1, rows + 2)
+    g = primitive(x[None, :], y[:, None])
+    for _ in range(2):  # second differences, in x and then in y
+        g = (g[:, 2:] - 2.0 * g[:, 1:-1] + g[:, :-2]).T
+    kernel = g / (jnp.pi * modulus * (cells.pitch * height) ** 2)
+    for _ in range(2):
+        kernel = jnp.concatenate([kernel, kernel[-2:0:-1]]).T  # even extensions: a real spectrum
+    return Convolution(jnp.fft.rfft2(kernel).real, kernel[:1, :1])
 
 
 def _patched(cells: Cells, uneven: Uneven, even: Influence, modulus: jax.Array) -> PatchedInfluence:

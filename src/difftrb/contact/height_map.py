@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core import files, status
+from difftrb.core import status
 from difftrb.core.geometry import Real
+from difftrb.core.messages import named, opened, shown, text_of
 
 PITCH = (1e-5, 10.0)
 """Least and largest distance of a map's points [mm]."""
@@ -109,7 +110,7 @@ def load_height_map(
     """
     kind = os.path.splitext(path)[1].lower()
     if kind not in LARGEST:
-        raise HeightMapError(f"{files.named(path)}: must be a file .npz or .csv")
+        raise HeightMapError(f"{named(path)}: must be a file .npz or .csv")
     content = (_read_npz if kind == ".npz" else _read_csv)(path)
     height, pitch_x, pitch_y = _checked(content, path)
     return HeightMap(jnp.asarray(height), pitch_x, pitch_y, axial_offset, angle, surface)
@@ -134,7 +135,7 @@ class _InParts(io.BufferedReader):
 
 
 def _read_npz(path: str | Path) -> dict[str, Any]:
-    with files.opened(path, "a height map", LARGEST[".npz"], HeightMapError) as file:
+    with opened(path, "a height map", LARGEST[".npz"], HeightMapError) as file:
         try:
             with _InParts(file.raw) as parts, zipfile.ZipFile(parts) as archive:
                 names = archive.namelist()
@@ -157,11 +158,11 @@ def _member(archive: zipfile.ZipFile, key: str, path: str | Path) -> np.ndarray:
     if dtype.hasobject:
         raise zipfile.BadZipFile
     if dtype.kind not in "fiu":
-        raise HeightMapError(f"{path}: {key} holds {files.shown(str(dtype))}, not numbers: give numbers [mm]")
+        raise HeightMapError(f"{path}: {key} holds {shown(str(dtype))}, not numbers: give numbers [mm]")
     if key == "height":
         _check_shape(shape, path)
     elif any(n != 1 for n in shape):
-        raise HeightMapError(f"{path}: {key} has shape {files.shown(shape)}: must be one number [mm]")
+        raise HeightMapError(f"{path}: {key} has shape {shown(shape)}: must be one number [mm]")
     with archive.open(about) as member:
         found = np.lib.format.read_array(member, allow_pickle=False)
     return found if key == "height" else found.ravel()[0]
@@ -169,10 +170,10 @@ def _member(archive: zipfile.ZipFile, key: str, path: str | Path) -> np.ndarray:
 
 def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
     if len(shape) != 2 or min(shape) < 2:
-        raise HeightMapError(f"{path}: height has shape {files.shown(shape)}: must be a grid of at least 2 × 2 points")
+        raise HeightMapError(f"{path}: height has shape {shown(shape)}: must be a grid of at least 2 × 2 points")
     if max(shape) > MOST:
         raise HeightMapError(
-            f"{path}: height has shape {files.shown(shape)}: must be a grid of at most {MOST} × {MOST} points, finer "
+            f"{path}: height has shape {shown(shape)}: must be a grid of at most {MOST} × {MOST} points, finer "
             "than which no lattice is; leave points out, or cut the map to the spall"
         )
 
@@ -180,7 +181,7 @@ def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
 def _read_csv(path: str | Path) -> dict[str, Any]:
     content: dict[str, Any] = {}
     rows: list[np.ndarray] = []
-    text = files.text_of(path, "a height map", HeightMapError, LARGEST[".csv"])
+    text = text_of(path, "a height map", HeightMapError, LARGEST[".csv"])
     for number, line in enumerate(io.StringIO(text), 1):
         if line.lstrip().startswith("#"):
             key, equals, value = line.lstrip("# \t").partition("=")
@@ -215,8 +216,8 @@ def _checked(content: dict[str, Any], path: str | Path) -> tuple[np.ndarray, flo
         except (TypeError, ValueError):
             pitch = float("nan")
         if not PITCH[0] <= pitch <= PITCH[1]:
-            shown = str(content[key])[:40]
-            raise HeightMapError(f"{path}: {key} = {shown}: must be a number in {PITCH[0]:g} … {PITCH[1]:g} mm")
+            value = str(content[key])[:40]
+            raise HeightMapError(f"{path}: {key} = {value}: must be a number in {PITCH[0]:g} … {PITCH[1]:g} mm")
         pitches.append(pitch)
     height = content["height"].astype(float)
     _check_shape(height.shape, path)

@@ -14,7 +14,8 @@ import jax
 import jax.numpy as jnp
 
 from difftrb.contact import halfspace
-from difftrb.contact.halfspace import Cells, Operator
+from difftrb.contact.gap import Cells
+from difftrb.contact.halfspace import Operator
 from difftrb.core import implicit
 from difftrb.core.geometry import Real
 

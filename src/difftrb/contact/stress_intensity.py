@@ -15,10 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap as gaps
-from difftrb.contact import halfspace, hertz, projected_gradient, strip_basis
+from difftrb.contact import halfspace, projected_gradient, strip_basis
 from difftrb.contact.contact_extent import clear_of_spall, domain
-from difftrb.contact.contact_problem import is_sound, is_symmetric
-from difftrb.contact.halfspace import EDGE_SHIFT, Cells
+from difftrb.contact.contact_solution import Inputs, checked, is_symmetric, settled
+from difftrb.contact.gap import Cells
+from difftrb.contact.halfspace import EDGE_SHIFT
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats
 
@@ -28,11 +29,7 @@ LEAST_LAND = 4.0  # in Hertz half-widths; on a shorter one the far end is felt a
 LEAST_ROWS = 32
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["x", "low", "high", "release", "energy", "approach", "residual", "status_code"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class EdgeIntensity(status.Judged):
     """How singular the pressure is at a spall's two ends.
@@ -76,15 +73,15 @@ def edge_intensity(
     status.require_float64()
     for name, value, least in (("land", land, LEAST_ROWS), ("columns", columns, 16)):
         if value < least:
-            raise ValueError(f"{name} = {value!r} is out of range: at least {least}")
-    arguments = as_floats(contact), jnp.asarray(load, float), as_floats(spall), jnp.asarray(offset, float)
-    return _solve(*arguments, is_symmetric(spall), land, columns)
+            raise status.SceneError(f"{name} = {value!r} is out of range: at least {least}")
+    inputs = Inputs(as_floats(contact), jnp.asarray(load, float), as_floats(spall), jnp.asarray(offset, float))
+    return _solve(inputs, is_symmetric(spall), land, columns)
 
 
-@partial(jax.jit, static_argnums=(4, 5, 6))
-def _solve(
-    contact: LineContact, load: jax.Array, spall: Spall, offset: jax.Array, mirrored: bool, land: int, columns: int
-) -> EdgeIntensity:
+@partial(jax.jit, static_argnums=(1, 2, 3))
+def _solve(inputs: Inputs, mirrored: bool, land: int, columns: int) -> EdgeIntensity:
+    contact, load, spall, offset, _ = inputs
+    assert isinstance(spall, Spall)
     reach_x, _, tip = domain(contact, load, (spall,), jnp.reshape(offset, 1))
     nowhere = jnp.asarray(jnp.inf)
     pitch, x = halfspace.lattice(reach_x * (1.0 + 2.0 / columns), columns, -nowhere, nowhere)
@@ -108,7 +105,7 @@ def _solve(
     seen = [0.5 * line_loads] if mirrored else [line_loads[land - 1 :: -1], line_loads[land + 1 :]]  # from the edge
     distances = [lines - lines[0] for lines in lands]
     mean = jnp.stack([jnp.sum(f) * pitch / s[-1] for f, s in zip(seen, distances, strict=True)])
-    scale = jnp.maximum(hertz.line_half_width(mean, contact.radius, contact.modulus), 1e-6 * tip)
+    scale = jnp.maximum(gaps.line_half_width(mean, contact.radius, contact.modulus), 1e-6 * tip)
     squared = jnp.stack([intensity_squared(*pair) for pair in zip(distances, seen, scale, strict=True)])
     if mirrored:
         squared, scale = (jnp.concatenate([value, value]) for value in (squared, scale))
@@ -117,9 +114,7 @@ def _solve(
 
     room = tip - jnp.stack([-ends[0], ends[1]])
     suited = clear_of_spall(contact, spall, offset, approach) & jnp.all(room > LEAST_LAND * scale)
-    sound = is_sound((contact, load, spall, offset, None))
-    code = jnp.where(residual <= projected_gradient.TOLERANCE, status.CONVERGED, status.NOT_CONVERGED)
-    code = jnp.where(sound, jnp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
+    code = checked(inputs, settled(residual, projected_gradient.TOLERANCE), suited)
     return EdgeIntensity(
         x, intensity[0], intensity[1], jnp.sum(squared, axis=1) * pitch / (2.0 * contact.modulus),
         0.5 * (load * approach + jnp.sum(force * jnp.where(force > 0.0, gap, 0.0))), approach,

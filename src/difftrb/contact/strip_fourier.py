@@ -22,6 +22,8 @@ PLACES = (
 )  # fmt: skip
 SHARE = np.sqrt(np.sqrt(0.75) / 2.0)  # ∫κ⁻³ of a sharp and a blunt wave by the roots of ∫κ⁻² and ∫κ⁻⁴ is √3/2
 MEETING = ((0, 3), (1, 2))  # places that lie on one rolling edge from either side
+LEAST = 2.0  # width of the narrowest strip at an edge, by 1/κ of the last wave: below, it cannot tell its own width
+ASIDE = 0.1  # width of the strip that stands for a spall which is nowhere near
 LARGEST = 3.2  # farthest end of a strip; the gap there is larger than any approach
 
 
@@ -80,7 +82,25 @@ class Layout:
         return np.eye(len(self.sides))[list(self.outlines)]
 
     @property
+    def outward(self) -> np.ndarray:
+        """The sign of each end, (1, ends)."""
+        return np.array([[1.0]] if self.even else [[-1.0, 1.0]])
+
+    @property
+    def sided(self) -> np.ndarray:
+        """Which outlines lie beyond a rolling edge, (outlines,)."""
+        return np.isin(np.asarray(self.sides), (LEFT, RIGHT))
+
+    @property
+    def beside(self) -> np.ndarray:
+        """Which outlines between the edges have which one beyond an edge beside them on a row, (outlines, outlines)."""
+        sides, rows = np.asarray(self.sides), np.asarray(self.rows)
+        common = self.member.T @ (rows[:, None] == rows) @ self.member > 0.0
+        return (common & (sides[:, None] == MIDDLE) & self.sided[None]).astype(float)
+
+    @property
     def orders(self) -> np.ndarray:
+        """Of the modes, shape (modes,)."""
         return np.arange(self.modes) * (2 if self.even else 1)
 
 
@@ -179,3 +199,38 @@ def signs(layout: Layout) -> np.ndarray:
     """Tₘ at the ends: (ends, modes)."""
     ones = np.ones(layout.modes)
     return ones[None] if layout.even else np.stack([(-1.0) ** layout.orders, ones])
+
+
+def bounds(layout: Layout, left: jax.Array, right: jax.Array) -> jax.Array:
+    """How far the ends may go between or beside the spall's rolling edges `left` and `right`: (outlines, ends)."""
+    sides = np.asarray(layout.sides)
+    room = LARGEST - 0.3  # a strip at an edge farther out stays there, without load
+    left = jnp.clip(left, -room, room - ASIDE)
+    right = jnp.clip(right, left + ASIDE, room)
+    high = jnp.where(sides == LEFT, left, jnp.where(sides == MIDDLE, right, LARGEST))
+    low = jnp.where(sides == RIGHT, right, jnp.where(sides == MIDDLE, left, -LARGEST))
+    return high[:, None] if layout.even else jnp.stack([low, high], axis=1)
+
+
+def places(layout: Layout, bound: jax.Array, narrow: jax.Array) -> jax.Array:
+    """Where ends that do not move stand: on their bounds, or next to the other one's."""
+    least = LEAST / layout.frequencies.highest
+    low = jnp.where(narrow > 0, bound[:, 1] - least, bound[:, 0])
+    return jnp.stack([low, jnp.where(narrow < 0, bound[:, 0] + least, bound[:, 1])], axis=1)
+
+
+def gaps(layout: Layout, ends: jax.Array, rest: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Mean gap under each mode and its derivative by the ends: 2x² in these units, and the rows' own."""
+    n = layout.modes
+    if layout.even:
+        b = ends[:, 0]
+        zero = jnp.zeros_like(b)
+        gap = [b * b + rest, 0.5 * b * b] + [zero] * (n - 2)
+        slope = [2.0 * b, b] + [zero] * (n - 2)
+        return jnp.stack(gap[:n], axis=1), jnp.stack(slope[:n], axis=1)[:, :, None]
+    b, c = 0.5 * (ends[:, 1] - ends[:, 0]), 0.5 * (ends[:, 1] + ends[:, 0])
+    zero = jnp.zeros_like(b)
+    gap = [2.0 * c * c + b * b + rest, 2.0 * c * b, 0.5 * b * b] + [zero] * (n - 3)
+    by_b = jnp.stack([2.0 * b, 2.0 * c, b] + [zero] * (n - 3), axis=1)
+    by_c = jnp.stack([4.0 * c, 2.0 * b, zero] + [zero] * (n - 3), axis=1)
+    return jnp.stack(gap, axis=1), jnp.stack([0.5 * (by_c - by_b), 0.5 * (by_c + by_b)], axis=-1)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap as gaps
-from difftrb.contact import hertz, strip_basis, strip_newton
+from difftrb.contact import strip_basis, strip_fourier, strip_newton
 from difftrb.contact.contact_extent import edges_along, reach_of_strips
-from difftrb.contact.halfspace import Cells
+from difftrb.contact.contact_solution import Found, Inputs, verdict
+from difftrb.contact.gap import Cells
 from difftrb.contact.strip_basis import Rows
 from difftrb.contact.strip_fourier import LAND, LEFT, MIDDLE, RIGHT, Frequencies, Layout
 from difftrb.contact.strip_newton import Problem
-from difftrb.core.geometry import LineContact, Spall
+from difftrb.core import status
+from difftrb.core.geometry import LineContact, Real, Spall
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,35 +46,19 @@ TENSION = 10.0  # share of the load that strips may take as tension, by the accu
 LEAST_CROWN = 1e-3  # crown's scale by approach: below, a roller's end acts as an edge, which the strips do not have
 
 
-@dataclasses.dataclass(frozen=True)
-class Solved:
-    """A contact solved by strips: approach [mm], force of every cell [N], longest strip [mm], last relative change of
-    the strips' ends, share of the load that they took as tension, passes, whether strips can describe this contact, and
-    how many unknowns there were."""
-
-    approach: jax.Array
-    force: jax.Array
-    width: jax.Array
-    change: jax.Array
-    tension: jax.Array
-    passes: jax.Array
-    suited: jax.Array
-    unknowns: int
-
-
-def outlook(
-    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+def outlook(inputs: Inputs) -> tuple[jax.Array, jax.Array]:
     """How many rolling edges of the spall may be in reach of the contact, 0…2, and whether strips can be expected to
     describe it."""
+    contact, load, spall, offset, _ = _of_strips(inputs)
     low, high = _spall_edges(contact, spall)
     tip, _, unit, approach = jax.lax.stop_gradient(reach_of_strips(contact, load, low, high))
+    suited = _suited(contact, spall, low, high, tip, unit, approach)
     if spall is None:
-        return jnp.asarray(0), _suited(contact, None, low, high, tip, unit, approach)
+        return jnp.asarray(0), suited
     certain = jnp.sqrt(2.0 * contact.radius * 1.1 * approach)  # beyond it the gap exceeds the approach
     near, far = 0.5 * spall.width - jnp.abs(offset), 0.5 * spall.width + jnp.abs(offset)
     edges = (near < certain).astype(int) + (far < certain)
-    return edges, _suited(contact, spall, low, high, tip, unit, approach) & ((edges == 0) | _ends(low, high, tip, unit))
+    return edges, suited & ((edges == 0) | _ends(low, high, tip, unit))
 
 
 def _suited(
@@ -91,15 +78,13 @@ def _ends(low: jax.Array, high: jax.Array, tip: jax.Array, unit: jax.Array) -> j
     return (high < tip - unit) & (low > unit - tip)
 
 
-def solve(
-    contact: LineContact, load: jax.Array, spall: Spall | None, offset: jax.Array, mirrored: bool, edges: int,
-    fineness: Fineness, cells: Cells,
-) -> Solved:  # fmt: skip
+def solve(inputs: Inputs, mirrored: bool, edges: int, fineness: Fineness, cells: Cells, accuracy: float) -> Found:
     """Solve by strips and spread the pressure over `cells`.
 
     `edges`: how many rolling edges of the spall may be in reach, 0…2; if one, it is the nearer. Not suited: a spall
     whose bottom is in reach of the roller, a roller (nearly) without crown.
     """
+    contact, load, spall, offset, _ = _of_strips(inputs)
     low, high = _spall_edges(contact, spall)
     turned = offset < 0.0  # one edge is always looked at from its left
     if edges == 1:
@@ -107,26 +92,12 @@ def solve(
     tip, line_load, unit, estimate = _reach(contact, load, spall, offset, edges)
     groups = _groups(spall, low / unit, high / unit, tip / unit, mirrored, edges, fineness)
     layout = _layout(groups, edges, mirrored, fineness)
-    nodes, node_weights = layout.frequencies.rule()
-    weight = strip_basis.weights(groups)
-    push = np.pi * contact.modulus / line_load  # from [mm] to the unit of displacement
-
-    def crown(y: jax.Array) -> jax.Array:
-        return push * gaps.crown_at(y * unit, contact)
-
-    gap = jnp.concatenate([strip_basis.integrals(group, crown) for group in groups]) / weight
-    half_width = 0.5 * spall.width if spall is not None else jnp.asarray(jnp.inf)
     images = 2.0 if mirrored else 1.0
-    problem = Problem(
-        products=strip_basis.products(groups, nodes, mirrored) * (2.0 / np.pi * node_weights)[None, None],
-        mass=strip_basis.mass(groups),
-        weight=weight,
-        place=jnp.concatenate([group.peaks for group in groups]),
-        gap=gap,
-        left=(offset - half_width) / unit,
-        right=(offset + half_width) / unit,
-        load=load / (images * line_load * unit),
-    )
+    push = np.pi * contact.modulus / line_load  # from [mm] to the unit of displacement
+    half_width = 0.5 * spall.width if spall is not None else jnp.asarray(jnp.inf)
+    rolling_edges = (offset - half_width) / unit, (offset + half_width) / unit
+    share = load / (images * line_load * unit)
+    problem = _problem(layout, groups, contact, rolling_edges, push, unit, share, mirrored)
     start = _start(layout, problem, push * estimate)
     (loads, ends, approach), active, change, passes = strip_newton.solve(layout, problem, start)
     approach = approach / push
@@ -138,8 +109,43 @@ def solve(
         ends = jnp.where(turned, -ends[:, ::-1], ends)
         loads = jnp.where(turned, loads * (-1.0) ** layout.orders[None], loads)
     force, tension = _pressing(images * line_load * unit * _on_cells(layout, groups, loads, ends, cells, unit))
-    width = unit * _width(layout, active, ends)
-    return Solved(approach, force, width, change, tension, passes, suited, loads.size)
+    code = jnp.where(suited, _judged(approach, change, tension, accuracy), status.UNSUITED)
+    return Found(approach, force, unit * _width(layout, active, ends), change, passes, loads.size, code)
+
+
+def _of_strips(inputs: Inputs) -> tuple[LineContact, jax.Array, Spall | None, jax.Array, None]:
+    """The inputs, which strips take: one spall or none, no tilt."""
+    return cast(Any, inputs)
+
+
+def _judged(approach: jax.Array, change: jax.Array, tension: jax.Array, accuracy: float) -> jax.Array:
+    """The status of strips that can describe the contact."""
+    code = verdict(approach, change, SETTLED)
+    code = jnp.where(approach > 0.0, code, status.NOT_CONVERGED)  # boundaries may settle where no contact is
+    return status.worst(code, verdict(approach, tension, TENSION * accuracy))
+
+
+def _problem(
+    layout: Layout, groups: tuple[Rows, ...], contact: LineContact, rolling_edges: tuple[jax.Array, jax.Array],
+    push: Real, unit: jax.Array, load: jax.Array, mirrored: bool,
+) -> Problem:  # fmt: skip
+    """The contact without units; rolling edges and load are so already, `push` and `unit` take the units off."""
+    nodes, node_weights = layout.frequencies.rule()
+    weight = strip_basis.weights(groups)
+
+    def crown(y: jax.Array) -> jax.Array:
+        return push * gaps.crown_at(y * unit, contact)
+
+    gap = jnp.concatenate([strip_basis.integrals(group, crown) for group in groups]) / weight
+    return Problem(
+        products=strip_basis.products(groups, nodes, mirrored) * (2.0 / np.pi * node_weights)[None, None],
+        mass=strip_basis.mass(groups),
+        weight=weight,
+        gap=gap,
+        left=rolling_edges[0],
+        right=rolling_edges[1],
+        load=load,
+    )
 
 
 def _reach(
@@ -160,7 +166,7 @@ def _reach(
     tip, line_load, _, approach = (taken * a + (1.0 - taken) * b for a, b in zip(reach, sound, strict=True))
     # a light load sinks a roller over a long spall through its crown: then edges far beyond the half-width are in reach
     farthest = jnp.sqrt(2.0 * contact.radius * reach[3]) / REACHED
-    unit = jnp.maximum(hertz.line_half_width(line_load, contact.radius, contact.modulus), farthest)
+    unit = jnp.maximum(gaps.line_half_width(line_load, contact.radius, contact.modulus), farthest)
     return tip, 0.25 * jnp.pi * contact.modulus * unit**2 / contact.radius, unit, approach
 
 
@@ -222,7 +228,7 @@ def _start(layout: Layout, problem: Problem, approach: jax.Array) -> jax.Array:
     sides = np.asarray(layout.sides)
     low, high = -half, half
     if not layout.even:
-        lowest, highest = strip_newton.bounds(layout, problem).T
+        lowest, highest = strip_fourier.bounds(layout, problem.left, problem.right).T
         low = jnp.where(sides == RIGHT, jnp.maximum(lowest, -1.1), low)
         high = jnp.where(sides == RIGHT, jnp.maximum(1.1, low + 0.2), high)
         high = jnp.where(sides == LEFT, jnp.minimum(highest, 1.1), high)

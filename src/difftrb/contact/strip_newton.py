@@ -13,18 +13,17 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import strip_fourier
-from difftrb.contact.strip_fourier import LARGEST, LEFT, MEETING, MIDDLE, PLACES, RIGHT, Layout
+from difftrb.contact.strip_fourier import MEETING, PLACES, Layout
 from difftrb.core import implicit
 
 TOLERANCE = 1e-7
-LEAST = 2.0  # width of the narrowest strip at an edge, by 1/κ of the last wave: below, it cannot tell its own width
-ASIDE = 0.1  # width of the strip that stands for a spall which is nowhere near
 PASSES = 60
 SLACK = 3e-4  # overlap that strips away from edges bear without load, by the approach: else the last rows never settle
 WAITING = 0.35  # size of an outline without load, as a share of its size at first
@@ -32,11 +31,7 @@ NEAR = 0.1  # last change of the ends below which Newton's method takes over
 CLOSE, SHRINKING = 0.005, 0.1  # below this, and this times the one before, it does without a new Jacobian
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["products", "mass", "weight", "place", "gap", "left", "right", "load"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Problem:
     """The contact without units: x in b₀, y in b₀, line load in q₀, displacement in q₀/(πE').
@@ -44,14 +39,13 @@ class Problem:
     Attributes:
       products: of the rows at every frequency times its weight, shape (rows, rows, frequencies).
       mass: ∫ hat hat dy, shape (rows, rows). weight: ∫ hat dy, shape (rows,).
-      place: where the hats peak, shape (rows,). gap: mean initial gap of the rows
-        beside curvature (crown, tilt), shape (rows,). left, right: the spall's rolling edges. load: Σ weight q.
+      gap: mean initial gap of the rows beside curvature, shape (rows,). left, right: the spall's rolling edges.
+      load: Σ weight q.
     """
 
     products: jax.Array
     mass: jax.Array
     weight: jax.Array
-    place: jax.Array
     gap: jax.Array
     left: jax.Array
     right: jax.Array
@@ -87,7 +81,7 @@ def _contact(
     ends = outline[np.asarray(layout.outlines)]
     wave, by_ends = strip_fourier.waves(layout, ends)
     field = jnp.einsum("ijz,jz->iz", coupling, jnp.einsum("jm,jmz->jz", loads, wave)) / problem.weight[rows][:, None]
-    gap, gap_by_ends = _gaps(layout, ends, problem.gap[rows])
+    gap, gap_by_ends = strip_fourier.gaps(layout, ends, problem.gap[rows])
     residual = jnp.einsum("iz,imz->im", field, wave) + gap - approach * np.eye(1, layout.modes)
     return residual, (wave, by_ends, jnp.einsum("iz,iemz->ime", field, by_ends) + gap_by_ends)
 
@@ -139,23 +133,6 @@ def _shares(layout: Layout, problem: Problem) -> jax.Array:
     return weight / jnp.sum(weight, axis=1, keepdims=True)
 
 
-def _gaps(layout: Layout, ends: jax.Array, rest: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Mean gap under each mode and its derivative by the ends: 2x² in these units, and the rows' own."""
-    n = layout.modes
-    if layout.even:
-        b = ends[:, 0]
-        zero = jnp.zeros_like(b)
-        gap = [b * b + rest, 0.5 * b * b] + [zero] * (n - 2)
-        slope = [2.0 * b, b] + [zero] * (n - 2)
-        return jnp.stack(gap[:n], axis=1), jnp.stack(slope[:n], axis=1)[:, :, None]
-    b, c = 0.5 * (ends[:, 1] - ends[:, 0]), 0.5 * (ends[:, 1] + ends[:, 0])
-    zero = jnp.zeros_like(b)
-    gap = [2.0 * c * c + b * b + rest, 2.0 * c * b, 0.5 * b * b] + [zero] * (n - 3)
-    by_b = jnp.stack([2.0 * b, 2.0 * c, b] + [zero] * (n - 3), axis=1)
-    by_c = jnp.stack([4.0 * c, 2.0 * b, zero] + [zero] * (n - 3), axis=1)
-    return jnp.stack(gap, axis=1), jnp.stack([0.5 * (by_c - by_b), 0.5 * (by_c + by_b)], axis=-1)
-
-
 def solve(layout: Layout, problem: Problem, start: jax.Array) -> tuple[Unknowns, jax.Array, jax.Array, jax.Array]:
     """Unknowns, which strips are loaded, last change of the ends and number of passes.
 
@@ -174,34 +151,36 @@ def _residual(layout: Layout, x: Unknowns, choice: Choice, problem: Problem) -> 
     if layout.even:
         return equations
     active, held, narrow = choice
-    off = jnp.where(held & active[:, None], x[1] - _places(layout, bounds(layout, problem), narrow), 0.0)
+    bound = strip_fourier.bounds(layout, problem.left, problem.right)
+    off = jnp.where(held & active[:, None], x[1] - strip_fourier.places(layout, bound, narrow), 0.0)
     first = x[0].size
     return equations.at[first : first + x[1].size].add(off.ravel())
 
 
-def bounds(layout: Layout, problem: Problem) -> jax.Array:
-    """How far the ends may go: (outlines, ends)."""
-    sides = np.asarray(layout.sides)
-    room = LARGEST - 0.3  # a strip at an edge farther out stays there, without load
-    left = jnp.clip(problem.left, -room, room - ASIDE)
-    right = jnp.clip(problem.right, left + ASIDE, room)
-    high = jnp.where(sides == LEFT, left, jnp.where(sides == MIDDLE, right, LARGEST))
-    low = jnp.where(sides == RIGHT, right, jnp.where(sides == MIDDLE, left, -LARGEST))
-    return high[:, None] if layout.even else jnp.stack([low, high], axis=1)
+class Fixed(NamedTuple):
+    """What stays the same during a search, and the outlines' ends when one has no load, (outlines, ends)."""
+
+    layout: Layout
+    problem: Problem
+    coupling: jax.Array
+    bound: jax.Array
+    small: jax.Array
 
 
-def _places(layout: Layout, bound: jax.Array, narrow: jax.Array) -> jax.Array:
-    """Where ends that do not move stand: on their bounds, or next to the other one's."""
-    least = LEAST / layout.frequencies.highest
-    low = jnp.where(narrow > 0, bound[:, 1] - least, bound[:, 0])
-    return jnp.stack([low, jnp.where(narrow < 0, bound[:, 0] + least, bound[:, 1])], axis=1)
+class State(NamedTuple):
+    """A search after some passes: unknowns and choice; passes for which each outline stays without load; last change of
+    the ends and whether it shrinks fast; passes so far; whether the last one factored the Jacobian, for which choice,
+    and the factors."""
 
-
-def _beside(layout: Layout) -> np.ndarray:
-    """Which outlines between the edges have which one beyond an edge beside them on a row, (outlines, outlines)."""
-    sides, rows = np.asarray(layout.sides), np.asarray(layout.rows)
-    common = layout.member.T @ (rows[:, None] == rows) @ layout.member > 0.0
-    return (common & (sides[:, None] == MIDDLE) & np.isin(sides, (LEFT, RIGHT))[None]).astype(float)
+    x: Unknowns
+    choice: Choice
+    rest: jax.Array
+    change: jax.Array
+    near: jax.Array
+    count: jax.Array
+    fresh: jax.Array
+    factored: Choice
+    factors: tuple[jax.Array, jax.Array]
 
 
 def _search(layout: Layout, problem: Problem, start: jax.Array, exact: bool):
@@ -211,87 +190,108 @@ def _search(layout: Layout, problem: Problem, start: jax.Array, exact: bool):
     where P would vanish. Close to the solution Newton's method on everything takes over; closer still the Jacobian is
     not factored again as long as steps shrink fast, unless at the end, for `exact` factors there.
     """
-    ends_at_first = start[:, 1:] if layout.even else start
-    coupling = _coupling(layout, problem)
-    (strips, n), outlines, k = (len(layout.rows), layout.modes), len(layout.sides), 1 if layout.even else 2
-    bound, signs, squares = bounds(layout, problem), strip_fourier.signs(layout), layout.orders.astype(float)[None] ** 2
-    outward = np.array([[1.0]] if layout.even else [[-1.0, 1.0]])
-    sides, share, beside = np.asarray(layout.sides), _shares(layout, problem), _beside(layout)
-
-    # where an outline waits without load for the bodies to overlap: about the place where they are nearest
-    nearest = 0.0 if layout.even else jnp.clip(0.0, bound[:, :1], bound[:, 1:])
-    small = nearest + WAITING * (ends_at_first - nearest)
-    sided = np.isin(sides, (LEFT, RIGHT))
-    if not layout.even:
-        small = jnp.where(sided[:, None], _places(layout, bound, jnp.asarray(-sides)), small)
-
-    def step(carry):
-        x, active, held, narrow, rest, change, near, count, _, choice, factors = carry
-        loads, ends, approach = x
-        newton = change < NEAR
-        residual, parts = _contact(layout, x, problem, coupling)
-        overlap = share @ residual[:, 0] < jnp.where(sided, 0.0, -SLACK * approach)
-        called = ~active & (rest <= 0) & overlap  # they overlap without load
-        active_now = active | called
-        chosen = active_now, held | ~newton, narrow
-        same = jnp.all(chosen[0] == choice[0]) & jnp.all(chosen[1] == choice[1])
-        fresh = ~(near & same) | (exact & (change <= TOLERANCE))
-        equations = _equations(layout, x, chosen, problem, residual)
-        factors = jax.lax.cond(
-            fresh, lambda: tuple(jax.lax.linalg.lu(_jacobian(layout, loads, chosen, problem, coupling, parts))[:2]),
-            lambda: factors,
-        )  # fmt: skip
-        found = -jax.scipy.linalg.lu_solve(factors, equations)
-        loads = loads + found[: strips * n].reshape(strips, n)
-        tension = active_now & (share @ loads[:, 0] <= 0.0)
-        next_active = active_now & ~tension
-        b = ends if layout.even else 0.5 * (ends[:, 1:] - ends[:, :1])
-        tip, slope = share @ loads @ signs.T, share @ (loads * squares) @ signs.T
-        guess = jnp.where(slope < 0.0, -2.0 * tip / jnp.where(slope < 0.0, slope, -1.0), 0.3 * jnp.sign(tip))
-        guess = outward * b * jnp.clip(guess, -0.4, 0.5)
-        by_newton = found[strips * n : -1].reshape(outlines, k)
-        free = active_now[:, None] & ~held
-        by_newton = by_newton / jnp.maximum(1.0, jnp.max(jnp.where(free, jnp.abs(by_newton) / (0.4 * b), 0.0)))
-        move = jnp.where(newton & ~held, by_newton, guess)
-        new = jnp.where(active_now[:, None], ends + move, ends)
-        new = jnp.where(tension[:, None], small, new)
-        held_new = outward * (bound - new) <= 0.0
-        new = jnp.where(held_new, bound, new)
-        narrow_new = narrow
-        if not layout.even:  # no strip vanishes, and none hangs in the air beyond an edge
-            short = new[:, 1] - new[:, 0] < 1.0001 * LEAST / layout.frequencies.highest
-            narrow_new = jnp.where(sided, -sides, held_new[:, 1].astype(int) - held_new[:, 0]) * short
-            goes_on = held_new & (next_active & (narrow_new == 0))[:, None]
-            held_new = held_new | (narrow_new != 0)[:, None] | (beside @ jnp.where(goes_on[:, ::-1], 1.0, 0.0) > 0.0)
-            new = jnp.where(held_new, _places(layout, bound, narrow_new), new)
-        rests = ~next_active & overlap  # one that still rests is not done with
-        settled = jnp.all((next_active == active) & ~rests) & jnp.all((held_new == held) | ~next_active[:, None])
-        moved = jnp.max(jnp.where(next_active[:, None], jnp.abs(new - ends), 0.0))
-        moved = jnp.where(settled, moved, 0.5)
-        moved = jnp.where(newton, moved, jnp.maximum(moved, 2.0 * TOLERANCE))
-        rest = jnp.where(tension, 2, rest - 1)
-        loads = jnp.where(next_active[np.asarray(layout.outlines)][:, None], loads, 0.0)
-        near = moved < jnp.minimum(SHRINKING * change, CLOSE)
-        x = loads, new, approach + found[-1]
-        return x, next_active, held_new, narrow_new, rest, moved, near, count + 1, fresh, chosen, factors
-
-    def unfinished(carry):
-        change, _, count, fresh = carry[5:9]
-        return ((change > TOLERANCE) | (exact & ~fresh)) & (count < PASSES)
-
-    size = strips * n + outlines * k + 1
-    held = outward * (bound - ends_at_first) <= 0.0
+    ends = start[:, 1:] if layout.even else start
+    bound, coupling = strip_fourier.bounds(layout, problem.left, problem.right), _coupling(layout, problem)
+    fixed = Fixed(layout, problem, coupling, bound, _waiting(layout, bound, ends))
+    (strips, n), outlines = (len(layout.rows), layout.modes), len(layout.sides)
+    size = strips * n + ends.size + 1
     no, none = jnp.asarray(False), jnp.zeros(outlines, int)
-    begun = jnp.ones(outlines, bool), held, none
-    first = (
-        (jnp.zeros((strips, n)).at[:, 0].set(1.0), ends_at_first, jnp.asarray(1.0)), *begun, none, jnp.asarray(0.5),
-        no, jnp.asarray(0), no, begun,
-        (jnp.zeros((size, size)), jnp.zeros(size, jnp.int32)),
+    begun = jnp.ones(outlines, bool), (bound - ends) * layout.outward <= 0.0, none
+    first = State(
+        (jnp.zeros((strips, n)).at[:, 0].set(1.0), ends, jnp.asarray(1.0)), begun, none, jnp.asarray(0.5), no,
+        jnp.asarray(0), no, begun, (jnp.zeros((size, size)), jnp.zeros(size, jnp.int32)),
     )  # fmt: skip
-    x, *choice, _, change, _, count, _, _, (lu, pivots) = jax.lax.while_loop(unfinished, step, first)
+
+    def unfinished(state: State):
+        return ((state.change > TOLERANCE) | (exact & ~state.fresh)) & (state.count < PASSES)
+
+    last = jax.lax.while_loop(unfinished, partial(_pass, fixed, exact), first)
     # where it went astray the last change says so, and numbers to go on with keep NaN out of derivatives of what is
     # taken in its place
-    sane = jnp.all(jnp.array([jnp.all(jnp.isfinite(v)) for v in (*x, lu)])) & jnp.all(jnp.diagonal(lu) != 0.0)
-    x = jax.tree.map(lambda found, begun: jnp.where(sane, found, begun), x, first[0])
+    lu, pivots = last.factors
+    sane = jnp.all(jnp.array([jnp.all(jnp.isfinite(v)) for v in (*last.x, lu)])) & jnp.all(jnp.diagonal(lu) != 0.0)
+    x = jax.tree.map(lambda found, begun: jnp.where(sane, found, begun), last.x, first.x)
     factors = jnp.where(sane, lu, jnp.eye(size)), jnp.where(sane, pivots, jnp.arange(size, dtype=pivots.dtype))
-    return x, tuple(choice), factors, (jnp.where(sane, change, jnp.inf), count)
+    return x, last.choice, factors, (jnp.where(sane, last.change, jnp.inf), last.count)
+
+
+def _waiting(layout: Layout, bound: jax.Array, ends: jax.Array) -> jax.Array:
+    """Where an outline waits without load for the bodies to overlap: about the place where they are nearest."""
+    nearest = 0.0 if layout.even else jnp.clip(0.0, bound[:, :1], bound[:, 1:])
+    small = nearest + WAITING * (ends - nearest)
+    if layout.even:
+        return small
+    return jnp.where(
+        layout.sided[:, None], strip_fourier.places(layout, bound, jnp.asarray(-np.asarray(layout.sides))), small
+    )
+
+
+def _pass(fixed: Fixed, exact: bool, state: State) -> State:
+    """One pass: loads and approach for these ends, or Newton's step of all; then new ends and a new choice."""
+    layout, problem, coupling, *_ = fixed
+    (loads, ends, approach), (active, held, narrow) = state.x, state.choice
+    (strips, n), newton = loads.shape, state.change < NEAR
+    share = _shares(layout, problem)
+    residual, parts = _contact(layout, state.x, problem, coupling)
+    overlap = share @ residual[:, 0] < jnp.where(layout.sided, 0.0, -SLACK * approach)
+    called = ~active & (state.rest <= 0) & overlap  # they overlap without load
+    chosen = active | called, held | ~newton, narrow
+    same = jnp.all(chosen[0] == state.factored[0]) & jnp.all(chosen[1] == state.factored[1])
+    fresh = ~(state.near & same) | (exact & (state.change <= TOLERANCE))
+    equations = _equations(layout, state.x, chosen, problem, residual)
+    factors = jax.lax.cond(
+        fresh, lambda: tuple(jax.lax.linalg.lu(_jacobian(layout, loads, chosen, problem, coupling, parts))[:2]),
+        lambda: state.factors,
+    )  # fmt: skip
+    found = -jax.scipy.linalg.lu_solve(factors, equations)
+    loads = loads + found[: strips * n].reshape(strips, n)
+    tension = chosen[0] & (share @ loads[:, 0] <= 0.0)
+    next_active = chosen[0] & ~tension
+    move = _move(layout, loads, ends, share, found[strips * n : -1], newton, chosen[0], held)
+    new, next_held, next_narrow = _placed(fixed, ends, move, chosen[0], tension)
+    rests = ~next_active & overlap  # one that still rests is not done with
+    settled = jnp.all((next_active == active) & ~rests) & jnp.all((next_held == held) | ~next_active[:, None])
+    change = jnp.max(jnp.where(next_active[:, None], jnp.abs(new - ends), 0.0))
+    change = jnp.where(settled, change, 0.5)
+    change = jnp.where(newton, change, jnp.maximum(change, 2.0 * TOLERANCE))
+    rest = jnp.where(tension, 2, state.rest - 1)
+    loads = jnp.where(next_active[np.asarray(layout.outlines)][:, None], loads, 0.0)
+    near = change < jnp.minimum(SHRINKING * state.change, CLOSE)
+    x, choice = (loads, new, approach + found[-1]), (next_active, next_held, next_narrow)
+    return State(x, choice, rest, change, near, state.count + 1, fresh, chosen, factors)
+
+
+def _move(
+    layout: Layout, loads: jax.Array, ends: jax.Array, share: jax.Array, by_newton: jax.Array, newton: jax.Array,
+    active: jax.Array, held: jax.Array,
+) -> jax.Array:  # fmt: skip
+    """How far ends move, (outlines, ends): by Newton's step or, while that is not near, to where P would vanish."""
+    signs, squares = strip_fourier.signs(layout), layout.orders.astype(float)[None] ** 2
+    b = ends if layout.even else 0.5 * (ends[:, 1:] - ends[:, :1])
+    tip, slope = share @ loads @ signs.T, share @ (loads * squares) @ signs.T
+    guess = jnp.where(slope < 0.0, -2.0 * tip / jnp.where(slope < 0.0, slope, -1.0), 0.3 * jnp.sign(tip))
+    guess = layout.outward * b * jnp.clip(guess, -0.4, 0.5)
+    by_newton = by_newton.reshape(ends.shape)
+    free = active[:, None] & ~held
+    by_newton = by_newton / jnp.maximum(1.0, jnp.max(jnp.where(free, jnp.abs(by_newton) / (0.4 * b), 0.0)))
+    return jnp.where(newton & ~held, by_newton, guess)
+
+
+def _placed(
+    fixed: Fixed, ends: jax.Array, move: jax.Array, active: jax.Array, tension: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The ends moved, but not beyond their bounds; which are held there; and which outlines are narrow, as in
+    `Choice`."""
+    layout, _, _, bound, small = fixed
+    new = jnp.where(active[:, None], ends + move, ends)
+    new = jnp.where(tension[:, None], small, new)
+    held = (bound - new) * layout.outward <= 0.0
+    new = jnp.where(held, bound, new)
+    if layout.even:
+        return new, held, jnp.zeros(active.shape, int)
+    # no strip vanishes, and none hangs in the air beyond an edge
+    short = new[:, 1] - new[:, 0] < 1.0001 * strip_fourier.LEAST / layout.frequencies.highest
+    narrow = jnp.where(layout.sided, -np.asarray(layout.sides), held[:, 1].astype(int) - held[:, 0]) * short
+    goes_on = held & (active & ~tension & (narrow == 0))[:, None]
+    held = held | (narrow != 0)[:, None] | (layout.beside @ jnp.where(goes_on[:, ::-1], 1.0, 0.0) > 0.0)
+    return jnp.where(held, strip_fourier.places(layout, bound, narrow), new), held, narrow

@@ -1,2 +1,2 @@
-"""What every room needs: the bearing and its surfaces, statuses and their sentences, fields with units and ranges,
-derivatives of fixed points, files that are written whole, the cache, the terminal, and how JAX is set up."""
+"""What every room needs: the bearing and its surfaces, statuses and errors, fields with units and ranges, sentences on
+files, derivatives of fixed points, polynomials, bisection, files written whole, this machine, and how JAX is set up."""

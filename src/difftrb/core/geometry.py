@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
-from difftrb.core import pytrees
+from difftrb.core.fields import SHRINKS, register, whole_to_float
 
 Tree = TypeVar("Tree")
 Raceway = Literal["outer", "inner"]
@@ -28,6 +28,7 @@ FILE_RULES = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
 """How a dataclass is read from a file: unknown keys, numbers as text, NaN and infinity are refused."""
 
 
+@register
 @dataclasses.dataclass(frozen=True)
 class TaperedBearing:
     """A tapered roller bearing by the entries of Liu et al. 2018, Table 1.
@@ -67,9 +68,10 @@ class TaperedBearing:
     arc_radius: Annotated[Real, Interval(ge=0.1, le=5000.0), Unit("mm")] | None = None
 
     def __post_init__(self) -> None:
-        pytrees.whole_to_float(self)
+        whole_to_float(self)
 
 
+@register
 @dataclasses.dataclass(frozen=True)
 class Spall:
     """A natural spall: a rectangular depression with vertical walls.
@@ -85,17 +87,18 @@ class Spall:
 
     __pydantic_config__ = FILE_RULES
 
-    length: Annotated[Real, Interval(ge=0.01, le=1000.0), Unit("mm")]
-    width: Annotated[Real, Interval(ge=0.01, le=1000.0), Unit("mm")]
-    depth: Annotated[Real, Interval(ge=1e-6, le=10.0), Unit("mm")] = 0.2
+    length: Annotated[Real, Interval(ge=0.01, le=1000.0), Unit("mm"), SHRINKS]
+    width: Annotated[Real, Interval(ge=0.01, le=1000.0), Unit("mm"), SHRINKS]
+    depth: Annotated[Real, Interval(ge=1e-6, le=10.0), Unit("mm"), SHRINKS] = 0.2
     angle: Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")] = 0.0
     axial_offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
     surface: Literal["outer", "inner", "roller"] = dataclasses.field(default="outer", metadata={"static": True})
 
     def __post_init__(self) -> None:
-        pytrees.whole_to_float(self)
+        whole_to_float(self)
 
 
+@register
 @dataclasses.dataclass(frozen=True)
 class LineContact:
     """One roller on one raceway: all that the half-space contact problem needs of the bearing.
@@ -113,7 +116,7 @@ class LineContact:
     design_load: Real = 6500.0
 
     def __post_init__(self) -> None:
-        pytrees.whole_to_float(self)
+        whole_to_float(self)
 
     @classmethod
     def of(cls, bearing: TaperedBearing, raceway: Raceway = "outer", design_load: Real = 6500.0) -> LineContact:
@@ -124,10 +127,6 @@ class LineContact:
             modulus=contact_modulus(bearing.modulus, bearing.poisson),
             design_load=design_load,
         )
-
-
-for _cls in (TaperedBearing, Spall, LineContact):
-    pytrees.register(_cls)
 
 
 def as_floats(tree: Tree) -> Tree:

@@ -1,45 +1,162 @@
-"""What is wrong with a file, in one sentence: key, value, allowed range, what to do."""
+"""Files that a user names: reading them safely, and what is wrong with one in one sentence: key, value, what it takes.
+
+Needs neither JAX nor numpy.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import difflib
+import io
+import os
+import re
+import stat
 import types
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from importlib import resources
+from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Interval, Unit
 
-from difftrb.core import geometry
-from difftrb.core.files import dotted, known, shown
-
+LONGEST = 60
+"""Characters of a value or a name that are shown."""
+LONGEST_PATH = 300
+"""Characters of a path that are shown."""
+LARGEST_TEXT = 1_000_000
+"""Bytes of a text file that is read: 20 000 rows, or a list of 50 000 values."""
 UNKNOWN_KEY = ("unexpected_keyword_argument", "extra_forbidden")  # pydantic's names
 
 
-def in_one_sentence(error: Any, root: type) -> str:
-    """One pydantic error as a sentence: key, value, allowed range, what to do."""
+# ------------------------------------------------------------------------------------------------ reading
+
+
+@contextlib.contextmanager
+def opened(path: str | Path, kind: str, most: int, refused: type[ValueError]) -> Iterator[io.BufferedReader]:
+    """A file of at most `most` bytes, open for reading. What is wrong with it is raised as `refused`, in one sentence.
+
+    `kind` says what was expected there, with its article: "a scene file". A pipe or a device is not opened at all: the
+    one may never begin, the other never end.
+    """
+    try:
+        about = os.stat(path)
+        wrong = _refusal(about, kind, most)
+        file = None if wrong else open(path, "rb")  # noqa: SIM115
+    except (OSError, ValueError) as error:  # a ValueError tells of a path that no file can have
+        wrong, file = _unreadable(error), None
+    if file is None:
+        raise refused(f"{named(path)}: {wrong}")
+    with file:
+        try:
+            yield file
+        except OSError as error:
+            raise refused(f"{named(path)}: {_unreadable(error)}") from None
+
+
+def text_of(path: str | Path, kind: str, refused: type[ValueError], most: int = LARGEST_TEXT) -> str:
+    """The text of a file, as `opened`; without the mark with which some editors begin."""
+    with opened(path, kind, most, refused) as file:
+        content = file.read(most + 1)  # what grows, or lies about its size, ends here
+    if len(content) > most:
+        raise refused(f"{named(path)}: has more than {most / 1e6:.3g} MB, the most that {kind} has")
+    try:
+        return io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
+    except UnicodeDecodeError:
+        raise refused(f"{named(path)}: is not a text file in UTF-8") from None
+
+
+def packaged(kind: str) -> dict[str, str]:
+    """Texts of the packaged files that end with `kind`, ".toml" for scenes, by their names without it, in order."""
+    files = [each for each in (resources.files("difftrb") / "scenes").iterdir() if each.name.endswith(kind)]
+    return dict(sorted((each.name.removesuffix(kind), each.read_text(encoding="utf-8")) for each in files))
+
+
+def _refusal(about: os.stat_result, kind: str, most: int) -> str:
+    """Why a file is not even opened, or nothing."""
+    if stat.S_ISDIR(about.st_mode):
+        return f"is a directory, not {kind}"
+    if not stat.S_ISREG(about.st_mode):
+        return f"is a pipe or a device, not {kind}: write to a file what comes from there"
+    if about.st_size > most:
+        return f"has {about.st_size / 1e6:.3g} MB: {kind} has at most {most / 1e6:.3g} MB"
+    return ""
+
+
+def _unreadable(error: OSError | ValueError) -> str:
+    """Why opening or reading ended in `error`."""
+    if isinstance(error, FileNotFoundError):
+        return "there is no such file"
+    return f"cannot be read ({getattr(error, 'strerror', None) or error})"
+
+
+# ------------------------------------------------------------------------------------------------ words
+
+
+def named(path: str | Path) -> str:
+    """A path at the start of a sentence: cut short, and in quotes if it has what cannot be shown."""
+    name = str(path)
+    name = name if name.isprintable() else repr(name)
+    return name if len(name) <= LONGEST_PATH else f"{name[: LONGEST_PATH - 3]}..."
+
+
+def shown(value: Any) -> str:
+    """A value in a sentence: in quotes if it is text, and cut short."""
+    return _cut(repr(value))
+
+
+def dotted(parts: Iterable[str | int]) -> str:
+    """A key in a sentence: bare if TOML can write all its parts so, else in quotes; and cut short."""
+    names = [str(part) for part in parts]
+    key = ".".join(names)
+    return _cut(key if all(re.fullmatch(r"[A-Za-z0-9_-]+", name) for name in names) else repr(key))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def known(name: str, names: Iterable[str], more: str = "") -> str:
+    """The end of a sentence on a `name` that is none of `names`: the one that was meant, or all of them and `more`."""
+    names = list(names)
+    close = difflib.get_close_matches(name.lower(), names, n=1)
+    return f"did you mean {close[0]}?" if close else f"known here: {', '.join(names)}{more}"
+
+
+# ------------------------------------------------------------------------------------------------ what a key takes
+
+
+def in_one_sentence(error: Any, root: type, takes: Mapping[str, str]) -> str:
+    """One pydantic error on a file read as dataclass `root`: key, value, allowed range, what to do.
+
+    `takes` says what keys take of which annotations do not tell all.
+    """
     where = list(error["loc"])
-    if where[:2] == ["stiffness", "phase"]:  # behind a key of two kinds the kind is named, too
+    if where[:2] == ["stiffness", "phase"]:  # pydantic names the kind, too, behind a key of two kinds
         where = where[:2]
     key, value = dotted(where), shown(error["input"])
     if error["type"] in UNKNOWN_KEY:
         names = [f.name for f in dataclasses.fields(_owner(root, where[:-1]))]
         return f"{key} is not a known key; {known(str(where[-1]), names)}"
-    takes = allowed(root, where)
-    if key == "bearing":
-        takes = f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a [bearing] table"
+    wanted = takes.get(key) or allowed(root, where)
     if error["type"] == "missing":
-        return f"{key} is missing: give {takes}"
+        return f"{key} is missing: give {wanted}"
     if where[0] == "spall" and len(where) < 3:
         return f"{key} = {value}: spalls are tables, each under a heading [[spall]]"
-    return f"{key} = {value}: must be {takes}"
+    return f"{key} = {value}: must be {wanted}"
 
 
 def _owner(root: type, where: Iterable[str | int]) -> Any:
     """The dataclass (or list) in which the key at `where` lives."""
     owner: Any = root
     for part in where:
-        owner = _kind(get_args(owner)[0] if isinstance(part, int) else get_type_hints(owner, include_extras=True)[part])
+        owner = _kind(_hint(owner, part))
     return owner
+
+
+def _hint(owner: Any, part: str | int) -> Any:
+    """The annotation of a field, or of a list's entries."""
+    return get_args(owner)[0] if isinstance(part, int) else get_type_hints(owner, include_extras=True)[part]
 
 
 def _kind(hint: Any) -> Any:
@@ -50,8 +167,7 @@ def _kind(hint: Any) -> Any:
 
 def allowed(root: type, where: list[str | int]) -> str:
     """What a key takes, in words, from its annotation."""
-    owner, last = _owner(root, where[:-1]), where[-1]
-    hint = get_args(owner)[0] if isinstance(last, int) else get_type_hints(owner, include_extras=True)[last]
+    hint = _hint(_owner(root, where[:-1]), where[-1])
     if get_origin(hint) not in (Union, types.UnionType):
         return _in_words(hint)
     kinds = [kind for kind in get_args(hint) if kind is not type(None)]
@@ -60,15 +176,14 @@ def allowed(root: type, where: list[str | int]) -> str:
 
 def _in_words(hint: Any) -> str:
     """What one kind of value is, in words."""
-    if get_origin(hint) is Literal and len(get_args(hint)) == 1:
-        return repr(get_args(hint)[0])
-    if get_origin(hint) is Literal:
-        return "one of " + ", ".join(repr(v) for v in get_args(hint))
-    if get_origin(hint) is tuple and get_origin(get_args(hint)[0]) is Annotated:
-        return f"a list, each {_in_words(get_args(hint)[0])}"
-    if get_origin(hint) is not Annotated:
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return repr(parts[0]) if len(parts) == 1 else "one of " + ", ".join(map(repr, parts))
+    if origin is tuple and get_origin(parts[0]) is Annotated:
+        return f"a list, each {_in_words(parts[0])}"
+    if origin is not Annotated:
         return "a table"
-    kind, *metadata = get_args(hint)
+    kind, *metadata = parts
     unit = next((m.unit for m in metadata if isinstance(m, Unit)), "")
     limits = next(m for m in metadata if isinstance(m, Interval))
     return number_in(limits.ge, limits.le, unit, whole=kind is int)

@@ -1,11 +1,16 @@
-"""What happened in a solve, as a number inside jit and as a sentence outside it."""
+"""What happened in a solve, as a number inside jit and as a sentence outside it; and every kind of error.
+
+JAX is imported by the functions that need it, so that errors can be named without it.
+"""
 
 from __future__ import annotations
 
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-import jax
-import jax.numpy as jnp
+import numpy as np
+
+if TYPE_CHECKING:
+    import jax
 
 CONVERGED = 0
 NOT_CONVERGED = 1
@@ -52,7 +57,9 @@ SENTENCES = {
 
 
 class DifftrbError(Exception):
-    """Whatever difftrb raises on purpose; the message is one sentence."""
+    """Whatever difftrb raises on purpose; the message is one sentence. The command line ends with `exit_code`."""
+
+    exit_code = 2
 
 
 class SceneError(DifftrbError, ValueError):
@@ -65,6 +72,8 @@ class SweepError(DifftrbError, ValueError):
 
 class SolveError(DifftrbError, RuntimeError):
     """A solve ended without a trustworthy answer; the message is the status's sentence."""
+
+    exit_code = 1
 
 
 class Judged:
@@ -84,23 +93,27 @@ class Judged:
 
     def check(self) -> Self:
         """Itself; raises `SolveError` with the status's sentence unless everything converged. Outside jit only."""
-        if int(jnp.max(self.status_code)) != CONVERGED:
+        if int(np.max(np.asarray(self.status_code))) != CONVERGED:
             raise SolveError(self.status)
         return self
 
 
 def worst(*codes: jax.Array) -> jax.Array:
     """The status that matters most of several: the largest code that is not `CONVERGED`."""
+    import jax.numpy as jnp
+
     return jnp.max(jnp.stack([jnp.asarray(c) for c in codes]), axis=0)
 
 
 def describe(code: int | jax.Array) -> str:
     """The sentence of one status code (of the worst one, if an array is given)."""
-    return SENTENCES[int(jnp.max(jnp.asarray(code)))]
+    return SENTENCES[int(np.max(np.asarray(code)))]
 
 
 def require_float64() -> None:
     """Raise unless JAX computes in float64: influence coefficients cancel to nothing in float32."""
+    import jax
+
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise SolveError(
             "difftrb needs float64: call jax.config.update('jax_enable_x64', True) before the first computation"

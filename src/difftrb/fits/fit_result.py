@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import status
+from difftrb.core.numeric import bisected
 from difftrb.fits import predicted
 from difftrb.fits.least_squares import FARTHEST
 from difftrb.fits.measured import Measurement
@@ -259,9 +260,9 @@ def limit_of(freedom: int | None) -> float:
     degrees of freedom, of Student's t, whose square it is."""
     if freedom is None:
         return NORMAL_95**2
-    low, high = 0.0, 1e6
-    for _ in range(80):  # the tail of t² is an incomplete beta function (Abramowitz and Stegun, 26.7.1)
-        t2 = 0.5 * (low + high)
-        outside = float(jax.scipy.special.betainc(0.5 * freedom, 0.5, freedom / (freedom + t2)))
-        low, high = (t2, high) if outside > 0.05 else (low, t2)
-    return 0.5 * (low + high)
+
+    def outside(t2: np.ndarray) -> bool:  # an incomplete beta function (Abramowitz and Stegun, 26.7.1)
+        return float(jax.scipy.special.betainc(0.5 * freedom, 0.5, freedom / (freedom + t2))) > 0.05
+
+    low, high = bisected(outside, np.zeros(()), np.asarray(1e6), 80)
+    return 0.5 * float(low + high)

@@ -6,17 +6,15 @@ import csv
 import dataclasses
 import json
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb.core import files, geometry, ranges
-from difftrb.core.files import known, shown
+from difftrb.core import fields, geometry, messages
 from difftrb.core.geometry import FILE_RULES, Real
-from difftrb.core.messages import allowed
+from difftrb.core.messages import allowed, known, shown
 from difftrb.core.status import DifftrbError
 from difftrb.ring.ring import needed_axial
 from difftrb.scene.scene import Definition, Phase, Scene
@@ -86,12 +84,12 @@ def load_measured(path: str | Path) -> tuple[Measurement, ...]:
     Columns as the fields of `Measurement`, in any order, named in the first line; radial, axial, quantity and value are
     needed. Lines that begin with # are comments. At most 1 MB.
     """
-    return parse(files.text_of(path, "a table of measurements", MeasuredError), path)
+    return parse(messages.text_of(path, "a table of measurements", MeasuredError), path)
 
 
 def example() -> str:
     """The text of the packaged measurements."""
-    return (resources.files("difftrb") / "scenes" / "measured.csv").read_text(encoding="utf-8")
+    return messages.packaged(".csv")["measured"]
 
 
 def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
@@ -161,8 +159,8 @@ def _cell(cell: str) -> float | str:
 def check(row: Measurement, where: str) -> Measurement:
     """The row, if its columns are within their ranges and fit together; else a `MeasuredError` that begins with
     `where`."""
-    for field in ranges.fields_of(Measurement):
-        sentence = ranges.of_field(field, getattr(row, field.name), field.name)
+    for field in fields.fields_of(Measurement):
+        sentence = fields.of_field(field, getattr(row, field.name), field.name)
         if sentence is not None:
             raise MeasuredError(f"{where}: {sentence}; {ADVICE[field.name]}")
     if row.is_loss and row.value >= 100.0:

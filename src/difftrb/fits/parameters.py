@@ -16,9 +16,10 @@ import numpy as np
 
 from difftrb.core import geometry, status
 from difftrb.core.geometry import LineContact, Real
+from difftrb.core.numeric import bisected
 from difftrb.fits.least_squares import Bounds
 from difftrb.fits.measured import MeasuredError, Measurement
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Scene
 
@@ -288,13 +289,7 @@ def _limits_of_law(parameter: Parameter, scene: Scene, longest: jax.Array, betwe
 
 def _limit(holds: Callable[[jax.Array], jax.Array], inside: Real, outside: Real) -> jax.Array:
     """How far from `inside`, where it holds, towards `outside` it keeps holding: by bisection."""
-
-    def halve(_: int, ends: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        middle = 0.5 * (ends[0] + ends[1])
-        good = holds(middle)
-        return jnp.where(good, middle, ends[0]), jnp.where(good, ends[1], middle)
-
     # one step beyond, so that an end where it holds is found, too
     beyond = inside + (outside - inside) * (1.0 + 1e-9)
-    end = jax.lax.fori_loop(0, 50, halve, (jnp.asarray(inside, float), jnp.asarray(beyond, float)))[0]
+    end = bisected(holds, jnp.asarray(inside, float), jnp.asarray(beyond, float), 50)[0]
     return jnp.where(outside > inside, jnp.minimum(end, outside), jnp.maximum(end, outside))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -15,11 +14,13 @@ from difftrb.contact import gap as gaps
 from difftrb.contact.solver import GRIDS
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats
-from difftrb.law import edge_ramp, load_curve, samples
-from difftrb.law.edge_ramp import Carried, Ramp
-from difftrb.law.laws import LENGTH_SHARE, Rest, known_up_to, of_one_deep_spall, spalls_under, within_range
+from difftrb.core.numeric import chebyshev_nodes
+from difftrb.law import base, edge_ramp, load_curve, ramp_fit, samples
+from difftrb.law.base import LENGTH_SHARE, LawKind, Rest, known_up_to, of_one_deep_spall, within_range
+from difftrb.law.edge_ramp import Ramp, RollerCurves
 from difftrb.law.load_curve import Curve
-from difftrb.law.samples import Case, Node, Progress
+from difftrb.law.ramp_fit import Healthy
+from difftrb.law.samples import AT, Case, Node, Progress
 
 LOADS = 12
 """Contact solves of one curve: enough for 1e-4 over `DECADES` of load."""
@@ -30,8 +31,6 @@ EDGE_LOADS = 8
 WINDOW = 0.8, 1.25
 """Of the approach that is expected of a roller at an edge: between these the contact is solved. With 0.65 … 1.5 one
 share for all these loads bends: stiffness is ten times as far off, its derivative by width by a third."""
-EXTENT_DEGREE = 5
-"""Of the polynomials that say where a ramp begins and ends."""
 MARGIN = 1.3
 MOVED = 0.05
 """By how much of itself an approach may be carried along its slopes before a prepared law calls the scene another."""
@@ -45,7 +44,7 @@ ASIDE = 0.02
 
 def log_loads(top: float) -> np.ndarray:
     """Logarithms of the loads [N] that curves go through, up to `top` [N]."""
-    return np.asarray(load_curve.chebyshev(LOADS, np.log(top) - DECADES * np.log(10.0), np.log(top)))
+    return np.asarray(chebyshev_nodes(LOADS, np.log(top) - DECADES * np.log(10.0), np.log(top)))
 
 
 def accuracy_at_edges(accuracy: float) -> float:
@@ -61,79 +60,6 @@ def shift_over(contact: LineContact, spall: Spall) -> jax.Array:
     return gaps.crown_at(jnp.minimum(nearest, half * (1.0 - 1e-9)), contact)
 
 
-class Healthy(NamedTuple):
-    """A roller on a healthy raceway: its curve, and what `Ramp` needs of it: half-width, loads, radius."""
-
-    curve: Curve
-    half_width: jax.Array
-    loads: jax.Array
-    radius: Real
-
-    def beside(self, edge: jax.Array, full: Curve, sunk: jax.Array, share: jax.Array) -> Ramp:
-        """The ramp from here to a curve over the middle of a spall."""
-        return Ramp(edge, self.curve, full, self.half_width, sunk, self.loads, self.radius, share)
-
-
-def healthy_level(
-    contact: LineContact, solved: LineContact, log_loads: jax.Array, approaches: jax.Array, half_width: jax.Array
-) -> Healthy:
-    """For `contact`, of solves of a neighbour of it, `solved`, at `log_loads` [log N], shape (loads,): approaches
-    carried to `contact` [mm], shape (loads,), and `Ramp.half_width` as solved."""
-    middle, reach = 0.5 * (log_loads[-1] + log_loads[0]), 0.5 * (log_loads[-1] - log_loads[0])
-    own = load_curve.through(log_loads, approaches, jnp.zeros(()))
-    wider = 0.5 * jnp.log(contact.radius / solved.radius * solved.modulus / contact.modulus)  # as of a line contact
-    return Healthy(own, half_width.at[0].add(wider), jnp.stack([middle, reach]), contact.radius)
-
-
-def extents(log_loads: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
-    """Coefficients of `Ramp.half_width`, shape (EXTENT_DEGREE + 1, …), of half-widths of shape (loads, …)."""
-    x = (2.0 * log_loads - log_loads[-1] - log_loads[0]) / (log_loads[-1] - log_loads[0])
-    told = np.where(half_widths > 0.0, half_widths, np.nan)  # without a solution there is none, as its status says
-    return np.polynomial.polynomial.polyfit(x, np.log(told), EXTENT_DEGREE)
-
-
-def sunk(contact: LineContact, solved: Sequence[Node], log_loads: np.ndarray) -> np.ndarray:
-    """Coefficients of `Ramp.sunk`, of solves over the middle of one spall at `log_loads` [log N]."""
-    depth = [node.approach - node.reach**2 / (2.0 * float(contact.radius)) for node in solved]
-    return extents(log_loads, np.array(depth) / np.exp(log_loads))
-
-
-def carried_by(
-    healthy: Healthy, fulls: Sequence[Curve], ramps: Sequence[Sequence[Ramp]], spalls: tuple[Spall, ...],
-    distances: jax.Array,
-) -> Carried:  # fmt: skip
-    """What rollers carry at `distances` [mm] from `spalls`, shape (spalls, rollers), of the curves over the middle of
-    each spall and the ramps of the two rollers `next_to` its edges."""
-    under = spalls_under(spalls, distances)
-    each = load_curve.chosen(load_curve.joined(healthy.curve, *fulls), under)
-    if not spalls:
-        return Carried(each)
-    at: list[jax.Array] = []
-    for i, spall in enumerate(spalls):
-        for side in (1.0, -1.0):
-            here = next_to(spall, distances[i], side) & ((under == 0) | (under == i + 1))
-            for taken in at:  # no roller twice: it may be the nearest to both edges
-                here = here & ~taken
-            at.append(here)
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[ramp for pair in ramps for ramp in pair])
-    return Carried(each, stacked, jnp.stack(at).astype(float))
-
-
-def next_to(spall: Spall, distances: jax.Array, side: float) -> jax.Array:
-    """Which roller, of those at `distances` [mm] from the spall's middle, is nearest to its edge on one `side` (±1).
-
-    Only that one can stand on the ramp: rollers are farther apart than it is long.
-    """
-    apart = jnp.abs(distances - side * 0.5 * spall.width)
-    return jnp.argmin(apart) == jnp.arange(distances.size)
-
-
-def over(spall: Spall, distances: jax.Array, side: float) -> jax.Array:
-    """How far the edge stands beyond that roller's middle [mm], positive over the spall."""
-    beyond = 0.5 * spall.width - jnp.abs(distances)
-    return jnp.sum(jnp.where(next_to(spall, distances, side), beyond, 0.0))  # no gather: slow in a batch
-
-
 class Edges(NamedTuple):
     """Contact solves with a rolling edge of one spall at several places: spall and distance as `samples.inputs`, shape
     (places, inputs); loads [N], approaches [mm] and their slopes by the inputs, of shape (places, loads, …)."""
@@ -144,12 +70,7 @@ class Edges(NamedTuple):
     slopes: jax.Array
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["contact", "log_loads", "spalls", "given", "healthy", "healthy_slopes", "half_width", "full",
-                 "full_slopes", "sunk", "edges", "error", "status_code"],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class DirectLaw:
     """Contact solves for one scene. Exact at the scene it was prepared for; approaches are carried to its neighbours
@@ -195,7 +116,7 @@ class DirectLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
         """See `Law`. Spalls beyond those it was prepared for are for `judge` to refuse."""
         spalls, distances = spalls[: len(self.spalls)], distances[: len(self.spalls)]
         healthy = self._level()
@@ -204,21 +125,22 @@ class DirectLaw:
             [self._ramp(i, spall, healthy, full, distances[i], side) for side in (1.0, -1.0)]
             for i, (spall, full) in enumerate(zip(spalls, fulls, strict=True))
         ]
-        return carried_by(healthy, fulls, ramps, spalls, distances)
+        return ramp_fit.roller_curves(healthy, fulls, ramps, spalls, distances)
 
     def _ramp(self, i: int, spall: Spall, healthy: Healthy, full: Curve, distances: jax.Array, side: float) -> Ramp:
         """Of the place nearest to where the roller is now."""
-        edges, edge = self.edges[i], over(spall, distances, side)
-        distance = jnp.sum(jnp.where(next_to(spall, distances, side), jnp.abs(distances), 0.0))
+        edges, edge = self.edges[i], ramp_fit.over(spall, distances, side)
+        distance = jnp.sum(jnp.where(ramp_fit.next_to(spall, distances, side), jnp.abs(distances), 0.0))
         blank = healthy.beside(edge, full, self.sunk[i], edge_ramp.guess())
         if not edges.loads.shape[0]:
             return blank
-        here = jnp.argmin(jnp.abs(edges.given[:, -1] - distance)) == jnp.arange(edges.given.shape[0])
+        here = jnp.argmin(jnp.abs(edges.given[:, AT.distance] - distance)) == jnp.arange(edges.given.shape[0])
         chosen = jax.tree.map(lambda leaf: jnp.tensordot(here.astype(float), leaf, 1), edges)
-        apart = jnp.clip(distance - chosen.given[-1], -ASIDE, ASIDE)  # farther off it is on no ramp, or on another's
-        now = samples.inputs(self.contact, spall, chosen.given[-1] + apart)
+        # beyond this distance another ramp applies, or none
+        apart = jnp.clip(distance - chosen.given[AT.distance], -ASIDE, ASIDE)
+        now = samples.inputs(self.contact, spall, chosen.given[AT.distance] + apart)
         approaches = chosen.approaches + chosen.slopes @ (now - chosen.given)
-        return dataclasses.replace(blank, share=edge_ramp.through(blank, approaches, chosen.loads))
+        return dataclasses.replace(blank, share=ramp_fit.through(blank, approaches, chosen.loads))
 
     def levels(self, i: int, spall: Spall) -> tuple[Healthy, Curve]:
         """A healthy roller and the curve over the middle of the `i`-th spall."""
@@ -226,7 +148,7 @@ class DirectLaw:
 
     def _level(self) -> Healthy:
         solved = samples.contact_of(self.given)
-        return healthy_level(self.contact, solved, self.log_loads, self._healthy(), self.half_width)
+        return ramp_fit.healthy_level(self.contact, solved, self.log_loads, self._healthy(), self.half_width)
 
     def _over(self, i: int, spall: Spall) -> Curve:
         return load_curve.through(self.log_loads, self._full(i, spall), shift_over(self.contact, spall))
@@ -256,8 +178,8 @@ class DirectLaw:
             same = same & (jnp.max(jnp.abs(self._full(i, spall) / self.full[i] - 1.0)) < MOVED)
             low, high = self.ramp(i, spall, self.full[i, -1])
             for side in (1.0, -1.0):
-                edge = over(spall, distances[i], side)
-                apart = jnp.abs(self.edges[i].given[:, -1] - (0.5 * spall.width - edge))
+                edge = ramp_fit.over(spall, distances[i], side)
+                apart = jnp.abs(self.edges[i].given[:, AT.distance] - (0.5 * spall.width - edge))
                 same = same & ((jnp.min(apart, initial=jnp.inf) < ASIDE) | (edge < low) | (edge > high))
         code = status.worst(
             within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest),
@@ -286,10 +208,11 @@ def without_edges(
     levels = solved_levels(contact, [wide(spall) for spall in spalls], loads, accuracy, progress)
     approaches = jnp.asarray([[node.approach for node in level] for level in levels])
     slopes = jnp.asarray([[node.slopes for node in level] for level in levels])
+    half_width = ramp_fit.extents(loads, np.array([node.half_width for node in levels[0]]))
+    sunk = jnp.asarray([ramp_fit.sunk(contact, level, loads) for level in levels[1:]])
     return DirectLaw(
         contact, jnp.asarray(loads), spalls, samples.inputs(contact, None, 0.0), approaches[0], slopes[0],
-        jnp.asarray(extents(loads, np.array([node.half_width for node in levels[0]]))), approaches[1:], slopes[1:],
-        jnp.asarray([sunk(contact, level, loads) for level in levels[1:]]).reshape(len(spalls), EXTENT_DEGREE + 1),
+        jnp.asarray(half_width), approaches[1:], slopes[1:], sunk.reshape(len(spalls), ramp_fit.EXTENT_DEGREE + 1),
         tuple(_edges(contact, spall, [], np.zeros((0, EDGE_LOADS)), []) for spall in spalls), accuracy,
         samples.worst_status([node for level in levels for node in level]),
     )  # fmt: skip
@@ -343,3 +266,16 @@ def _edges(
 def wide(spall: Spall) -> Spall:
     """The same spall so wide that its rolling edges are out of reach from its middle."""
     return dataclasses.replace(spall, width=1000.0)
+
+
+base.register(
+    LawKind(
+        "direct",
+        "contact solves for exactly the states that the rollers of one scene are in",
+        make=lambda of: without_edges(of.contact, float(of.largest), of.spalls, of.accuracy, of.progress),
+        by_samples=True,
+        inner=True,
+        frozen=None,
+        one_scene=True,
+    )
+)

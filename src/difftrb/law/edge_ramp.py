@@ -9,7 +9,7 @@ enters the middle of the contact first, for the same reason. A small polynomial 
 Beyond 0 and 1 the roller is healthy or over the middle of the spall, exactly.
 
 Where both edges of a spall narrower than the contact act, W is that of the one edge over which the roller would sink as
-far by plane strain (`pit`), in the mean over rows along the spall, of which the crown loads those near the ends less.
+far by plane strain (`narrow_spall`), in the mean over rows along the spall; the crown loads those near its ends less.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import numpy as np
 
 from difftrb.core import implicit
 from difftrb.core.geometry import Real
+from difftrb.core.numeric import chebyshev
 from difftrb.law import load_curve, narrow_spall
 from difftrb.law.load_curve import Curve
 
@@ -36,34 +37,22 @@ ENTRY = 0.1
 """t within which the edge has entered all of the contact."""
 TERMS = DEGREE + 4
 GUESS = np.array([0.07] + [0.0] * DEGREE + [0.23, 0.0, 0.0])
-"""y of any roller to about 0.2 % of Qₕ: near enough to choose the loads at which contacts are solved."""
+"""y of any roller to about 0.2 % of Qₕ: enough to choose the loads at which contacts are solved."""
 LEAST = 16.0
-"""Largest by smallest load of a healthy roller between which y changes; below, it is as at the smallest: such rollers
-matter little. By its own load a roller is the worse told, of which long spalls leave a tenth."""
-LAST = 0.985
-"""t beyond which a share is too small to be told from the error of a contact solve."""
-RIDGE = 5e-4
-"""Error of a solve's share by size of a coefficient of y: fits do not follow the one where it takes the other."""
-NEAR_RIDGE = 5e-6
-"""The same of solves at one place. With a tenth, what the solves' errors do to derivatives of stiffness by width is six
-times as large, up to 2e-2 of the largest; with ten times as much the fit's own error is."""
-ROUNDS = 6
-"""Of the fit of a share, in which solves that stand out count less and less."""
-NOISE = 5e-4
-"""Error of a solve's share that is nothing special."""
+"""Largest by smallest healthy load between which y changes; below it is constant, for such rollers matter little.
+Parametrised by the healthy load: over long spalls the roller's own load falls to a tenth and no longer identifies the
+state."""
 SHARES = 5
-"""Rounds in which the edge is found that a narrow spall's two are worth."""
+"""Rounds in which the one edge is found that stands for a narrow spall's two."""
 ALONG, WEIGHTS = np.polynomial.legendre.leggauss(6)
 """Rows along a narrow spall, in halves of its length from its middle, and what they count."""
 ROW = 1.3
 """A row's line load goes with this power of the approach less the crown, as a crowned roller's load does."""
 SHUT = 1e-3
 """Least of that, in shares of the approach."""
-SLOPES_COUNT = 0.05
-"""What the derivative of a share by t counts in the fit beside a share: solves give it less exactly."""
 
 
-class Pit(NamedTuple):
+class NarrowSpall(NamedTuple):
     """A spall so narrow that both edges may be in reach: its width [mm], shape (…); the roller's crown over it at the
     places `along` it [mm], shape (ROWS, …)."""
 
@@ -71,11 +60,7 @@ class Pit(NamedTuple):
     crown: jax.Array
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["edge", "healthy", "full", "half_width", "sunk", "loads", "radius", "share", "pit"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Ramp:
     """One rolling edge or, with the same shape behind every field but `loads` and `radius`, many.
@@ -89,7 +74,7 @@ class Ramp:
       loads: middle and reach of that log Q [log N], shape (2,).
       radius: of the contact [mm].
       share: y's coefficients: Chebyshev polynomials of log Qₕ by terms of t; shape (k, TERMS, …).
-      pit: what is to be known besides where the spall's other edge may be in reach, too; None: it is not.
+      narrow: of a spall whose other edge may be in reach, too; None: it is not.
     """
 
     edge: jax.Array
@@ -100,20 +85,24 @@ class Ramp:
     loads: jax.Array
     radius: Real
     share: jax.Array
-    pit: Pit | None = None
+    narrow: NarrowSpall | None = None
 
 
-class Carried(NamedTuple):
-    """What every roller of a ring carries: `each` its curve, shape (rollers,), but for those at one of `ramps`, one
-    behind the other along a first axis of every field, of which `at` says with a one in zeros, shape (ramps, rollers),
-    which they are."""
+class RollerCurves(NamedTuple):
+    """Q(δ) of every roller of a ring.
+
+    Attributes:
+      each: the curve of every roller that is on no ramp, shape (rollers,).
+      ramps: stacked along a first axis of every field; None: there is none.
+      at: which roller stands on which ramp: ones in zeros, shape (ramps, rollers).
+    """
 
     each: Curve
     ramps: Ramp | None = None
     at: jax.Array | None = None
 
 
-def carried(curves: Carried, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+def roller_loads(curves: RollerCurves, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Load [N] and its slope [N/mm] of every roller at its approach [mm], all of shape (rollers,)."""
     loads, slopes = load_curve.load(curves.each, approach)
     if curves.ramps is None or curves.at is None:
@@ -134,12 +123,12 @@ def load(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 def _load(ramp: Ramp, approach: jax.Array) -> jax.Array:
     healthy, full, low, high = between(ramp, approach)
-    t = place(ramp.edge if ramp.pit is None else _worth(ramp, ramp.pit, approach, low, high), low, high)
-    levels = _chebyshev(_level(ramp, healthy), ramp.share.shape[0] - 1)
+    t = place(ramp.edge if ramp.narrow is None else _worth(ramp, ramp.narrow, approach, low, high), low, high)
+    levels = chebyshev(level(ramp, healthy), ramp.share.shape[0] - 1)
     return full + (healthy - full) * _left(t, [_combined(ramp.share[:, k], levels) for k in range(TERMS)])
 
 
-def _worth(ramp: Ramp, across: Pit, approach: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
+def _worth(ramp: Ramp, across: NarrowSpall, approach: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
     """The one edge over which the roller would sink as far, in the mean along the spall, as over both."""
     left = jnp.maximum(1.0 - across.crown / jnp.maximum(approach, 1e-9)[None], SHUT)
     weight = jnp.asarray(WEIGHTS).reshape(-1, *[1] * (left.ndim - 1)) * left ** (ROW - 1.0)
@@ -175,13 +164,13 @@ def _left(t: jax.Array, coefficients: Sequence[jax.Array]) -> jax.Array:
 
 
 def _y(coefficients: Sequence[jax.Array], t: jax.Array) -> jax.Array:
-    return _combined(coefficients, _terms(t))
+    return _combined(coefficients, terms(t))
 
 
-def _combined(coefficients: Sequence[jax.Array] | jax.Array, terms: list[jax.Array]) -> jax.Array:
-    total = coefficients[0] * terms[0]
-    for k in range(1, len(terms)):
-        total = total + coefficients[k] * terms[k]
+def _combined(coefficients: Sequence[jax.Array] | jax.Array, parts: list[jax.Array]) -> jax.Array:
+    total = coefficients[0] * parts[0]
+    for k in range(1, len(parts)):
+        total = total + coefficients[k] * parts[k]
     return total
 
 
@@ -214,115 +203,19 @@ def _of_load(ramp: Ramp, load: jax.Array) -> jax.Array:
     return (jnp.log(load_curve.within(load, least, jnp.inf)) - ramp.loads[0]) / ramp.loads[1]
 
 
-def _level(ramp: Ramp, healthy: jax.Array) -> jax.Array:
+def level(ramp: Ramp, healthy: jax.Array) -> jax.Array:
     """log Qₕ, brought to −1…1."""
     top = jnp.exp(jnp.sum(ramp.loads))
     return 1.0 + 2.0 * jnp.log(load_curve.within(healthy, top / LEAST, top) / top) / np.log(LEAST)
 
 
-def _terms(t: jax.Array) -> list[jax.Array]:
+def terms(t: jax.Array) -> list[jax.Array]:
     """What y is made of: Chebyshev polynomials, a narrow line, a short one, and the edge's entry."""
     left = 1.0 - t
     narrow, short = -jnp.log(load_curve.within(left, 1e-12, 1.0)), jax.lax.rsqrt(left + BEND)
-    return [*_chebyshev(2.0 * t - 1.0, DEGREE), narrow, short, 1.0 / (1.0 + (t / ENTRY) ** 2)]
-
-
-def _chebyshev(x: jax.Array, degree: int) -> list[jax.Array]:
-    rows = [jnp.ones_like(x), x]
-    for _ in range(degree - 1):
-        rows.append(2.0 * x * rows[-1] - rows[-2])
-    return rows[: degree + 1]
-
-
-def fitted(ramp: Ramp, approach: jax.Array, load: jax.Array, by_edge: jax.Array, degree: int) -> jax.Array:
-    """`Ramp.share` of many contact solves with edges at `ramp.edge` on one and the same spall, else of shape ().
-
-    Args:
-      approach [mm], load [N]: of the solves, shape (n,). by_edge: dQ/d(edge) at fixed approach [N/mm], shape (n,).
-      degree: of y in log Qₕ.
-
-    Solves that stand out count less.
-    """
-    seen = _seen(ramp, approach, load)
-    rows, right, weight = _equations(seen, degree)
-    slope_rows, slope_right = _slope_equations(seen, by_edge, degree)
-    matrix = jnp.concatenate([weight[:, None] * rows, SLOPES_COUNT * weight[:, None] * slope_rows])
-    start = guess(degree)
-    values = jnp.concatenate([weight * right, SLOPES_COUNT * weight * slope_right]) - matrix @ start.ravel()
-    found, count = jnp.zeros(start.size), jnp.ones(values.shape[0])
-    for _ in range(ROUNDS):
-        found = least_squares(count[:, None] * matrix, count * values)
-        off = jnp.abs(matrix @ found - values)
-        count = 1.0 / jnp.sqrt(1.0 + (off / (3.0 * jnp.median(off) + NOISE)) ** 2)
-    return start + found.reshape(start.shape)
-
-
-def through(ramp: Ramp, approach: jax.Array, load: jax.Array) -> jax.Array:
-    """`Ramp.share` of contact solves with one edge at one place, through all of them, nearly; as `fitted`."""
-    rows, right, weight = _equations(_seen(ramp, approach, load), 0)
-    found = least_squares(weight[:, None] * rows, weight * (right - rows @ GUESS), NEAR_RIDGE)
-    return guess() + found[None]
+    return [*chebyshev(2.0 * t - 1.0, DEGREE), narrow, short, 1.0 / (1.0 + (t / ENTRY) ** 2)]
 
 
 def guess(degree: int = 0) -> jax.Array:
     """`Ramp.share` of any roller."""
     return jnp.zeros((degree + 1, TERMS)).at[0].set(GUESS)
-
-
-def least_squares(matrix: jax.Array, right: jax.Array, ridge: float = RIDGE) -> jax.Array:
-    """x with `matrix` · x nearest to `right`, shape (n,) or (n, k); what the rows do not tell stays small."""
-    q, r = jnp.linalg.qr(jnp.concatenate([matrix, ridge * jnp.eye(matrix.shape[1])]))
-    return jax.scipy.linalg.solve_triangular(r, q[: matrix.shape[0]].T @ right)
-
-
-def residual(ramp: Ramp, approach: jax.Array, load: jax.Array) -> jax.Array:
-    """How far `load`s [N] at `approach`es [mm] are from the ramp's, in the equations that y is fitted by; (n,)."""
-    rows, right, weight = _equations(_seen(ramp, approach, load), ramp.share.shape[0] - 1)
-    return weight * (rows @ ramp.share.ravel() - right)
-
-
-def equations(ramp: Ramp, approach: jax.Array, load: jax.Array, degree: int) -> jax.Array:
-    """The weighted matrix of the same equations, shape (n, (degree + 1)·TERMS)."""
-    rows, _, weight = _equations(_seen(ramp, approach, load), degree)
-    return weight[:, None] * rows
-
-
-def _basis(t: jax.Array, level: jax.Array, degree: int) -> jax.Array:
-    """Shape (n, (degree + 1)·TERMS)."""
-    levels = jnp.stack(_chebyshev(level, degree), axis=1)
-    return (levels[:, :, None] * jnp.stack(_terms(t), axis=1)[:, None]).reshape(t.shape[0], -1)
-
-
-class _Seen(NamedTuple):
-    """A solve as the ramp sees it: t, share W, Qₕ and Qₕ − Qₛ [N], extent of the ramp [mm], level of y."""
-
-    t: jax.Array
-    share: jax.Array
-    healthy: jax.Array
-    loss: jax.Array
-    extent: jax.Array
-    level: jax.Array
-
-
-def _seen(ramp: Ramp, approach: jax.Array, load: jax.Array) -> _Seen:
-    healthy, full, low, high = between(ramp, approach)
-    t, loss = place(ramp.edge, low, high), healthy - full
-    return _Seen(t, (load - full) / loss, healthy, loss, high - low, _level(ramp, healthy))
-
-
-def _equations(seen: _Seen, degree: int) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """W t² y = 1 − t² − W, one row a solve, and what each counts: such that errors are those of Q by Qₕ."""
-    t, share = seen.t, seen.share
-    known = (t < LAST) & (share > 0.0)
-    weight = jnp.where(known, share / jnp.where(known, 1.0 - t * t, 1.0), 0.0) * seen.loss / seen.healthy
-    rows = (share * t * t)[:, None] * _basis(t, seen.level, degree)
-    return rows, 1.0 - t * t - share, jax.lax.stop_gradient(weight)
-
-
-def _slope_equations(seen: _Seen, by_edge: jax.Array, degree: int) -> tuple[jax.Array, jax.Array]:
-    """The same, differentiated by t."""
-    t, share = seen.t, seen.share
-    basis, rate = jax.jvp(lambda v: _basis(v, seen.level, degree), (t,), (jnp.ones_like(t),))
-    slope = by_edge * seen.extent / seen.loss
-    rows = (slope * t * t + 2.0 * t * share)[:, None] * basis + (share * t * t)[:, None] * rate
-    return rows, -2.0 * t - slope

@@ -7,7 +7,6 @@ on straight in these logarithms, so that Q, dQ/dδ are continuous for every δ a
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -15,9 +14,10 @@ import numpy as np
 
 from difftrb.core import implicit
 from difftrb.core.geometry import Real
+from difftrb.core.numeric import horner_with_slope
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["coefficients", "middle", "reach", "shift"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Curve:
     """log Q = Σ cₖ zᵏ with z = (log(δ − δ₀) − middle)/reach in −1…1; one curve or, with the same shape behind every
@@ -39,12 +39,6 @@ def power(stiffness: Real, exponent: Real) -> Curve:
     """Q = K δⁿ with K [N/mmⁿ] and n, any one shape."""
     K, n = jnp.asarray(stiffness, float), jnp.asarray(exponent, float)
     return Curve(jnp.stack([jnp.log(K), n]), jnp.zeros_like(n), jnp.ones_like(n), jnp.zeros_like(n))
-
-
-def chebyshev(count: int, low: Real, high: Real) -> jax.Array:
-    """`count` Chebyshev–Lobatto nodes from `low` to `high`, both of them nodes."""
-    rise = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
-    return jnp.asarray(low + (high - low) * rise)
 
 
 def weights(places: jax.Array | np.ndarray, x: jax.Array | np.ndarray) -> jax.Array:
@@ -126,9 +120,7 @@ def straight(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Arra
 
 def _straight(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
     inside = within(z, -1.0, 1.0) if coefficients.shape[0] > 2 else z
-    value, rate = coefficients[-1], jnp.zeros_like(z)
-    for c in coefficients[-2::-1]:
-        value, rate = value * inside + c, rate * inside + value
+    value, rate = horner_with_slope(coefficients, inside)
     return value + rate * (z - inside), rate
 
 

@@ -17,10 +17,11 @@ import numpy as np
 
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
+from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples
+from difftrb.law.base import Rest
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
-from difftrb.law.edge_ramp import Carried
-from difftrb.law.laws import Rest
+from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve
 from difftrb.law.samples import Node, Progress
 
@@ -117,17 +118,17 @@ class LocalLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, base=self.base.at(contact))
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
         """See `Law`. Other spalls than it was made for are for `judge` to refuse."""
         healthy = load_curve.of(self.base.curves((), distances[:0]).each, 0)
         every = jax.tree.map(lambda field: jnp.repeat(field[..., None], distances.shape[1], axis=-1), healthy)
         if self.states is None or self.states.met.shape[1] != len(spalls):
-            return Carried(every)
+            return RollerCurves(every)
         own = jax.vmap(through, out_axes=-1)(self.states.log_loads, self._approaches(self.states, spalls, distances))
         missing = healthy.coefficients.shape[0] - own.coefficients.shape[0]
         own = dataclasses.replace(own, coefficients=jnp.pad(own.coefficients, ((0, missing), (0, 0))))
         at, here = self.states.at, jnp.sum(self.states.at, axis=0) > 0.0
-        return Carried(
+        return RollerCurves(
             jax.tree.map(
                 lambda of_all, of_own: jnp.where(jnp.broadcast_to(here, of_all.shape), _product(of_own, at), of_all),
                 every,
@@ -193,7 +194,7 @@ def around(
     `found`. Needs numbers, not tracers. What comes out is `settling`: it refuses nothing.
     """
     count, spread = (MANY, SPREAD) if found else (FEW, SEARCHED)
-    way = np.asarray(load_curve.chebyshev(count, -1.0, 1.0))
+    way = np.asarray(chebyshev_nodes(count, -1.0, 1.0))
     logs = np.log(loads)[:, None] + spread * way
     solved = _solved(base, spalls, reached, logs, progress)
     for k, own in enumerate(solved):
@@ -232,15 +233,13 @@ def _stacked(
     solved: Sequence[Sequence[Node]],
 ) -> States:  # fmt: skip
     """All that was solved; filled up to a multiple of `TOGETHER` states, so that scenes share programs."""
-    count, of_contact, of_spall = len(spalls), len(samples.OF_CONTACT), len(samples.OF_SPALL)
-    slopes = np.zeros((len(reached), logs.shape[1], of_contact + (of_spall + 1) * count))
+    count = len(spalls)
+    slopes = np.zeros((len(reached), logs.shape[1], samples.count(count)))
     given, met = np.zeros((len(reached), slopes.shape[2])), np.zeros((len(reached), count))
     for k, (each, own) in enumerate(zip(reached, solved, strict=True)):
         under = list(each.under)
         met[k, under] = 1.0
-        places = [of_contact + of_spall * i + j for i in under for j in range(of_spall)]
-        places = [*range(of_contact), *places, *(of_contact + of_spall * count + i for i in under)]
-        slopes[k][:, places] = [node.slopes for node in own]
+        slopes[k][:, samples.places(under, count)] = [node.slopes for node in own]
         away = np.zeros(count)
         away[under] = each.away
         given[k] = samples.inputs(base.contact, spalls, jnp.asarray(away))

@@ -1,28 +1,29 @@
-"""A pit across the contact that is narrower than it: how far the roller sinks over both its edges.
+"""A spall across the contact that is narrower than it: how far the roller sinks over both its edges.
 
-In plane strain a roller under a line load, whose contact has the half-width b without a pit, sinks by (b²/R) g more
-over a pit with vertical walls that it does not fill. Where both lands touch, at −e₁ and beyond and at e₂ and beyond,
-the pressure is |x − m| √((x + a₁)(a₂ − x))/√((x + e₁)(x − e₂)) times E'/2R, 0 at the free ends −a₁ and a₂; m follows
+In plane strain a roller under a line load, whose contact has the half-width b without a spall, sinks by (b²/R) g more
+over a spall with vertical walls that it does not fill. Where both lands touch, at −e₁ and beyond and at e₂ and beyond,
+the pressure is |x − m| √((x + a₁)(a₂ − x))/√((x + e₁)(x − e₂)) times E'/2R, 0 at the free ends −a₁ and a₂. m follows
 from what it must be far away, a₁ and a₂ from the load and from lands that have sunk equally far. With the middle of a
-pit of width w under the roller it sinks w²/8R, exactly; wherever both lands touch, 0.88…1 times that. The share is
+spall of width w under the roller it sinks w²/8R, exactly; wherever both lands touch, 0.88…1 times that. The share is
 solved here once, on a grid, and read as a polynomial. On one land alone g(e) = e²/2 + 3k²/4 + ek − ln(k)/2 − 1/4 with
 k = (√(e² + 3) − e)/3 and e in half-widths.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core.numeric import bisected, chebyshev_roots, horner
+
 MIDDLE = 1.0 / 8.0
-"""Of the width's square, by which the roller sinks over the pit's middle, by R."""
+"""Of the width's square, by which the roller sinks over the spall's middle, by R."""
 WIDEST = 80.0
-"""Widest pit in half-widths; beyond, so little load is left on the lands that they count as if there were more."""
+"""Widest spall in half-widths; beyond, so little load is left on the lands that they count as if there were more."""
 NARROWEST = 1e-4
 """The narrowest one: what is left of a square is the same below."""
 HALF = 2.0
@@ -30,30 +31,30 @@ HALF = 2.0
 END_DEGREE = 12
 """Of the edge at which the far land begins to touch."""
 DEGREES = 7, 6
-"""Of the share of w²/8R in the pit's place between there and the middle, and in its width."""
+"""Of the share of w²/8R in the spall's place between there and the middle, and in its width."""
 PLACES = 12
 POINTS = 400
 
 
 def sinking(near: jax.Array, width: jax.Array, half_width: jax.Array) -> jax.Array:
-    """How far a roller sinks over both edges of a pit, by the width's square and times R: 1/8 in its middle.
+    """How far a roller sinks over both edges of a spall, by the width's square and times R: 1/8 in its middle.
 
     Args:
-      near: how far the nearer edge stands beyond the roller's middle, positive over the pit, at most half of
-        `width` [mm]. width: of the pit [mm], ≥ 0.
-      half_width: of the contact that would carry the same line load without a pit [mm], > 0.
+      near: how far the nearer edge stands beyond the roller's middle, positive over the spall, at most half of
+        `width` [mm]. width: of the spall [mm], ≥ 0.
+      half_width: of the contact that would carry the same line load without a spall [mm], > 0.
 
-    0 where the pit is beside the contact. Continuous; smooth but where the far land begins to touch.
+    0 where the spall is beside the contact. Continuous; smooth but where the far land begins to touch.
     """
     unit = jnp.maximum(half_width, width / WIDEST)
     width = jnp.maximum(width, NARROWEST * unit)
     x = width / unit
     end, inside = _polynomials()
     w = 2.0 * x / (x + HALF) * ((WIDEST + HALF) / WIDEST) - 1.0
-    farthest = 1.0 + x * (0.5 - _powers(end, w))
+    farthest = 1.0 + x * (0.5 - horner(end, w))
     place = jnp.minimum(((0.5 * x - near / unit) / farthest) ** 2, 1.0)
     last = over_one(0.5 * width - unit * farthest, unit) / width**2
-    rest = _powers([_powers(row, w) for row in inside], 2.0 * place - 1.0)
+    rest = horner([horner(row, w) for row in inside], 2.0 * place - 1.0)
     share = MIDDLE + place * (last - MIDDLE + (1.0 - place) * rest)
     return jnp.where(place < 1.0, share, over_one(near, unit) / width**2)
 
@@ -78,7 +79,7 @@ def _less(s: jax.Array) -> jax.Array:
 
 
 class Polynomials(NamedTuple):
-    """Of a pit's width w in half-widths, coefficients of powers of the width's variable: of (e + 1)/w at the edge e
+    """Of a spall's width w in half-widths, coefficients of powers of the width's variable: of (e + 1)/w at the edge e
     where the far land begins to touch; and of what the sinking by w² is more than linear in the place p between the
     middle and there, by p(1 − p), shape (places, widths)."""
 
@@ -86,24 +87,16 @@ class Polynomials(NamedTuple):
     inside: np.ndarray
 
 
-def _powers(coefficients: Sequence[Any] | np.ndarray, x: jax.Array) -> jax.Array:
-    """Σ cₖ xᵏ."""
-    value = coefficients[-1] + jnp.zeros_like(x)
-    for c in coefficients[-2::-1]:
-        value = value * x + c
-    return value
-
-
 @cache
 def _polynomials() -> Polynomials:
     """Solved and fitted once for all."""
-    rise = 0.5 * (1.0 - np.cos(np.pi * (np.arange(24) + 0.5) / 24))
+    rise = 0.5 * (1.0 - chebyshev_roots(24))
     share = rise * WIDEST / (WIDEST + HALF)
     widths = HALF * share / (1.0 - share)
     ends = _where_far_land_touches(widths)
     chebyshev = np.polynomial.chebyshev
     end = np.asarray(chebyshev.cheb2poly(chebyshev.chebfit(2.0 * rise - 1.0, (ends + 1.0) / widths, END_DEGREE)))
-    places = 0.5 * (1.0 - np.cos(np.pi * (np.arange(PLACES) + 0.5) / PLACES))
+    places = 0.5 * (1.0 - chebyshev_roots(PLACES))
     last, sunk = _over_one(ends) / widths**2, _sunk(widths, 0.5 * widths - ends, places) / widths**2
     more = sunk - MIDDLE - places[:, None] * (last - MIDDLE)
     grid = np.meshgrid(2.0 * places - 1.0, 2.0 * rise - 1.0, indexing="ij")
@@ -136,15 +129,12 @@ def _where_far_land_touches(widths: np.ndarray) -> np.ndarray:
         root, area = np.sqrt(np.maximum(z * z - k * k, 0.0)), np.arccosh(np.maximum(z / k, 1.0))
         return 0.5 * z * root - 0.5 * k * k * area - middle * root - middle * k * area > 0.0
 
-    low, high = -np.ones_like(widths), 0.5 * widths
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = np.where(closed(middle), middle, low), np.where(closed(middle), high, middle)
+    low, high = bisected(closed, -np.ones_like(widths), 0.5 * widths)
     return 0.5 * (low + high)
 
 
 def _sunk(widths: np.ndarray, farthest: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """g of both lands at every place: the square of the distance from the pit's middle by the farthest's; shape
+    """g of both lands at every place: the square of the distance from the spall's middle by the farthest's; shape
     (places, widths)."""
     lands = np.log(np.sqrt(1.0 + 0.25 * widths**2) - 0.5 * widths) * np.ones((2, 1))  # beyond edges beside the middle
     found = []
@@ -171,7 +161,7 @@ def _unbalanced(edges: np.ndarray, lands: np.ndarray) -> np.ndarray:
     ends = edges + np.exp(lands)
     m = _middle(edges, ends)
     second = 0.25 * np.sum(edges**2 - ends**2, axis=0) + 0.5 * m**2
-    x = 0.5 * np.sum(edges, axis=0) * np.cos(np.pi * (np.arange(POINTS)[:, None] + 0.5) / POINTS)
+    x = 0.5 * np.sum(edges, axis=0) * chebyshev_roots(POINTS)[:, None]
     x = x + 0.5 * (edges[1] - edges[0])
     return np.stack([m * m - second - 0.5, np.mean((x - m) * np.sqrt((x + ends[0]) * (ends[1] - x)), axis=0)])
 

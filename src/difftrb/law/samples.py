@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,15 +13,32 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from difftrb.contact import solver as contacts
-from difftrb.contact.contact_problem import is_symmetric, listed
+from difftrb.contact.contact_solution import is_symmetric, listed
 from difftrb.contact.solver import ContactSolution
-from difftrb.core import status
+from difftrb.core import machine, status
 from difftrb.core.geometry import LineContact, Real, Spall
 
-OF_CONTACT = ("radius", "length", "modulus", "design_load")
-OF_SPALL = ("length", "width", "depth", "axial_offset")
-INPUTS = len(OF_CONTACT) + len(OF_SPALL) + 1
-"""Number of inputs that a node's slopes are by: those of the contact, those of the spall, and its distance."""
+
+class Inputs(NamedTuple):
+    """What the slopes of a contact's approach are by: of the contact, of the spall, and the contact's distance from its
+    middle. Arrays hold these in this order along their last axis; `AT` says where."""
+
+    radius: Any
+    length: Any
+    modulus: Any
+    design_load: Any
+    spall_length: Any
+    spall_width: Any
+    spall_depth: Any
+    spall_axial_offset: Any
+    distance: Any
+
+
+INPUTS = len(Inputs._fields)
+AT = Inputs(*range(INPUTS))
+"""Where each input stands in an array's last axis."""
+OF_CONTACT = tuple(Inputs._fields[: AT.spall_length])
+OF_SPALL = tuple(name.removeprefix("spall_") for name in Inputs._fields[AT.spall_length : AT.distance])
 
 Progress = Callable[[int, int], None]
 """Told how many of how many solves are done."""
@@ -62,8 +78,8 @@ class Node:
 def inputs(
     contact: LineContact, spall: Spall | tuple[Spall, ...] | None, distance: Real | Sequence[Real]
 ) -> jnp.ndarray:
-    """What slopes are by: contact, spall and distance in one vector, shape (INPUTS,); no spall counts as zeros. Of
-    several spalls all sizes, then all distances: shape (contact's + spalls · (INPUTS − contact's),)."""
+    """`Inputs` as a vector, shape (INPUTS,); no spall counts as zeros. Of several spalls all sizes, then all distances:
+    shape (count(spalls),)."""
     spalls = spall if isinstance(spall, tuple) else (spall,)
     of_spalls = [0.0 if each is None else getattr(each, name) for each in spalls for name in OF_SPALL]
     values = (*(getattr(contact, name) for name in OF_CONTACT), *of_spalls)
@@ -76,24 +92,37 @@ _inputs = jax.jit(inputs)  # twenty times as fast, of numbers
 
 def contact_of(values: jnp.ndarray) -> LineContact:
     """The contact in a vector of `inputs`."""
-    return LineContact(*(values[i] for i in range(len(OF_CONTACT))))
+    return LineContact(*(values[i] for i in AT[: AT.spall_length]))
 
 
 def spall_of(values: jnp.ndarray) -> Spall:
     """The spall in a vector of `inputs`."""
-    length, width, depth, axial_offset = (values[len(OF_CONTACT) + i] for i in range(len(OF_SPALL)))
+    length, width, depth, axial_offset = (values[i] for i in AT[AT.spall_length : AT.distance])
     return Spall(length, width, depth, axial_offset=axial_offset)
 
 
+def count(spalls: int) -> int:
+    """How many inputs contacts under so many spalls have."""
+    return len(OF_CONTACT) + (len(OF_SPALL) + 1) * spalls
+
+
+def places(under: Sequence[int], spalls: int) -> list[int]:
+    """Where the inputs of a contact under the spalls numbered `under` stand among those under all `spalls`."""
+    first, size = len(OF_CONTACT), len(OF_SPALL)
+    sizes = [first + size * i + j for i in under for j in range(size)]
+    return [*range(first), *sizes, *(first + size * spalls + i for i in under)]
+
+
 def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
-    """Solve one case, whichever way does it. `reach` is how far from the middle of a wide spall a rolling edge would
-    touch the roller [mm], of rollers over that middle, else 0."""
+    """Solve one case, choosing the method automatically. Of a roller over the middle of a wide spall, `reach` is how
+    far from there a rolling edge would touch it [mm]; else 0."""
     solution, (by_contact, by_load, by_spall, by_distance, _) = contacts.approach_and_gradient(
         contact, case.load, case.spall, case.distance, accuracy
     )
     slopes = np.array(_inputs(by_contact, by_spall, by_distance if case.spall is not None else 0.0))
-    if is_symmetric(case.spall):  # half the roller was solved: `axial_offset` is the last of a spall's numbers
-        slopes[INPUTS - 2 : len(OF_CONTACT) + len(OF_SPALL) * len(listed(case.spall)) : len(OF_SPALL)] = 0.0
+    if is_symmetric(case.spall):  # half the roller was solved
+        sizes = len(OF_SPALL)
+        slopes[AT.spall_axial_offset : len(OF_CONTACT) + sizes * len(listed(case.spall)) : sizes] = 0.0
     return Node(
         float(solution.approach), float(by_load), slopes, int(solution.status_code),
         0.5 * float(solution.contact_width),
@@ -127,10 +156,10 @@ def _reach(contact: LineContact, solution: ContactSolution) -> float:
 def all_solved(
     contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
 ) -> list[Node]:
-    """Solve every case, on as many cores as there are."""
+    """Solve every case, on all cores that this process may use."""
     nodes: list[Node] = []
     # LAPACK's own threads, besides these, only wait for each other: exact edges would take twice as long
-    with threadpool_limits(1, "blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(machine.cores()) as pool:
         for node in pool.map(lambda case: solved(contact, case, accuracy), cases):
             nodes.append(node)
             if progress is not None:

@@ -15,13 +15,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core import cache, status
+from difftrb.core import status, storage
 from difftrb.core.geometry import LineContact, Spall, as_floats
-from difftrb.law import direct, edge_ramp, load_curve, samples
-from difftrb.law.edge_ramp import Ramp
-from difftrb.law.laws import LENGTH_SHARE, load_over
-from difftrb.law.samples import Case, Node, Progress
-from difftrb.law.table_data import Atlas, TableLaw, ramp_of, shortest, spread
+from difftrb.core.numeric import chebyshev_nodes
+from difftrb.law import base, direct, edge_ramp, load_curve, ramp_fit, samples
+from difftrb.law.base import LENGTH_SHARE, Law, LawKind, Request
+from difftrb.law.samples import AT, Case, Node, Progress
+from difftrb.law.table_data import (
+    CHECKS,
+    LIGHTEST,
+    NARROW_CHECKS,
+    Atlas,
+    TableLaw,
+    measured_error,
+    narrow_error,
+    plain_ramp,
+    ramp_of,
+    shortest,
+    spread,
+)
 
 LENGTHS = 13
 
@@ -39,17 +51,12 @@ class EdgeNodes(NamedTuple):
 EDGE_NODES = EdgeNodes(6, 4, 8, 3.0)
 FINER_NODES = EdgeNodes(8, 5, 10, 9.0)
 """For `direct.FINER_FROM` on."""
-LIGHTEST = 0.08
-"""Least load of a solve at an edge, by what the roller carries on a healthy raceway: lighter ones tell nothing, and
-over long spalls there is none."""
 SHORTEST = 0.04
 """Shortest spall whose edges are solved, as a share of the longest; shorter ones have its share."""
 BESIDE = 1.03
 """How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
 SURELY = 1.2
 """By what squares of half-widths have to differ for a spall to be wide without asking."""
-CHECKS = 24
-NARROW_CHECKS = 16
 
 
 def edge_nodes(accuracy: float) -> EdgeNodes:
@@ -91,17 +98,17 @@ def table_law(
     made = []
     numbers = [(*jax.tree.leaves(contact), top, *kind, accuracy) for kind in kinds]
     for kind, own in zip(kinds, numbers, strict=True):
-        arrays = cache.kept(
-            cache.key(own),
+        arrays = storage.kept(
+            storage.key(own),
             partial(_arrays, contact, top, *kind, accuracy, progress),
         )
         made.append(Atlas(**{name: jnp.asarray(value) for name, value in arrays.items()}))
     which = tuple(kinds.index((float(s.depth), float(s.axial_offset))) for s in spalls)
     law = TableLaw(contact, tuple(made), which)
     errors = [
-        cache.kept(
-            cache.key((*numbers[k], NARROW_CHECKS)),
-            partial(_narrow_error, contact, made[k], samples.spall_of(made[k].given), accuracy, progress),
+        storage.kept(
+            storage.key((*numbers[k], NARROW_CHECKS)),
+            partial(narrow_error, contact, made[k], samples.spall_of(made[k].given), accuracy, progress),
         )["error"]
         for k in {k for k, spall in zip(which, spalls, strict=True) if _is_narrow(law, k, spall)}
     ]
@@ -121,7 +128,7 @@ def _is_narrow(law: TableLaw, kind: int, spall: Spall) -> bool:
     return codes[0] == status.NARROW != codes[1]
 
 
-def _arrays(*arguments: Any) -> cache.Arrays:
+def _arrays(*arguments: Any) -> storage.Arrays:
     built = atlas(*arguments)
     return {field.name: np.asarray(getattr(built, field.name)) for field in dataclasses.fields(built)}
 
@@ -146,31 +153,31 @@ def atlas(
     loads = direct.log_loads(top)
     longest = LENGTH_SHARE * float(contact.length)
     ends = (float(spread(length, contact, top)) for length in (0.0, longest))
-    places = np.asarray(load_curve.chebyshev(LENGTHS, *ends))
+    places = np.asarray(chebyshev_nodes(LENGTHS, *ends))
     lengths = np.maximum(places**2 - float(shortest(contact, top)), 0.0)
     like = direct.wide(Spall(0.0, 0.0, depth, axial_offset=axial_offset))
     shapes = [dataclasses.replace(like, length=float(length)) for length in lengths[1:]]
     levels = direct.solved_levels(contact, shapes, loads, accuracy, progress)
     of = edge_nodes(accuracy)
-    below = np.stack([direct.sunk(contact, level, loads) for level in levels[1:]])
+    below = np.stack([ramp_fit.sunk(contact, level, loads) for level in levels[1:]])
     built = Atlas(
         given=samples.inputs(contact, dataclasses.replace(like, width=0.0), 0.0),
         log_loads=jnp.asarray(loads),
         healthy=_values(levels)[0],
         healthy_slopes=_slopes(levels)[0],
-        half_width=jnp.asarray(direct.extents(loads, np.array([node.half_width for node in levels[0]]))),
+        half_width=jnp.asarray(ramp_fit.extents(loads, np.array([node.half_width for node in levels[0]]))),
         lengths=jnp.asarray(lengths),
         full=_values(levels),
         full_slopes=_slopes(levels),
         sunk=jnp.asarray(np.concatenate([_at_zero(places, below)[None], below])),
-        edge_lengths=load_curve.chebyshev(of.lengths, np.log(SHORTEST * longest), np.log(longest)),
+        edge_lengths=chebyshev_nodes(of.lengths, np.log(SHORTEST * longest), np.log(longest)),
         share=jnp.broadcast_to(edge_ramp.guess(of.approaches - 1), (of.lengths, of.approaches, edge_ramp.TERMS)),
         share_slopes=jnp.zeros((of.lengths, of.approaches, edge_ramp.TERMS, samples.INPUTS)),
         error=np.nan,
         status_code=samples.worst_status([node for level in levels for node in level]),
     )
     built = _with_edges(contact, built, like, accuracy, progress)
-    return dataclasses.replace(built, error=_error(contact, built, like, accuracy, progress))
+    return dataclasses.replace(built, error=measured_error(contact, built, like, accuracy, progress))
 
 
 def _at_zero(places: np.ndarray, below: np.ndarray) -> np.ndarray:
@@ -185,7 +192,7 @@ def _values(levels: list[list[Node]]) -> jax.Array:
 def _slopes(levels: list[list[Node]]) -> jax.Array:
     """By everything but length, width and distance, which the table has as variables."""
     slopes = np.array([[node.slopes for node in level] for level in levels])
-    slopes[..., [4, 5, 8]] = 0.0
+    slopes[..., [AT.spall_length, AT.spall_width, AT.distance]] = 0.0
     return jnp.asarray(slopes)
 
 
@@ -204,7 +211,9 @@ def _with_edges(contact: LineContact, built: Atlas, like: Spall, accuracy: float
         np.array([getattr(node, name) for node in solved]).reshape(loads.shape) for name in ("approach", "compliance")
     )
     slopes = _slopes([solved]).reshape(*loads.shape, samples.INPUTS)
-    by_edge = np.array([node.slopes[-1] for node in solved]).reshape(loads.shape) / compliances  # edge = −distance
+    by_edge = (
+        np.array([node.slopes[AT.distance] for node in solved]).reshape(loads.shape) / compliances
+    )  # edge = −distance
     shares, by_inputs = zip(
         *[_fit(built, contact, *row) for row in zip(lengths, loads, edges, approaches, by_edge, slopes, strict=True)],
         strict=True,
@@ -217,8 +226,8 @@ def _with_edges(contact: LineContact, built: Atlas, like: Spall, accuracy: float
 def _aims(built: Atlas, contact: LineContact, length: jax.Array, of: EdgeNodes) -> tuple[jax.Array, jax.Array]:
     """Loads [N] and places of the edge [mm] at which the ramp of spalls of this length is solved, shape (approaches,
     places + 2), at nearly the same approaches and the same t: the first and the last place lie just beyond the ramp."""
-    beside = _plain(built, contact, length)
-    t = jnp.asarray(0.5 * edge_ramp.LAST * (1.0 - np.cos(np.pi * (np.arange(of.places) + 0.5) / of.places)))
+    beside = plain_ramp(built, contact, length)
+    t = jnp.asarray(0.5 * ramp_fit.LAST * (1.0 - np.cos(np.pi * (np.arange(of.places) + 0.5) / of.places)))
 
     def at(load: jax.Array) -> tuple[jax.Array, jax.Array]:
         healthy, full, low, high = edge_ramp.between(beside, load_curve.approach(beside.healthy, load))
@@ -230,7 +239,7 @@ def _aims(built: Atlas, contact: LineContact, length: jax.Array, of: EdgeNodes) 
         return jnp.concatenate([healthy[None], loads, last[None]]), jnp.concatenate(places)
 
     top = built.log_loads[-1]
-    return jax.vmap(at)(jnp.exp(load_curve.chebyshev(of.approaches, top - np.log(edge_ramp.LEAST), top)))
+    return jax.vmap(at)(jnp.exp(chebyshev_nodes(of.approaches, top - np.log(edge_ramp.LEAST), top)))
 
 
 @jax.jit
@@ -239,16 +248,16 @@ def _fit(
     by_edge: jax.Array, slopes: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """A ramp's share, shape (powers, terms), and its slopes by the inputs, of solves at `_aims`."""
-    beside = _plain(built, contact, length)
+    beside = plain_ramp(built, contact, length)
     # the levels that edges join, as these solves have them and as the curves do
     first = load_curve.approach(beside.healthy, loads[:, :1]) / approaches[:, :1]
     last = load_curve.approach(beside.full, loads[:, -1:]) / approaches[:, -1:]
     way = (loads - loads[:, :1]) / (loads[:, -1:] - loads[:, :1])
     approaches = approaches * (first * (1.0 - way) + last * way)
     load, edge, approach, by_edge = (field[:, 1:-1].ravel() for field in (loads, edges, approaches, by_edge))
-    carried = slopes[:, 1:-1].reshape(-1, samples.INPUTS)
+    by_inputs = slopes[:, 1:-1].reshape(-1, samples.INPUTS)
     at, degree = dataclasses.replace(beside, edge=edge), loads.shape[0] - 1
-    share = edge_ramp.fitted(at, approach, load, by_edge, degree)
+    share = ramp_fit.fitted(at, approach, load, by_edge, degree)
 
     def off(change: jax.Array) -> jax.Array:
         now = built.given + change
@@ -256,67 +265,27 @@ def _fit(
             ramp_of(built, samples.contact_of(now), dataclasses.replace(samples.spall_of(now), length=length)),
             edge=edge,
         )
-        return edge_ramp.residual(dataclasses.replace(here, share=share), approach + carried @ change, load)
+        return ramp_fit.residual(dataclasses.replace(here, share=share), approach + by_inputs @ change, load)
 
-    matrix = edge_ramp.equations(at, approach, load, degree)
-    return share, edge_ramp.least_squares(matrix, -jax.jacfwd(off)(jnp.zeros(samples.INPUTS))).reshape(*share.shape, -1)
-
-
-def _plain(built: Atlas, contact: LineContact, length: jax.Array) -> Ramp:
-    """The ramp beside a spall of this length as the atlas knows it, its edge under the roller's middle."""
-    return ramp_of(built, contact, dataclasses.replace(samples.spall_of(built.given), length=length))
+    matrix = ramp_fit.equations(at, approach, load, degree)
+    return share, ramp_fit.least_squares(matrix, -jax.jacfwd(off)(jnp.zeros(samples.INPUTS))).reshape(*share.shape, -1)
 
 
-@jax.jit
-def _between(built: Atlas, contact: LineContact, length: jax.Array, load: jax.Array) -> tuple[jax.Array, ...]:
-    """`edge_ramp.between` at the approach of a roller that carries `load` [N] on a healthy raceway."""
-    beside = _plain(built, contact, length)
-    return edge_ramp.between(beside, load_curve.approach(beside.healthy, load))
+def _made(of: Request) -> Law:
+    largest = float(of.largest)
+    if of.spalls:
+        return table_law(of.contact, largest, of.spalls, of.accuracy, of.progress)
+    return direct.without_edges(of.contact, largest, (), of.accuracy, of.progress)
 
 
-def _drawn(rng: np.random.Generator, contact: LineContact, built: Atlas) -> tuple[float, ...]:
-    """A random length of spall [mm] and, at a random approach, what `edge_ramp.between` returns."""
-    length = float(built.lengths[-1]) * rng.uniform(0.05, 1.0)
-    load = float(np.exp(float(built.log_loads[-1]) - rng.uniform(0.0, np.log(30.0))))
-    return length, *map(float, _between(built, contact, length, load))
-
-
-def _error(contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None) -> float:
-    """See `Atlas.error`: at random points in the middle of spalls, and with an edge on the ramp."""
-    rng = np.random.default_rng(0)
-    cases = []
-    for k in range(CHECKS):
-        length, healthy, full, low, high = _drawn(rng, contact, built)
-        t = rng.uniform() if k % 2 else 1.0
-        load = max(float(edge_ramp.guessed(*map(jnp.asarray, (healthy, full, t)))), LIGHTEST * healthy)
-        shape = dataclasses.replace(like, length=length, width=4.0 * high)
-        cases.append(Case(load, shape, 2.0 * high - (low + (high - low) * t) if k % 2 else 0.0))
-    return _worst(TableLaw(contact, (built,), (0,)), cases, samples.all_solved(contact, cases, accuracy, progress))
-
-
-def _narrow_error(
-    contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None
-) -> cache.Arrays:
-    """See `TableLaw`: at random points with a roller near the middle of spalls whose edges are both in its reach."""
-    rng = np.random.default_rng(1)
-    cases = []
-    for _ in range(NARROW_CHECKS):
-        length, load, _, low, high = _drawn(rng, contact, built)
-        shape = dataclasses.replace(like, length=length, width=2.0 * high * rng.uniform(0.05, 1.0))
-        cases.append(Case(load, shape, -low * rng.uniform(0.0, 1.0)))
-    law = TableLaw(contact, (built,), (0,), 0.0)
-    return {"error": np.asarray(_worst(law, cases, samples.all_solved(contact, cases, accuracy, progress)))}
-
-
-def _worst(law: TableLaw, cases: list[Case], solved: list[Node]) -> float:
-    """The largest error of a load, by what a healthy roller carries there."""
-    worst = 0.0
-    for case, node in zip(cases, solved, strict=True):
-        found, _ = _one(law, node.approach, case.spall, case.distance)
-        sound, _ = _one(law, node.approach)
-        if float(sound) > 0.0:  # else there is no solution, as its status says
-            worst = max(worst, abs(float(found) - case.load) / float(sound))
-    return worst
-
-
-_one = jax.jit(load_over)
+base.register(
+    LawKind(
+        "table",
+        "curves and ramps through contact solves over load, spall length and place of the edge",
+        make=_made,
+        by_samples=True,
+        inner=True,
+        frozen=None,
+        effort=effort,
+    )
+)

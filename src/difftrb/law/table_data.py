@@ -8,30 +8,32 @@ places of the edge. `table` builds it.
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from difftrb.contact import gap, hertz
-from difftrb.core import status
+from difftrb.contact import gap
+from difftrb.core import status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.law import direct, edge_ramp, load_curve, samples
-from difftrb.law.direct import ASIDE, MOVED, Healthy
-from difftrb.law.edge_ramp import Carried, Ramp
-from difftrb.law.laws import Rest, of_one_deep_spall, within_range
+from difftrb.law import direct, edge_ramp, load_curve, ramp_fit, samples
+from difftrb.law.base import Rest, load_over, of_one_deep_spall, within_range
+from difftrb.law.direct import ASIDE, MOVED
+from difftrb.law.edge_ramp import Ramp, RollerCurves
 from difftrb.law.load_curve import Curve
+from difftrb.law.ramp_fit import Healthy
+from difftrb.law.samples import AT, Case, Node, Progress
 
+LIGHTEST = 0.08
+"""Least load of a solve at an edge, by what the roller carries on a healthy raceway: lighter ones tell nothing, and
+over long spalls there is none."""
+CHECKS = 24
+NARROW_CHECKS = 16
 NO_LAND = 1.0
 """Height of the crown [mm] that stands for what lies beyond the roller's end: no approach is as large."""
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["given", "log_loads", "healthy", "healthy_slopes", "half_width", "lengths", "full", "full_slopes",
-                 "sunk", "edge_lengths", "share", "share_slopes", "error", "status_code"],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Atlas:
     """A roller beside and over spalls of one depth and axial offset.
@@ -67,7 +69,7 @@ class Atlas:
     status_code: Real
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["contact", "atlases", "narrow_error"], meta_fields=["which"])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class TableLaw:
     """A roller law from `Atlas`es: the one numbered `which[i]` for the i-th spall of a scene.
@@ -78,7 +80,7 @@ class TableLaw:
 
     contact: LineContact
     atlases: tuple[Atlas, ...]
-    which: tuple[int, ...]
+    which: tuple[int, ...] = dataclasses.field(metadata={"static": True})
     narrow_error: Real | None = None
     name = "table"
     hard = False
@@ -103,7 +105,7 @@ class TableLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> Carried:
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
         """See `Law`. Spalls beyond those it was prepared for are for `judge` to refuse."""
         spalls, distances = spalls[: len(self.which)], distances[: len(self.which)]
         atlases = [self.atlases[which] for which in self.which[: len(spalls)]]
@@ -112,10 +114,10 @@ class TableLaw:
         if self.narrow_error is not None:
             beside = [_narrow(one, self.contact, spall) for spall, one in zip(spalls, beside, strict=True)]
         ramps = [
-            [dataclasses.replace(one, edge=direct.over(spall, distances[i], side)) for side in (1.0, -1.0)]
+            [dataclasses.replace(one, edge=ramp_fit.over(spall, distances[i], side)) for side in (1.0, -1.0)]
             for i, (spall, one) in enumerate(zip(spalls, beside, strict=True))
         ]
-        return direct.carried_by(healthy, [one.full for one in beside], ramps, spalls, distances)
+        return ramp_fit.roller_curves(healthy, [one.full for one in beside], ramps, spalls, distances)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`: spalls up to 85 % of the roller long, of a depth and axial offset that the table was built for, on
@@ -129,9 +131,9 @@ class TableLaw:
             change = _change(atlas, self.contact, spall)
             moved = jnp.max(jnp.abs(atlas.full_slopes @ change / atlas.full))
             deepest = jnp.max(atlas.full)
-            deep = (spall.depth > deepest) & (atlas.given[-3] > deepest)
-            same = (moved < MOVED) & (deep | (jnp.abs(change[-3]) < MOVED * atlas.given[-3]))
-            same = same & (jnp.abs(change[-2]) < ASIDE)
+            deep = (spall.depth > deepest) & (atlas.given[AT.spall_depth] > deepest)
+            same = (moved < MOVED) & (deep | (jnp.abs(change[AT.spall_depth]) < MOVED * atlas.given[AT.spall_depth]))
+            same = same & (jnp.abs(change[AT.spall_axial_offset]) < ASIDE)
             code = status.worst(code, jnp.where(same, status.CONVERGED, status.OTHER_SCENE))
             beside = ramp_of(atlas, self.contact, spall)
             _, end = edge_ramp.extent(beside, load_curve.end(beside.full, 1.0))
@@ -157,7 +159,7 @@ def _change(atlas: Atlas, contact: LineContact, spall: Spall | None) -> jax.Arra
 
 def _healthy(atlas: Atlas, contact: LineContact, change: jax.Array) -> Healthy:
     approaches, solved = atlas.healthy + atlas.healthy_slopes @ change, samples.contact_of(atlas.given)
-    return direct.healthy_level(contact, solved, atlas.log_loads, approaches, atlas.half_width)
+    return ramp_fit.healthy_level(contact, solved, atlas.log_loads, approaches, atlas.half_width)
 
 
 def _fulls(atlas: Atlas, contact: LineContact, like: Spall, change: jax.Array) -> Curve:
@@ -176,7 +178,7 @@ def spread(length: Real, contact: LineContact, top: Real) -> jax.Array:
 
 def shortest(contact: LineContact, top: Real) -> Real:
     """Width of the contact without a spall [mm]."""
-    return 2.0 * hertz.line_half_width(top / contact.length, contact.radius, contact.modulus)
+    return 2.0 * gap.line_half_width(top / contact.length, contact.radius, contact.modulus)
 
 
 def ramp_of(atlas: Atlas, contact: LineContact, spall: Spall) -> Ramp:
@@ -199,4 +201,69 @@ def _narrow(beside: Ramp, contact: LineContact, spall: Spall) -> Ramp:
     """The ramp for both edges of the spall."""
     crown = gap.crown_at(spall.axial_offset + 0.5 * spall.length * jnp.asarray(edge_ramp.ALONG), contact)
     width = jnp.asarray(spall.width, float)
-    return dataclasses.replace(beside, pit=edge_ramp.Pit(width, jnp.minimum(crown, NO_LAND)))
+    return dataclasses.replace(beside, narrow=edge_ramp.NarrowSpall(width, jnp.minimum(crown, NO_LAND)))
+
+
+# ------------------------------------------------------------------------------------------------ how far off it is
+
+
+def plain_ramp(built: Atlas, contact: LineContact, length: jax.Array) -> Ramp:
+    """The ramp beside a spall of this length as the atlas knows it, its edge under the roller's middle."""
+    return ramp_of(built, contact, dataclasses.replace(samples.spall_of(built.given), length=length))
+
+
+@jax.jit
+def _between(built: Atlas, contact: LineContact, length: jax.Array, load: jax.Array) -> tuple[jax.Array, ...]:
+    """`edge_ramp.between` at the approach of a roller that carries `load` [N] on a healthy raceway."""
+    beside = plain_ramp(built, contact, length)
+    return edge_ramp.between(beside, load_curve.approach(beside.healthy, load))
+
+
+def _drawn(rng: np.random.Generator, contact: LineContact, built: Atlas) -> tuple[float, ...]:
+    """A random length of spall [mm] and, at a random approach, what `edge_ramp.between` returns."""
+    length = float(built.lengths[-1]) * rng.uniform(0.05, 1.0)
+    load = float(np.exp(float(built.log_loads[-1]) - rng.uniform(0.0, np.log(30.0))))
+    return length, *map(float, _between(built, contact, length, load))
+
+
+def measured_error(
+    contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None
+) -> float:
+    """See `Atlas.error`: at random points in the middle of spalls, and with an edge on the ramp."""
+    rng = np.random.default_rng(0)
+    cases = []
+    for k in range(CHECKS):
+        length, healthy, full, low, high = _drawn(rng, contact, built)
+        t = rng.uniform() if k % 2 else 1.0
+        load = max(float(edge_ramp.guessed(*map(jnp.asarray, (healthy, full, t)))), LIGHTEST * healthy)
+        shape = dataclasses.replace(like, length=length, width=4.0 * high)
+        cases.append(Case(load, shape, 2.0 * high - (low + (high - low) * t) if k % 2 else 0.0))
+    return _worst(TableLaw(contact, (built,), (0,)), cases, samples.all_solved(contact, cases, accuracy, progress))
+
+
+def narrow_error(
+    contact: LineContact, built: Atlas, like: Spall, accuracy: float, progress: Progress | None
+) -> storage.Arrays:
+    """See `TableLaw`: at random points with a roller near the middle of spalls whose edges are both in its reach."""
+    rng = np.random.default_rng(1)
+    cases = []
+    for _ in range(NARROW_CHECKS):
+        length, load, _, low, high = _drawn(rng, contact, built)
+        shape = dataclasses.replace(like, length=length, width=2.0 * high * rng.uniform(0.05, 1.0))
+        cases.append(Case(load, shape, -low * rng.uniform(0.0, 1.0)))
+    law = TableLaw(contact, (built,), (0,), 0.0)
+    return {"error": np.asarray(_worst(law, cases, samples.all_solved(contact, cases, accuracy, progress)))}
+
+
+def _worst(law: TableLaw, cases: list[Case], solved: list[Node]) -> float:
+    """The largest error of a load, by what a healthy roller carries there."""
+    worst = 0.0
+    for case, node in zip(cases, solved, strict=True):
+        found, _ = _one(law, node.approach, case.spall, case.distance)
+        healthy, _ = _one(law, node.approach)
+        if float(healthy) > 0.0:  # else there is no solution, as its status says
+            worst = max(worst, abs(float(found) - case.load) / float(healthy))
+    return worst
+
+
+_one = jax.jit(load_over)

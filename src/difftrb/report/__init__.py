@@ -1,1 +1,1 @@
-"""What people and machines read of one solution: text, JSON, figures."""
+"""What people and machines read of one solution: text, JSON, figures; and what the command line shows meanwhile."""

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import effect, effects, life, ring
 from difftrb.ring.effects import Through
@@ -92,7 +92,7 @@ def _rollers_on_edges(scene: Scene, found: Solution) -> int:
         return 0
     contact, loads = raceway_contact(scene, "outer"), np.asarray(found.loads)
     line_loads = jnp.maximum(found.loads, 0.0) / contact.length
-    half = np.asarray(hertz.line_half_width(line_loads, contact.radius, contact.modulus))
+    half = np.asarray(gap.line_half_width(line_loads, contact.radius, contact.modulus))
     on_edge = np.zeros(loads.size, bool)
     for spall in ring.spalls_on(scene.spalls, "outer"):
         away = np.asarray(ring.distances(scene.bearing, (spall,), found.angles))[0]

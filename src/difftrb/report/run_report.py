@@ -17,7 +17,7 @@ from rich.text import Text
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.report import remarks
 from difftrb.ring import effect
 from difftrb.scene.audit import Audit

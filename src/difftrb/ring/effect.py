@@ -14,11 +14,11 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import jax
 
-from difftrb.core import geometry, pytrees, ranges
-from difftrb.core.files import shown
+from difftrb.core import fields, geometry
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.core.messages import shown
 from difftrb.core.status import SceneError
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.ring import ring, roller_balance
 from difftrb.ring.ring import Equilibrium, Load
 from difftrb.ring.terms import PLAIN, Terms, beside
@@ -103,7 +103,7 @@ class Effect:
     """Units of what `results` has."""
 
     def __post_init__(self) -> None:
-        pytrees.whole_to_float(self)
+        fields.whole_to_float(self)
 
     def check(self, asked: Asked) -> None:
         """Raise ValueError, in one sentence, if this effect cannot be had so. Outside jit only."""
@@ -137,17 +137,17 @@ def register(kind: Kind) -> Kind:
     """
     key, known = getattr(kind, "key", None), _REGISTER.get(getattr(kind, "key", ""))
     if not isinstance(key, str) or not key.isidentifier() or keyword.iskeyword(key):
-        raise ValueError(f"{kind.__name__}.key = {shown(key)}: must be a plain name, say 'flange'")
+        raise SceneError(f"{kind.__name__}.key = {shown(key)}: must be a plain name, say 'flange'")
     if known is not None and (known.__module__, known.__qualname__) != (kind.__module__, kind.__qualname__):
-        raise ValueError(f"{kind.__name__}.key = {key!r} is that of {known.__qualname__}; choose another")
+        raise SceneError(f"{kind.__name__}.key = {key!r} is that of {known.__qualname__}; choose another")
     if not getattr(kind, "label", ""):
-        raise ValueError(f"{kind.__name__}.label is missing: say in a few words what acts")
-    ranged = {field.name for field in ranges.fields_of(kind)}
+        raise SceneError(f"{kind.__name__}.label is missing: say in a few words what acts")
+    ranged = {field.name for field in fields.fields_of(kind)}
     for field in dataclasses.fields(cast(Any, kind)):
         if field.name not in ranged:
-            raise ValueError(f"{kind.__name__}.{field.name} has no range: annotate it with Interval and Unit")
+            raise SceneError(f"{kind.__name__}.{field.name} has no range: annotate it with Interval and Unit")
     _REGISTER[key] = kind
-    return pytrees.register(kind)
+    return fields.register(kind)
 
 
 def registered() -> tuple[type[Effect], ...]:

@@ -16,10 +16,11 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 import difftrb.ring
-from difftrb.contact.contact_problem import is_given
-from difftrb.core import geometry, pytrees
+from difftrb.contact.contact_solution import is_given
+from difftrb.core import fields, geometry
 from difftrb.core.geometry import Real, TaperedBearing
-from difftrb.law.laws import Law
+from difftrb.core.status import SceneError
+from difftrb.law.base import LAWS, Law
 from difftrb.ring import ring
 from difftrb.ring.effect import Asked, Effect, Results, Ring, Stage, register, registered, remarks, results, terms
 from difftrb.ring.life import Life
@@ -60,14 +61,14 @@ class Raceways(Effect):
 
     def check(self, asked: Asked) -> None:
         """A law of one contact."""
-        if isinstance(asked.law, str) and asked.law in ("palmgren", "liu2018"):
-            raise ValueError(
+        if isinstance(asked.law, str) and asked.law in LAWS and not LAWS[asked.law].inner:
+            raise SceneError(
                 f"contact.law = {asked.law!r} does not know the inner raceway alone: with effects.raceways use "
                 "'power', 'table' or 'direct'"
             )
 
 
-@pytrees.register
+@fields.register
 @dataclasses.dataclass(frozen=True)
 class SeriesRaceways(Raceways):
     """`Raceways` prepared: with the inner raceway's law."""
@@ -106,7 +107,7 @@ class Flange(Effect):
     def check(self, asked: Asked) -> None:
         """A radius to be soft by."""
         if self.compliance == "hertz" and self.end_radius is None:
-            raise ValueError("effects.flange.end_radius is missing: compliance = 'hertz' needs it; give a number in mm")
+            raise SceneError("effects.flange.end_radius is missing: compliance = 'hertz' needs it; give a number in mm")
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """A flange that gives way, if asked."""
@@ -194,7 +195,7 @@ class Diameters(Effect):
     def check(self, asked: Asked) -> None:
         """One for every roller."""
         if len(self.deviations) != asked.bearing.rollers:
-            raise ValueError(
+            raise SceneError(
                 f"effects.diameters.deviations has {len(self.deviations)} entries for {asked.bearing.rollers} rollers; "
                 "give one for each"
             )
@@ -240,9 +241,9 @@ class Mounting(Effect):
         """Diameters to fit by, and no axial load beside the position."""
         for fit, size in (("shaft_interference", "bore"), ("housing_interference", "outside")):
             if is_given(getattr(self, fit)) and getattr(self, size) is None:
-                raise ValueError(f"effects.mounting.{size} is missing: {fit} needs it; give a number in mm")
+                raise SceneError(f"effects.mounting.{size} is missing: {fit} needs it; give a number in mm")
         if is_given(asked.load.axial):
-            raise ValueError(
+            raise SceneError(
                 "load.axial must be 0 with effects.mounting, which holds the rings at a position: the axial force is "
                 "what comes out; set it to 0"
             )

@@ -19,7 +19,7 @@ import numpy as np
 from difftrb.core import implicit
 from difftrb.core.geometry import Real
 from difftrb.law import edge_ramp, load_curve
-from difftrb.law.edge_ramp import Carried
+from difftrb.law.edge_ramp import RollerCurves
 from difftrb.ring import roller_balance
 from difftrb.ring.roller_balance import Seat
 from difftrb.ring.terms import Terms
@@ -42,9 +42,9 @@ RollerLoads = tuple[jax.Array, jax.Array]
 """Load [N] and its slope [N/mm] of every roller, both of shape (rollers,)."""
 
 
-def _each(held: tuple[Seat | None, Carried], approach: jax.Array) -> RollerLoads:
+def _each(held: tuple[Seat | None, RollerCurves], approach: jax.Array) -> RollerLoads:
     seat, curves = held
-    return edge_ramp.carried(curves, approach) if seat is None else roller_balance.carried(seat, curves, approach)
+    return edge_ramp.roller_loads(curves, approach) if seat is None else roller_balance.carried(seat, curves, approach)
 
 
 class Rollers(NamedTuple):
@@ -53,7 +53,7 @@ class Rollers(NamedTuple):
 
     normals: jax.Array
     interference: jax.Array
-    curves: Carried
+    curves: RollerCurves
     seat: Seat | None = None
 
     def approach(self, u: jax.Array) -> jax.Array:
@@ -115,7 +115,7 @@ def norm(force: jax.Array) -> jax.Array:
     return jnp.linalg.norm(jax.lax.stop_gradient(force))
 
 
-def start(rollers: Rollers, healthy: Carried, force: jax.Array, terms: Terms) -> jax.Array:
+def start(rollers: Rollers, healthy: RollerCurves, force: jax.Array, terms: Terms) -> jax.Array:
     """Where Newton's method begins: the load zone of a healthy ring, or, of a pair of rows, all rollers as loaded as
     were the load shared equally. If all are clear of what they stand over, beyond the least of these gaps: without a
     loaded roller Newton's method knows no way."""

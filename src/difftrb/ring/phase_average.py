@@ -16,7 +16,7 @@ import numpy as np
 from difftrb.core import geometry
 from difftrb.core.geometry import Raceway, Spall, TaperedBearing
 from difftrb.law import load_curve
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.ring import ring
 from difftrb.ring.ring import Load
 

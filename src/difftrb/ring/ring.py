@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb.core import geometry, pytrees, status
+from difftrb.core import fields, geometry, status
 from difftrb.core.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
-from difftrb.law.laws import Law, Rest
+from difftrb.law.base import Law, Rest
 from difftrb.ring import newton, roller_balance
 from difftrb.ring.newton import Rollers, System
 from difftrb.ring.terms import PLAIN, Terms, Tilting, beside, both, without_land
@@ -25,7 +25,7 @@ HELD = 1e-9
 """Share of all loads below which a row does not hold a shaft's tilt: one that is lifted off may be left touching."""
 
 
-@pytrees.register
+@fields.register
 @dataclasses.dataclass(frozen=True)
 class Load:
     """The bearing's load.
@@ -41,7 +41,7 @@ class Load:
     axial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
 
     def __post_init__(self) -> None:
-        pytrees.whole_to_float(self)
+        fields.whole_to_float(self)
 
 
 @jax.tree_util.register_dataclass

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from difftrb.core import geometry
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.law import edge_ramp
-from difftrb.law.edge_ramp import Carried
+from difftrb.law.edge_ramp import RollerCurves
 
 ROUNDS = 40
 """Of the bracketed Newton method for the inner approach, at most: the laws are nearly straight, four or five do."""
@@ -37,7 +37,7 @@ class Seat(NamedTuple):
     inner: Real
     flange: Real
     centrifugal: Real | None = None
-    inner_curves: Carried | None = None
+    inner_curves: RollerCurves | None = None
     flange_compliance: Real | None = None
 
     @property
@@ -101,11 +101,11 @@ def _wedged(seat: Seat, outer_load: jax.Array) -> jax.Array:
     return outer_load * seat.wedge + seat.outwards * jnp.sin(seat.inner) / seat.inner_cos
 
 
-def carried(seat: Seat, outer_curves: Carried, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+def carried(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Outer load [N] and its slope [N/mm] of every roller whose ring has approached it by `approach` [mm], all of shape
     (rollers,). Q is at least what the centrifugal force presses outwards."""
     if seat.inner_curves is None and seat.flange_compliance is None:
-        load, slope = edge_ramp.carried(outer_curves, approach)
+        load, slope = edge_ramp.roller_loads(outer_curves, approach)
         if seat.centrifugal is None:
             return load, slope
         return jnp.maximum(load, seat.least), jnp.where(load > seat.least, slope, 0.0)
@@ -130,7 +130,7 @@ def _between(seat: Seat, inside: jax.Array) -> Between:
     if seat.inner_curves is None:
         inner, inner_rate, approach, pace = inside, jnp.ones_like(inside), jnp.zeros_like(inside), 0.0
     else:
-        inner, inner_rate = edge_ramp.carried(seat.inner_curves, inside)
+        inner, inner_rate = edge_ramp.roller_loads(seat.inner_curves, inside)
         approach, pace = inside, 1.0
     ratio = seat.inner_cos / seat.outer_cos
     load, rate = inner * ratio + seat.least, inner_rate * ratio
@@ -156,21 +156,21 @@ class Balance(NamedTuple):
     slope: jax.Array
 
 
-def _balance(seat: Seat, outer_curves: Carried, approach: jax.Array, inside: jax.Array) -> Balance:
+def _balance(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array) -> Balance:
     place = _between(seat, inside)
-    load, slope = edge_ramp.carried(outer_curves, approach - place.moved)
+    load, slope = edge_ramp.roller_loads(outer_curves, approach - place.moved)
     falling = slope * place.pace + place.rate
     falling = jnp.where(falling > 0.0, falling, 1.0)
     return Balance(load - place.load, falling, load, slope * place.rate / falling)
 
 
-def _inside(seat: Seat, outer_curves: Carried, approach: jax.Array) -> jax.Array:
+def _inside(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:
     """Inner approach [mm] (or inner load [N]: see `_between`) at which every roller rests, shape (rollers,); 0 where
     the inner raceway is not touched. Differentiable twice: two steps of Newton's method follow the solution."""
     fixed = jax.lax.stop_gradient((seat, outer_curves, approach))
     there = fixed[2]
     if seat.inner_curves is None:
-        top = jnp.maximum(edge_ramp.carried(fixed[1], there)[0], 1.0) / fixed[0].inner_cos
+        top = jnp.maximum(edge_ramp.roller_loads(fixed[1], there)[0], 1.0) / fixed[0].inner_cos
     else:
         top = jnp.maximum(there, 1e-12) * fixed[0].inner_cos / fixed[0].outer_cos
     held = _balance(*fixed, jnp.zeros_like(there)).excess > 0.0

@@ -13,8 +13,8 @@ import numpy as np
 
 from difftrb.core import status
 from difftrb.core.geometry import Real, Spall
-from difftrb.law.edge_ramp import Carried
-from difftrb.law.laws import Law, Rest
+from difftrb.law.base import Law, Rest
+from difftrb.law.edge_ramp import RollerCurves
 from difftrb.ring.roller_balance import Seat
 
 NOWHERE = 1e4
@@ -105,7 +105,7 @@ class Tilting(NamedTuple):
         return displacement / scale, tangent * scale[:, None] * scale[None, :]
 
 
-def without_land(slices: Carried) -> jax.Array:
+def without_land(slices: RollerCurves) -> jax.Array:
     """Which slices a spall takes all land from, shape (rollers · slices,)."""
     stiffness = slices.each.coefficients[0]  # its logarithm
     return stiffness < jnp.max(stiffness) + 0.5 * np.log(LEAST)
@@ -129,7 +129,7 @@ class Terms(NamedTuple):
     interference: Real | None = None
     seat: Seat | None = None
     axial: Real | None = None
-    slices: Carried | None = None
+    slices: RollerCurves | None = None
     tilting: Tilting | None = None
     extra: jax.Array | None = None
     known: jax.Array | None = None

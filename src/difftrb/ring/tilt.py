@@ -14,13 +14,15 @@ import jax.core
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb.contact import gap, hertz
-from difftrb.contact.contact_problem import is_given
+from difftrb.contact import gap
+from difftrb.contact.contact_solution import is_given
 from difftrb.core import geometry
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
+from difftrb.core.status import SceneError
 from difftrb.law import load_curve
-from difftrb.law.edge_ramp import Carried
-from difftrb.law.laws import Palmgren, spalls_under
+from difftrb.law.base import spalls_under
+from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.power import Palmgren
 from difftrb.ring import ring
 from difftrb.ring.effect import Asked, Effect, Results, Ring, Stage, among, register
 from difftrb.ring.ring import Equilibrium
@@ -94,11 +96,11 @@ class DoubleRow(Effect):
         if reach is None or self.spacing is None:
             for name in ("moment_radial", "moment_lateral"):
                 if is_given(getattr(self, name)):
-                    raise ValueError(f"effects.double_row.spacing is missing: {name} needs it; give a number in mm")
+                    raise SceneError(f"effects.double_row.spacing is missing: {name} needs it; give a number in mm")
             return
         alone = reach_of_pair(asked.bearing, 0.0, back_to_back=True)
         if not isinstance(reach, jax.core.Tracer) and abs(float(reach)) < LEAST_REACH * float(alone):
-            raise ValueError(
+            raise SceneError(
                 f"effects.double_row.spacing = {float(self.spacing):g}: puts both rows' load centres in "
                 "one place, which does not hold the shaft's tilt; change it, or leave it out"
             )
@@ -134,11 +136,11 @@ def places(contact: LineContact, count: int) -> jax.Array:
     return contact.length * ((jnp.arange(count) + 0.5) / count - 0.5)
 
 
-def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: jax.Array, count: int) -> Carried:
+def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: jax.Array, count: int) -> RollerCurves:
     """What every slice carries of rollers at `distances` [mm] from `spalls`, shape (spalls, rollers), in `count` slices
     each; shape (rollers · slices,), roller by roller."""
     at = places(contact, count)
-    stiffness = hertz.lamina_stiffness(contact.length) / count  # ISO/TS 16281:2008, eq. (38)
+    stiffness = gap.lamina_stiffness(contact.length) / count  # ISO/TS 16281:2008, eq. (38)
     land = jnp.stack([jnp.ones(count), *(1.0 - _covered(contact, spall, at) for spall in spalls)])
     under = spalls_under(spalls, distances)
     here = (under[:, None] == jnp.arange(land.shape[0])[None, :])[..., None]  # no gather: slow in a batch
@@ -146,7 +148,7 @@ def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: jax.Array
     K = stiffness * jnp.maximum(left, LEAST)
     slices = load_curve.power(K.ravel(), jnp.full(K.size, 10.0 / 9.0))
     profile = 2.0 * gap.crown_at(at, contact)  # both raceways
-    return Carried(dataclasses.replace(slices, shift=jnp.tile(profile, under.size)))
+    return RollerCurves(dataclasses.replace(slices, shift=jnp.tile(profile, under.size)))
 
 
 def _covered(contact: LineContact, spall: Spall, places: jax.Array) -> jax.Array:
@@ -190,25 +192,25 @@ class Tilt(Effect):
     def check(self, asked: Asked) -> None:
         """The law of slices, and a second row that tilts as this one does."""
         if asked.law != "palmgren" and not isinstance(asked.law, Palmgren):
-            raise ValueError("effects.tilt carries by slices of ISO/TS 16281: set contact.law = 'palmgren'")
+            raise SceneError("effects.tilt carries by slices of ISO/TS 16281: set contact.law = 'palmgren'")
         row = among(asked.effects, DoubleRow)
         if row is None:
             if self.rings == "free" and self.slices < 2:
-                raise ValueError(
+                raise SceneError(
                     "effects.tilt.slices = 1: one slice does not hold a tilt; give a whole number in 2 … 200"
                 )
             return
         if is_given(self.reach):
-            raise ValueError(
+            raise SceneError(
                 "effects.tilt.reach must be 0 with effects.double_row, whose shaft tilts about the middle between its "
                 "rows; leave it out"
             )
         if self.rings == "free" and row.spacing is None:
-            raise ValueError(
+            raise SceneError(
                 "effects.double_row.spacing is missing: effects.tilt needs it, or rings = 'parallel'; give one of both"
             )
         if self.rings == "parallel" and row.spacing is not None:
-            raise ValueError(
+            raise SceneError(
                 "effects.tilt.rings = 'parallel' and effects.double_row.spacing exclude each other: rings with a "
                 "spacing tilt; leave one out"
             )

@@ -18,9 +18,10 @@ import numpy as np
 
 from difftrb.contact import solver as contacts
 from difftrb.core.geometry import Raceway, Real, Spall
-from difftrb.law import edge_ramp, laws
+from difftrb.law import base as laws
+from difftrb.law import edge_ramp
+from difftrb.law.base import LAWS, Law, Rest
 from difftrb.law.direct import DirectLaw
-from difftrb.law.laws import Law, Rest
 from difftrb.law.local import LocalLaw
 from difftrb.law.samples import Node, Progress
 from difftrb.ring import ring, roller_balance
@@ -279,7 +280,8 @@ def promised(of: Law, spalls: tuple[Spall, ...], distances: jax.Array, rest: Res
     error = float(of.error)
     if not of.hard:
         return TABLES_KEEP * error
-    if of.name == "liu2018" or float(jnp.max(rest.loads)) > float(of.load_range[1]) * (1.0 + 1e-9):
+    promises = of.name not in LAWS or LAWS[of.name].promises
+    if not promises or float(jnp.max(rest.loads)) > float(of.load_range[1]) * (1.0 + 1e-9):
         return math.nan
     lost = 0.0
     for spall, away in zip(spalls, distances, strict=True):
@@ -294,4 +296,4 @@ def promised(of: Law, spalls: tuple[Spall, ...], distances: jax.Array, rest: Res
 def _carried(of: Law, approach: jax.Array, spall: Spall, place: Real) -> jax.Array:
     """What rollers at `approach` [mm], shape (rollers,), would carry if all stood so far from the spall [mm]."""
     curves = of.curves((spall,), jnp.broadcast_to(jnp.asarray(place), (1, approach.size)))
-    return edge_ramp.carried(curves, approach)[0]
+    return edge_ramp.roller_loads(curves, approach)[0]

@@ -12,7 +12,7 @@ import numpy as np
 
 from difftrb.core.geometry import LineContact, Raceway, Spall
 from difftrb.law import samples
-from difftrb.law.laws import Rest
+from difftrb.law.base import Rest
 from difftrb.law.samples import Case, Node, Progress
 from difftrb.ring import effects, ring, roller_balance
 from difftrb.ring.effects import Through

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import cast
 
 from difftrb.core.geometry import Real
-from difftrb.law import laws, table
+from difftrb.law import base as laws
 from difftrb.scene import checks
 from difftrb.scene.scene import Finer, Picked, Scene
 from difftrb.scene.solving import PREPARED, apart, main_values, prepare, refined, solve_prepared
@@ -26,11 +26,10 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
 
     Each of them is solved by "direct" first, see `solving.refined`, to a tenth of `accuracy` if it can; those without a
     solution do not count. A law's error is the largest difference from these, plus what they themselves are known to.
-    If none keeps what is asked, the most exact one is taken, and `picked` says its error. "liu2018" is left out for
-    other bearings, and laws for which `make` raises ValueError; if that leaves none, the last one's is raised.
+    If none keeps what is asked, the most exact one is taken, and `picked` says its error. Left out are laws that
+    are for other bearings, and those for which `make` raises ValueError; if that leaves none, the last one's is raised.
     """
-    if not laws.is_of_liu2018(scenes[0].bearing):
-        among = [made for made in among if made[0] != "liu2018"]
+    among = [made for made in among if laws.LAWS[made[0]].is_for(scenes[0].bearing)]
     scenes = [checks.checked(scene) for scene in scenes]
     asked = scenes[0].accuracy
     exact = [(scene, *refined(dataclasses.replace(scene, accuracy=0.1 * asked))) for scene in scenes]
@@ -46,7 +45,8 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
         finer = None
         if number + 1 < len(among):
             following, its = among[number + 1]
-            finer = Finer(following, its, _effort(following, its) * min(seconds for *_, seconds in exact))
+            effort = laws.LAWS[following].effort(its)
+            finer = Finer(following, its, effort * min(seconds for *_, seconds in exact))
         picked = Picked(law, accuracy, asked, max(errors, key=_size, default=math.nan), finer)
         made = dataclasses.replace(made, accuracy=PREPARED, picked=picked)
         if best is None or _size(picked.error) < _size(cast(Picked, best.picked).error):
@@ -54,11 +54,6 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
         if picked.error <= picked.asked:
             return made
     return cast(Scene, best)
-
-
-def _effort(law: str, accuracy: float) -> float:
-    """Contact solves of a law that many scenes can share, by the time of one without an edge in reach."""
-    return laws.CONTACTS if law == "power" else table.effort(accuracy)
 
 
 def _error(made: Scene, scene: Scene, truth: Scene) -> float:

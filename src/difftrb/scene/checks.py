@@ -17,25 +17,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact.height_map import HeightMap
-from difftrb.core import geometry, ranges, status
+from difftrb.core import fields, geometry, status
 from difftrb.core.bearing_checks import across, as_numbers, first
-from difftrb.core.files import shown
 from difftrb.core.geometry import Spall, TaperedBearing
-from difftrb.core.messages import number_in
+from difftrb.core.messages import number_in, shown
 from difftrb.core.status import SceneError
-from difftrb.law import laws as laws
-from difftrb.law.laws import Law
+from difftrb.law import base as laws
+from difftrb.law.base import Law
 from difftrb.ring import effects, ring
 from difftrb.ring.effects import Effect
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scene
 
-SEVERAL_SHAPES = (
-    "law = 'power' is fitted for spalls of one width, depth and axial offset; make them equal, use another law, "
-    "or give the scene a law prepared with power_law"
-)
-BY_NODES = ("table", "direct")
-"""Laws from contact solves that are made one by one, outside of jit."""
 KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definition", "phase": "stiffness.phase"}
 """Of a scene's own numbers in a file."""
 
@@ -79,7 +72,7 @@ def _read(scene: Scene) -> Scene:
 
 def _of_kinds(scene: Scene) -> str | None:
     """Every field for itself: what it is, and its range."""
-    solved = isinstance(scene.law, LawName) and scene.law.name in (*BY_NODES, laws.AUTO)
+    solved = isinstance(scene.law, LawName) and laws.by_samples(scene.law.name)
     if not isinstance(scene.bearing, TaperedBearing):
         return (
             f"bearing = {shown(scene.bearing)}: must be a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a "
@@ -96,14 +89,14 @@ def _of_kinds(scene: Scene) -> str | None:
         if not isinstance(effect, Effect):
             return f"effects.{i} = {shown(effect)}: must be one of difftrb.effects"
     for key, owner, not_finite in _owners(scene):
-        if (sentence := ranges.wrong(owner, key, not_finite and not solved)) is not None:
+        if (sentence := fields.wrong(owner, key, not_finite and not solved)) is not None:
             return sentence
-    for field in ranges.fields_of(Scene):
+    for field in fields.fields_of(Scene):
         value = getattr(scene, field.name)
         if field.name not in KEYS or isinstance(value, PitchMean):
             continue
         passed = field.name == "phase" and not solved
-        if (sentence := ranges.of_field(field, value, KEYS[field.name], passed)) is not None:
+        if (sentence := fields.of_field(field, value, KEYS[field.name], passed)) is not None:
             return sentence
     return None
 
@@ -127,13 +120,14 @@ def _of_law(scene: Scene) -> str | None:
     """The law, its accuracy, and the lengths of spalls that it knows."""
     if not isinstance(scene.law, LawName):
         if not hasattr(scene.law, "curves"):
-            return f"contact.law = {shown(scene.law)}: must be one of {', '.join(map(repr, laws.NAMES))}, or a law made"
+            known = ", ".join(map(repr, laws.names()))
+            return f"contact.law = {shown(scene.law)}: must be one of {known}, or a law made"
         return None
     name = scene.law.name
-    if name not in laws.NAMES:
+    if name not in laws.names():
         return f"contact.{laws.unknown(name)}"
-    if name == "liu2018" and not laws.is_of_liu2018(scene.bearing):
-        return "contact.law = 'liu2018' holds for the bearing 32008J only; use 'power'"
+    if name in laws.LAWS and not laws.LAWS[name].is_for(scene.bearing):
+        return f"contact.law = {name!r} holds for the bearing {laws.LAWS[name].bearing} only; use 'power'"
     return _accuracy(scene, name)
 
 
@@ -162,8 +156,7 @@ def _of_spalls(scene: Scene) -> str | None:
     for i, spall in enumerate(scene.spalls):
         length, width, around = as_numbers(spall.length), as_numbers(spall.width), _around(scene.bearing, spall)
         if law is not None and length and roller:
-            shares = {"palmgren": 0.99 * roller[0], "liu2018": laws.TABLE_2[-1, 0]}
-            longest = shares.get(law, laws.LENGTH_SHARE * roller[0])
+            longest = laws.longest(law, roller[0])
             if length[0] > longest * (1.0 + 1e-12):
                 return (
                     f"spall.{i}.length = {length[0]:g}: contact.law = {law!r} knows 0 … {longest:g} mm; shorten the "
@@ -174,9 +167,10 @@ def _of_spalls(scene: Scene) -> str | None:
                 f"spall.{i}.width = {width[0]:g}: must be at most once round the {_lies_on(spall)}, {around:.6g} mm; "
                 "make it narrower"
             )
+    one_shape = laws.LAWS[law].one_shape if law in laws.LAWS else ""
     for raceway in ("outer", "inner"):
-        if law == "power" and not of_one_shape(ring.spalls_on(scene.spalls, raceway)):
-            return f"spall: contact.{SEVERAL_SHAPES}"
+        if one_shape and not of_one_shape(ring.spalls_on(scene.spalls, raceway)):
+            return f"spall: contact.{one_shape}"
     return None
 
 
@@ -237,7 +231,7 @@ def _of_effects(scene: Scene) -> str | None:
 def code(scene: Scene) -> jax.Array:
     """Status inside jit: whether every number of the scene is within its range, and rollers taper the right way."""
     owners = [scene, *(owner for _, owner, _ in _owners(scene))]
-    within = ranges.all_within(number for owner in owners for number in ranges.traced(owner))
+    within = fields.all_within(number for owner in owners for number in fields.traced(owner))
     bearing = jax.lax.stop_gradient(scene.bearing)
     within = within & (bearing.roller_large_diameter > bearing.roller_small_diameter)
     return jnp.where(within, status.CONVERGED, status.BAD_INPUT)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.contact.stress_intensity import edge_intensity
 from difftrb.core import status
 from difftrb.core.geometry import Raceway
@@ -92,7 +92,7 @@ def _met(scene: Scene, number: int, raceway: Raceway, at: Solution) -> EdgeStres
     spall, contact = scene.spalls[number], raceway_contact(scene, raceway)
     loads = np.asarray(at.loads if raceway == "outer" else at.effects["inner_loads"])
     away = np.asarray(ring.distances(scene.bearing, (spall,), at.angles, raceway))[0]
-    half = np.asarray(hertz.line_half_width(jnp.maximum(loads, 0.0) / contact.length, contact.radius, contact.modulus))
+    half = np.asarray(gap.line_half_width(jnp.maximum(loads, 0.0) / contact.length, contact.radius, contact.modulus))
     over = (loads > 0.0) & (np.abs(away) < 0.5 * float(spall.width) + half)
     if not over.any():
         return None

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 from difftrb.contact.height_map import HeightMap
-from difftrb.core import geometry, pytrees
-from difftrb.core.files import shown
+from difftrb.core import fields, geometry
 from difftrb.core.geometry import LineContact, Raceway, Real, Spall, TaperedBearing
+from difftrb.core.messages import shown
 from difftrb.core.status import SceneError
-from difftrb.law import laws
-from difftrb.law.laws import Law
+from difftrb.law import base as laws
+from difftrb.law.base import Law
 from difftrb.ring import effect, effects, phase_average
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load
@@ -76,7 +76,7 @@ class Picked:
     finer: Finer | None
 
 
-@pytrees.register
+@fields.register
 @dataclasses.dataclass(frozen=True)
 class Scene:
     """A bearing, its load and its spalls, and how to compute with them. A pytree: every number is a leaf.
@@ -130,7 +130,7 @@ class Scene:
             tidy["law"] = LawName(self.law)
         for name, value in tidy.items():
             object.__setattr__(self, name, value)
-        pytrees.whole_to_float(self, ("design_load", "phase"))
+        fields.whole_to_float(self, ("design_load", "phase"))
 
 
 def _bearing(name: str) -> TaperedBearing:

@@ -7,7 +7,6 @@ import functools
 import json
 import re
 import tomllib
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,13 +16,12 @@ from pydantic import TypeAdapter, ValidationError
 
 from difftrb.contact import height_map
 from difftrb.contact.height_map import HeightMap
-from difftrb.core import files, geometry
+from difftrb.core import geometry, messages
 from difftrb.core.bearing_checks import across
-from difftrb.core.files import shown
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
-from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence
+from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence, shown
 from difftrb.core.status import SceneError
-from difftrb.law import laws as laws
+from difftrb.law import base as laws
 from difftrb.ring import effect, effects
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load, needed_axial
@@ -35,10 +33,14 @@ DEEPEST = 32
 """Points of a line of a scene file, without those of numbers: no key has so many parts."""
 PHASES = 16
 """Of one roller pitch, at which rings under moments are asked for an equilibrium."""
+TAKES = {"bearing": f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a [bearing] table"}
+"""What keys take of which annotations do not tell all."""
 
 
 class NoEquilibriumError(SceneError):
     """A scene that is well formed but has no solution."""
+
+    exit_code = 1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +49,7 @@ class ContactTable:
 
     __pydantic_config__ = FILE_RULES
 
-    law: Literal["power", "liu2018", "palmgren", "table", "direct", "auto"] = "power"
+    law: str = "power"
     design_load: DesignLoad = 6500.0
     accuracy: Annotated[float, Interval(ge=1e-5, le=1e-1)] = dataclasses.field(default=1e-3, metadata={"static": True})
     load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
@@ -113,15 +115,15 @@ def load_scene(path: str | Path) -> Scene:
 
 def example(name: str = "spall") -> str:
     """The text of a packaged scene; `SceneError` lists the names there are."""
-    if name not in example_names():
-        raise SceneError(f"no example named {name!r}; there are {', '.join(example_names())}")
-    return (resources.files("difftrb") / "scenes" / f"{name}.toml").read_text(encoding="utf-8")
+    texts = messages.packaged(".toml")
+    if name not in texts:
+        raise SceneError(f"no example named {name!r}; there are {', '.join(texts)}")
+    return texts[name]
 
 
 def example_names() -> list[str]:
     """Names of the packaged scenes."""
-    folder = resources.files("difftrb") / "scenes"
-    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return list(messages.packaged(".toml"))
 
 
 def read(path: str | Path) -> SceneFile:
@@ -131,7 +133,7 @@ def read(path: str | Path) -> SceneFile:
 
 def text_of(path: str | Path) -> str:
     """The text of a scene file, at most 1 MB; raises `SceneError`."""
-    return files.text_of(path, "a scene file", SceneError)
+    return messages.text_of(path, "a scene file", SceneError)
 
 
 def parse(text: str, path: str | Path = "scene") -> SceneFile:
@@ -161,10 +163,7 @@ def _deep(text: str, path: str | Path) -> None:
 
 def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
     """Check a scene file's tables, which are changed by it, as `parse` does its text."""
-    contact = content.get("contact")
-    law = contact.get("law") if isinstance(contact, dict) else None
-    if isinstance(law, str) and law not in laws.NAMES:
-        raise SceneError(f"{path}: contact.{laws.unknown(law)}")
+    _known_law(content, path)
     if isinstance(content.get("bearing"), str):
         name = content["bearing"]
         if name not in geometry.NAMED_BEARINGS:
@@ -179,7 +178,7 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
         read = _adapter(kinds).validate_json(json.dumps(content, default=str))
     except ValidationError as error:
         worst = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY)  # a misspelt key explains a missing one
-        raise SceneError(f"{path}: {in_one_sentence(worst, _schema(kinds))}") from None
+        raise SceneError(f"{path}: {in_one_sentence(worst, _schema(kinds), TAKES)}") from None
     except RecursionError:
         raise SceneError(f"{path}: is nested too deeply for a scene") from None
     file = _as_read(read, kinds)
@@ -242,6 +241,17 @@ def _loaded(name: str, place: Spall, key: str, folder: Path) -> HeightMap:
         return height_map.load_height_map(file, place.axial_offset, place.angle, place.surface)
     except height_map.HeightMapError as error:
         raise SceneError(f"{key} = {shown(name)}: {error}") from None
+
+
+def _known_law(content: dict[str, Any], path: str | Path) -> None:
+    """Refuse a law that cannot be named here."""
+    contact = content.get("contact")
+    if not isinstance(contact, dict) or "law" not in contact or contact["law"] in laws.names():
+        return
+    law = contact["law"]
+    if isinstance(law, str):
+        raise SceneError(f"{path}: contact.{laws.unknown(law)}")
+    raise SceneError(f"{path}: contact.law = {shown(law)}: must be one of {', '.join(map(repr, laws.names()))}")
 
 
 def check_contact(file: SceneFile, path: str | Path) -> None:

@@ -18,18 +18,18 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import hertz
+from difftrb.contact import gap
 from difftrb.core import geometry
 from difftrb.core.geometry import LineContact, Raceway, Real, Spall
 from difftrb.core.status import SceneError
-from difftrb.law import direct, laws, local, table
+from difftrb.law import base as laws
+from difftrb.law import direct, local, power
+from difftrb.law.base import Law, Rest
 from difftrb.law.direct import DirectLaw
-from difftrb.law.laws import Law, Rest
 from difftrb.law.local import LocalLaw, Reached
 from difftrb.law.samples import Progress
 from difftrb.ring import effects, phase_average, ring, roller_balance
 from difftrb.ring.effects import DoubleRow, Raceways, SeriesRaceways, Through
-from difftrb.scene import checks
 from difftrb.scene.scene import LawName, PitchMean, Scene, cage_phases, raceway_contact
 
 NOT_IN_THE_MEAN = (
@@ -61,8 +61,8 @@ LEAST_SHARE = 0.15
 def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
     """A checked scene with a law on every raceway that gives way; arguments as in `difftrb.prepare`.
 
-    A law that is there is carried to its contact. Raises ValueError for a traced scene whose law needs numbers, and
-    where only the inner raceway's law is missing; SceneError for a mean over phases that needs a `LocalLaw`.
+    A law that is there is carried to its contact. Raises SceneError for a traced scene whose law needs numbers, where
+    only the inner raceway's law is missing, and for a mean over phases that needs a `LocalLaw`.
     """
     if isinstance(scene.law, LawName) and scene.law.name == "direct" and not is_traced(scene) and _may_be_local(scene):
         largest = _largest_for_curves(scene)
@@ -99,29 +99,26 @@ def _holding(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
 def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real | None) -> Law:
     """The law on one raceway, carried to its contact, or built.
 
-    The power law is fitted from a sixth of the largest roller load that is estimated for the scene (of `least` [N], if
-    that is given) to 1.2 times it, with the spalls' width, depth and axial offset, which must be one for all.
+    `least` is the largest roller load [N] of the lightest loaded scene that the law is to serve; default: of this one.
     """
     contact, spalls = raceway_contact(scene, raceway), ring.spalls_on(scene.spalls, raceway)
     given = scene.law
     if raceway == "inner":
         series = next((effect for effect in scene.effects if isinstance(effect, SeriesRaceways)), None)
         if series is None and not isinstance(given, LawName):
-            raise ValueError(NO_INNER_LAW)
+            raise SceneError(NO_INNER_LAW)
         given = given if series is None else cast(Law, series.law)
     if not isinstance(given, LawName):
         return cast(Law, given).at(contact)
-    if given.name not in checks.BY_NODES:
-        largest = _largest_load(scene)
-        loads = (largest if least is None else least) / 6.0, 1.2 * largest
-        return laws.named(given.name, contact, loads, spalls[0] if spalls else None, scene.accuracy)
-    if is_traced(scene):
-        raise ValueError(TRACED)
-    largest = _largest_for_curves(scene)
-    if given.name == "table" and spalls:
-        return table.table_law(contact, largest, spalls, scene.accuracy, progress)
-    law = direct.without_edges(contact, largest, spalls, scene.accuracy, progress)
-    return direct.with_edges(law, _at_edges(scene, raceway, law), progress) if spalls else law
+    by_samples = laws.by_samples(given.name)
+    if by_samples and is_traced(scene):
+        raise SceneError(TRACED)
+    largest = _largest_for_curves(scene) if by_samples else _largest_load(scene)
+    request = laws.Request(contact, largest if least is None else least, largest, spalls, scene.accuracy, progress)
+    law = laws.made(given.name, request)
+    if isinstance(law, direct.DirectLaw) and spalls:
+        return direct.with_edges(law, _at_edges(scene, raceway, law), progress)
+    return law
 
 
 def _largest_load(scene: Scene) -> Real:
@@ -129,7 +126,7 @@ def _largest_load(scene: Scene) -> Real:
     largest = ring.largest_load(scene.bearing, scene.load)
     if not any(effect.presses for effect in scene.effects):
         return largest
-    healthy = dataclasses.replace(_single(scene, laws.Palmgren(scene.bearing.roller_length)), spalls=())
+    healthy = dataclasses.replace(_single(scene, power.Palmgren(scene.bearing.roller_length)), spalls=())
     return jnp.maximum(largest, _pressed(healthy))
 
 
@@ -200,7 +197,7 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: jax.Array) -> tu
 
 def _may_be_local(scene: Scene) -> bool:
     """Whether to ask `_is_local`, which solves contacts: of several spalls, or one that is not surely deep."""
-    deep = DEEP * float(hertz.palmgren_approach(_largest_for_curves(scene), float(scene.bearing.roller_length)))
+    deep = DEEP * float(gap.palmgren_approach(_largest_for_curves(scene), float(scene.bearing.roller_length)))
     return len(scene.spalls) > 1 or any(float(spall.depth) < deep for spall in scene.spalls)
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from difftrb.core import geometry, status
 from difftrb.core.geometry import Real, Spall
-from difftrb.law import laws
+from difftrb.law import power
+from difftrb.law.base import Law
 from difftrb.law.direct import DirectLaw
-from difftrb.law.laws import Law
 from difftrb.law.samples import Progress
 from difftrb.ring import effects, phase_average, ring
 from difftrb.ring.effects import Raceways, Results, SeriesRaceways, Through
@@ -180,7 +180,8 @@ def solve_prepared(scene: Scene) -> Solution:
 
     def at(phase: Real) -> tuple[ring.Equilibrium, jax.Array, Results]:
         here = _ring(scene, acting, scene.spalls, phase)
-        terms = effects.terms(scene.effects, here)._replace(known=within)
+        terms = effects.terms(scene.effects, here)
+        terms = terms._replace(known=within if terms.known is None else status.worst(within, terms.known))
         rest = here.equilibrium(terms)
         more = effects.results(scene.effects, rest, terms, here)
         if scene.definition == "tangent":
@@ -223,7 +224,7 @@ def phases(scene: Scene) -> tuple[jax.Array, jax.Array]:
 
 def law_in_effect(scene: Scene, law: Law) -> Law:
     """The outer raceway's law as the scene's effects have it."""
-    return laws.Through(law) if any(isinstance(effect, Through) for effect in scene.effects) else law
+    return power.Through(law) if any(isinstance(effect, Through) for effect in scene.effects) else law
 
 
 def outer_law(scene: Scene) -> Law:
@@ -246,14 +247,14 @@ def _secant(load: Load, displacement: jax.Array) -> jax.Array:
 
 def refined(scene: Scene, progress: Progress | None = None) -> tuple[Scene, float]:
     """A checked scene with law "auto" prepared by "direct" with contacts as exact as its `accuracy` needs, and about
-    how many seconds one contact took. Raises ValueError for traced scenes.
+    how many seconds one contact took. Raises SceneError for traced scenes.
 
     Contacts at 1e-2 keep 1e-2 of the results (experiments/accuracy_promise.py), so no more is made where that is
     enough. Else the next accuracy of `LADDER` is made until two results are no farther apart than asked. The error of
     the finest is the larger of its contacts' accuracy and this difference, which alone may be small by chance.
     """
     if scene_laws.is_traced(scene):
-        raise ValueError(scene_laws.TRACED)
+        raise status.SceneError(scene_laws.TRACED)
     ready, before, seconds = scene, None, math.nan
     for accuracy, following in zip(LADDER, (*LADDER[1:], None), strict=True):
         started = time.perf_counter()

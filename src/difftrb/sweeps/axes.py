@@ -1,7 +1,7 @@
-"""Axes of a sweep: dotted keys and their values, members numbered in their order, blocks of members computed at once.
+"""Axes of a sweep: dotted keys and their values; members in the order of the axes, cut into blocks.
 
 A key names a number of a scene as the scene file does: `spall.0.length`, `load.axial`, `stiffness.phase`,
-`contact.design_load`; of any other dataclass, dict or tuple it is the way through its fields.
+`contact.design_load`. In any other dataclass, dict or tuple it is the path through the fields.
 """
 
 from __future__ import annotations
@@ -10,27 +10,26 @@ import dataclasses
 import difflib
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
-from difftrb.core.files import dotted, known, shown
+from difftrb.core.messages import dotted, known, shown
 from difftrb.core.status import SweepError
 from difftrb.scene.scene import Scene
 
-Mode = Literal["product", "zip"]
 ZIPPED = "member"
 """Dimension of zipped axes."""
 OF_SCENE = "load.radial, load.axial, spall.0.length and so on, bearing.…, stiffness.phase, contact.design_load"
-WITHOUT_OWNER = ("stiffness.phase", "contact.design_load")
-"""Keys of a scene file that are a scene's own fields."""
-SPACINGS = ("linear", "log")
+OWN_FIELDS = ("stiffness.phase", "contact.design_load")
+"""Keys of a scene file that are fields of the scene itself."""
 RANGE_KEYS = ("from", "to", "count", "spacing")
+EXAMPLE = "spall.0.length = {from = 0.5, to = 8, count = 64}"
 MOST_VALUES = 10_000_000
-"""Of one axis: its values are kept; members of the product are not."""
+"""Values of one axis, at most: they are kept in memory, members of the product are not."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Axis:
     """One dimension of a sweep.
 
     Attributes:
-      keys: dotted keys that change along it: one, or all of zipped axes.
+      keys: dotted keys that change along it: one, or all of the zipped axes.
       values: shape (keys, count), in the units of the keys.
     """
 
@@ -47,27 +46,25 @@ class Axis:
 
     @property
     def name(self) -> str:
-        """Of the dimension: its key, or "member" for zipped axes."""
+        """Name of the dimension: its key, or "member" for zipped axes."""
         return self.keys[0] if len(self.keys) == 1 else ZIPPED
 
     @property
     def count(self) -> int:
-        """How many values it has."""
+        """Number of values."""
         return self.values.shape[1]
 
 
 def axes_of(given: Mapping[str, Any], mode: str = "product") -> tuple[Axis, ...]:
     """Axes from values by dotted key: numbers in a list or array, or {from, to, count, spacing}.
 
-    `mode` "product" makes one dimension of every key, the last one changing fastest; "zip" one dimension of all keys,
-    which then have equally many values. Raises `SweepError`.
+    `mode` "product" makes one dimension of every key, and the last one changes fastest. "zip" makes one dimension of
+    all keys, which then need equally many values. Raises `SweepError`.
     """
-    if mode not in get_args(Mode):
+    if mode not in ("product", "zip"):
         raise SweepError(f"mode = {shown(mode)}: must be 'product' (all combinations) or 'zip' (side by side)")
     if not given:
-        raise SweepError(
-            "there are no axes; name at least one key, say spall.0.length = {from = 0.5, to = 8, count = 64}"
-        )
+        raise SweepError(f"there are no axes; name at least one key, say {EXAMPLE}")
     values = {key: _values(key, spec) for key, spec in given.items()}
     if mode == "product" or len(values) == 1:
         return tuple(Axis((key,), value[None]) for key, value in values.items())
@@ -79,7 +76,7 @@ def axes_of(given: Mapping[str, Any], mode: str = "product") -> tuple[Axis, ...]
 
 
 def _values(key: str, spec: Any) -> np.ndarray:
-    """The values of one axis, shape (count,)."""
+    """Values of one axis, shape (count,)."""
     if isinstance(spec, Mapping):
         return _spaced(key, spec)
     try:
@@ -94,6 +91,7 @@ def _values(key: str, spec: Any) -> np.ndarray:
 
 
 def _spaced(key: str, spec: Mapping[str, Any]) -> np.ndarray:
+    """Values of {from, to, count, spacing}, shape (count,)."""
     for name in spec:
         if name not in RANGE_KEYS:
             raise SweepError(f"{dotted([*key.split('.'), name])} is not a known key; {known(str(name), RANGE_KEYS)}")
@@ -107,7 +105,7 @@ def _spaced(key: str, spec: Mapping[str, Any]) -> np.ndarray:
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST_VALUES:
         raise SweepError(f"{key}.count = {shown(count)}: must be a whole number in 1 … {MOST_VALUES}")
     first, last = float(spec["from"]), float(spec["to"])
-    if spacing not in SPACINGS:
+    if spacing not in ("linear", "log"):
         raise SweepError(f"{key}.spacing = {shown(spacing)}: must be 'linear' or 'log'")
     if count == 1 and first != last:
         raise SweepError(f"{key}.count = 1: one value cannot go from {first:g} to {last:g}; give more, or a list")
@@ -130,94 +128,86 @@ def _is_number(value: Any) -> bool:
 # ------------------------------------------------------------------------------------------------ keys
 
 
-def _steps(tree: Any, key: str) -> list[str]:
-    """The way to `key` through the fields of `tree`; a scene's keys are those of a scene file."""
+def _path(tree: Any, key: str) -> list[str]:
+    """Names of the fields of `tree` that lead to `key`; a scene's keys are those of a scene file."""
     steps = key.split(".")
     if isinstance(tree, Scene):
         if steps[0] == "spall":
             steps[0] = "spalls"
-        elif key in WITHOUT_OWNER:
+        elif key in OWN_FIELDS:
             steps = steps[1:]
     return steps
 
 
-def _is_of_scene(key: str) -> bool:
-    """Whether a key begins as those of scenes do: Python's names of other fields are none. Raises `SweepError`."""
+def _entries(tree: Any) -> dict[str, Any]:
+    """Fields of a dataclass, entries of a dict or tuple, by name; empty for anything else."""
+    if dataclasses.is_dataclass(tree):
+        return {field.name: getattr(tree, field.name, None) for field in dataclasses.fields(tree)}
+    if isinstance(tree, Mapping):
+        return {str(name): entry for name, entry in tree.items()}
+    return {str(i): entry for i, entry in enumerate(tree)} if isinstance(tree, tuple | list) else {}
+
+
+def _refuse_key_of_scene(key: str) -> None:
+    """Refuse what no key of a scene begins with, such as Python's names of its fields."""
     owner, _, rest = key.partition(".")
     if owner == "effects" and not rest[:1].isdigit():
         raise SweepError(f"{dotted(key.split('.'))}: numbers of effects are not swept; run one sweep for each")
-    return owner in ("load", "spall", "bearing", "effects") or key in WITHOUT_OWNER
-
-
-def _fields(tree: Any) -> list[str]:
-    if dataclasses.is_dataclass(tree):
-        return [field.name for field in dataclasses.fields(tree)]
-    if isinstance(tree, Mapping):
-        return [str(name) for name in tree]
-    return [str(i) for i in range(len(tree))] if isinstance(tree, tuple | list) else []
-
-
-def _taken(tree: Any, step: str) -> Any:
-    if dataclasses.is_dataclass(tree):
-        return getattr(tree, step)
-    return tree[step] if isinstance(tree, Mapping) else tree[int(step)]
+    if owner not in ("load", "spall", "bearing", "effects") and key not in OWN_FIELDS:
+        raise SweepError(f"{dotted(key.split('.'))} is not a known key; known here: {OF_SCENE}")
 
 
 def number_at(tree: Any, key: str) -> Any:
     """The number that `key` names in `tree`. Raises `SweepError` if there is none."""
-    at = tree
-    steps = _steps(tree, key)
-    if isinstance(tree, Scene) and not _is_of_scene(key):
-        raise SweepError(f"{dotted(key.split('.'))} is not a known key; known here: {OF_SCENE}")
-    for i, step in enumerate(steps):
-        fields = _fields(at)
-        if step not in fields:
+    if isinstance(tree, Scene):
+        _refuse_key_of_scene(key)
+    at, path, written = tree, _path(tree, key), key.split(".")
+    for i, step in enumerate(path):
+        entries = _entries(at)
+        if step not in entries:
             if step.isdigit() and isinstance(at, tuple | list):
-                raise SweepError(f"{key}: there {_are(len(at))}, counted from 0")
-            close = difflib.get_close_matches(step, fields, n=1)
-            written = key.split(".")[: i + len(key.split(".")) - len(steps)]
-            hint = f"did you mean {'.'.join([*written, close[0]])}?" if close else f"known here: {', '.join(fields)}"
-            raise SweepError(f"{dotted(key.split('.'))} is not a known key" + (f"; {hint}" if fields else ""))
-        at = _taken(at, step)
+                there = "is 1 entry" if len(at) == 1 else f"are {len(at)} entries"
+                raise SweepError(f"{key}: there {there}, counted from 0")
+            close = difflib.get_close_matches(step, entries, n=1)
+            before = written[: i + len(written) - len(path)]
+            hint = f"did you mean {'.'.join([*before, close[0]])}?" if close else f"known here: {', '.join(entries)}"
+            raise SweepError(f"{dotted(written)} is not a known key" + (f"; {hint}" if entries else ""))
+        at = entries[step]
     return at
-
-
-def _are(count: int) -> str:
-    return f"is {count} entry" if count == 1 else f"are {count} entries"
 
 
 def replaced(tree: Any, key: str, value: Any) -> Any:
     """`tree` with `value` at `key`."""
 
-    def down(at: Any, steps: Sequence[str]) -> Any:
-        if not steps:
+    def down(at: Any, path: Sequence[str]) -> Any:
+        if not path:
             return value
-        new = down(_taken(at, steps[0]), steps[1:])
+        new = down(_entries(at)[path[0]], path[1:])
         if dataclasses.is_dataclass(at) and not isinstance(at, type):
-            return dataclasses.replace(at, **{steps[0]: new})
+            return dataclasses.replace(at, **{path[0]: new})
         if isinstance(at, Mapping):
-            return {**at, steps[0]: new}
-        return type(at)(new if i == int(steps[0]) else entry for i, entry in enumerate(at))  # pyright: ignore
+            return {**at, path[0]: new}
+        return type(at)(new if i == int(path[0]) else entry for i, entry in enumerate(at))  # pyright: ignore
 
-    return down(tree, _steps(tree, key))
+    return down(tree, _path(tree, key))
 
 
-def meaning(tree: Any, key: str) -> tuple[Interval | None, str]:
-    """The range and the unit of `key`, from its annotation; None and "" where there is none.
+def _meaning(tree: Any, key: str) -> tuple[Interval | None, str]:
+    """Range and unit of `key` from its annotation; None and "" where there is none.
 
     Raises `SweepError` for a key that is not there, or is not a number that may change.
     """
     number = number_at(tree, key)
-    *way, name = _steps(tree, key)
+    *way, name = _path(tree, key)
     owner = tree
     for step in way:
-        owner = _taken(owner, step)
+        owner = _entries(owner)[step]
     if not dataclasses.is_dataclass(owner):
         if not isinstance(number, jax.Array | np.ndarray) and not _is_number(number):
             raise SweepError(f"{key} is not a number; sweep a number")
         return None, ""
     hint = get_type_hints(type(owner) if not isinstance(owner, type) else owner, include_extras=True)[name]
-    kinds = [hint] if get_origin(hint) is Annotated else [h for h in get_args(hint) if get_origin(h) is Annotated]
+    kinds = [h for h in (hint, *get_args(hint)) if get_origin(h) is Annotated]
     static = next(field for field in dataclasses.fields(owner) if field.name == name).metadata.get("static", False)
     if not kinds:
         if static or not isinstance(number, float | int | jax.Array) or isinstance(number, bool):
@@ -232,19 +222,19 @@ def meaning(tree: Any, key: str) -> tuple[Interval | None, str]:
 
 
 def check(tree: Any, axes: Sequence[Axis], gradients: Sequence[str] = ()) -> dict[str, str]:
-    """The units of all keys; refuses keys that are not there and values outside a key's range. Raises `SweepError`."""
+    """Units of all keys. Raises `SweepError` for keys that are not there and values outside a key's range."""
     units = {}
     for axis in axes:
         for key, values in zip(axis.keys, axis.values, strict=True):
-            limits, units[key] = meaning(tree, key)
+            limits, units[key] = _meaning(tree, key)
             low, high = (getattr(limits, side, None) for side in ("ge", "le"))
             for value in (float(values.min()), float(values.max())):
                 if (low is not None and value < low) or (high is not None and value > high):
                     unit = f" {units[key]}" if units[key] else ""
                     raise SweepError(f"{key} = {value:g}: must be a number in {low:g} … {high:g}{unit}")
-    swept = {key for axis in axes for key in axis.keys}
+    swept = set(units)
     for key in gradients:
-        _, units[key] = meaning(tree, key)
+        _, units[key] = _meaning(tree, key)
         number = number_at(tree, key)
         if key not in swept and not isinstance(number, jax.Array | np.ndarray) and not _is_number(number):
             raise SweepError(f"gradients: {key} has no value here to differentiate by; give it one, or an axis")
@@ -256,69 +246,37 @@ def check(tree: Any, axes: Sequence[Axis], gradients: Sequence[str] = ()) -> dic
 # ------------------------------------------------------------------------------------------------ members and blocks
 
 
-@dataclasses.dataclass(frozen=True)
 class Layout:
-    """How members, numbered with the last axis changing fastest, are cut into blocks that are computed at once.
+    """Members, numbered with the last axis changing fastest, cut into blocks that are computed at once.
 
-    A block is a part of one axis times all of the axes behind it, at one place of those before it, so that what does
-    not change inside is computed once. It depends on the axes and on `batch` alone: not on files, devices, processes.
+    A block is a part of one axis times all axes behind it, at one place of those before it. So what does not change
+    inside a block is computed once. Blocks depend on axes and `batch` alone, not on files, devices or processes.
 
     Attributes:
-      counts: values of every axis. batch: members of a block, at most (but for what one axis must have).
+      counts: values of every axis. members: of the whole sweep. split: the axis that is cut into `parts`.
+      behind: members for one value of that axis. part: its values in a block; the last part may be short, and is
+        filled up. blocks: number of blocks. size: members of a block, with those that fill it up.
     """
 
-    counts: tuple[int, ...]
-    batch: int
-
-    @property
-    def members(self) -> int:
-        """Of the whole sweep."""
-        return math.prod(self.counts)
-
-    @property
-    def split(self) -> int:
-        """The axis of which blocks take a part."""
-        for axis in range(len(self.counts) - 1, 0, -1):
-            if math.prod(self.counts[axis:]) >= self.batch:
-                return axis
-        return 0
-
-    @property
-    def behind(self) -> int:
-        """Members for one value of the axis that is split."""
-        return math.prod(self.counts[self.split + 1 :])
-
-    @property
-    def parts(self) -> int:
-        """In how many the axis is split."""
-        return -(-self.counts[self.split] // max(1, self.batch // self.behind))
-
-    @property
-    def part(self) -> int:
-        """Values of the split axis in a block; the last part may be short, and is filled up."""
-        return -(-self.counts[self.split] // self.parts)
-
-    @property
-    def blocks(self) -> int:
-        """How many there are."""
-        return math.prod(self.counts[: self.split]) * self.parts
-
-    @property
-    def size(self) -> int:
-        """Members of a block, those that fill it up included."""
-        return self.part * self.behind
+    def __init__(self, counts: tuple[int, ...], batch: int) -> None:
+        """Cut so that a block has `batch` members at most, or one value of the axis that is cut."""
+        self.counts, self.members = counts, math.prod(counts)
+        long = (i for i in range(len(counts) - 1, 0, -1) if math.prod(counts[i:]) >= batch)
+        self.split = next(long, 0)
+        self.behind = math.prod(counts[self.split + 1 :])
+        self.parts = -(-counts[self.split] // max(1, batch // self.behind))
+        self.part = -(-counts[self.split] // self.parts)
+        self.blocks = math.prod(counts[: self.split]) * self.parts
+        self.size = self.part * self.behind
 
     def first(self, block: int) -> int:
-        """The first member of a block; the end of all for the block behind the last."""
+        """The first member of a block; `members` for the block behind the last."""
         before, part = divmod(block, self.parts)
-        return (
-            before * self.counts[self.split] * self.behind
-            + min(part * self.part, self.counts[self.split]) * self.behind
-        )
+        count = self.counts[self.split]
+        return (before * count + min(part * self.part, count)) * self.behind
 
     def places(self, block: jax.Array) -> list[jax.Array]:
-        """Places on every axis: of the axes before the split one, shape (); of the others, shape (values,). Inside
-        jit, too."""
+        """Places on every axis: shape () before the cut axis, else (values,). Works inside jit."""
         before, part = block // self.parts, block % self.parts
         outer: list[jax.Array] = []
         for count in reversed(self.counts[: self.split]):
@@ -326,7 +284,3 @@ class Layout:
             before = before // count
         inside = jnp.minimum(part * self.part + jnp.arange(self.part), self.counts[self.split] - 1)
         return [*reversed(outer), inside, *(jnp.arange(count) for count in self.counts[self.split + 1 :])]
-
-    def member(self, number: int) -> tuple[int, ...]:
-        """A member's place on every axis."""
-        return tuple(int(i) for i in np.unravel_index(number, self.counts))

@@ -1,7 +1,7 @@
-"""A sweep on disk: one file per chunk, written whole or not at all; what was swept; all of it in one file at the end.
+"""A sweep on disk: one file per chunk, written whole or not at all, and at the end one file with everything.
 
-`manifest.json` says what is swept and in which chunks; a chunk's file is named after its number, and holds the
-manifest's identity. So whatever interrupts a sweep, the files that are there say what is left to do.
+`manifest.json` says what is swept and in which chunks. A chunk's file is named after its number, and holds the
+manifest's identity. So after any interruption the files that are there say what is left to do.
 """
 
 from __future__ import annotations
@@ -20,18 +20,16 @@ from typing import Any, cast
 import jax
 import numpy as np
 
-from difftrb.core import cache, status
-from difftrb.core.devices import lanes_of, wait
+from difftrb.core import status, storage
+from difftrb.core.machine import lanes_of, wait
 from difftrb.core.status import SweepError
-from difftrb.law.laws import Law
+from difftrb.law.base import Law
 from difftrb.scene.scene import Scene
-from difftrb.sweeps import gathered, sizes
+from difftrb.sweeps import gathered, sweeping
 from difftrb.sweeps.axes import Axis
-from difftrb.sweeps.gathered import MANIFEST, RESUME, WHOLE
+from difftrb.sweeps.gathered import MANIFEST, RESUME, WHOLE, Swept, counted, labelled
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import Plan, front, labelled, own_dims
-from difftrb.sweeps.sweep_result import Swept, column_of, counted
-from difftrb.sweeps.sweeping import Program, planned
+from difftrb.sweeps.plan import Plan, Program, check_names, front
 
 FORMAT = 2
 LISTED = 10_000
@@ -44,8 +42,7 @@ class Ended:
 
     Attributes:
       counts: members by the sentence of their status. computed: chunks that were computed now.
-      file: with all results. shown: those along the first one or two axes, at some values of long ones and at the
-        middle of the others. Both None in processes but the first.
+      file: with all results. shown: those of `plan.front`. Both None in processes but the first.
     """
 
     counts: dict[str, int]
@@ -59,28 +56,29 @@ class Ended:
         return sum(self.counts.values()) - self.counts.get(status.describe(status.CONVERGED), 0)
 
     def sentence(self, folder: Path | str) -> str:
-        """All of it, for people; results are in `folder`."""
+        """All of it in words; results are in `folder`."""
         members = sum(self.counts.values())
         lines = [f"{members:,} members, {members - self.failed:,} converged, {self.failed:,} without a solution (NaN)"]
         lines += [f"{count:,}: {sentence}" for sentence, count in self.counts.items() if sentence != "converged"]
-        return "\n".join(
-            [*lines, f"written to {folder}: {self.file.name if self.file else 'chunks'}, manifest.json, figures"]
-        )
+        lines.append(f"written to {folder}: {self.file.name if self.file else 'chunks'}, manifest.json, figures")
+        return "\n".join(lines)
 
 
 def manifest_of(plan: Plan, text: str = "") -> dict[str, Any]:
-    """All about a sweep but its results, the same in every process: axes, units, versions, law, chunks; its identity is
-    a digest of all the rest and of every number that goes in. `text` is the scene file's."""
+    """All about a sweep but its results: axes, units, versions, law, chunks. The same in every process.
+
+    Its identity is a digest of all the rest and of every number that goes in. `text` is the scene file's.
+    """
     law = cast(Law, plan.base.law) if isinstance(plan.base, Scene) else None
-    names = plan.names
+    dims = plan.own_dims
     about: dict[str, Any] = {
         "format": FORMAT,
         "scene": text,
         "title": plan.title,
         "axes": [{"keys": list(a.keys), "count": a.count, **_values(a)} for a in plan.axes],
         "gradients": list(plan.gradients),
-        "outputs": {name: {"dims": own_dims(plan)[name], "shape": plan.shapes[name].shape} for name in names},
-        "units": plan.units | {column_of(name, key): plan.unit(name, key) for name in names for key in plan.gradients},
+        "outputs": {name: {"dims": dims[name], "shape": plan.shapes[name].shape} for name in plan.names},
+        "units": plan.all_units,
         "statuses": {str(code): sentence for code, sentence in status.SENTENCES.items()},
         "versions": {name: metadata.version(name) for name in ("difftrb", "jax", "jaxlib", "numpy")},
         "platform": jax.default_backend(),
@@ -91,8 +89,7 @@ def manifest_of(plan: Plan, text: str = "") -> dict[str, Any]:
     }
     about = json.loads(json.dumps(about))  # as it comes back from disk
     digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
-    base = plan.base  # without what "auto" became: it holds times
-    base = dataclasses.replace(base, picked=None) if isinstance(base, Scene) else base
+    base = dataclasses.replace(plan.base, picked=None) if isinstance(plan.base, Scene) else plan.base  # it holds times
     digest.update(repr(jax.tree.structure(base)).encode())
     for leaf in jax.tree.leaves(base):
         is_number = isinstance(leaf, jax.Array | np.ndarray | float | int)
@@ -101,10 +98,9 @@ def manifest_of(plan: Plan, text: str = "") -> dict[str, Any]:
 
 
 def _values(axis: Axis) -> dict[str, Any]:
-    """An axis's values, or what tells long ones from others: they are all in the file with everything."""
-    if axis.count <= LISTED:
-        return {"values": axis.values.tolist()}
-    return {"digest": hashlib.sha256(axis.values.tobytes()).hexdigest()}
+    """An axis's values, or a digest of long ones; the file with everything has them all."""
+    digest = hashlib.sha256(axis.values.tobytes()).hexdigest()
+    return {"values": axis.values.tolist()} if axis.count <= LISTED else {"digest": digest}
 
 
 def _number(value: Any) -> float | None:
@@ -128,8 +124,8 @@ def run(
 
     Args:
       plan: from `sweeping.planned`. text: the scene file's, kept in the manifest.
-      resume: go on with what is there; files that are damaged are made again. Else a folder with a sweep is refused.
-      devices: see `devices.lanes_of`.
+      resume: go on with what is there; damaged files are made again. Without it a folder with a sweep is refused.
+      devices: see `machine.lanes_of`.
       progress: told how many of how many members are done in this process, and how many of them have no solution.
       say: told sentences on what is made again.
 
@@ -137,45 +133,28 @@ def run(
     written stays, and stays good.
     """
     manifest = manifest_of(plan, text)
-    say = say or (lambda _: None)
     netcdf, lanes = gathered.has_netcdf(), lanes_of(devices)  # known before anything is written
-    gathered.check_names(plan)
-    _refuse_others(folder, manifest, resume)
-    sizes.check_chunks(plan)
-    with _stays_good(folder, plan):
-        sizes.check_disk(plan, folder, _there(folder) if resume else 0)
+    _check(plan, folder, manifest, resume)
     wait("sweep: checked")
     mine = range(jax.process_index(), plan.chunks, jax.process_count())
-    done, left, counts = 0, mine, Counter()
     with _stays_good(folder, plan):
-        if jax.process_index() == 0:
-            folder.mkdir(parents=True, exist_ok=True)
-            with cache.replacing(folder / MANIFEST) as scratch:
-                scratch.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
-        _clear(folder)
-        if resume:
-            left = []
-            for chunk in mine:
-                path = folder / _name(chunk)
-                if (found := _sound(path, plan, manifest, chunk)) is not None:
-                    counts.update(found[STATUS].tolist())
-                    done += len(found[STATUS])
-                    continue
-                if path.exists():
-                    say(f"{path} is damaged: computed again")
-                left.append(chunk)
-    of = (
-        sum(last - first for first, last in map(plan.members, mine)) if jax.process_count() > 1 else plan.layout.members
-    )
-    tell = progress or (lambda *_: None)
-    tell(done, of, done - counts[status.CONVERGED])
+        _begin(folder, manifest)
+        left, counts = _left(plan, folder, manifest, mine, say) if resume else (mine, Counter())
+    of = plan.layout.members
+    if jax.process_count() > 1:
+        of = sum(last - first for first, last in map(plan.members, mine))
+
+    def tell() -> None:
+        if progress is not None:
+            progress(counts.total(), of, counts.total() - counts[status.CONVERGED])
+
+    tell()
     with _stays_good(folder, plan), contextlib.closing(Program(plan, lanes).all(left)) as columns:
         for chunk, found in columns:
             extra = {"identity": np.array(manifest["identity"]), "first": np.array(plan.members(chunk)[0])}
-            cache.write(folder / _name(chunk), found | extra)
+            storage.write(folder / _name(chunk), found | extra)
             counts.update(found[STATUS].tolist())
-            done += len(found[STATUS])
-            tell(done, of, done - counts[status.CONVERGED])
+            tell()
     wait("sweep: computed")
     if jax.process_index():
         return Ended(counted(counts), len(left))
@@ -184,20 +163,56 @@ def run(
     return Ended(counted(all_counts), len(left), file, shown)
 
 
-def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any], netcdf: bool) -> tuple[Path, Counter, Swept]:
-    """The file with everything, the members of every status, and the results along the first one or two axes."""
+def _check(plan: Plan, folder: Path, manifest: dict[str, Any], resume: bool) -> None:
+    """Refuse a sweep that cannot be written into `folder`, before anything is computed."""
+    check_names(plan)
+    _refuse_others(folder, manifest, resume)
+    sweeping.check_chunks(plan)
+    with _stays_good(folder, plan):
+        sweeping.check_disk(plan, folder, _there(folder) if resume else 0)
 
-    def pieces(names: Sequence[str] | None = None) -> Iterator[tuple[int, cache.Arrays]]:
+
+def _begin(folder: Path, manifest: dict[str, Any]) -> None:
+    """Write the manifest, in the first process, and remove this process's files that were left half written."""
+    if jax.process_index() == 0:
+        folder.mkdir(parents=True, exist_ok=True)
+        with storage.replacing(folder / MANIFEST) as scratch:
+            scratch.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    for name, scratch in storage.leftovers(folder):
+        chunk = re.fullmatch(r"chunk_(\d+)\.npz", name)
+        owner = int(chunk[1]) % jax.process_count() if chunk else 0 if name in (MANIFEST, *WHOLE) else None
+        if owner == jax.process_index():
+            scratch.unlink()
+
+
+def _left(
+    plan: Plan, folder: Path, manifest: dict[str, Any], mine: Sequence[int], say: Callable[[str], None] | None
+) -> tuple[list[int], Counter]:
+    """Of the chunks `mine` those that are missing or damaged, and the members of the others by status."""
+    left, counts = [], Counter()
+    for chunk in mine:
+        path = folder / _name(chunk)
+        if (found := _read_chunk(path, plan, manifest, chunk)) is not None:
+            counts.update(found[STATUS].tolist())
+            continue
+        if path.exists() and say is not None:
+            say(f"{path} is damaged: computed again")
+        left.append(chunk)
+    return left, counts
+
+
+def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any], netcdf: bool) -> tuple[Path, Counter, Swept]:
+    """Path of the file with everything, the members by status, and the results along the first one or two axes."""
+
+    def pieces(names: Sequence[str] | None = None) -> Iterator[tuple[int, storage.Arrays]]:
         for chunk in range(plan.chunks):
-            found = _sound(folder / _name(chunk), plan, manifest, chunk, names)
+            found = _read_chunk(folder / _name(chunk), plan, manifest, chunk, names)
             if found is None:
                 raise SweepError(f"{folder / _name(chunk)}: is missing or damaged; {RESUME}")
             yield plan.members(chunk)[0], found
 
-    counts: Counter = Counter()
     plane, members = front(plan)
-    taken: dict[str, list[np.ndarray]] = {name: [] for name in plan.shapes}
-    file = folder
+    file, counts, taken = folder, Counter(), {name: [] for name in plan.shapes}
     for file, first, found in gathered.write(plan, folder, manifest, pieces, netcdf):  # noqa: B007
         counts.update(found[STATUS].tolist())
         low, high = np.searchsorted(members, (first, first + len(found[STATUS])))
@@ -207,50 +222,38 @@ def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any], netcdf: bool) 
 
 
 def _there(folder: Path) -> int:
-    """How many chunks are in a folder, whether sound or not."""
+    """Number of chunks in a folder, which need not exist; damaged ones count."""
     return sum(1 for _ in folder.glob("chunk_*.npz"))
-
-
-def _clear(folder: Path) -> None:
-    """Of what killed processes left half written: of this one's chunks and, in the first process, of the rest."""
-    for name, scratch in cache.leftovers(folder):
-        chunk = re.fullmatch(r"chunk_(\d+)\.npz", name)
-        owner = int(chunk[1]) % jax.process_count() if chunk else 0 if name in (MANIFEST, *WHOLE) else None
-        if owner == jax.process_index():
-            scratch.unlink()
 
 
 @contextlib.contextmanager
 def _stays_good(folder: Path, plan: Plan) -> Iterator[None]:
-    """What the disk refuses, or a package that is gone, becomes a `SweepError` that says what is there."""
+    """Errors of the disk, and of packages that are gone, become a `SweepError` that says what is written."""
     try:
         yield
     except (OSError, ImportError) as error:
-        there = _there(folder) if folder.is_dir() else 0
+        there = _there(folder)
         mend = gathered.INSTALL if isinstance(error, ImportError) else "make room or allow writing there"
         what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
-        named = getattr(error, "filename", None)
-        where = named if named and not str(named).endswith(cache.SCRATCH) else folder
+        named = str(getattr(error, "filename", None) or storage.SCRATCH)
+        where = folder if named.endswith(storage.SCRATCH) else named
         why = getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise SweepError(f"{where}: {why}: {what if there else 'nothing is written'}") from None
 
 
 def _refuse_others(folder: Path, manifest: dict[str, Any], resume: bool) -> None:
+    """Refuse a folder with another sweep and, unless it is resumed, with this one."""
     path = folder / MANIFEST
     if folder.exists() and not folder.is_dir():
         raise SweepError(f"{folder}: is a file; name a folder")
-    if not path.exists():
-        return
-    if not resume:
+    if path.exists() and not resume:
         raise SweepError(f"{folder}: holds a sweep already; {RESUME}, or name another folder")
     try:
         theirs = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         theirs = {}
-    if not isinstance(theirs, dict) or not theirs:
-        return  # damaged, and made again; chunks know their identity
-    if theirs.get("identity") == manifest["identity"]:
-        return
+    if not isinstance(theirs, dict) or not theirs or theirs.get("identity") == manifest["identity"]:
+        return  # a missing or damaged one is written again: chunks hold their identity, too
     words = {"scene": "of another scene file", "axes": "over other axes", "outputs": "of other outputs",
              "gradients": "with other gradients", "versions": "with other versions of difftrb, jax or numpy",
              "platform": "on another platform", "batch": "with another batch"}  # fmt: skip
@@ -258,11 +261,11 @@ def _refuse_others(folder: Path, manifest: dict[str, Any], resume: bool) -> None
     raise SweepError(f"{folder}: the sweep there is {what}; undo the change, or name another folder")
 
 
-def _sound(
+def _read_chunk(
     path: Path, plan: Plan, manifest: dict[str, Any], chunk: int, names: Sequence[str] | None = None
-) -> cache.Arrays | None:
-    """A chunk's columns (or those of these `names`), or None if it is not there, damaged, or another sweep's."""
-    found = cache.read(path, None if names is None else [*names, "identity", "first"])
+) -> storage.Arrays | None:
+    """A chunk's columns (or those of `names`); None if it is missing, damaged, or another sweep's."""
+    found = storage.read(path, None if names is None else [*names, "identity", "first"])
     first, last = plan.members(chunk)
     if found is None or str(found.pop("identity", "")) != manifest["identity"] or found.pop("first", -1) != first:
         return None
@@ -287,8 +290,8 @@ def write_sweep(
 ) -> Ended:
     """`sweep` into files, with memory that does not grow with the number of members; `load_sweep` reads them.
 
-    Arguments as in `sweep` and `run`. A function is known by its name: one that was changed has to be told apart by
-    another name, or another folder. Raises `SweepError` as these do, and before anything is computed if chunks and the
-    file with everything, together about twice the results, do not fit into what is free in `folder`.
+    Arguments as in `sweep` and `run`. A function is known by its name: one that was changed needs another name, or
+    another folder. Raises `SweepError` as these do, and before anything is computed if chunks and the file with
+    everything, together about twice the results, do not fit into what is free in `folder`.
     """
-    return run(planned(what, base, axes, gradients, mode, batch), Path(folder), "", resume, devices, progress)
+    return run(sweeping.planned(what, base, axes, gradients, mode, batch), Path(folder), "", resume, devices, progress)

@@ -1,38 +1,120 @@
-"""All of a sweep in one file: netCDF where h5netcdf and h5py are installed, else `.npz`; written chunk by chunk, read
-whole."""
+"""Results of a sweep: arrays with labels, in memory and in one file with everything.
+
+The file is netCDF where h5netcdf and h5py are installed, else `.npz`. It is written chunk by chunk and read whole.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import zipfile
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from difftrb.core import cache
-from difftrb.core.files import shown
+from difftrb.core import status, storage
 from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import ZIPPED
-from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import Plan, own_dims
-from difftrb.sweeps.sweep_result import Swept, column_of
+from difftrb.sweeps.outputs import STATUS, label_of
+from difftrb.sweeps.plan import Plan, column_of
 
 MANIFEST = "manifest.json"
 NETCDF, NPZ = WHOLE = "sweep.nc", "sweep.npz"
-"""The file with everything, with xarray's netCDF and without."""
+"""Names of the file with everything, as netCDF and without it."""
 RESUME = "go on with --resume"
 INSTALL = "pip install 'difftrb[io]'"
-OWN_NAMES = ("identity", "first", "about", "file", "allow_pickle", STATUS)
-"""What results and keys in files cannot be called: what stands beside them, and what `np.savez` calls its arguments."""
-Pieces = Callable[..., Iterator[tuple[int, cache.Arrays]]]
-"""From the start: the first member of every chunk and its columns, or those of the names that are given."""
+Pieces = Callable[..., Iterator[tuple[int, storage.Arrays]]]
+"""Begins anew at each call: the first member of every chunk and its columns, or those of the given names."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Swept:
+    """Results of a sweep, with labels.
+
+    Attributes:
+      dims: names of the dimensions of all arrays: the axes' keys, or "member" for zipped axes.
+      coordinates: values by key, shape (count,) each; those of zipped axes all lie along "member".
+      values: by name, shape (counts of all axes…, own dimensions…); NaN where the member's status is not 0.
+      gradients: derivatives of every value by name and then by key, of the same shape.
+      status_code: of every member, see `difftrb.status`.
+      units: by name and key. own_dims: names of the values' own dimensions.
+      about: what was swept and with which versions, as in `manifest.json`.
+    """
+
+    dims: tuple[str, ...]
+    coordinates: dict[str, np.ndarray]
+    values: dict[str, np.ndarray]
+    gradients: dict[str, dict[str, np.ndarray]]
+    status_code: np.ndarray
+    units: dict[str, str]
+    own_dims: dict[str, tuple[str, ...]]
+    about: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many members ended with which status, by its sentence."""
+        return counted(Counter(self.status_code.ravel().tolist()))
+
+    def to_xarray(self) -> Any:
+        """An `xarray.Dataset` with units, coordinates and status. Needs xarray: `pip install 'difftrb[io]'`."""
+        import xarray  # pyright: ignore[reportMissingImports]
+
+        dim = {key: key if key in self.dims else self.dims[0] for key in self.coordinates}
+        variables: dict[str, Any] = {}
+        for name, value in self.values.items():
+            own = (*self.dims, *self.own_dims[name])
+            variables[name] = own, value, _attributes(self.units, name)
+            for key, slope in self.gradients[name].items():
+                variables[column_of(name, key)] = own, slope, _attributes(self.units, name, key)
+        variables[STATUS] = self.dims, self.status_code
+        coordinates = {key: (dim[key], values, {"units": self.units.get(key, "")})
+                       for key, values in self.coordinates.items()}  # fmt: skip
+        return xarray.Dataset(variables, coordinates)
+
+
+def _attributes(units: Mapping[str, str], name: str, by: str | None = None) -> dict[str, str]:
+    """Unit and label of a result, or of its derivative by a key, as netCDF and xarray call them."""
+    label = label_of(name) if by is None else f"{label_of(name)} by {by}"
+    return {"units": units.get(column_of(name, by), ""), "long_name": label}
+
+
+def counted(codes: Mapping[int, int]) -> dict[str, int]:
+    """Counts by the sentence of the status, the most frequent first."""
+    return {status.describe(code): count for code, count in sorted(codes.items(), key=lambda item: -item[1])}
+
+
+def labelled(plan: Plan, columns: Mapping[str, np.ndarray], about: dict[str, Any] | None = None) -> Swept:
+    """`Swept` of columns of all members, in their order."""
+
+    def shaped(name: str) -> np.ndarray:
+        return columns[name].reshape(*plan.layout.counts, *columns[name].shape[1:])
+
+    return Swept(
+        tuple(axis.name for axis in plan.axes),
+        _coordinates(plan),
+        {name: shaped(name) for name in plan.names},
+        {name: {key: shaped(column_of(name, key)) for key in plan.gradients} for name in plan.names},
+        shaped(STATUS),
+        plan.all_units,
+        plan.own_dims,
+        about or {},
+    )
+
+
+def _coordinates(plan: Plan) -> dict[str, np.ndarray]:
+    """Values of every key, shape (count,)."""
+    return {key: values for axis in plan.axes for key, values in zip(axis.keys, axis.values, strict=True)}
+
+
+# ------------------------------------------------------------------------------------------------ one file
 
 
 def has_netcdf() -> bool:
-    """Whether `sweep.nc` can be written here. h5netcdf alone cannot: it leaves h5py to who installs it."""
+    """Whether `sweep.nc` can be written here; it needs h5netcdf and h5py, which h5netcdf does not install."""
     try:
         import h5netcdf  # noqa: F401  # pyright: ignore[reportMissingImports]
         import h5py  # noqa: F401  # pyright: ignore[reportMissingImports]
@@ -41,38 +123,21 @@ def has_netcdf() -> bool:
     return True
 
 
-def check_names(plan: Plan) -> None:
-    """Refuse results and keys of a function's own that cannot stand in a file, or not beside each other. Raises
-    `SweepError`."""
-    keys = [key for axis in plan.axes for key in axis.keys]
-    dims = {dim for own in own_dims(plan).values() for dim in own}
-    for name in (*keys, *(name for name in plan.shapes if name != STATUS)):
-        if name in OWN_NAMES or not name.isprintable() or "/" in name or not name.strip("."):
-            raise SweepError(f"{shown(name)}: cannot be a name in a file, or has a meaning there; name it otherwise")
-    for name in plan.shapes:
-        if name in keys:
-            raise SweepError(f"{shown(name)}: this result is named as an axis; name it otherwise")
-    for name in sorted(dims):
-        if name in keys:
-            raise SweepError(f"{shown(name)}: this axis is named as a dimension of a result; name it otherwise")
-
-
 def write(
     plan: Plan, folder: Path, manifest: dict[str, Any], pieces: Pieces, netcdf: bool
-) -> Iterator[tuple[Path, int, cache.Arrays]]:
-    """Write `sweep.nc` (`netcdf`) or `sweep.npz` into `folder`; gives its name, and every one of the pieces once as it
-    goes by.
+) -> Iterator[tuple[Path, int, storage.Arrays]]:
+    """Write `sweep.nc` (`netcdf`) or `sweep.npz` into `folder`; gives its path and every piece once, while it writes.
 
-    The file is there, whole, when all of them have gone by. Raises OSError, or ImportError without the packages.
+    The file is there, whole, after the last piece. Raises OSError, or ImportError without the packages.
     """
     path = folder / (NETCDF if netcdf else NPZ)
-    with cache.replacing(path) as scratch:
+    with storage.replacing(path) as scratch:
         for first, found in (_netcdf if netcdf else _npz)(plan, scratch, manifest, pieces):
             yield path, first, found
 
 
 class _Disk(io.FileIO):
-    """A file whose writing never fails: what the disk refuses first is kept in `refused` for who asks by `check`.
+    """A file whose writing never fails; `check` raises the first error of the disk.
 
     HDF5 ends the process by a segmentation fault when a write fails, so it is not told.
     """
@@ -80,7 +145,7 @@ class _Disk(io.FileIO):
     refused: OSError | None = None
 
     def write(self, data: Any, /) -> int:
-        """All of it, or nothing that counts."""
+        """Write all, or keep the error."""
         whole = memoryview(data).cast("B")
         try:
             left = whole
@@ -91,7 +156,7 @@ class _Disk(io.FileIO):
         return len(whole)
 
     def truncate(self, size: int | None = None, /) -> int:
-        """To `size` bytes."""
+        """Cut or extend to `size` bytes, or keep the error."""
         try:
             return super().truncate(size)
         except OSError as error:
@@ -99,16 +164,15 @@ class _Disk(io.FileIO):
             return size or 0
 
     def check(self) -> None:
-        """Raise what the disk refused."""
+        """Raise the error of the disk, if there was one."""
         if self.refused is not None:
             raise self.refused
 
 
-def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, cache.Arrays]]:
+def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, storage.Arrays]]:
     """Array after array, each put together from all chunks: never more than a chunk in memory."""
     with zipfile.ZipFile(path, "w", allowZip64=True) as file:
-        small = {key: values for axis in plan.axes for key, values in zip(axis.keys, axis.values, strict=True)}
-        for name, array in (small | {"about": np.array(json.dumps(manifest))}).items():
+        for name, array in (_coordinates(plan) | {"about": np.array(json.dumps(manifest))}).items():
             with file.open(f"{name}.npy", "w") as entry:
                 np.lib.format.write_array(entry, array, allow_pickle=False)
         for name, shape in plan.shapes.items():
@@ -122,47 +186,51 @@ def _npz(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> It
                         yield first, found
 
 
-def _netcdf(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, cache.Arrays]]:
+def _netcdf(plan: Plan, path: Path, manifest: dict[str, Any], pieces: Pieces) -> Iterator[tuple[int, storage.Arrays]]:
     import h5netcdf  # pyright: ignore[reportMissingImports]
 
-    units = manifest["units"]
     with _Disk(path, "w+") as disk:
         with h5netcdf.File(disk, "w") as file:
-            file.dimensions = {axis.name: axis.count for axis in plan.axes}
-            for axis in plan.axes:
-                for key, values in zip(axis.keys, axis.values, strict=True):
-                    variable = file.create_variable(key, (axis.name,), float, data=values)
-                    variable.attrs["units"] = units.get(key, "")
-            own = own_dims(plan)
-            for name in plan.names:
-                for dim, size in zip(own[name], plan.shapes[name].shape, strict=True):
-                    if dim not in file.dimensions:
-                        file.dimensions[dim] = size
-            dims = tuple(axis.name for axis in plan.axes)
-            for name in plan.names:
-                for column in (name, *(column_of(name, key) for key in plan.gradients)):
-                    variable = file.create_variable(column, (*dims, *own[name]), float, fillvalue=np.nan)
-                    variable.attrs["units"] = units.get(column, "")
-            variable = file.create_variable(STATUS, dims, np.int8)
-            variable.attrs["long_name"] = "; ".join(f"{code}: {text}" for code, text in manifest["statuses"].items())
-            for name in ("scene", "identity", "title"):
-                file.attrs[name] = manifest[name]
-            file.attrs["about"] = json.dumps({key: manifest[key] for key in ("versions", "platform", "law", "batch")})
+            _declare(file, plan, manifest)
             for first, found in pieces():
                 for name, array in found.items():
                     start = 0
                     for part in _slabs(first, first + len(array), plan.layout.counts):
-                        size = int(np.prod([s.stop - s.start for s in part]))
-                        shape = (*(s.stop - s.start for s in part), *array.shape[1:])
-                        file.variables[name][part] = array[start : start + size].reshape(shape)
-                        start += size
+                        sizes = [s.stop - s.start for s in part]
+                        end = start + int(np.prod(sizes))
+                        file.variables[name][part] = array[start:end].reshape(*sizes, *array.shape[1:])
+                        start = end
                 disk.check()
                 yield first, found
         disk.check()
 
 
+def _declare(file: Any, plan: Plan, manifest: dict[str, Any]) -> None:
+    """Dimensions, variables and attributes of a netCDF file, with the coordinates' values."""
+    file.dimensions = {axis.name: axis.count for axis in plan.axes}
+    for axis in plan.axes:
+        for key, values in zip(axis.keys, axis.values, strict=True):
+            variable = file.create_variable(key, (axis.name,), float, data=values)
+            variable.attrs["units"] = manifest["units"].get(key, "")
+    own = plan.own_dims
+    for name in plan.names:
+        for dim, size in zip(own[name], plan.shapes[name].shape, strict=True):
+            if dim not in file.dimensions:
+                file.dimensions[dim] = size
+    dims = tuple(axis.name for axis in plan.axes)
+    for name in plan.names:
+        for by in (None, *plan.gradients):
+            variable = file.create_variable(column_of(name, by), (*dims, *own[name]), float, fillvalue=np.nan)
+            variable.attrs.update(_attributes(manifest["units"], name, by))
+    variable = file.create_variable(STATUS, dims, np.int8)
+    variable.attrs["long_name"] = "; ".join(f"{code}: {text}" for code, text in manifest["statuses"].items())
+    for name in ("scene", "identity", "title"):
+        file.attrs[name] = manifest[name]
+    file.attrs["about"] = json.dumps({key: manifest[key] for key in ("versions", "platform", "law", "batch")})
+
+
 def _slabs(first: int, last: int, counts: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
-    """The members `first` … `last` − 1, last axis fastest, as boxes of places, in their order."""
+    """Members `first` … `last` − 1 as boxes of places, in their order."""
     if len(counts) == 1:
         if last > first:
             yield (slice(first, last),)
@@ -180,10 +248,10 @@ def _slabs(first: int, last: int, counts: tuple[int, ...]) -> Iterator[tuple[sli
             yield slice(j, j + 1), *rest
 
 
-def _read(path: Path, identity: str) -> cache.Arrays | None:
+def _read(path: Path, identity: str) -> storage.Arrays | None:
     """What `write` wrote; None if it is damaged, or another sweep's. Raises `SweepError` without the packages."""
     if path.name == NPZ:
-        found = cache.read(path)
+        found = storage.read(path)
         same = found is not None and json.loads(str(found.pop("about", "{}"))).get("identity") == identity
         return found if same else None
     if not has_netcdf():

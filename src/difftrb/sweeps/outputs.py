@@ -1,10 +1,14 @@
-"""What a sweep can ask by name of a scene or of a single contact, and the one roller law that all its scenes share."""
+"""Outputs: what a sweep can be asked for by name. And the one roller law that all scenes of a sweep share.
+
+An output declares its name, unit, label, dimensions and function in one place. Sweep files, `sweep.nc`, figures and
+errors take them from there. A module that calls `register` adds an output; nothing else has to change.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -12,93 +16,126 @@ import numpy as np
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
-from difftrb.core.files import shown
+from difftrb.core.messages import shown
 from difftrb.core.status import SweepError
+from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress
 from difftrb.ring import ring
 from difftrb.scene import auto_law
-from difftrb.scene.checks import SEVERAL_SHAPES, of_one_shape
+from difftrb.scene.checks import of_one_shape
 from difftrb.scene.scene import LawName, PitchMean, Scene, healthy, is_auto, named
 from difftrb.scene.solving import Solution, outer_law, prepare, solve
 from difftrb.sweeps.axes import Axis, number_at, replaced
 
 STATUS = "status_code"
 """Name under which a function of a member may give its status (`difftrb.status`), an integer of shape ()."""
-
-
-class Output(NamedTuple):
-    """One result by name.
-
-    Attributes:
-      of: from a solution and, of the ring, its healthy counterpart. unit: of it. dims: names of its own dimensions.
-      beside: whether it needs the healthy counterpart.
-    """
-
-    of: Callable[..., jax.Array]
-    unit: str
-    dims: tuple[str, ...] = ()
-    beside: bool = False
-
-
-def _loss(name: str) -> Output:
-    def of(spalled: Solution, sound: Solution) -> jax.Array:
-        return 100.0 * (1.0 - getattr(spalled, name) / getattr(sound, name))
-
-    return Output(of, "%", beside=True)
-
-
-RING: dict[str, Output] = {
-    "radial_stiffness": Output(lambda s, _: s.radial_stiffness, "N/mm"),
-    "axial_stiffness": Output(lambda s, _: s.axial_stiffness, "N/mm"),
-    "radial_loss": _loss("radial_stiffness"),
-    "axial_loss": _loss("axial_stiffness"),
-    "peak_load": Output(lambda s, _: jnp.max(s.loads), "N"),
-    "radial_displacement": Output(lambda s, _: s.displacement[0], "mm"),
-    "lateral_displacement": Output(lambda s, _: s.displacement[1], "mm"),
-    "axial_displacement": Output(lambda s, _: s.displacement[2], "mm"),
-    "loads": Output(lambda s, _: s.loads, "N", ("roller",)),
-    "stiffness": Output(lambda s, _: s.stiffness, "N/mm", ("force", "displacement")),
-}
-"""Of a scene: see `Solution`; losses are of stiffness against the bearing without spalls."""
-
-CONTACT: dict[str, Output] = {
-    "approach": Output(lambda s: s.approach, "mm"),
-    "peak_pressure": Output(lambda s: s.peak_pressure, "N/mm²"),
-    "contact_width": Output(lambda s: s.contact_width, "mm"),
-    "loaded_fraction": Output(lambda s: s.loaded_fraction, ""),
-}
-"""Of one roller on its raceway: see `ContactSolution`."""
-
 DEFAULT = ("radial_stiffness", "axial_stiffness")
 
 
-def of_scene(names: Sequence[str]) -> Callable[[Scene], dict[str, jax.Array]]:
-    """The function that solves a scene for the results `names` of `RING`. Raises `SweepError`."""
-    chosen = {name: RING[name] for name in known(names, RING)}
+@dataclasses.dataclass(frozen=True)
+class Output:
+    """One result by name.
 
-    def function(scene: Scene) -> dict[str, jax.Array]:
-        spalled = solve(scene)
-        code, sound = spalled.status_code, None
-        if any(output.beside for output in chosen.values()):
-            sound = solve(healthy(scene))
-            code = status.worst(code, sound.status_code)
-        return {STATUS: code} | {name: output.of(spalled, sound) for name, output in chosen.items()}
+    Attributes:
+      name: in sweep files, `difftrb.sweep` and files of results. unit: "" without one. label: in figures, without unit.
+      of: gives the array from a `Solution`, or from a `ContactSolution` if `source` is "contact".
+      dims: names of the array's own dimensions; default none: a number.
+      source: what is solved. Default "ring".
+      against_healthy: whether `of` also takes the solution without spalls, behind the other. Default False.
+    """
+
+    name: str
+    unit: str
+    label: str
+    of: Callable[..., jax.Array]
+    dims: tuple[str, ...] = ()
+    source: Literal["ring", "contact"] = "ring"
+    against_healthy: bool = False
+
+
+RING: dict[str, Output] = {}
+"""Outputs of a scene, by name."""
+CONTACT: dict[str, Output] = {}
+"""Outputs of one roller on its raceway, by name."""
+
+
+def register(output: Output) -> Output:
+    """Let sweeps ask for an output by its name; returns it. Raises `SweepError` for a name that is taken."""
+    if output.name in registered() or not output.name.isidentifier():
+        raise SweepError(f"{shown(output.name)}: is the name of an output already, or cannot be one; name it otherwise")
+    {"ring": RING, "contact": CONTACT}[output.source][output.name] = output
+    return output
+
+
+def registered() -> dict[str, Output]:
+    """All outputs by name."""
+    return RING | CONTACT
+
+
+def label_of(name: str) -> str:
+    """Label of a result in figures; without a declaration, its name in words."""
+    output = registered().get(name)
+    return name.replace("_", " ") if output is None else output.label
+
+
+def _loss(name: str) -> Callable[[Solution, Solution], jax.Array]:
+    """Loss of a stiffness against the bearing without spalls [%]."""
+    return lambda spalled, reference: 100.0 * (1.0 - getattr(spalled, name) / getattr(reference, name))
+
+
+for _output in (
+    Output("radial_stiffness", "N/mm", "radial stiffness", lambda s: s.radial_stiffness),
+    Output("axial_stiffness", "N/mm", "axial stiffness", lambda s: s.axial_stiffness),
+    Output("radial_loss", "%", "radial loss", _loss("radial_stiffness"), against_healthy=True),
+    Output("axial_loss", "%", "axial loss", _loss("axial_stiffness"), against_healthy=True),
+    Output("peak_load", "N", "peak load", lambda s: jnp.max(s.loads)),
+    Output("radial_displacement", "mm", "radial displacement", lambda s: s.displacement[0]),
+    Output("lateral_displacement", "mm", "lateral displacement", lambda s: s.displacement[1]),
+    Output("axial_displacement", "mm", "axial displacement", lambda s: s.displacement[2]),
+    Output("loads", "N", "loads", lambda s: s.loads, ("roller",)),
+    Output("stiffness", "N/mm", "stiffness", lambda s: s.stiffness, ("force", "displacement")),
+    Output("approach", "mm", "approach", lambda s: s.approach, source="contact"),
+    Output("peak_pressure", "N/mm²", "peak pressure", lambda s: s.peak_pressure, source="contact"),
+    Output("contact_width", "mm", "contact width", lambda s: s.contact_width, source="contact"),
+    Output("loaded_fraction", "", "loaded fraction", lambda s: s.loaded_fraction, source="contact"),
+):
+    register(_output)
+
+
+def function_of(
+    names: Sequence[str], solved: Callable[[Any], ContactSolution] | None = None
+) -> Callable[[Any], dict[str, jax.Array]]:
+    """The function from a member to its status and the outputs `names`. Raises `SweepError` for unknown names.
+
+    Members are scenes, and names those of `RING`; with `solved`, which gives a member's contact, those of `CONTACT`.
+    """
+    registry = CONTACT if solved else RING
+    chosen = [registry[name] for name in known(names, registry)]
+    compared = any(output.against_healthy for output in chosen)
+
+    def function(member: Any) -> dict[str, jax.Array]:
+        solution = (solved or solve)(member)
+        code, reference = solution.status_code, ()
+        if compared:
+            reference = (solve(healthy(member)),)
+            code = status.worst(code, reference[0].status_code)
+        return {STATUS: code} | {
+            output.name: _value(output, solution, *reference[: output.against_healthy]) for output in chosen
+        }
 
     return function
 
 
-def of_contact(names: Sequence[str], solved: Callable[[Any], ContactSolution]) -> Callable[[Any], dict[str, jax.Array]]:
-    """The function that gives the results `names` of `CONTACT` of what `solved` returns. Raises `SweepError`."""
-    chosen = {name: CONTACT[name] for name in known(names, CONTACT)}
-
-    def function(tree: Any) -> dict[str, jax.Array]:
-        solution = solved(tree)
-        return {STATUS: solution.status_code} | {name: output.of(solution) for name, output in chosen.items()}
-
-    return function
+def _value(output: Output, *solutions: Any) -> jax.Array:
+    """The array of one output; refuses one that has not the dimensions that it declares."""
+    value = jnp.asarray(output.of(*solutions))
+    if value.ndim != len(output.dims):
+        names = ", ".join(output.dims) or "none"
+        raise SweepError(f"outputs: {output.name} has shape {value.shape}, but declares as its dimensions: {names}")
+    return value
 
 
-def known(names: Sequence[str], outputs: dict[str, Output]) -> Sequence[str]:
+def known(names: Sequence[str], outputs: Mapping[str, Output]) -> Sequence[str]:
     """`names`; refuses those that `outputs` does not have, one that is there twice, and none at all."""
     if not names:
         raise SweepError(f"outputs is empty; name some of {', '.join(outputs)}")
@@ -110,27 +147,24 @@ def known(names: Sequence[str], outputs: dict[str, Output]) -> Sequence[str]:
     return names
 
 
-# ------------------------------------------------------------------------------------------------ the law of all
+# ------------------------------------------------------------------------------------------------ the shared law
 
-FITTED_FOR = {"power": ("width", "depth", "axial_offset"), "liu2018": ("depth", "axial_offset"),
-              "palmgren": ("depth", "axial_offset")}  # fmt: skip
-"""Of a spall, what a law by this name is made for one value of, or does not know at all."""
 JUDGED_AT = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
-"""How far along every axis the members are that the law "auto" is judged by."""
+"""Places, as shares of every axis, of the members that judge the law "auto"."""
 
 
-def prepared(
+def with_shared_law(
     scene: Scene, axes: Sequence[Axis], gradients: Sequence[str] = (), progress: Progress | None = None
 ) -> Scene:
-    """The scene with one law for all members: made once, for the largest and smallest loads and longest spalls on the
-    axes. A law that the scene brings prepared is kept; "auto" is judged by four members, from end to end of all axes,
-    and by "direct" there: with derivatives by where edges stand at one phase it becomes a table, whose ramps have them.
+    """The scene with one law for all members, made once for the largest and smallest loads and the longest spalls.
 
-    Raises `SweepError` for a key through which a law by name does not act, or would have to be made for every member.
+    A prepared law is kept. "auto" is judged against "direct" at four members, from end to end of all axes. At one phase
+    with derivatives by the place of an edge it becomes a table, whose ramps have such derivatives.
+
+    Raises `SweepError` for a key on which a law by name does not depend, or that would need a law for every member.
     """
-    ends = {
-        key: (float(v.min()), float(v.max())) for axis in axes for key, v in zip(axis.keys, axis.values, strict=True)
-    }
+    ends = {key: (float(v.min()), float(v.max()))
+            for axis in axes for key, v in zip(axis.keys, axis.values, strict=True)}  # fmt: skip
     if isinstance(scene.phase, PitchMean) and "stiffness.phase" in gradients and "stiffness.phase" not in ends:
         raise SweepError(
             "gradients: stiffness.phase = 'mean' has no derivative by the phase; give one phase, or leave it out"
@@ -141,18 +175,19 @@ def prepared(
         edges = any(key.endswith((".width", ".angle", ".phase")) for key in gradients)
         return auto_law.shared(
             _members(scene, axes),
-            lambda law, accuracy: prepared(named(scene, law, accuracy), axes, gradients, progress),
+            lambda law, accuracy: with_shared_law(named(scene, law, accuracy), axes, gradients, progress),
             auto_law.SOFT if edges and not isinstance(scene.phase, PitchMean) else auto_law.SHARED,
         )
-    name = scene.law.name
-    for key in (*ends, *gradients):
-        _refuse_frozen(name, key, "gradients: " if key not in ends else "")
-    if name == "direct" and scene.spalls:
-        raise SweepError(
-            "contact.law = 'direct' holds for one scene and would be made anew for every member; use 'table'"
-        )
-    if name == "power" and not of_one_shape(scene.spalls):
-        raise SweepError(f"contact.{SEVERAL_SHAPES}")
+    law = LAWS.get(scene.law.name)
+    if law is not None:  # else `prepare` refuses it
+        for key in (*ends, *gradients):
+            _refuse_frozen(law, key, "gradients: " if key not in ends else "")
+        if law.one_scene and scene.spalls:
+            raise SweepError(
+                f"contact.law = {law.name!r} holds for one scene and would be made anew for every member; use 'table'"
+            )
+        if law.one_shape and not of_one_shape(scene.spalls):
+            raise SweepError(f"contact.{law.one_shape}")
     low, high = (_with_ends(scene, ends, side) for side in (0, 1))
     made = prepare(high, progress, ring.largest_load(low.bearing, low.load))
     ready = prepare(dataclasses.replace(scene, law=made.law, effects=made.effects))
@@ -162,7 +197,7 @@ def prepared(
 
 
 def _members(scene: Scene, axes: Sequence[Axis]) -> list[Scene]:
-    """Some of a sweep's scenes, from end to end of all axes, by which a law can be judged."""
+    """Scenes at the shares `JUDGED_AT` of all axes."""
     found = []
     for share in JUDGED_AT:
         member = scene
@@ -173,22 +208,27 @@ def _members(scene: Scene, axes: Sequence[Axis]) -> list[Scene]:
     return found
 
 
-def _refuse_frozen(name: str, key: str, where: str) -> None:
+def _refuse_frozen(law: LawKind, key: str, where: str) -> None:
+    """Refuse a key through which a law does not act once it is made."""
+    if law.frozen is None:
+        return
     owner, _, field = key.partition(".")
     if owner == "spall":
         field = key.split(".")[-1]
-    if name in FITTED_FOR and owner == "spall" and field in FITTED_FOR[name]:
-        made = "is fitted for one" if name == "power" else "does not know the"
+    if owner == "spall" and field in law.frozen:
+        made = "is fitted for one" if law.one_shape else "does not know the"
         raise SweepError(
-            f"{where}{key}: contact.law = {name!r} {made} {field.replace('_', ' ')} of a spall; use 'table'"
+            f"{where}{key}: contact.law = {law.name!r} {made} {field.replace('_', ' ')} of a spall; use 'table'"
         )
     crown = key == "contact.design_load"
-    if name in FITTED_FOR and (crown or (owner == "bearing" and field not in ("arc_radius", "outer_angle"))):
+    if crown or (owner == "bearing" and field not in ("arc_radius", "outer_angle")):
         raise SweepError(
-            f"{where}{key}: contact.law = {name!r} would have to be made anew for every member; use 'table'"
+            f"{where}{key}: contact.law = {law.name!r} would have to be made anew for every member; use 'table'"
         )
-    if name == "liu2018" and key == "bearing.outer_angle":
-        raise SweepError(f"{where}{key}: contact.law = 'liu2018' holds for the bearing 32008J only; use 'table'")
+    if law.bearing is not None and key == "bearing.outer_angle":
+        raise SweepError(
+            f"{where}{key}: contact.law = {law.name!r} holds for the bearing {law.bearing} only; use 'table'"
+        )
 
 
 def _with_ends(scene: Scene, ends: dict[str, tuple[float, float]], side: int) -> Scene:
@@ -202,7 +242,7 @@ def _with_ends(scene: Scene, ends: dict[str, tuple[float, float]], side: int) ->
 
 
 def _refuse_other(ready: Scene, key: str, ends: tuple[float, float]) -> None:
-    """Refuse an axis on whose ends the law that was made says that it is another scene's."""
+    """Refuse an axis at whose ends the law says that it was made for another scene."""
     if key.startswith("load.") or key.endswith((".length", ".width", ".angle", ".phase")):
         return
     for value in ends:

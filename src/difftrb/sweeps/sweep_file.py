@@ -1,4 +1,4 @@
-"""The table `[sweep]` of a scene file: axes, outputs and gradients; and the plan that they make with the scene."""
+"""The table `[sweep]` of a scene file: axes, outputs, gradients, and the plan that they make with the scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
 from difftrb.core import geometry
-from difftrb.core.files import dotted, known, shown
+from difftrb.core.messages import dotted, known, shown
 from difftrb.core.status import SweepError
 from difftrb.law.samples import Progress
 from difftrb.scene import scene_file
@@ -47,17 +47,16 @@ class SweepFile:
         """What is to be computed; the roller law is made now. Raises `SceneError`."""
         with _named(self.path):
             if not self.of_contact:
-                given = self.scene.scene()
-                return sweeping.planned(self.outputs, given, self.axes, self.gradients, self.mode, batch, progress)
-            function = outputs.of_contact(self.outputs, _contact)
-            plan = sweeping.planned(function, self.scene, self.axes, self.gradients, self.mode, batch or 1)
-            units = plan.units | {name: outputs.CONTACT[name].unit for name in self.outputs}
-            return dataclasses.replace(plan, units=units, title=" ".join(self.outputs))
+                base, solved = self.scene.scene(), None
+            else:
+                base, solved, batch = self.scene, _contact, batch or 1
+            asked = self.axes, self.gradients, self.mode, batch, progress
+            return sweeping.planned(self.outputs, base, *asked, solved=solved)
 
 
 @contextlib.contextmanager
 def _named(path: str) -> Iterator[None]:
-    """What is wrong with a sweep becomes a `SceneError` that names the file."""
+    """A `SweepError` becomes a `SceneError` that names the file."""
     try:
         yield
     except SweepError as error:
@@ -79,29 +78,21 @@ def parse(text: str, path: str | Path = "scene") -> SweepFile:
     content = tomllib.loads(text)
     table = content.pop("sweep", None)
     if not isinstance(table, dict) or not table:
-        raise SceneError(
-            f"{path}: [sweep] is missing: name axes, say spall.0.length = {{from = 0.5, to = 8, count = 64}}"
-        )
+        raise SceneError(f"{path}: [sweep] is missing: name axes, say {axes_.EXAMPLE}")
     with _named(str(path)):
         given = dict(_axes(table))
-        found = SweepFile(
-            file,
-            given,
-            _texts(table, "outputs", outputs.DEFAULT),
-            _texts(table, "gradients", ()),
-            table.get("mode", "product"),
-            text,
-            str(path),
-        )
+        asked = _texts(table, "outputs", outputs.DEFAULT)
+        gradients = _texts(table, "gradients", ())
+        found = SweepFile(file, given, asked, gradients, table.get("mode", "product"), text, str(path))
         made = axes_.axes_of(given, found.mode)
-        unknown = [name for name in found.outputs if name not in outputs.RING | outputs.CONTACT]
-        outputs.known(unknown or found.outputs, outputs.RING | outputs.CONTACT)
-        if not found.of_contact and any(name in outputs.CONTACT for name in found.outputs):
+        unknown = [name for name in asked if name not in outputs.registered()]
+        outputs.known(unknown or asked, outputs.registered())
+        if not found.of_contact and any(name in outputs.CONTACT for name in asked):
             raise SweepError(
                 f"outputs: {', '.join(outputs.CONTACT)} are of a single contact and do not go with the ring's"
             )
         _check(content, found)  # before a scene is made of it, which raises where effects exclude each other
-        axes_.check(file if found.of_contact else file.scene(), made, found.gradients)
+        axes_.check(file if found.of_contact else file.scene(), made, gradients)
         _check_ends(content, made, found)
     return found
 
@@ -142,7 +133,7 @@ def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
 
 
 def _check_ends(content: dict[str, Any], made: tuple[Axis, ...], file: SweepFile) -> None:
-    """Every axis's ends as if they stood in the file: what the scene's own checks refuse is refused."""
+    """Refuse an end of an axis that the scene's own checks refuse, as if it stood in the file."""
     ends = [(key, float(end)) for axis in made for key, values in zip(axis.keys, axis.values, strict=True)
             for end in (values.min(), values.max())]  # fmt: skip
     for key, end in ends:
@@ -156,7 +147,7 @@ def _check_ends(content: dict[str, Any], made: tuple[Axis, ...], file: SweepFile
 
 
 def _check(content: dict[str, Any], file: SweepFile) -> None:
-    """Refuse a scene file's tables as `difftrb run` or `contact` does, but for loads without an equilibrium."""
+    """Refuse what `difftrb run` or `contact` refuses, but for loads without an equilibrium."""
     try:
         one = scene_file.from_content(copy.deepcopy(content), file.path)
         (scene_file.check_contact if file.of_contact else scene_file.check_ring)(one, file.path)

@@ -9,7 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from difftrb.report.plot import ACCENT, HEALTHY
-from difftrb.sweeps.sweep_result import Swept
+from difftrb.sweeps.gathered import Swept
+from difftrb.sweeps.outputs import label_of
 
 
 def swept(result: Swept, name: str) -> Any:
@@ -86,20 +87,18 @@ def _cut(
     dims = [dim if dim in result.coordinates else along[0] for dim in result.dims]  # zipped axes: by one of them
     chosen = tuple(slice(None) if dim in along else (at or {}).get(dim, count // 2)
                    for dim, count in zip(dims, result.status_code.shape, strict=True))  # fmt: skip
-    order = np.argsort([along.index(dim) for dim in dims if dim in along])
-
-    def cut(values: np.ndarray) -> np.ndarray:
-        back = np.argsort(order)
-        return np.transpose(values[chosen], back)
-
-    slopes = {key: cut(values) for key, values in result.gradients[name].items()}
-    return [result.coordinates[key] for key in along], (cut(result.values[name]), slopes)
+    left = [dim for dim in dims if dim in along]
+    order = np.argsort(np.argsort([along.index(dim) for dim in left]))
+    slopes = {key: np.transpose(values[chosen], order) for key, values in result.gradients[name].items()}
+    value = np.transpose(result.values[name][chosen], order)
+    return [result.coordinates[key] for key in along], (value, slopes)
 
 
 def _label(result: Swept, name: str, value: float | None = None) -> str:
-    """A key or a result in words, with its unit or, with a value, with that."""
+    """A key or a result in words, with its unit or with a value."""
     unit = result.units.get(name, "")
-    words = name.replace("_", " ").replace("spall.0.", "spall ").replace(".", " ")
+    key = name.replace("_", " ").replace("spall.0.", "spall ").replace(".", " ")
+    words = key if name in result.coordinates else label_of(name)
     if value is not None:
         return f"{words} {value:.4g} {unit}".rstrip()
     return f"{words} [{unit}]" if unit else words

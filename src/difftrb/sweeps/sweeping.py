@@ -1,111 +1,40 @@
-"""Many scenes at once: a plan's chunks computed by devices or threads.
+"""Sweeps asked for: checked, forecast, and computed in memory.
 
-A chunk, which ends up in one file, is some blocks in parts of equal size, which devices or threads take as they are
-free. Their number changes no bit of a number.
+What does not fit into memory or on disk is refused before an array of its length is made.
 """
 
 from __future__ import annotations
 
-import queue
-from collections.abc import Callable, Generator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, cast
+import math
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import SingleDeviceSharding
 
+from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
-from difftrb.core.devices import lanes_of
+from difftrb.core.machine import free_memory, lanes_of
 from difftrb.core.status import SweepError
 from difftrb.law.samples import Progress
 from difftrb.scene import checks
 from difftrb.scene.scene import Scene
 from difftrb.sweeps import axes as axes_
-from difftrb.sweeps import outputs, sizes
-from difftrb.sweeps.axes import Axis, Layout
+from difftrb.sweeps import outputs
+from difftrb.sweeps.axes import Axis
+from difftrb.sweeps.gathered import Swept, labelled
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import AHEAD, MOST_MEMBERS, SHARE, Plan, labelled
-from difftrb.sweeps.sweep_result import Swept
+from difftrb.sweeps.plan import AHEAD, MOST_MEMBERS, SHARE, Plan, Program
 
 BATCH = {"cpu": 1024, "gpu": 65536}
 """Members computed at once: on a busy CPU 240 to 4000 took the same time within noise (experiments/sweep_at_scale.py
 --batch); a GPU wants more, how many was not measured."""
-
-
-class Program:
-    """The program of a plan, compiled when first used, and the lanes it runs in: devices, or threads of one of them.
-
-    Every call computes the same number of blocks, whatever the number of lanes, by one and the same executable: XLA
-    makes another one, with other last bits, of a program for several devices than of that for one.
-    """
-
-    def __init__(self, plan: Plan, lanes: Sequence[Any]) -> None:
-        self.plan = plan
-        values = [axis.values for axis in plan.axes]
-        there = {lane: jax.device_put(values, SingleDeviceSharding(lane)) for lane in set(lanes)}
-        self._free: queue.SimpleQueue[tuple[Any, list[jax.Array]]] = queue.SimpleQueue()
-        for lane in lanes:
-            self._free.put((lane, there[lane]))
-        self._pool = ThreadPoolExecutor(len(lanes))
-
-    def _call(self, part: int) -> dict[str, np.ndarray]:
-        """The columns of one part of a chunk, numbered through all chunks, shape (blocks, size, …)."""
-        plan = self.plan
-        blocks = np.minimum(part * plan.part + np.arange(plan.part), plan.layout.blocks - 1)
-        lane, values = self._free.get()
-        try:
-            found = plan.compute(jax.device_put(blocks, SingleDeviceSharding(lane)), values)
-            return {name: np.asarray(array) for name, array in found.items()}
-        finally:
-            self._free.put((lane, values))
-
-    def parts(self, numbers: Sequence[int]) -> None:
-        """Compute some parts, on trial."""
-        for running in [self._pool.submit(self._call, part) for part in numbers]:
-            running.result()
-
-    def scratch(self) -> int:
-        """Bytes that a call takes while it runs, with its results."""
-        lane, values = self._free.get()
-        self._free.put((lane, values))
-        needed = cast(Any, self.plan.compute).lower(np.arange(self.plan.part), values).compile().memory_analysis()
-        return int(needed.temp_size_in_bytes + needed.output_size_in_bytes) if needed is not None else 0
-
-    def start(self, chunk: int) -> Callable[[], dict[str, np.ndarray]]:
-        """Begin to compute a chunk; what is returned waits for it, and gives its columns, shape (members, …)."""
-        plan, layout = self.plan, self.plan.layout
-        first = chunk * plan.chunk
-        last = min(first + plan.chunk, layout.blocks)
-        parts = range(first // plan.part, -(-last // plan.part))
-        running = [self._pool.submit(self._call, part) for part in parts]
-        sizes = [layout.first(block + 1) - layout.first(block) for block in range(first, last)]
-
-        def finish() -> dict[str, np.ndarray]:
-            found = [part.result() for part in running]
-            columns = {name: np.concatenate([part[name] for part in found])[: len(sizes)] for name in found[0]}
-            if min(sizes) == layout.size:
-                return {name: array.reshape(-1, *array.shape[2:]) for name, array in columns.items()}
-            return {name: np.concatenate([array[i, :size] for i, size in enumerate(sizes)])
-                    for name, array in columns.items()}  # fmt: skip
-
-        return finish
-
-    def all(self, chunks: Sequence[int]) -> Generator[tuple[int, dict[str, np.ndarray]]]:
-        """Columns chunk by chunk; the next one is computed while this one is dealt with."""
-        waiting: list[tuple[int, Callable[[], dict[str, np.ndarray]]]] = []
-        try:
-            for chunk in chunks:
-                waiting.append((chunk, self.start(chunk)))
-                if len(waiting) > AHEAD:
-                    number, finish = waiting.pop(0)
-                    yield number, finish()
-            while waiting:
-                number, finish = waiting.pop(0)
-                yield number, finish()
-        finally:  # of one that stopped early
-            self._pool.shutdown(cancel_futures=True)
+MOST = 10**12
+"""Members of a sweep, at most: at a microsecond each they take twelve days."""
 
 
 def planned(
@@ -116,31 +45,35 @@ def planned(
     mode: str = "product",
     batch: int | None = None,
     progress: Progress | None = None,
+    solved: Callable[[Any], ContactSolution] | None = None,
 ) -> Plan:
-    """A plan, checked, the roller law of a scene made once for all members; arguments and errors as in `sweep`."""
+    """A plan, checked, the roller law of a scene made once for all members; arguments and errors as in `sweep`.
+
+    With `solved`, which gives the single contact of a member, names are those of `outputs.CONTACT`.
+    """
     status.require_float64()
     made = axes_.axes_of(given, mode)
     results = 1 if callable(what) or isinstance(what, str) else len(what)
-    sizes.check_members((axis.count for axis in made), results * (1 + len(gradients)))
+    _check_members([axis.count for axis in made], results * (1 + len(gradients)))
     if isinstance(base, Scene):
         checks.refuse(base)
-    units = axes_.check(base, made, gradients)
-    dims: dict[str, tuple[str, ...]] = {}
+    units, dims = axes_.check(base, made, gradients), {}
     if isinstance(base, Scene):
         _check_ends(base, made)
-        base = outputs.prepared(base, made, gradients, progress)
+        base = outputs.with_shared_law(base, made, gradients, progress)
     if callable(what):
         function, title = _by_name(what), getattr(what, "__qualname__", repr(what))
     else:
         names = [what] if isinstance(what, str) else list(what)
-        function, title = outputs.of_scene(names), " ".join(names)
-        units |= {name: outputs.RING[name].unit for name in names}
-        dims = {name: outputs.RING[name].dims for name in names}
+        function, title = outputs.function_of(names, solved), " ".join(names)
+        chosen = [outputs.registered()[name] for name in names]
+        units |= {output.name: output.unit for output in chosen}
+        dims = {output.name: output.dims for output in chosen}
     return Plan(base, made, function, tuple(gradients), units, dims, _batch(made, batch), title)
 
 
 def _check_ends(scene: Scene, made: Sequence[Axis]) -> None:
-    """Refuse members at an end of an axis that could not be had alone."""
+    """Refuse axes with an end that a scene may not have."""
     for axis in made:
         for k in {int(place) for values in axis.values for place in (values.argmin(), values.argmax())}:
             member = scene
@@ -166,11 +99,129 @@ def _by_name(function: Callable[[Any], Any]) -> Callable[[Any], dict[str, jax.Ar
 def _batch(made: Sequence[Axis], batch: int | None) -> int:
     """Members of a block: small sweeps have small ones, so that there are enough to share among devices."""
     if batch is None:
-        members = Layout(tuple(axis.count for axis in made), 1).members
+        members = math.prod(axis.count for axis in made)
         return min(BATCH.get(jax.default_backend(), BATCH["gpu"]), max(1, members // SHARE))
     if not isinstance(batch, int) or not 1 <= batch <= MOST_MEMBERS:
         raise SweepError(f"batch = {batch!r}: must be a whole number in 1 … {MOST_MEMBERS}")
     return batch
+
+
+# ------------------------------------------------------------------------------------------------ what it takes
+
+
+def bytes_of_member(plan: Plan) -> int:
+    """Bytes of the results of one member."""
+    return sum(math.prod(shape.shape) * np.dtype(shape.dtype).itemsize for shape in plan.shapes.values())
+
+
+def _bytes_of_chunks(plan: Plan) -> int:
+    """Bytes of the chunks that are in memory at once while a sweep runs: in parts, and put together."""
+    return 2 * (AHEAD + 2) * plan.chunk * plan.layout.size * bytes_of_member(plan)
+
+
+def _check_members(counts: Sequence[int], columns: int) -> None:
+    """Refuse more members than any sweep can have; `columns` are results and derivatives, one number or more each."""
+    members = math.prod(counts)
+    if members > MOST:
+        disk = _in_bytes(2 * members * (8 * columns + 1))
+        raise SweepError(f"{_product(counts)}, which take {disk} of disk or more: must be at most {MOST:,}; give fewer")
+
+
+def check_chunks(plan: Plan) -> None:
+    """Raise `SweepError` if the few chunks that are in memory at once do not fit there."""
+    needed, free = _bytes_of_chunks(plan), free_memory()
+    if needed > free:
+        raise SweepError(
+            f"chunks of {plan.chunk * plan.layout.size:,} members with {_in_bytes(bytes_of_member(plan))} each take "
+            f"{_in_bytes(needed)} of memory, of which {_in_bytes(free)} are free; give a smaller batch, or smaller "
+            "results"
+        )
+
+
+def _check_memory(plan: Plan) -> None:
+    """Refuse a sweep whose results do not fit into memory."""
+    check_chunks(plan)
+    each, free, chunks = bytes_of_member(plan), free_memory(), _bytes_of_chunks(plan)
+    needed = plan.layout.members * each + chunks
+    if needed > free:
+        raise SweepError(
+            f"{_product(plan.layout.counts)} of {each} bytes take {_in_bytes(needed)} of memory, of which "
+            f"{_in_bytes(free)} are free, enough for {max(0, int(free - chunks)) // each:,}; give fewer, or use "
+            "difftrb.write_sweep, whose memory does not grow"
+        )
+
+
+def check_disk(plan: Plan, folder: Path, there: int) -> None:
+    """Raise `SweepError` if chunks, of which some are `there`, and one file with all do not fit into `folder`."""
+    each, free = bytes_of_member(plan), free_disk(folder)
+    left = 1.0 - min(there, plan.chunks) / plan.chunks
+    needed = (1.0 + left) * plan.layout.members * each
+    if needed > free:
+        raise SweepError(
+            f"{folder}: {_product(plan.layout.counts)} of {each} bytes{' still' if there else ''} take "
+            f"{_in_bytes(needed)} of disk, in chunks and in one file, of which {_in_bytes(free)} are free there, "
+            f"enough for {int(free / (1.0 + left)) // each:,}; make room, name another folder, or give fewer"
+        )
+
+
+def free_disk(folder: Path) -> int:
+    """Bytes that can be written into a folder, which need not be there yet."""
+    return shutil.disk_usage(next(at for at in (folder.absolute(), *folder.absolute().parents) if at.exists())).free
+
+
+def _in_bytes(count: float) -> str:
+    """Bytes for people."""
+    for unit in ("B", "kB", "MB", "GB", "TB"):
+        if count < 999.5:
+            return f"{count:.3g} {unit}"
+        count /= 1000.0
+    return f"{count:.4g} PB"
+
+
+def _product(counts: Sequence[int]) -> str:
+    return f"{' × '.join(f'{count:,}' for count in counts)}{f' = {math.prod(counts):,}' * (len(counts) > 1)} members"
+
+
+def forecast(plan: Plan, devices: int | None = None, folder: Path | None = None) -> str:
+    """What a sweep will take, in words: members, files, memory, and time from parts computed on trial.
+
+    The program is compiled, and one part of a chunk computed in every lane at once, twice. Time is of this process and
+    all its lanes. With a `folder` the text says how much room is there.
+    """
+    lanes = lanes_of(devices)
+    check_chunks(plan)
+    program = Program(plan, lanes)
+    parts = -(-plan.layout.blocks // plan.part)
+
+    def timed(numbers: Sequence[int]) -> float:
+        started = time.perf_counter()
+        program.parts(numbers)
+        return time.perf_counter() - started
+
+    first = timed([0])
+    call = min(timed([lane * parts // len(lanes) for lane in range(len(lanes))]) for _ in range(2))
+    share = -(-plan.chunks // jax.process_count()) / plan.chunks
+    seconds = share * parts * call / min(len(lanes), parts)
+    members, each = plan.layout.members, bytes_of_member(plan)
+    memory = program.scratch() * len(lanes) + _bytes_of_chunks(plan)
+    room = "" if folder is None else f"; {_in_bytes(free_disk(folder))} are free in {folder}"
+    counts = " × ".join(str(axis.count) for axis in plan.axes)
+    return "\n".join([
+        f"members   {members:,} = {counts}, in {plan.chunks:,} files of {plan.chunk * plan.layout.size:,} or fewer",
+        f"disk      {_in_bytes(2 * each * members)}: {each} bytes a member, in chunks and in one file{room}",
+        f"memory    {_in_bytes(memory)} beside JAX itself, whatever the number of members",
+        f"time      {_duration(seconds)} on {len(lanes)} device{'s' if len(lanes) > 1 else ''}, and "
+        f"{_duration(first - call)} to compile; {1e6 * seconds / members:.3g} µs a member",
+    ])  # fmt: skip
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 100.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
+
+
+# ------------------------------------------------------------------------------------------------ in memory
 
 
 def sweep(
@@ -187,8 +238,8 @@ def sweep(
     """Compute a function of many scenes, all in memory; `difftrb.write_sweep` does the same into files.
 
     Args:
-      what: names of results (`difftrb.outputs.RING`), or any function of a member that `jit` takes, returning an array
-        or a dict of arrays; one called "status_code" is the member's status.
+      what: names of outputs (`difftrb.sweeps.outputs.RING`), or any function of a member that `jit` takes, returning an
+        array or a dict of arrays; one called "status_code" is the member's status.
       base: a `Scene`; or, with a function, any tree of dataclasses, dicts and tuples.
       axes: values by dotted key, as in a scene file: {"spall.0.length": [1.0, 2.0], "load.axial": {"from": 4000.0,
         "to": 9000.0, "count": 64, "spacing": "log"}}.
@@ -199,14 +250,13 @@ def sweep(
       devices: how many of this process, or on a CPU how many threads. Default all.
       progress: told how many of how many members are done.
 
-    The law of a scene is made once for all members; "auto" chooses it by some of them (`difftrb.outputs.prepared`), and
-    `scene.picked` of the plan says which. A member without a solution is NaN, its status says why. Raises
-    `SweepError` for axes, keys or names that cannot be, for ends of axes that no scene may have, and before anything is
-    computed if the results do not fit into the memory that is free; `SceneError` for a scene that `solve` would refuse.
-    More than 1e12 members are refused everywhere.
+    The law of a scene is made once for all members; "auto" chooses it by some of them (`outputs.with_shared_law`). A
+    member without a solution is NaN, its status says why. Raises `SweepError` for axes, keys or names that cannot be,
+    for ends of axes that no scene may have, for more than 1e12 members, and before anything is computed if the results
+    do not fit into free memory; `SceneError` for a scene that `solve` would refuse.
     """
     plan = planned(what, base, axes, gradients, mode, batch)
-    sizes.check_memory(plan)
+    _check_memory(plan)
     columns = {name: np.empty((plan.layout.members, *shape.shape), shape.dtype) for name, shape in plan.shapes.items()}
     done = 0
     for _, found in Program(plan, lanes_of(devices)).all(range(plan.chunks)):

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import halfspace, hertz, projected_gradient, uniform_grid
+from difftrb.contact import halfspace, projected_gradient
 from difftrb.contact import solver as contacts
-from difftrb.contact.halfspace import Cells
+from difftrb.contact.contact_solution import Inputs
+from difftrb.contact.gap import Cells
 from difftrb.contact.height_map import height_at
+from tests import hertz
 
 pytestmark = pytest.mark.exact
 
@@ -20,7 +22,7 @@ LOAD = 3000.0
 def test_coefficients_are_those_of_the_cells() -> None:
     cells = Cells(jnp.asarray(0.01), 0.01 * jnp.arange(7), jnp.linspace(-0.3, 6.0, 12), False)
     force = jnp.asarray(np.random.default_rng(0).random((11, 7)))
-    by_cells, by_lattice = (m.influence(cells, jnp.asarray(MODULUS)) for m in (halfspace, uniform_grid))
+    by_cells, by_lattice = (m(cells, jnp.asarray(MODULUS)) for m in (halfspace.influence, halfspace.uniform_influence))
     expected = halfspace.displacement(by_cells, force)
     np.testing.assert_allclose(halfspace.displacement(by_lattice, force), expected, rtol=1e-9)
     np.testing.assert_allclose(by_lattice.diagonal[0, 0], by_cells.diagonal[:, 0], rtol=1e-11)
@@ -34,7 +36,7 @@ def test_sphere() -> None:
     x = pitch * (jnp.arange(40) + 0.5) - half
     cells = Cells(jnp.asarray(pitch), x, jnp.linspace(-half, half, 41), False)
     gap = (x[:, None] ** 2 + x[None, :] ** 2 + pitch**2 / 6.0) / (2.0 * radius)
-    matrix = uniform_grid.influence(cells, jnp.asarray(MODULUS))
+    matrix = halfspace.uniform_influence(cells, jnp.asarray(MODULUS))
     force, approach, residual, _ = jax.jit(projected_gradient.press_by)(
         matrix, cells.area, gap, load, truth.approach / 2
     )
@@ -78,7 +80,7 @@ def test_a_map_with_steep_walls_comes_to_the_spall_at_first_order(contact: trb.L
     for columns in (12, 24, 48):
         size = (8 * columns, columns)
         found = jax.lax.map(
-            lambda o, size=size: contacts._by_lattice(contact, load, steep(spall, 0.005, 0.01), o, None, size, 1e-2),
+            lambda o, size=size: contacts._by_lattice(Inputs(contact, load, steep(spall, 0.005, 0.01), o), size, 1e-2),
             offsets,
         )
         assert not found.status_code.any()

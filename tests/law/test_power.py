@@ -1,4 +1,4 @@
-"""Roller laws."""
+"""Power laws: printed, fitted, and Palmgren's."""
 
 import jax
 import jax.numpy as jnp
@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.law import laws
+from difftrb.law import base
+from difftrb.law.power import Palmgren
 
 pytestmark = pytest.mark.exact
 
 
-def loads_over(roller_law: laws.Law, lengths: jax.Array, approach: float) -> jax.Array:
+def loads_over(roller_law: base.Law, lengths: jax.Array, approach: float) -> jax.Array:
     """Loads of rollers in the middle of spalls of these lengths."""
 
     def one(length: jax.Array) -> jax.Array:
-        return laws.load_over(roller_law, jnp.asarray(approach), trb.Spall(length, 10.0))[0]
+        return base.load_over(roller_law, jnp.asarray(approach), trb.Spall(length, 10.0))[0]
 
     return jax.vmap(one)(lengths)
 
@@ -63,14 +64,14 @@ def test_a_longer_spall_never_carries_more(power: trb.PowerLaw) -> None:
 
 @pytest.mark.portable
 def test_palmgren_inverts_its_approach() -> None:
-    from difftrb.contact.hertz import palmgren_approach
+    from difftrb.contact.gap import palmgren_approach
 
-    load = loads_over(laws.Palmgren(13.66), jnp.array([3.0]), float(palmgren_approach(1234.0, 13.66 - 3.0)))
+    load = loads_over(Palmgren(13.66), jnp.array([3.0]), float(palmgren_approach(1234.0, 13.66 - 3.0)))
     assert float(load[0]) == pytest.approx(1234.0, rel=1e-12)
 
 
 def test_load_is_zero_clear_of_the_raceway(power: trb.PowerLaw) -> None:
-    assert [float(v) for v in laws.load_over(power, jnp.asarray(-1e-3))] == [0.0, 0.0]
+    assert [float(v) for v in base.load_over(power, jnp.asarray(-1e-3))] == [0.0, 0.0]
 
 
 def test_laws_that_do_not_exist_say_so(contact: trb.LineContact, bearing) -> None:

@@ -1,4 +1,4 @@
-"""Closed forms of contact mechanics: start values for the solver, and truths to compare with.
+"""Closed forms of Hertz's contact, to compare the solver with.
 
 Symbols: E' = contact modulus [N/mm²] (`geometry.contact_modulus`), R = equivalent radius [mm], load [N], lengths [mm].
 """
@@ -10,12 +10,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from difftrb.contact.gap import line_half_width
 from difftrb.core.geometry import Real
-
-
-def line_half_width(line_load: Real, radius: Real, modulus: Real) -> Real:
-    """Half width b of a line contact [mm] under `line_load` [N/mm]."""
-    return jnp.sqrt(4.0 * line_load * radius / (jnp.pi * modulus))  # Johnson 1985, eq. (4.43)
+from difftrb.core.numeric import bisected
 
 
 def line_peak_pressure(line_load: Real, radius: Real, modulus: Real) -> Real:
@@ -59,14 +56,8 @@ def ellipse(load: Real, radius_x: Real, radius_y: Real, modulus: Real) -> PointC
         K, E = _complete_elliptic(k)
         return jnp.log((E / k**2 - K) / (K - E) / ratio)  # Johnson 1985, eq. (4.28)
 
-    def bisect(_: int, bracket: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        low, high = bracket
-        middle = 0.5 * (low + high)
-        too_slim = excess(middle) > 0.0
-        return jnp.where(too_slim, middle, low), jnp.where(too_slim, high, middle)
-
-    start = (jnp.full_like(ratio, -15.0), jnp.full_like(ratio, -1e-6))
-    log_k = jax.lax.stop_gradient(sum(jax.lax.fori_loop(0, 60, bisect, start)) / 2.0)
+    low, high = bisected(lambda at: excess(at) > 0.0, jnp.full_like(ratio, -15.0), jnp.full_like(ratio, -1e-6))
+    log_k = 0.5 * (low + high)
     value, slope = jax.jvp(excess, (log_k,), (jnp.ones_like(log_k),))
     k = jnp.exp(log_k - value / jax.lax.stop_gradient(slope))
     K, E = _complete_elliptic(k)
@@ -87,13 +78,3 @@ def _complete_elliptic(k: jax.Array) -> tuple[jax.Array, jax.Array]:
         weight *= 2.0
     K = 0.5 * jnp.pi / a
     return K, K * (1.0 - total)
-
-
-def palmgren_approach(load: Real, length: Real) -> Real:
-    """Approach of inner and outer ring about one steel roller [mm], both contacts together."""
-    return 3.84e-5 * load**0.9 / length**0.8  # Palmgren 1959
-
-
-def lamina_stiffness(length: Real) -> Real:
-    """Spring constant c_L of a whole roller between its raceways [N/mm^(10/9)], Q = c_L δ^(10/9)."""
-    return 35948.0 * length ** (8.0 / 9.0)  # ISO/TS 16281:2008, eq. (38)

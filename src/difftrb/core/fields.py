@@ -1,29 +1,104 @@
-"""What every field of a scene may hold, from its annotation: as a sentence outside jit, and as a truth inside."""
+"""Dataclasses of numbers: as pytrees; and what every field may hold, from its annotation.
+
+JAX rebuilds a tree with whatever it has in place of numbers: tracers, None, objects, truths, axes of `vmap`. That goes
+round the constructor, which is free to tidy and to refuse what people give it. Ranges are told as a sentence outside
+jit, and as a truth inside.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
+import operator
 import types
-from collections.abc import Iterator
-from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+from collections.abc import Callable, Iterable, Iterator
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from annotated_types import Interval
+from annotated_types import Interval, Unit
+from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
-from difftrb.core import geometry
-from difftrb.core.files import shown
-from difftrb.core.messages import allowed, number_in
-from difftrb.core.pytrees import numbers_of
+from difftrb.core.messages import allowed, number_in, shown
 
-SHRINKING = ("length", "width", "depth")
-"""Sizes of a spall that may shrink to nothing in Python, where derivatives by them are asked for; in a file their least
+Class = TypeVar("Class", bound=type)
+
+SHRINKS = "may be 0 in Python"
+"""Annotation of a size that may shrink to nothing in Python, where derivatives by it are asked for. In a file its least
 value tells mm from other units."""
 SLACK = 1e-3
 """By how much of an end a traced number may be beyond it: differences over a small step are taken there."""
+
+
+# ------------------------------------------------------------------------------------------------ pytrees
+
+
+@functools.cache
+def numbers_of(cls: type) -> tuple[str, ...]:
+    """Names of the fields that are leaves, or trees of them: all but those marked as static."""
+    return tuple(field.name for field in dataclasses.fields(cls) if not field.metadata.get("static", False))
+
+
+def register(cls: Class) -> Class:
+    """Make a dataclass a pytree with its static fields in the structure; for use as a decorator, too."""
+    data = numbers_of(cls)
+    meta = tuple(field.name for field in dataclasses.fields(cls) if field.name not in data)
+    keys, names = tuple(map(GetAttrKey, data)), (*data, *meta)
+    leaves, static = _getter(data), _getter(meta)
+
+    def flatten(tree: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        return leaves(tree), static(tree)
+
+    def with_keys(tree: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        return tuple(zip(keys, leaves(tree), strict=True)), static(tree)
+
+    def rebuild(meta: tuple[Any, ...], data: Any) -> Any:
+        tree = object.__new__(cls)
+        tree.__dict__.update(zip(names, (*data, *meta), strict=True))
+        return tree
+
+    register_pytree_with_keys(cls, with_keys, rebuild, flatten)
+    return cls
+
+
+def _getter(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:
+    """Of these fields; as fast as can be, for every call of a compiled function takes scenes apart."""
+    if len(names) > 1:
+        return operator.attrgetter(*names)
+    return lambda tree: tuple([getattr(tree, name) for name in names])
+
+
+def whole_to_float(tree: Any, names: Iterable[str] | None = None) -> None:
+    """Turn whole numbers among a new dataclass's fields, or those of some `names`, into floats, by which JAX
+    differentiates; for `__post_init__`. What is no whole number stays as it is, truths among it."""
+    for name in numbers_of(type(tree)) if names is None else names:
+        value = getattr(tree, name)
+        if type(value) is float:
+            continue
+        new = tuple(map(_as_float, value)) if type(value) is tuple else _as_float(value)
+        if new is not value:
+            object.__setattr__(tree, name, new)
+
+
+def _as_float(value: Any) -> Any:
+    if _is_whole(value):
+        try:
+            return float(value)
+        except OverflowError:  # hundreds of digits: for the checks to refuse
+            return value
+    if isinstance(value, jax.Array | np.ndarray) and not isinstance(value, jax.core.Tracer):
+        return value.astype(float) if value.ndim == 0 and value.dtype.kind in "iu" else value
+    return value
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+# ------------------------------------------------------------------------------------------------ ranges
 
 
 class Field(NamedTuple):
@@ -56,8 +131,8 @@ def fields_of(cls: type) -> tuple[Field, ...]:
             kind, *metadata = get_args(numbers[0])
             limits = next(m for m in metadata if isinstance(m, Interval))
             low, high, whole = float(limits.ge), float(limits.le), kind is int  # type: ignore[arg-type]
-            if cls is geometry.Spall and name in SHRINKING:
-                low, takes = 0.0, number_in(0.0, high, "mm")
+            if SHRINKS in metadata:
+                low, takes = 0.0, number_in(0.0, high, next(m.unit for m in metadata if isinstance(m, Unit)))
         found.append(Field(name, texts, low, high, whole, several, type(None) in kinds, takes))
     return tuple(found)
 
@@ -99,7 +174,7 @@ def _of_number(field: Field, value: Any, key: str, not_finite: bool) -> str | No
         )
     if isinstance(value, jax.core.Tracer):
         return None
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    whole = _is_whole(value)
     real = whole or (isinstance(value, float | np.floating | np.ndarray | jax.Array) and _kind(value) in "iuf")
     if math.isnan(field.low) or not real or (field.whole and not whole):
         return f"{key} = {shown(value)}: must be {takes}"

@@ -1,27 +1,33 @@
-"""Cells for several spalls: every edge has a line of its own, along the roller and across it.
+"""Cells for one contact: where pressure can be, with lines on the spalls' edges; and the gap on them.
 
 Along the roller lines are graded from edge to edge. Across it the lattice stands on the first spall's edges; for each
 further one the nearest line moves there. Each spall is a hair larger than the one before, so that edges that would
 coincide keep a line each, which moves alone, and spalls that touch leave no ridge between them.
 
-Across the roller two lines so close make a sliver of a cell at an edge with singular pressure; the approach does not
+Across the roller two lines so close make a sliver of a cell at an edge with singular pressure. The approach does not
 mind, but its derivatives by such a width or offset come out up to half too small.
+
+A uniform lattice follows only the first spall's edges: a wall elsewhere stands where the nearest line does, so errors
+fall with the first power of a cell. It takes height maps, and is a second opinion.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.contact import gap as gaps
 from difftrb.contact import halfspace
-from difftrb.contact.contact_extent import Resolution, domain, edges_along
-from difftrb.contact.halfspace import EDGE_SHIFT, Cells, Uneven
+from difftrb.contact.contact_extent import depth_at, domain, domain_of_any, edges_along
+from difftrb.contact.contact_solution import Inputs, listed
+from difftrb.contact.gap import Cells, Uneven
+from difftrb.contact.halfspace import EDGE_SHIFT
 from difftrb.core import status
-from difftrb.core.geometry import LineContact, Spall
+from difftrb.core.geometry import Spall
 
 APART = 5e-5
 """By which each spall is longer at either end than the one before, as a part of the domain's half length."""
@@ -31,27 +37,96 @@ TOUCHING = 0.5
 """A ridge between two spalls that is narrower than this part of the pitch is not there."""
 FULL = 0.06
 """A land or hollow longer than this part of the domain's half length gets all its rows."""
+AWAY = 1e3
+"""Gap beyond the roller's ends [mm]."""
 
 
-class Fitted(NamedTuple):
-    """Cells, the depth of the spalls under each [mm], shape (rows, columns), and a status code."""
+@dataclasses.dataclass(frozen=True)
+class Resolution:
+    """How many cells: `columns` across the contact, `land` rows from a spall's end to the roller's end (or the end of
+    the loaded part), `spall` rows along half a spall."""
+
+    columns: int
+    land: int
+    spall: int
+
+
+class Stage(NamedTuple):
+    """Cells, the initial gap on them [mm], shape (rows, columns), and a status: `UNRESOLVED` where a spall is narrower
+    than a cell."""
 
     cells: Cells
-    depression: jax.Array
+    gap: jax.Array
     status_code: jax.Array
 
 
-def fitted(
-    contact: LineContact,
-    load: jax.Array,
-    spalls: tuple[Spall, ...],
-    offsets: jax.Array,
-    resolution: Resolution,
-    mirrored: bool,
-    tilt: jax.Array | None,
-) -> Fitted:
-    """Cells with a boundary on every edge of every spall; `offsets` shape (spalls,). Where spalls overlap the deeper
+def stage(inputs: Inputs, resolution: Resolution, mirrored: bool) -> Stage:
+    """Cells that span where pressure can be, with boundaries on the spalls' edges. Not for height maps."""
+    contact, spall = inputs.contact, cast(Spall | tuple[Spall, ...] | None, inputs.spall)
+    if isinstance(spall, tuple):
+        cells, depression, code = _several(inputs, spall, resolution, mirrored)
+    else:
+        cells, code = _single(inputs, spall, resolution, mirrored)
+        depression = jnp.zeros((1, 1)) if spall is None else gaps.depression(cells, spall, inputs.offset)
+    return Stage(cells, gaps.undeformed(cells, contact, inputs.tilt) + depression, code)
+
+
+# ------------------------------------------------------------------------------------------ at most one spall
+
+
+def _single(inputs: Inputs, spall: Spall | None, resolution: Resolution, mirrored: bool) -> tuple[Cells, jax.Array]:
+    """Cells for one spall or none, and their status."""
+    contact, load, _, offset, tilt = inputs
+    spalls, offsets = ((), jnp.zeros(0)) if spall is None else ((spall,), offset[None])
+    reach_x, bottom, top = domain(contact, load, spalls, offsets, tilt)
+    reach_y = 0.5 * (top - bottom)
+    reach_x = reach_x * (1.0 + 2.0 / resolution.columns)  # the lattice may slide by half a cell, borders stay unloaded
+    if spall is None:
+        nowhere = jnp.asarray(jnp.inf)
+        pitch, x = halfspace.lattice(reach_x, resolution.columns, -nowhere, nowhere)
+        half = halfspace.graded(jnp.zeros(()), reach_y, resolution.land, at_start=False, at_end=True)
+        lines = half if mirrored else 0.5 * (bottom + top) + jnp.concatenate([-half[:0:-1], half])
+        return Cells(pitch, x, lines, mirrored), jnp.asarray(status.CONVERGED)
+
+    pitch, x = halfspace.lattice(reach_x, resolution.columns, offset - 0.5 * spall.width, offset + 0.5 * spall.width)
+    sliver = 2e-3 * reach_y  # no segment of the grid is thinner
+    ends = spall.axial_offset - 0.5 * spall.length, spall.axial_offset + 0.5 * spall.length
+    high = jnp.clip(ends[1], bottom + 2.0 * sliver, top - sliver)
+    whole = halfspace.graded(jnp.zeros(()), reach_y, resolution.land + resolution.spall, at_start=False, at_end=True)
+    if mirrored:
+        edge = jnp.maximum(high, sliver)
+        land = _beyond_edge(halfspace.graded(edge, top, resolution.land, at_start=True, at_end=True), edge)
+        hollow = halfspace.graded(jnp.zeros(()), land[0], resolution.spall, at_start=False, at_end=True)
+        lines = jnp.concatenate([hollow, land[1:]])
+    else:
+        low = jnp.clip(ends[0], bottom + sliver, high - sliver)
+        upper = halfspace.graded(high, top, resolution.land, at_start=True, at_end=True)
+        lower = halfspace.graded(-low, -bottom, resolution.land, at_start=True, at_end=True)
+        upper, lower = _beyond_edge(upper, 0.5 * (high - low)), -_beyond_edge(lower, 0.5 * (high - low))[::-1]
+        hollow = halfspace.graded(lower[-1], upper[0], 2 * resolution.spall, at_start=True, at_end=True)
+        lines = jnp.concatenate([lower, hollow[1:-1], upper])
+        whole = 0.5 * (bottom + top) + jnp.concatenate([-whole[:0:-1], whole])
+    lines = jnp.where((ends[0] <= bottom) & (ends[1] >= top), whole, lines)  # over a spall all along there is no edge
+    inside = jnp.abs(offset) + 0.5 * spall.width < reach_x
+    unresolved = inside & (spall.width > 0.0) & (spall.width < 2.0 * reach_x / resolution.columns)
+    return Cells(pitch, x, lines, mirrored), jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED)
+
+
+def _beyond_edge(land: jax.Array, room: jax.Array) -> jax.Array:
+    """Land lines with the first one drawn into the spall, where the discrete edge acts as the true one, by at most half
+    the `room` [mm]."""
+    return land.at[0].add(-jnp.minimum(halfspace.EDGE_SHIFT * (land[1] - land[0]), 0.5 * room))
+
+
+# ------------------------------------------------------------------------------------------ several spalls
+
+
+def _several(
+    inputs: Inputs, spalls: tuple[Spall, ...], resolution: Resolution, mirrored: bool
+) -> tuple[Cells, jax.Array, jax.Array]:
+    """Cells with a boundary on every edge, the depth under each [mm], and their status. Where spalls overlap the deeper
     one counts. A spall out of the contact's reach in the rolling direction does not act on the cells at all."""
+    contact, load, _, offsets, tilt = inputs
     reach_x, _, _ = domain(contact, load, spalls, offsets, tilt)
     near = jnp.stack([jnp.abs(o) - 0.5 * s.width < reach_x for s, o in zip(spalls, offsets, strict=True)])
     spalls = tuple(
@@ -79,7 +154,7 @@ def fitted(
         for s, o in zip(spalls, offsets, strict=True)
     ])  # fmt: skip
     unresolved = spoiled | jnp.any(narrow)
-    return Fitted(cells, depression, jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED))
+    return cells, depression, jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED)
 
 
 def _along(
@@ -175,3 +250,37 @@ def _across(
     spoiled = spoiled | (jnp.min(jnp.diff(borders)) < 0.4 * APART_ACROSS * h)
     centres = 0.5 * (borders[1:] + borders[:-1])
     return Cells(pitch, centres, lines, mirrored, Uneven(jnp.stack(uneven), borders)), under, spoiled
+
+
+# ------------------------------------------------------------------------------------------ a uniform lattice
+
+
+def uniform_stage(inputs: Inputs, size: tuple[int, int]) -> Stage:
+    """A lattice of `size` (rows, columns) where pressure can be, laid on the first spall's edges if there is one and
+    moved as in `halfspace.lattice`. Depths are those at the cells' centres."""
+    contact, load, spall, offset, tilt = inputs
+    defects = listed(spall)
+    offsets = jnp.broadcast_to(offset, (len(defects),))
+    rows, columns = size
+    spalls = tuple(each for each in defects if isinstance(each, Spall))
+    if len(spalls) == len(defects):
+        reach_x, bottom, top = domain(contact, load, spalls, offsets, tilt)
+    else:
+        reach_x, bottom, top = domain_of_any(contact, load, defects, offsets, tilt)
+    nowhere = -jnp.asarray(jnp.inf), jnp.asarray(jnp.inf)
+    left, right = low, high = nowhere
+    middle, reach_y = 0.5 * (bottom + top), 0.5 * (top - bottom)
+    if defects and isinstance(defects[0], Spall):
+        first, offset = defects[0], offsets[0]
+        left, right = offset - 0.5 * first.width, offset + 0.5 * first.width
+        low, high = (first.axial_offset + side * first.length - middle for side in (-0.5, 0.5))
+    pitch, x = halfspace.lattice(reach_x * (1.0 + 2.0 / columns), columns, left, right)
+    if spalls:
+        height, y = halfspace.lattice(reach_y * (1.0 + 2.0 / rows), rows, low, high)
+        lines = middle + jnp.concatenate([y - 0.5 * height, y[-1:] + 0.5 * height])
+    else:
+        lines = jnp.linspace(bottom, top, rows + 1)
+    cells = Cells(pitch, x, lines, False)
+    beyond = jnp.where(jnp.abs(cells.y) > 0.5 * contact.length, AWAY, 0.0)[:, None]
+    depth = beyond + depth_at(defects, offsets, cells.x, cells.y)
+    return Stage(cells, gaps.undeformed(cells, contact, tilt) + depth, jnp.asarray(status.CONVERGED))

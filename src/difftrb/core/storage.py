@@ -1,4 +1,4 @@
-"""Arrays on disk, whole or not at all; and those that take seconds to make, kept in the user's cache folder."""
+"""Files written whole or not at all; and arrays that take seconds to make, kept in the user's cache folder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
-import jax
 import numpy as np
 import platformdirs
 
@@ -31,6 +30,8 @@ def folder() -> Path:
 
 def key(numbers: Iterable[float]) -> str:
     """A name for what is made of `numbers` by this `NUMERICS`, this JAX and this numpy."""
+    import jax  # by this alone: writing files needs none
+
     digest = hashlib.sha256(f"numerics {NUMERICS} jax {jax.__version__} numpy {np.__version__}".encode())
     digest.update(np.asarray(list(numbers), float).tobytes())
     return digest.hexdigest()[:32]
@@ -87,6 +88,30 @@ def replacing(path: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):
             os.unlink(scratch)
         raise
+
+
+def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
+    """Let `fill` write files into a scratch folder inside `target`, then move them out one by one, each whole.
+
+    If anything fails, `target` keeps what it had, or is not made at all; files of other names in it are left alone.
+    OSErrors name `target`.
+    """
+    made = [folder for folder in (target, *target.parents) if not folder.exists()]
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=target, prefix=".difftrb-") as scratch:
+            fill(Path(scratch))
+            files = sorted(Path(scratch).iterdir())
+            for file in files:
+                if (target / file.name).is_dir():
+                    raise IsADirectoryError(21, f"a folder named {file.name} is in the way")
+            for file in files:
+                os.replace(file, target / file.name)
+    except OSError as error:
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        raise OSError(error.errno, error.strerror, str(target)) from None
 
 
 def leftovers(folder: Path) -> Iterator[tuple[str, Path]]:

@@ -1,0 +1,68 @@
+"""Polynomials by Chebyshev's nodes and by powers, and bisection: written once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Number = TypeVar("Number", jax.Array, np.ndarray)
+
+
+def chebyshev_nodes(count: int, low: Any, high: Any) -> jax.Array:
+    """`count` ≥ 2 Chebyshev–Lobatto nodes rising from `low` to `high`, both of them nodes."""
+    rise = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
+    return jnp.asarray(low + (high - low) * rise)
+
+
+def chebyshev_roots(count: int) -> np.ndarray:
+    """The zeros of the Chebyshev polynomial of degree `count`, falling, inside −1…1."""
+    return np.cos(np.pi * (np.arange(count) + 0.5) / count)
+
+
+def chebyshev(x: jax.Array, degree: int) -> list[jax.Array]:
+    """Chebyshev polynomials T₀ … of `x`, any shape, up to `degree`."""
+    rows = [jnp.ones_like(x), x]
+    for _ in range(degree - 1):
+        rows.append(2.0 * x * rows[-1] - rows[-2])
+    return rows[: degree + 1]
+
+
+def horner(coefficients: Sequence[Any] | np.ndarray | jax.Array, x: jax.Array) -> jax.Array:
+    """Σ cₖ xᵏ; each coefficient a number, or of the shape of `x`."""
+    value = jnp.full_like(x, coefficients[-1])
+    for c in coefficients[-2::-1]:
+        value = value * x + c
+    return value
+
+
+def horner_with_slope(coefficients: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Σ cₖ xᵏ, coefficients of shape (degree + 1, …), and its derivative by `x`, of shape (…)."""
+    value, slope = coefficients[-1], jnp.zeros_like(x)
+    for c in coefficients[-2::-1]:
+        value, slope = value * x + c, slope * x + value
+    return value, slope
+
+
+def bisected(holds: Callable[[Number], Any], inside: Number, outside: Number, steps: int = 60) -> tuple[Number, Number]:
+    """Two places, any one shape, between which `holds` ends: it holds at `inside` and not at `outside`.
+
+    They are 2^−steps times as far apart as `inside` and `outside`, and carry no derivative. Of numpy's arrays it is
+    computed by numpy, while others are traced, too.
+    """
+    traced = isinstance(inside, jax.Array)
+
+    def halve(_: int, ends: tuple[Any, Any]) -> tuple[Any, Any]:
+        middle = 0.5 * (ends[0] + ends[1])
+        good, where = holds(middle), jnp.where if traced else np.where
+        return where(good, middle, ends[0]), where(good, ends[1], middle)
+
+    if traced:
+        return jax.lax.stop_gradient(jax.lax.fori_loop(0, steps, halve, (inside, outside)))
+    ends = (inside, outside)
+    for k in range(steps):
+        ends = halve(k, ends)
+    return ends

@@ -1,0 +1,272 @@
+"""What a roller law is, what laws share, and the registry of laws that scenes can name.
+
+A law gives the load of a roller from its approach and the spalls under it. To add one, write a module in this room
+that ends with `register(LawKind(...))`. Nothing else has to change: scene files, checks, sweeps and the command line
+read the registry. A law of one's own is registered in the same way from anywhere, before it is named.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.core
+import jax.numpy as jnp
+
+from difftrb.core import geometry, status
+from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
+from difftrb.core.messages import shown
+from difftrb.law import edge_ramp, load_curve
+from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.load_curve import Curve
+from difftrb.law.samples import Progress
+
+AUTO = "auto"
+"""Instead of a law's name: the law is chosen by the accuracy asked for (`scene.auto_law`)."""
+LENGTH_SHARE = 0.85
+"""Laws from contact solves cover spalls up to this share of the roller's length."""
+OF_CONTACT = ("roller_small_diameter", "roller_large_diameter", "roller_length", "outer_angle", "inner_angle",
+              "roller_angle", "modulus", "poisson")  # fmt: skip
+"""Fields of a bearing that decide on the contact of its rollers with the outer raceway."""
+
+
+class Rest(NamedTuple):
+    """Rollers at rest on one raceway, as far as a law is judged by it.
+
+    Attributes:
+      radius: equivalent radius of the contacts [mm], shape ().
+      approach: of every roller's contact, or more [mm], shape (rollers,).
+      loads: [N], shape (rollers,).
+    """
+
+    radius: Real
+    approach: jax.Array
+    loads: jax.Array
+
+    def in_reach(self, spall: Spall, distances: jax.Array) -> jax.Array:
+        """Whether each roller, its contact at `distances` [mm] from the spall's middle, may meet it, shape (rollers,).
+
+        Beyond √(2Rδ) from the contact's middle the gap exceeds the approach.
+        """
+        beside = jnp.maximum(jnp.abs(distances) - 0.5 * spall.width, 0.0)
+        return (beside**2 < 2.0 * self.radius * self.approach) & (self.approach > 0.0) & (spall.length > 0.0)
+
+
+class Law(Protocol):
+    """What a law has to answer. `distances` are of the rollers' contacts from the spalls' centres in the rolling
+    direction [mm], shape (spalls, rollers).
+
+    Attributes:
+      name: as in a scene file.
+      hard: whether a roller is in a spall or not, with nothing in between.
+      load_range: smallest and largest load that the law was made for [N].
+      error: largest relative error of Q in that range against what the law was fitted to; NaN if unknown.
+      status_code: worst status of the contact solves behind the law.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def hard(self) -> bool: ...
+    @property
+    def load_range(self) -> tuple[Real, Real]: ...
+    @property
+    def error(self) -> Real: ...
+    @property
+    def status_code(self) -> Real: ...
+
+    def at(self, contact: LineContact) -> Law:
+        """Rebind to another contact; frozen laws return themselves."""
+        ...
+
+    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
+        """Q(δ) of every roller."""
+        ...
+
+    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
+        """Status: whether the law knows such spalls, distances and, if given, the rollers' states at `rest`."""
+        ...
+
+    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Interval of edge positions [mm], positive over the spall numbered `number`, over which the load drops at this
+        approach [mm]."""
+        ...
+
+
+class HardWindow:
+    """Laws in which a roller is over a spall or not: the load drops in a step."""
+
+    hard = True
+
+    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """See `Law`: a step."""
+        return jnp.zeros(()), jnp.zeros(())
+
+
+def load_over(
+    law: Law, approach: jax.Array, spall: Spall | None = None, distance: Real = 0.0
+) -> tuple[jax.Array, jax.Array]:
+    """Load [N] and its slope [N/mm] of one roller at an approach [mm], all of shape (), whose contact stands `distance`
+    [mm] from the middle of `spall`, or on a healthy raceway."""
+    spalls = () if spall is None else (spall,)
+    curves = law.curves(spalls, jnp.full((len(spalls), 1), distance))
+    load, slope = edge_ramp.roller_loads(curves, jnp.reshape(approach, (1,)))
+    return load[0], slope[0]
+
+
+def spalls_under(spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+    """Which spall every roller is over, counted from 1; 0 is none; shape (rollers,).
+
+    A hard window: a roller is over a spall while the middle of its contact is, so width changes only the number of
+    rollers inside. Of several spalls the longest counts. `distances` as in `Law`.
+    """
+    over = jnp.zeros(distances.shape[1:], int)
+    longest = jnp.full(distances.shape[1:], -1.0)  # a spall of no length counts: its curve is healthy, its slope is not
+    for i, spall in enumerate(spalls):
+        inside = (jnp.abs(distances[i]) < 0.5 * spall.width) & (spall.length > longest)  # Liu et al. 2018, eq. (7)
+        over, longest = jnp.where(inside, i + 1, over), jnp.where(inside, spall.length, longest)
+    return over
+
+
+def lengths_of(spalls: tuple[Spall, ...]) -> jax.Array:
+    """Lengths of no spall and of every spall [mm], shape (1 + spalls,)."""
+    return jnp.stack([jnp.zeros(()), *(jnp.asarray(spall.length, float) for spall in spalls)])
+
+
+def in_window(curves: Curve, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
+    """Every roller's curve in a hard window, of `curves` over no spall and over every spall, shape (1 + spalls,)."""
+    return RollerCurves(load_curve.chosen(curves, spalls_under(spalls, distances)))
+
+
+# ------------------------------------------------------------------------------------------------ judging
+
+
+def known_up_to(longest: Real, spalls: tuple[Spall, ...]) -> jax.Array:
+    """Status: whether no spall is longer than `longest` [mm]."""
+    return jnp.where(jnp.asarray(longest) >= jnp.max(lengths_of(spalls)), status.CONVERGED, status.UNKNOWN_LENGTH)
+
+
+def of_one_deep_spall(spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None) -> jax.Array:
+    """Status: whether no roller meets several spalls, or may meet a spall's bottom."""
+    if rest is None or not spalls:
+        return jnp.asarray(status.CONVERGED)
+    met = jnp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
+    depths = jnp.stack([jnp.asarray(spall.depth, float) for spall in spalls])
+    shallow = jnp.any(met & (depths[:, None] < rest.approach[None]))
+    code = jnp.where(shallow, status.BOTTOM, status.CONVERGED)
+    if len(spalls) < 2:
+        return code
+    return jnp.where(jnp.any(jnp.sum(met, axis=0) > 1), status.SEVERAL, code)
+
+
+def within_range(load_range: tuple[Real, Real], rest: Rest | None) -> jax.Array:
+    """Status: whether the most loaded roller is in the range of loads [N] that a law was made for."""
+    if rest is None:
+        return jnp.asarray(status.CONVERGED)
+    largest = jnp.max(rest.loads)
+    inside = (largest >= load_range[0]) & (largest <= load_range[1])
+    return jnp.where(inside | (largest <= 0.0), status.CONVERGED, status.OUTSIDE)
+
+
+# ------------------------------------------------------------------------------------------------ registry
+
+
+class Request(NamedTuple):
+    """What a law is made for.
+
+    Attributes:
+      contact: of the rollers with the raceway.
+      least, largest: estimated largest roller load [N] of the lightest loaded scene and of this one.
+      spalls: on this raceway.
+      accuracy: relative, of contact solves.
+      progress: told how many of how many contacts are solved.
+    """
+
+    contact: LineContact
+    least: Real
+    largest: Real
+    spalls: tuple[Spall, ...]
+    accuracy: float
+    progress: Progress | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class LawKind:
+    """A law that scenes can name.
+
+    Attributes:
+      name: in scene files and as `Scene(law=...)`. summary: what it is, in a few words.
+      make: the law for a `Request`.
+      by_samples: its contacts are solved one by one, outside of jit, so it needs numbers.
+      longest: the longest spall that it knows [mm], of the roller's length [mm]; longer ones are refused by this.
+      inner: whether it knows the inner raceway by itself, as effects.raceways needs.
+      bearing: the only bearing that it is for; None is all.
+      frozen: fields of a spall that no longer act once the law is made, nor does the bearing's contact; None: all act.
+      one_shape: the sentence that refuses spalls of several widths, depths or axial offsets; "": they are taken.
+      one_scene: made for one scene only, so a sweep cannot share it.
+      promises: whether its error is kept against contact solves.
+      effort: contact solves that it takes at an accuracy; "auto" estimates its time by these.
+    """
+
+    name: str
+    summary: str
+    make: Callable[[Request], Law]
+    by_samples: bool = False
+    longest: Callable[[float], float] = lambda roller_length: LENGTH_SHARE * roller_length
+    inner: bool = False
+    bearing: str | None = None
+    frozen: tuple[str, ...] | None = ("depth", "axial_offset")
+    one_shape: str = ""
+    one_scene: bool = False
+    promises: bool = True
+    effort: Callable[[float], float] = lambda accuracy: 0.0
+
+    def is_for(self, bearing: TaperedBearing) -> bool:
+        """Whether the law holds for this bearing's outer contacts, as far as is known: traced numbers are not."""
+        if self.bearing is None:
+            return True
+        only = geometry.bearing(self.bearing)
+        return all(
+            isinstance(own := getattr(bearing, name), jax.core.Tracer) or float(own) == getattr(only, name)
+            for name in OF_CONTACT
+        )
+
+
+LAWS: dict[str, LawKind] = {}
+"""Every law that a scene can name; filled by `register`."""
+
+
+def register(kind: LawKind) -> None:
+    """Let scenes, scene files and the command line name a law. Raises ValueError for a name that is taken."""
+    if kind.name in names():
+        raise status.SceneError(f"law {kind.name!r} is there already: choose another name")
+    LAWS[kind.name] = kind
+
+
+def names() -> tuple[str, ...]:
+    """All that `contact.law` takes."""
+    return (*sorted(LAWS), AUTO)
+
+
+def unknown(name: str) -> str:
+    """The sentence for a law that cannot be had."""
+    return f"law = {shown(name)} is unknown; use one of {', '.join(names())}"
+
+
+def longest(name: str, roller_length: float) -> float:
+    """The longest spall [mm] that the law called `name` knows."""
+    return LAWS[name].longest(roller_length) if name in LAWS else LENGTH_SHARE * roller_length
+
+
+def by_samples(name: str) -> bool:
+    """Whether the law called `name` needs contacts solved one by one, outside of jit."""
+    return name == AUTO or (name in LAWS and LAWS[name].by_samples)
+
+
+def made(name: str, request: Request) -> Law:
+    """The law called `name`; raises ValueError for an unknown one."""
+    if name not in LAWS:
+        raise status.SceneError(unknown(name))
+    return LAWS[name].make(request)
