@@ -31,8 +31,8 @@ from rich.table import Table
 
 import difftrb as trb
 from difftrb.core import geometry
-from difftrb.scene import auto_law
-from difftrb.scene.scene import Picked
+from difftrb.scene.scene import Picked, named
+from difftrb.scene.solving import LADDER, apart, main_values
 
 ASKED = (1e-1, 1e-2, 3e-3, 1e-3)
 TRUTH = 1e-5
@@ -69,20 +69,20 @@ def scenes(count: int, seed: int) -> Iterator[trb.Scene]:
 
 def outcomes(scene: trb.Scene, asked: Sequence[float] = ASKED, truth: float = TRUTH) -> list[Outcome]:
     """One for every accuracy asked for."""
-    exact = auto_law.promised(trb.solve(auto_law.by_name(scene, "direct", truth)))
+    exact = main_values(trb.solve(named(scene, "direct", truth)))
     found = []
     for x in asked:
         solution = trb.solve(dataclasses.replace(scene, accuracy=x))
         picked = solution.picked
         assert isinstance(picked, Picked)
-        error = auto_law.apart(auto_law.promised(solution), exact)
+        error = apart(main_values(solution), exact)
         found.append(Outcome(x, float(picked.accuracy), float(picked.error), error))
     return found
 
 
-def refined(scene: trb.Scene, accuracies: Sequence[float] = (*auto_law.LADDER, TRUTH)) -> np.ndarray:
+def refined(scene: trb.Scene, accuracies: Sequence[float] = (*LADDER, TRUTH)) -> np.ndarray:
     """What is promised by contacts of each accuracy, shape (accuracies, 3)."""
-    return np.array([auto_law.promised(trb.solve(auto_law.by_name(scene, "direct", a))) for a in accuracies])
+    return np.array([main_values(trb.solve(named(scene, "direct", a))) for a in accuracies])
 
 
 def order(count: int, seed: int) -> None:

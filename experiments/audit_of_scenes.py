@@ -30,7 +30,7 @@ from difftrb.contact import gap
 from difftrb.core import geometry
 from difftrb.law.power import TABLE_2
 from difftrb.ring import effects as E
-from difftrb.scene.solution import solved
+from difftrb.scene.solving import solve_prepared
 
 LAWS = ("power", "table", "direct", "liu2018", "palmgren", "auto")
 ROLLERS = (17,)
@@ -159,7 +159,7 @@ def _slopes(scene: trb.Scene) -> trb.Scene:
     """By every number of a prepared scene: of radial and axial stiffness and loads, by their sizes."""
 
     def total(scene: trb.Scene) -> jax.Array:
-        found = solved(scene)
+        found = solve_prepared(scene)
         size = jax.lax.stop_gradient(jnp.array([found.stiffness[0, 0], found.stiffness[2, 2]]))
         return jnp.sum(jnp.array([found.stiffness[0, 0], found.stiffness[2, 2]]) / size)
 
@@ -176,7 +176,7 @@ def derivatives(scene: trb.Scene) -> tuple[bool, float]:
     finite = all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(parts))
 
     def value(changed: trb.Scene) -> np.ndarray:
-        found = solved(changed)
+        found = solve_prepared(changed)
         return np.array([found.stiffness[0, 0], found.stiffness[2, 2]])
 
     at, worst = value(scene), 0.0

@@ -36,7 +36,8 @@ from difftrb.accuracy.ladder import Measured, Rung
 from difftrb.core import machine
 from difftrb.law.base import Law
 from difftrb.report import plot
-from difftrb.scene import preparation, scene_file
+from difftrb.scene import scene_file
+from difftrb.scene.scene import raceway_contact
 from experiments import by_scipy
 from experiments.paper import clipped, common
 
@@ -104,7 +105,7 @@ def peer_rows(
         if own.rung.name in scipy_on:
             law = trb.prepare(dataclasses.replace(scene, law=own.rung.way, accuracy=own.rung.accuracy)).law
             rows.append(row("scipy", own.rung.name, cast(Law, law), own.again))
-    contact = preparation.raceway_contact(scene, "outer")
+    contact = raceway_contact(scene, "outer")
     for name, reach in (("40×400, clipped", clipped.NARROWED), ("40×400, whole", WHOLE)):
         rows.append(row("the paper's procedure", name, *by_paper(contact, reach, size)))
     return rows

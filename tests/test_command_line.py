@@ -13,8 +13,8 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import geometry, jax_config
 from difftrb.fits import measured
-from difftrb.report import plot
-from difftrb.scene import light_load, scene_file
+from difftrb.report import plot, remarks
+from difftrb.scene import scene_file
 
 PAPER = scene_file.example("paper")
 
@@ -154,7 +154,7 @@ def test_figures_put_an_inner_spall_where_it_is() -> None:
     file = scene_file.parse(f"{before}[[spall]]{inner}")
     scene = trb.prepare(file.scene())
     result = trb.assess(scene)
-    assert not scene_file.contact_under_spall(file, result.spalled).spalls  # outside, no roller meets it
+    assert not plot.contact_under_spall(file.scene(), result.spalled).spalls  # outside, no roller meets it
     bar = plot.load_distribution(result, scene).patches[0]
     assert bar.get_width() == pytest.approx(7.0 / geometry.arc_radius(scene.bearing, "inner"))
 
@@ -308,7 +308,7 @@ def test_a_pressure_map_that_cannot_be_resolved_is_left_out(capsys, paper: Path,
     narrow = trb.solve_contact(
         trb.LineContact.of(trb.bearing("32008J")), 3000.0, trb.Spall(2.0, 0.01), accuracy=1e-2, method="cells"
     )
-    monkeypatch.setattr(scene_file, "contact_under_spall", lambda file, solution: narrow)
+    monkeypatch.setattr(plot, "contact_under_spall", lambda scene, solution: narrow)
     code, _, err = call(capsys, "run", str(paper), "--out", str(tmp_path / "out"))
     assert code == 0
     assert "no pressure map: the spall is narrower than one cell" in err
@@ -398,11 +398,13 @@ def test_small_loads_get_a_remark(capsys, tmp_path: Path, radial: str, axial: st
 @pytest.mark.portable
 def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
     file = scene_file.parse(scene_file.example("contact"))
-    assert light_load.of_contact(file) is None
+    assert remarks.light_contact_load(file) is None
     light = dataclasses.replace(file, contact=dataclasses.replace(file.contact, load=3.0))
-    assert "contact.load = 3 N: " in str(light_load.of_contact(light))
-    assert light_load.of_scene(scene_file.parse(scene_file.example("mounting"))) is None
+    assert "contact.load = 3 N: " in str(remarks.light_contact_load(light))
+    assert remarks.light_ring_load(scene_file.parse(scene_file.example("mounting"))) is None
     rows = measured.parse(measured.example())
-    assert light_load.of_rows(file.bearing, rows) is None
+    assert remarks.light_measured_load(file.bearing, rows) is None
     in_kn = [dataclasses.replace(row, radial=row.radial / 1e3, axial=row.axial / 1e3) for row in rows[1:]]
-    assert str(light_load.of_rows(file.bearing, [rows[0], *in_kn])).startswith("row 5: radial = 3 N, axial = 4.5 N: ")
+    assert str(remarks.light_measured_load(file.bearing, [rows[0], *in_kn])).startswith(
+        "row 5: radial = 3 N, axial = 4.5 N: "
+    )

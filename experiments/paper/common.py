@@ -27,7 +27,7 @@ from difftrb.law import table
 from difftrb.law.base import Law
 from difftrb.report import plot, run_report
 from difftrb.ring import effects
-from difftrb.scene import solution
+from difftrb.scene import solving
 from difftrb.scene.scene import PitchMean
 from experiments.paper import clipped
 
@@ -344,7 +344,7 @@ def both_stiffnesses(one: trb.Scene) -> jax.Array:
 
     if not isinstance(one.phase, PitchMean):
         return at(one.phase)
-    phases, weights = solution.phases(one)
+    phases, weights = solving.phases(trb.prepare(one))
     return weights @ jax.vmap(at)(phases)
 
 

@@ -27,19 +27,16 @@ if TYPE_CHECKING:
     from difftrb.ring import effects
     from difftrb.ring.ring import Load
     from difftrb.scene.audit import Audit, verify
-    from difftrb.scene.auto_law import prepare
     from difftrb.scene.edge_stress import EdgeStress, edge_stresses
     from difftrb.scene.scene import Scene, healthy
     from difftrb.scene.scene_file import load_scene
-    from difftrb.scene.solution import Solution
-    from difftrb.scene.solving import Assessment, assess, solve
+    from difftrb.scene.solving import Assessment, Solution, assess, prepare, solve
     from difftrb.sweeps.chunks import write_sweep
     from difftrb.sweeps.gathered import Swept, load_sweep
     from difftrb.sweeps.sweeping import sweep
 
 _HOMES = {
     "scene.audit": ("Audit", "verify"),
-    "scene.auto_law": ("prepare",),
     "contact.solver": ("approach_slopes", "solve_contact"),
     "contact.contact_solution": ("ContactSolution",),
     "fits.fitting": ("fit",),
@@ -54,8 +51,7 @@ _HOMES = {
     "ring.ring": ("Load",),
     "scene.scene": ("Scene", "healthy"),
     "scene.scene_file": ("load_scene",),
-    "scene.solution": ("Solution",),
-    "scene.solving": ("Assessment", "assess", "solve"),
+    "scene.solving": ("Assessment", "Solution", "assess", "prepare", "solve"),
     "core.status": ("DifftrbError", "SceneError", "SolveError", "SweepError"),
     "sweeps.chunks": ("write_sweep",),
     "sweeps.gathered": ("Swept", "load_sweep"),

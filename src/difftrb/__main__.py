@@ -35,12 +35,12 @@ def _run(options: Any) -> int:
     import jax
 
     from difftrb.law import base as laws
-    from difftrb.report import run_report
-    from difftrb.scene import light_load, scene_file
+    from difftrb.report import remarks, run_report
+    from difftrb.scene import scene_file
 
     file, path = _read(options)
     scene_file.check_ring(file, path)
-    terminal.remark(light_load.of_scene(file), path)
+    terminal.remark(remarks.light_ring_load(file), path)
     started = time.perf_counter()
     if laws.by_samples(file.contact.law):
         with terminal.bar("solving contacts for the roller law") as progress:
@@ -60,7 +60,7 @@ def _run(options: Any) -> int:
     def figures(plot: Any) -> Figures:
         yield "load_distribution", plot.load_distribution(result, scene)
         yield "stiffness", plot.stiffness_bars(result, scene)[0]
-        pressed = scene_file.contact_under_spall(file, result.spalled)
+        pressed = plot.contact_under_spall(file.scene(), result.spalled)
         if bool(pressed.converged):
             yield "pressure", plot.pressure_map(pressed)
         else:
@@ -76,12 +76,12 @@ def _contact(options: Any) -> int:
     import jax
 
     from difftrb.contact.solver import approach_and_slopes
-    from difftrb.report import run_report
-    from difftrb.scene import light_load, scene_file
+    from difftrb.report import remarks, run_report
+    from difftrb.scene import scene_file
 
     file, path = _read(options)
     scene_file.check_contact(file, path)
-    terminal.remark(light_load.of_contact(file), path)
+    terminal.remark(remarks.light_contact_load(file), path)
     started = time.perf_counter()
     with terminal.busy("solving the contact"):
         solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
@@ -93,12 +93,12 @@ def _contact(options: Any) -> int:
 
 def _accuracy(options: Any) -> int:
     from difftrb.accuracy import accuracy_report, ladder, timing
-    from difftrb.scene import light_load
+    from difftrb.report import remarks
 
     if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
         raise SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
     file, path = _read(options)
-    terminal.remark(light_load.of_scene(file), path)
+    terminal.remark(remarks.light_ring_load(file), path)
     ways, limit = (ladder.FULL, float("inf")) if options.full else (ladder.RUNGS, timing.LIMIT)
     with terminal.bar("measuring what accuracy costs") as progress:
         measured = timing.measure(file, path, ways, options.accuracy, limit, progress=progress, thorough=options.full)
@@ -115,12 +115,13 @@ def _fit(options: Any) -> int:
     from difftrb.fits import fit_report, measured
     from difftrb.fits.fitting import fit, prepare_fit
     from difftrb.fits.optimal_design import next_measurements
-    from difftrb.scene import light_load, scene_file
+    from difftrb.report import remarks
+    from difftrb.scene import scene_file
 
     file, path = _read(options)
     scene_file.check_ring(file, path)
     rows = measured.load_measured(options.measured)
-    terminal.remark(light_load.of_rows(file.bearing, rows), options.measured)
+    terminal.remark(remarks.light_measured_load(file.bearing, rows), options.measured)
     started = time.perf_counter()
     with terminal.bar("solving contacts for the roller law") as progress:
         scene = prepare_fit(file.scene(), rows, progress)
@@ -136,7 +137,7 @@ def _fit(options: Any) -> int:
 
 def _sweep(options: Any) -> int:
     from difftrb.core import machine
-    from difftrb.scene import light_load
+    from difftrb.report import remarks
     from difftrb.sweeps import chunks, sweep_file, sweeping
 
     folder: Path = options.out
@@ -145,7 +146,8 @@ def _sweep(options: Any) -> int:
     machine.join(options.coordinator, options.processes, options.process)  # before anything is computed
     file = sweep_file.read(options.scene)
     if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
-        terminal.remark((light_load.of_contact if file.of_contact else light_load.of_scene)(file.scene), options.scene)
+        light = remarks.light_contact_load if file.of_contact else remarks.light_ring_load
+        terminal.remark(light(file.scene), options.scene)
     with terminal.bar("preparing the roller law") as progress:
         plan = file.plan(options.batch, progress)
     terminal.say_picked(plan.base)
@@ -171,11 +173,12 @@ def _sweep(options: Any) -> int:
 
 
 def _check(options: Any) -> int:
-    from difftrb.scene import light_load, scene_file
+    from difftrb.report import remarks
+    from difftrb.scene import scene_file
 
     file, path = _read(options)
     scene_file.check_ring(file, path)
-    terminal.remark(light_load.of_scene(file), path)
+    terminal.remark(remarks.light_ring_load(file), path)
     spalls = f"{len(file.spall)} spall{'s' if len(file.spall) > 1 else ''}" if file.spall else "healthy"
     print(f"{path}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
           f"axial {file.load.axial:g} N, law {file.contact.law}")  # fmt: skip

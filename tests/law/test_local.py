@@ -9,8 +9,7 @@ import pytest
 import difftrb as trb
 from difftrb.core import status
 from difftrb.law.local import LocalLaw
-from difftrb.scene import preparation
-from difftrb.scene.solution import solved
+from difftrb.scene.solving import solve_prepared
 
 pytestmark = pytest.mark.exact
 
@@ -69,7 +68,7 @@ def test_the_local_law_by_two_routes(two: trb.Scene) -> None:
     """Reverse mode against central differences, along every spall's length and offset, load and crown."""
 
     def stiffness(scene: trb.Scene) -> jax.Array:
-        return solved(scene).stiffness[0, 0]
+        return solve_prepared(scene).stiffness[0, 0]
 
     slopes = jax.jit(jax.grad(stiffness))(two)
     for number, name, h in ((0, "length", 1e-4), (1, "axial_offset", 1e-4), (1, "depth", 1e-3)):
@@ -90,8 +89,8 @@ def test_a_local_law_knows_its_scene_only(two: trb.Scene) -> None:
         "spalls": dataclasses.replace(two, spalls=ENDS[:1]),
     }
     for scene in codes.values():
-        assert int(solved(scene).status_code) == status.OTHER_SCENE
-    assert int(solved(dataclasses.replace(two, spalls=())).status_code) == status.CONVERGED
+        assert int(solve_prepared(scene).status_code) == status.OTHER_SCENE
+    assert int(solve_prepared(dataclasses.replace(two, spalls=())).status_code) == status.CONVERGED
 
 
 @pytest.mark.parametrize("law", ["liu2018", "palmgren"])
@@ -114,7 +113,7 @@ def test_laws_of_one_deep_spall_say_so(
 
 def test_a_fitted_law_says_so_too(scene: trb.Scene) -> None:
     shallow = dataclasses.replace(scene, spalls=(trb.Spall(4.0, 7.0, depth=1e-3),))
-    assert int(solved(shallow).status_code) == status.BOTTOM
+    assert int(solve_prepared(shallow).status_code) == status.BOTTOM
 
 
 def test_several_spalls_have_no_mean(bearing: trb.TaperedBearing) -> None:
@@ -139,6 +138,6 @@ def test_a_law_is_made_for_what_effects_press(bearing: trb.TaperedBearing) -> No
 
 def test_loads_outside_the_range_are_said(two: trb.Scene, bearing: trb.TaperedBearing) -> None:
     """A law of curves through solves knows nothing beyond them."""
-    light = preparation.with_law(trb.Scene(bearing, trb.Load(90.0, 45.0), law="direct", accuracy=1e-2))
-    assert int(solved(light).status_code) == status.CONVERGED
-    assert int(solved(dataclasses.replace(light, load=LOAD)).status_code) == status.OUTSIDE
+    light = trb.prepare(trb.Scene(bearing, trb.Load(90.0, 45.0), law="direct", accuracy=1e-2))
+    assert int(solve_prepared(light).status_code) == status.CONVERGED
+    assert int(solve_prepared(dataclasses.replace(light, load=LOAD)).status_code) == status.OUTSIDE

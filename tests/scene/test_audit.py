@@ -11,8 +11,8 @@ import difftrb as trb
 from difftrb.core import status
 from difftrb.law import samples
 from difftrb.law.power import PowerLaw
-from difftrb.report import run_report
-from difftrb.scene import audit
+from difftrb.report import remarks
+from difftrb.scene.audit_states import key_of
 
 pytestmark = pytest.mark.exact
 
@@ -46,14 +46,14 @@ def test_a_roller_on_an_edge_is_not_promised(scene: trb.Scene) -> None:
     audit = trb.verify(on_edge, found)
     assert audit.kept
     assert audit.load_error > 0.1
-    assert len(run_report.remarks(on_edge, found)) == 1
-    assert not run_report.remarks(scene, trb.solve(scene))
+    assert len(remarks.of_solution(on_edge, found)) == 1
+    assert not remarks.of_solution(scene, trb.solve(scene))
 
 
 def test_rollers_beyond_the_range_are_said_first(scene: trb.Scene) -> None:
     heavy = dataclasses.replace(scene, load=trb.Load(40000.0, 20000.0))
     found = trb.solve(heavy).check()
-    (sentence,) = run_report.remarks(heavy, found)
+    (sentence,) = remarks.of_solution(heavy, found)
     assert "made for" in sentence
     assert np.isnan(trb.verify(heavy, found).promised)
 
@@ -87,11 +87,11 @@ def test_the_mean_is_audited_at_some_phases(scene: trb.Scene) -> None:
 
 def test_mirror_images_are_one_contact() -> None:
     """In the rolling direction. Between two spalls a roller has one on either side: that is no image of both on one."""
-    same = audit._key("outer", 900.0, (0, 1), (0.5, 0.25))
-    assert same == audit._key("outer", 900.0, (0, 1), (-0.5, -0.25))
-    assert same != audit._key("outer", 900.0, (0, 1), (0.5, -0.25))
-    assert same != audit._key("inner", 900.0, (0, 1), (0.5, 0.25))
-    assert same != audit._key("outer", 901.0, (0, 1), (0.5, 0.25))
+    same = key_of("outer", 900.0, (0, 1), (0.5, 0.25))
+    assert same == key_of("outer", 900.0, (0, 1), (-0.5, -0.25))
+    assert same != key_of("outer", 900.0, (0, 1), (0.5, -0.25))
+    assert same != key_of("inner", 900.0, (0, 1), (0.5, 0.25))
+    assert same != key_of("outer", 901.0, (0, 1), (0.5, 0.25))
 
 
 def test_contacts_that_do_not_converge_keep_no_promise(scene: trb.Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,8 @@ from difftrb import __main__ as cli
 from difftrb.law import samples
 from difftrb.report import run_report
 from difftrb.scene import auto_law, scene_file
-from difftrb.scene.scene import Picked
+from difftrb.scene.scene import Picked, named
+from difftrb.scene.solving import apart, main_values
 
 TABLE_2 = trb.liu2018()
 SHORT = scene_file.example("spall").replace("length = 4.0", "length = 0.3")
@@ -73,7 +74,7 @@ def test_result_is_within_what_is_asked(auto: trb.Scene, solves: dict) -> None:
     exact = trb.solve(dataclasses.replace(auto, law=TABLE_2))
     for asked in (5e-2, 3e-3):
         found = trb.solve(dataclasses.replace(auto, accuracy=asked))
-        assert auto_law.apart(auto_law.promised(found), auto_law.promised(exact)) < asked
+        assert apart(main_values(found), main_values(exact)) < asked
 
 
 def test_scene_without_a_solution_is_said_to_be_one(auto: trb.Scene, solves: dict) -> None:
@@ -125,7 +126,7 @@ def shared(auto: trb.Scene, asked: float, among=(("liu2018", 1e-3), ("table", 1e
     def make(law: str, accuracy: float) -> trb.Scene:
         if law == "power":
             raise ValueError("it cannot be had")
-        return auto_law.by_name(scenes[1], "direct" if law == "table" else law, accuracy)
+        return trb.prepare(named(scenes[1], "direct" if law == "table" else law, accuracy))
 
     return auto_law.shared(scenes, make, among)
 

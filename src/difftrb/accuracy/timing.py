@@ -27,10 +27,9 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SolveError
 from difftrb.law.samples import Progress
 from difftrb.scene import scene_file
-from difftrb.scene.auto_law import prepare
 from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.scene_file import SceneError, SceneFile
-from difftrb.scene.solving import solve
+from difftrb.scene.solving import prepare, solve
 
 BATCH = 256
 """Scenes of a batch on the CPU."""

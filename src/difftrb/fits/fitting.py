@@ -25,7 +25,8 @@ from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.law.samples import Progress
 from difftrb.ring.ring import Load, largest_load
 from difftrb.scene import auto_law
-from difftrb.scene.scene import LawName, Scene
+from difftrb.scene.scene import LawName, Scene, is_auto, named
+from difftrb.scene.solving import prepare
 
 STARTS = 16
 SEARCH = 1
@@ -60,9 +61,13 @@ def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | 
         loads.sort(key=lambda load: float(largest_load(scene.bearing, load)))
         ends = [dataclasses.replace(scene, load=load) for load in (loads[0], loads[-1])]
         scene = ends[-1]
-        if auto_law.is_auto(scene):
-            return auto_law.shared(ends, partial(auto_law.by_name, scene, progress=progress), auto_law.SOFT)
-    return auto_law.prepare(scene, progress)
+        if is_auto(scene):
+            return auto_law.shared(ends, partial(_by_name, scene, progress), auto_law.SOFT)
+    return prepare(scene, progress)
+
+
+def _by_name(scene: Scene, progress: Progress | None, law: str, accuracy: float) -> Scene:
+    return prepare(named(scene, law, accuracy), progress)
 
 
 def fit(

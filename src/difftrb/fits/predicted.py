@@ -22,7 +22,7 @@ from difftrb.fits.least_squares import Bounds, Least
 from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
 from difftrb.ring.ring import Load
-from difftrb.scene import solution, solving
+from difftrb.scene import solving
 from difftrb.scene.scene import Definition, PitchMean, Scene, healthy
 
 Kind = tuple[Definition, bool]
@@ -125,7 +125,7 @@ def _stiffness(scene: Scene, at: Conditions, loaded: Callable[[Load], Load]) -> 
         return dataclasses.replace(scene, load=load, phase=PitchMean() if mean else condition[2])
 
     def phases(condition: jax.Array, mean: bool) -> tuple[jax.Array, jax.Array]:
-        each, weights = solution.phases(under(condition, mean))
+        each, weights = solving.phases(under(condition, mean))
         return jnp.stack([jnp.broadcast_to(v, each.shape) for v in (condition[0], condition[1], each)], 1), weights
 
     def one(condition: jax.Array, definition: Definition) -> tuple[jax.Array, jax.Array]:

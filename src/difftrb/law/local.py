@@ -7,26 +7,49 @@ was made from the law knows nothing, and says so.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
+from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples
 from difftrb.law.base import Rest
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve
+from difftrb.law.samples import Node, Progress
 
 WITHIN = 0.2
 """By how much in its logarithm a roller's load may be off the one that its contacts were solved about."""
-
+FEW, SEARCHED = 3, 0.35
+"""Solves of a state while its load is looked for, and by how much in the logarithm they are spread to either side."""
+MANY, SPREAD = 7, 0.25
+"""The same once it is found."""
+NARROWER = 0.25
+"""Where the curve bends, as it does where a bottom is met, by what its loads are spread less."""
+BENDS = 5e-4
+"""Residual of a state's curve, in the logarithm of the load, beyond which it does."""
+TOGETHER = 4
+"""States are filled up to a multiple of this: every number of them would be a program of its own."""
 
 HIGHEST = jax.lax.Precision.HIGHEST
 _product = partial(jnp.matmul, precision=HIGHEST)
+
+
+class Reached(NamedTuple):
+    """Spalls that one roller may meet on a raceway: the roller, which spalls, how far from them it is [mm], and how
+    many rollers there are."""
+
+    roller: int
+    under: tuple[int, ...]
+    away: tuple[float, ...]
+    rollers: int
 
 
 class States(NamedTuple):
@@ -159,3 +182,73 @@ def through(log_loads: jax.Array, approaches: jax.Array) -> Curve:
     powers = jnp.stack([jnp.ones_like(z), z, z * z], axis=1)
     coefficients = jnp.linalg.solve(_product(powers.T, powers), _product(powers.T, log_loads))
     return Curve(coefficients, middle, reach, jnp.zeros(()))
+
+
+def around(
+    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], loads: np.ndarray, found: bool,
+    progress: Progress | None = None,
+) -> LocalLaw:  # fmt: skip
+    """The law of rollers that carry about `loads` [N], shape (rollers reached,), from that of healthy ones.
+
+    Contacts are solved around these loads: few and far apart while the loads are looked for, more once they are
+    `found`. Needs numbers, not tracers. What comes out is `settling`: it refuses nothing.
+    """
+    count, spread = (MANY, SPREAD) if found else (FEW, SEARCHED)
+    way = np.asarray(chebyshev_nodes(count, -1.0, 1.0))
+    logs = np.log(loads)[:, None] + spread * way
+    solved = _solved(base, spalls, reached, logs, progress)
+    for k, own in enumerate(solved):
+        if found and _bend(logs[k], own) > BENDS:
+            logs[k] = np.log(loads[k]) + NARROWER * spread * way
+            (solved[k],) = _solved(base, spalls, reached[k : k + 1], logs[k : k + 1], progress)
+    code = max(float(base.status_code), samples.worst_status([node for own in solved for node in own]))
+    states = _stacked(base, spalls, reached, logs, solved) if reached else None
+    return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True)
+
+
+def _solved(
+    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], log_loads: np.ndarray,
+    progress: Progress | None,
+) -> list[list[Node]]:  # fmt: skip
+    """Contacts of every roller reached at its `log_loads` [log N], shape (rollers reached, loads)."""
+    cases = [
+        samples.case_under(load, [spalls[i] for i in each.under], each.away)
+        for each, row in zip(reached, log_loads, strict=True)
+        for load in np.exp(row)
+    ]
+    solved = samples.all_solved(base.contact, cases, float(base.error), progress)
+    count = log_loads.shape[1]
+    return [solved[k : k + count] for k in range(0, len(solved), count)]
+
+
+def _bend(log_loads: np.ndarray, solved: Sequence[Node]) -> float:
+    """How far solves are from the curve nearest to them, at most, in log Q."""
+    approaches = jnp.asarray([node.approach for node in solved])
+    found, _ = load_curve.load(through(jnp.asarray(log_loads), approaches), approaches)
+    return float(jnp.max(jnp.abs(jnp.log(found) - log_loads)))
+
+
+def _stacked(
+    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], logs: np.ndarray,
+    solved: Sequence[Sequence[Node]],
+) -> States:  # fmt: skip
+    """All that was solved; filled up to a multiple of `TOGETHER` states, so that scenes share programs."""
+    count = len(spalls)
+    slopes = np.zeros((len(reached), logs.shape[1], samples.count(count)))
+    given, met = np.zeros((len(reached), slopes.shape[2])), np.zeros((len(reached), count))
+    for k, (each, own) in enumerate(zip(reached, solved, strict=True)):
+        under = list(each.under)
+        met[k, under] = 1.0
+        slopes[k][:, samples.places(under, count)] = [node.slopes for node in own]
+        away = np.zeros(count)
+        away[under] = each.away
+        given[k] = samples.inputs(base.contact, spalls, jnp.asarray(away))
+    at = np.zeros((len(reached), reached[0].rollers))
+    at[np.arange(len(reached)), [each.roller for each in reached]] = 1.0
+    approaches = np.array([[node.approach for node in own] for own in solved])
+    more = -len(reached) % TOGETHER
+    filled = [np.concatenate([field, np.repeat(field[:1], more, axis=0)])
+              for field in (met, logs, approaches, given, slopes)]  # fmt: skip
+    at = np.concatenate([at, np.zeros((more, at.shape[1]))])
+    filled[0][len(reached) :] = 0.0
+    return States(jnp.asarray(at), *map(jnp.asarray, filled))

@@ -18,12 +18,11 @@ from rich.text import Text
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
 from difftrb.law.base import Law
+from difftrb.report import remarks
 from difftrb.ring import effect
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
-from difftrb.scene.promise import rollers_on_edges
 from difftrb.scene.scene import Picked, PitchMean, Scene
-from difftrb.scene.solution import Solution
 from difftrb.scene.solving import Assessment
 
 BAR = 28
@@ -70,26 +69,9 @@ def run_json(
         **({"edge_stress": [edge._asdict() for edge in edges]} if edges else {}),
         **({"picked": dataclasses.asdict(spalled.picked)} if spalled.picked is not None else {}),
         **({"audit": audit.record()} if audit is not None else {}),
-        **({"remarks": said} if (said := remarks(scene, spalled)) else {}),
+        **({"remarks": said} if (said := remarks.of_solution(scene, spalled)) else {}),
         "seconds": seconds,
     })  # fmt: skip
-
-
-def remarks(scene: Scene, solution: Solution) -> list[str]:
-    """What a reader has to know before the numbers, a sentence each."""
-    found, of = list(solution.remarks), solution.law
-    loads, (low, high) = np.asarray(solution.loads), (float(v) for v in of.load_range)
-    if float(loads.max()) > high * (1.0 + 1e-9):
-        found.append(
-            f"rollers carry up to {loads.max():,.0f} N, and law {of.name!r} was made for {low:,.0f} … {high:,.0f} N: "
-            "its error there is not known; name the law anew, or use 'direct'"
-        )
-    if of.hard and not isinstance(scene.phase, PitchMean) and (count := rollers_on_edges(scene, solution)):
-        found.append(
-            f"{count} roller{'s stand' if count > 1 else ' stands'} on a spall's rolling edge, which law {of.name!r} "
-            "does not know: in or out, with nothing between; use 'table' or 'direct'"
-        )
-    return found
 
 
 def contact_json(solution: ContactSolution, slopes: dict[str, Any], seconds: float) -> dict[str, Any]:
@@ -183,7 +165,7 @@ def run_text(
     )
     if audit is not None:
         lines.append(audit.sentence)
-    first = (Text(f"note: {sentence}") for sentence in remarks(scene, spalled))
+    first = (Text(f"note: {sentence}") for sentence in remarks.of_solution(scene, spalled))
     return Group(*first, stiffness, loads, *(Text(line) for line in lines))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, cast, get_args
 
 import jax
@@ -18,6 +18,7 @@ import numpy as np
 
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import fields, geometry, status
+from difftrb.core.bearing_checks import across, as_numbers, first
 from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.core.messages import number_in, shown
 from difftrb.core.status import SceneError
@@ -28,10 +29,15 @@ from difftrb.ring.effects import Effect
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scene
 
-APEX, TAPER = 0.02, 0.05
-"""How far cone angles may be from one apex, and the roller's angle from its diameters, relative."""
 KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definition", "phase": "stiffness.phase"}
 """Of a scene's own numbers in a file."""
+
+
+def checked(scene: Scene) -> Scene:
+    """The scene in floats. Raises `SolveError` without float64, `SceneError` for what cannot be had."""
+    status.require_float64()
+    refuse(scene)
+    return geometry.as_floats(scene)
 
 
 def refuse(scene: Scene) -> None:
@@ -45,7 +51,7 @@ def wrong(scene: Scene) -> str | None:
     """What is wrong with a scene, in one sentence; None if nothing is. Whether there is an equilibrium is not asked,
     and NaN and infinite loads, spalls and phases are passed over, but for laws from contact solves one by one."""
     every = _of_kinds, lambda read: across(read.bearing, read.spalls), _of_law, _of_spalls, _of_effects
-    return _first(*every, of=_read(scene))
+    return first(*every, of=_read(scene))
 
 
 def _read(scene: Scene) -> Scene:
@@ -59,15 +65,6 @@ def _read(scene: Scene) -> Scene:
     read = [np.asarray(leaf) if own else leaf for leaf, own in zip(leaves, known, strict=True)]
     read = [leaf.item() if own and not leaf.ndim else leaf for leaf, own in zip(read, known, strict=True)]
     return dataclasses.replace(scene, **jax.tree.unflatten(structure, read))
-
-
-def _first(*checks: Callable[[Any], str | None], of: Any) -> str | None:
-    """The first sentence there is."""
-    for check in checks:
-        sentence = check(of)
-        if sentence is not None:
-            return sentence
-    return None
 
 
 # ------------------------------------------------------------------------------------------------ one key at a time
@@ -119,86 +116,6 @@ def _owners(scene: Scene) -> Iterator[tuple[str, Any, bool]]:
 # ------------------------------------------------------------------------------------------------ across keys
 
 
-def _known(*values: Any) -> list[float] | None:
-    """Numbers as floats; None if one of them is traced."""
-    if any(isinstance(value, jax.core.Tracer) for value in values):
-        return None
-    return [float(value) for value in values]
-
-
-def across(bearing: TaperedBearing, spalls: tuple[Any, ...]) -> str | None:
-    """What the fields of a bearing, and spalls on its rollers' length, cannot be together."""
-    sentence = _first(_diameters, _apex, _taper, _neighbours, of=bearing)
-    if sentence is not None:
-        return sentence
-    for i, spall in enumerate(spalls):
-        sizes = _known(spall.length, bearing.roller_length) if isinstance(spall, Spall) else None
-        if sizes is not None and sizes[0] > sizes[1] * (1.0 + 1e-12):
-            return f"spall.{i}.length = {sizes[0]:g}: must be at most the roller's length, {sizes[1]:g} mm"
-    return None
-
-
-def _diameters(bearing: TaperedBearing) -> str | None:
-    known = _known(bearing.roller_large_diameter, bearing.roller_small_diameter)
-    if known is None or known[0] > known[1]:
-        return None
-    return (
-        f"bearing.roller_large_diameter = {known[0]:g} must be larger than bearing.roller_small_diameter = "
-        f"{known[1]:g} mm"
-    )
-
-
-def _apex(bearing: TaperedBearing) -> str | None:
-    known = _known(bearing.inner_angle, bearing.roller_angle, bearing.outer_angle)
-    if known is None:
-        return None
-    inner, roller, outer = known
-    if abs(inner + 2.0 * roller - outer) <= APEX * outer:
-        return None
-    return (
-        f"bearing.outer_angle = {outer:g} must be inner_angle + 2 roller_angle = {inner + 2.0 * roller:g} rad within "
-        f"{100.0 * APEX:g} %, so that all cones share one apex"
-    )
-
-
-def _taper(bearing: TaperedBearing) -> str | None:
-    known = _known(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
-                   bearing.roller_angle)  # fmt: skip
-    if known is None:
-        return None
-    large, small, length, angle = known
-    taper = (large - small) / (2.0 * length)
-    if abs(taper - angle) <= TAPER * angle:
-        return None
-    return (
-        f"bearing.roller_angle = {angle:g} does not fit the roller's diameters and length, which give {taper:.4g} rad; "
-        f"they must agree within {100.0 * TAPER:g} %"
-    )
-
-
-def _neighbours(bearing: TaperedBearing) -> str | None:
-    """Rollers side by side: at either end the chord between their axes must exceed the diameter there."""
-    known = _known(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
-                   bearing.outer_angle, bearing.roller_angle)  # fmt: skip
-    if known is None:
-        return None
-    large, small, length, outer, roller = known
-    taper = (large - small) / (2.0 * length)
-    away = (large + small) / (4.0 * taper)  # of the roller's middle from the apex, along its axis
-    fit = bearing.rollers
-    for diameter, end in ((small, away - 0.5 * length), (large, away + 0.5 * length)):
-        radius = end * math.sin(outer - roller)
-        if 2.0 * radius * math.sin(math.pi / bearing.rollers) <= diameter:
-            fit = min(fit, math.floor(math.pi / math.asin(min(1.0, 0.5 * diameter / max(radius, 1e-300)))))
-            fit -= 2.0 * radius * math.sin(math.pi / max(fit, 1)) <= diameter  # those that touch do not turn
-    if fit == bearing.rollers:
-        return None
-    return (
-        f"bearing.rollers = {bearing.rollers}: rollers of these diameters overlap where they run; at most "
-        f"{max(fit, 0)} fit side by side: use fewer or thinner ones"
-    )
-
-
 def _of_law(scene: Scene) -> str | None:
     """The law, its accuracy, and the lengths of spalls that it knows."""
     if not isinstance(scene.law, LawName):
@@ -235,9 +152,9 @@ def _of_spalls(scene: Scene) -> str | None:
                 "`difftrb contact`, which takes height maps"
             )
     law = scene.law.name if isinstance(scene.law, LawName) else None
-    roller = _known(scene.bearing.roller_length)
+    roller = as_numbers(scene.bearing.roller_length)
     for i, spall in enumerate(scene.spalls):
-        length, width, around = _known(spall.length), _known(spall.width), _around(scene.bearing, spall)
+        length, width, around = as_numbers(spall.length), as_numbers(spall.width), _around(scene.bearing, spall)
         if law is not None and length and roller:
             longest = laws.longest(law, roller[0])
             if length[0] > longest * (1.0 + 1e-12):
@@ -264,7 +181,7 @@ def _lies_on(spall: Spall) -> str:
 def _around(bearing: TaperedBearing, spall: Spall) -> float | None:
     """Once round what a spall lies on [mm], as `geometry.arc_radius` has it; None if that is not known."""
     given = () if bearing.arc_radius is None else (bearing.arc_radius,)
-    known = _known(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
+    known = as_numbers(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
                    bearing.roller_angle, bearing.outer_angle, bearing.inner_angle, *given)  # fmt: skip
     if known is None:
         return None

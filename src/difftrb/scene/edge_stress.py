@@ -19,10 +19,8 @@ from difftrb.core import status
 from difftrb.core.geometry import Raceway
 from difftrb.ring import ring
 from difftrb.ring.effects import Life, SeriesRaceways, Through
-from difftrb.scene.preparation import raceway_contact
-from difftrb.scene.scene import PitchMean, Scene
-from difftrb.scene.solution import Solution
-from difftrb.scene.solving import solve
+from difftrb.scene.scene import PitchMean, Scene, raceway_contact
+from difftrb.scene.solving import Solution, solve
 
 STATIC_LIMIT = 4000.0
 """Contact stress of roller bearings under their basic static load rating [MPa] (ISO 76): from there on raceways yield

@@ -3,56 +3,60 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 from typing import Annotated, Any, Literal
 
 import jax
+import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import fields, geometry
-from difftrb.core.geometry import Real, Spall, TaperedBearing
+from difftrb.core.geometry import LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.messages import shown
 from difftrb.core.status import SceneError
+from difftrb.law import base as laws
 from difftrb.law.base import Law
-from difftrb.ring import effect
+from difftrb.ring import effect, effects, phase_average
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load
+from difftrb.ring.terms import Terms
 
 Definition = Literal["tangent", "secant"]
 DesignLoad = Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
-Accuracy = Annotated[float, Interval(ge=1e-4, le=1e-2)]
+COARSEST = 1e-2
+"""Largest accuracy of a contact solve; only "auto" is asked for less, and of something else."""
+Accuracy = Annotated[float, Interval(ge=1e-4, le=COARSEST)]
 AutoAccuracy = Annotated[float, Interval(ge=1e-3, le=1e-1)]
 """What can be asked of the law "auto": below, contact solves at 1e-4 are not known to suffice; above, why ask."""
 Phase = Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PitchMean:
     """In place of a phase: the mean over one roller pitch."""
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["name"])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class LawName:
     """A law that is not prepared yet: `solve` builds it from the scene."""
 
-    name: str
+    name: str = dataclasses.field(metadata={"static": True})
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["accuracy", "seconds"], meta_fields=["law"])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Finer:
     """The next more exact law: its name, the accuracy of its contacts [-], and how many seconds it would take to make
     here at least, by the contacts that were solved before."""
 
-    law: str
+    law: str = dataclasses.field(metadata={"static": True})
     accuracy: Real
     seconds: Real
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["accuracy", "asked", "error", "finer"], meta_fields=["law"])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Picked:
     """What the law "auto" became.
@@ -65,7 +69,7 @@ class Picked:
       finer: None if there is none.
     """
 
-    law: str
+    law: str = dataclasses.field(metadata={"static": True})
     accuracy: Real
     asked: Real
     error: Real
@@ -115,7 +119,7 @@ class Scene:
     def __post_init__(self) -> None:
         tidy: dict[str, Any] = {"effects": effect.in_order(self.effects)}
         if isinstance(self.bearing, str):
-            tidy["bearing"] = _named(self.bearing)
+            tidy["bearing"] = _bearing(self.bearing)
         if isinstance(self.spalls, Spall | HeightMap | list):
             tidy["spalls"] = tuple(self.spalls) if isinstance(self.spalls, list) else (self.spalls,)
         if isinstance(self.phase, str):
@@ -129,12 +133,38 @@ class Scene:
         fields.whole_to_float(self, ("design_load", "phase"))
 
 
-def _named(name: str) -> TaperedBearing:
+def _bearing(name: str) -> TaperedBearing:
     """A bearing by its name; raises `SceneError`."""
     if name not in geometry.NAMED_BEARINGS:
         known = ", ".join(geometry.NAMED_BEARINGS)
         raise SceneError(f"bearing = {shown(name)} is unknown; use {known} or a TaperedBearing")
     return geometry.bearing(name)
+
+
+def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
+    """The contact of the rollers with one raceway."""
+    design_load = scene.design_load
+    series = effect.among(scene.effects, effects.Raceways)
+    if raceway == "inner" and series is not None and series.inner_design_load is not None:
+        design_load = series.inner_design_load
+    return LineContact.of(scene.bearing, raceway, design_load)
+
+
+def cage_phases(scene: Scene, met: tuple[phase_average.Met, ...], terms: Terms) -> tuple[jax.Array, jax.Array]:
+    """The phases to solve at [rad] and their weights, by the laws that are met on the raceways."""
+    if isinstance(scene.phase, PitchMean):
+        return phase_average.phases(scene.bearing, scene.load, met, terms)
+    return jnp.reshape(jnp.asarray(scene.phase, float), (1,)), jnp.ones(1)
+
+
+def is_auto(scene: Scene) -> bool:
+    """Whether the scene leaves its law to be chosen."""
+    return isinstance(scene.law, LawName) and scene.law.name == laws.AUTO
+
+
+def named(scene: Scene, law: str, accuracy: float) -> Scene:
+    """The scene with a law by name and the accuracy of its contacts."""
+    return dataclasses.replace(scene, law=LawName(law), accuracy=accuracy)
 
 
 def healthy(scene: Scene) -> Scene:

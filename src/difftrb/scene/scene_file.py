@@ -15,20 +15,18 @@ from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
 from difftrb.contact import height_map
-from difftrb.contact.contact_solution import ContactSolution, Defect
 from difftrb.contact.height_map import HeightMap
-from difftrb.contact.solver import solve_contact
 from difftrb.core import geometry, messages
+from difftrb.core.bearing_checks import across
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence, shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
-from difftrb.ring import effect, effects, ring
+from difftrb.ring import effect, effects
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load, needed_axial
 from difftrb.scene import checks
-from difftrb.scene.scene import Definition, DesignLoad, Phase, Scene
-from difftrb.scene.solution import Solution
+from difftrb.scene.scene import COARSEST, Definition, DesignLoad, Phase, Scene
 
 PACKAGED_MAPS = ("spall_map.npz",)
 DEEPEST = 32
@@ -37,8 +35,6 @@ PHASES = 16
 """Of one roller pitch, at which rings under moments are asked for an equilibrium."""
 TAKES = {"bearing": f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a [bearing] table"}
 """What keys take of which annotations do not tell all."""
-COARSEST = 1e-2
-"""Accuracy of a contact solve; only "auto" is asked for less, and of something else."""
 
 
 class NoEquilibriumError(SceneError):
@@ -99,39 +95,15 @@ class SceneFile:
             effects=self.effects,
         )
 
-    def line_contact(self) -> LineContact:
-        """The contact of one roller: with the inner raceway if the first spall lies there, else with the outer."""
-        inner = bool(self.spall) and self.spall[0].surface == "inner"
-        return LineContact.of(self.bearing, "inner" if inner else "outer", self.contact.design_load)
-
-    def under_contact(self) -> tuple[Defect, tuple[Real, ...]]:
-        """All spalls, and where they are from the middle of the single contact [mm]: the first by `contact.offset`, the
-        others as far from it as their angles say."""
-        radius = geometry.arc_radius(self.bearing)
-        return self.spall, tuple(
-            self.contact.offset + (spall.angle - self.spall[0].angle) * radius for spall in self.spall
-        )
-
     def single_contact(self) -> dict[str, Any]:
-        """What `solve_contact` is given for the single contact, by its names."""
-        table, (spalls, offsets) = self.contact, self.under_contact()
-        return {"contact": self.line_contact(), "load": table.load, "spall": spalls, "offset": offsets,
-                "accuracy": table.accuracy, "tilt": table.tilt}  # fmt: skip
-
-
-def contact_under_spall(file: SceneFile, solution: Solution) -> ContactSolution:
-    """The outer contact of the roller nearest to the first spall met there (of the most loaded roller if there is none,
-    or the nearest carries nothing), with the load and the offset it has in `solution`."""
-    spall = next(iter(ring.spalls_on(file.spall, "outer")), None)
-    roller, offset = int(jnp.argmax(solution.loads)), 0.0
-    if spall is not None:
-        away = ring.distances(file.bearing, (spall,), solution.angles)[0]
-        nearest = int(jnp.argmin(jnp.abs(away)))
-        if float(solution.loads[nearest]) > 0.0:
-            roller = nearest
-        offset = -float(away[roller])
-    contact = LineContact.of(file.bearing, "outer", file.contact.design_load)
-    return solve_contact(contact, solution.loads[roller], spall, offset, min(file.contact.accuracy, COARSEST))
+        """What `solve_contact` is given for the single contact, by its names: with the inner raceway if the first spall
+        lies there, else with the outer. The first spall is at `contact.offset` [mm] from the contact's middle, the
+        others as far from it as their angles say."""
+        table, spalls, radius = self.contact, self.spall, geometry.arc_radius(self.bearing)
+        raceway = "inner" if spalls and spalls[0].surface == "inner" else "outer"
+        offsets = tuple(table.offset + (spall.angle - spalls[0].angle) * radius for spall in spalls)
+        return {"contact": LineContact.of(self.bearing, raceway, table.design_load), "load": table.load,
+                "spall": spalls, "offset": offsets, "accuracy": table.accuracy, "tilt": table.tilt}  # fmt: skip
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -171,11 +143,9 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
         content: dict[str, Any] = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so are numbers without end
         reason = str(error).splitlines()[0][:200]
-        twice = re.match(r"Cannot overwrite a value \(at line (\d+)", reason)
-        if twice:
-            number = int(twice[1])
-            key = text.splitlines()[number - 1].split("=")[0].strip()
-            raise SceneError(f"{path}: line {number}: {shown(key)} is named twice; name it once") from None
+        if twice := re.match(r"Cannot overwrite a value \(at line (\d+)", reason):
+            key = text.splitlines()[int(twice[1]) - 1].split("=")[0].strip()
+            raise SceneError(f"{path}: line {twice[1]}: {shown(key)} is named twice; name it once") from None
         raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
     content.pop("sweep", None)  # for `sweepfile`
     return from_content(content, path)
@@ -212,7 +182,7 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
     except RecursionError:
         raise SceneError(f"{path}: is nested too deeply for a scene") from None
     file = _as_read(read, kinds)
-    if (sentence := checks.across(file.bearing, file.spall)) is not None:
+    if (sentence := across(file.bearing, file.spall)) is not None:
         raise SceneError(f"{path}: {sentence}")
     spalls: list[Any] = list(file.spall)
     for i, name in maps.items():

@@ -22,12 +22,9 @@ from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress
 from difftrb.ring import ring
 from difftrb.scene import auto_law
-from difftrb.scene.auto_law import prepare
 from difftrb.scene.checks import of_one_shape
-from difftrb.scene.preparation import prepared_law
-from difftrb.scene.scene import LawName, PitchMean, Scene, healthy
-from difftrb.scene.solution import Solution
-from difftrb.scene.solving import solve
+from difftrb.scene.scene import LawName, PitchMean, Scene, healthy, is_auto, named
+from difftrb.scene.solving import Solution, outer_law, prepare, solve
 from difftrb.sweeps.axes import Axis, number_at, replaced
 
 STATUS = "status_code"
@@ -174,11 +171,11 @@ def with_shared_law(
         )
     if not isinstance(scene.law, LawName):
         return prepare(scene)
-    if auto_law.is_auto(scene):
+    if is_auto(scene):
         edges = any(key.endswith((".width", ".angle", ".phase")) for key in gradients)
         return auto_law.shared(
             _members(scene, axes),
-            lambda law, accuracy: with_shared_law(auto_law.named(scene, law, accuracy), axes, gradients, progress),
+            lambda law, accuracy: with_shared_law(named(scene, law, accuracy), axes, gradients, progress),
             auto_law.SOFT if edges and not isinstance(scene.phase, PitchMean) else auto_law.SHARED,
         )
     law = LAWS.get(scene.law.name)
@@ -250,7 +247,7 @@ def _refuse_other(ready: Scene, key: str, ends: tuple[float, float]) -> None:
         return
     for value in ends:
         scene = replaced(ready, key, value)
-        law = prepared_law(scene)
+        law = outer_law(scene)
         away = jnp.zeros((len(scene.spalls), int(scene.bearing.rollers)))
         if int(law.judge(scene.spalls, away)) == status.OTHER_SCENE:
             at = float(np.asarray(number_at(ready, key)))

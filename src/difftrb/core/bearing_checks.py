@@ -1,0 +1,104 @@
+"""What numbers of one bearing and its spalls cannot be together, in one sentence; traced ones are passed over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.core
+
+from difftrb.core.geometry import Spall, TaperedBearing
+
+APEX, TAPER = 0.02, 0.05
+"""How far cone angles may be from one apex, and the roller's angle from its diameters, relative."""
+
+
+def as_numbers(*values: Any) -> list[float] | None:
+    """Numbers as floats; None if one of them is traced."""
+    if any(isinstance(value, jax.core.Tracer) for value in values):
+        return None
+    return [float(value) for value in values]
+
+
+def across(bearing: TaperedBearing, spalls: tuple[Any, ...]) -> str | None:
+    """What the fields of a bearing, and spalls on its rollers' length, cannot be together."""
+    sentence = first(_diameters, _apex, _taper, _neighbours, of=bearing)
+    if sentence is not None:
+        return sentence
+    for i, spall in enumerate(spalls):
+        sizes = as_numbers(spall.length, bearing.roller_length) if isinstance(spall, Spall) else None
+        if sizes is not None and sizes[0] > sizes[1] * (1.0 + 1e-12):
+            return f"spall.{i}.length = {sizes[0]:g}: must be at most the roller's length, {sizes[1]:g} mm"
+    return None
+
+
+def _diameters(bearing: TaperedBearing) -> str | None:
+    known = as_numbers(bearing.roller_large_diameter, bearing.roller_small_diameter)
+    if known is None or known[0] > known[1]:
+        return None
+    return (
+        f"bearing.roller_large_diameter = {known[0]:g} must be larger than bearing.roller_small_diameter = "
+        f"{known[1]:g} mm"
+    )
+
+
+def _apex(bearing: TaperedBearing) -> str | None:
+    known = as_numbers(bearing.inner_angle, bearing.roller_angle, bearing.outer_angle)
+    if known is None:
+        return None
+    inner, roller, outer = known
+    if abs(inner + 2.0 * roller - outer) <= APEX * outer:
+        return None
+    return (
+        f"bearing.outer_angle = {outer:g} must be inner_angle + 2 roller_angle = {inner + 2.0 * roller:g} rad within "
+        f"{100.0 * APEX:g} %, so that all cones share one apex"
+    )
+
+
+def _taper(bearing: TaperedBearing) -> str | None:
+    known = as_numbers(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
+                   bearing.roller_angle)  # fmt: skip
+    if known is None:
+        return None
+    large, small, length, angle = known
+    taper = (large - small) / (2.0 * length)
+    if abs(taper - angle) <= TAPER * angle:
+        return None
+    return (
+        f"bearing.roller_angle = {angle:g} does not fit the roller's diameters and length, which give {taper:.4g} rad; "
+        f"they must agree within {100.0 * TAPER:g} %"
+    )
+
+
+def _neighbours(bearing: TaperedBearing) -> str | None:
+    """Rollers side by side: at either end the chord between their axes must exceed the diameter there."""
+    known = as_numbers(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
+                   bearing.outer_angle, bearing.roller_angle)  # fmt: skip
+    if known is None:
+        return None
+    large, small, length, outer, roller = known
+    taper = (large - small) / (2.0 * length)
+    away = (large + small) / (4.0 * taper)  # of the roller's middle from the apex, along its axis
+    fit = bearing.rollers
+    for diameter, end in ((small, away - 0.5 * length), (large, away + 0.5 * length)):
+        radius = end * math.sin(outer - roller)
+        if 2.0 * radius * math.sin(math.pi / bearing.rollers) <= diameter:
+            fit = min(fit, math.floor(math.pi / math.asin(min(1.0, 0.5 * diameter / max(radius, 1e-300)))))
+            fit -= 2.0 * radius * math.sin(math.pi / max(fit, 1)) <= diameter  # those that touch do not turn
+    if fit == bearing.rollers:
+        return None
+    return (
+        f"bearing.rollers = {bearing.rollers}: rollers of these diameters overlap where they run; at most "
+        f"{max(fit, 0)} fit side by side: use fewer or thinner ones"
+    )
+
+
+def first(*checks: Callable[[Any], str | None], of: Any) -> str | None:
+    """The first sentence there is."""
+    for check in checks:
+        sentence = check(of)
+        if sentence is not None:
+            return sentence
+    return None

@@ -1,0 +1,100 @@
+"""Remarks, never errors: loads so small that their unit may be wrong, and what limits a solution."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.contact import gap
+from difftrb.core.geometry import Real, TaperedBearing
+from difftrb.ring import effect, effects, life, ring
+from difftrb.ring.effects import Through
+from difftrb.scene.scene import PitchMean, Scene, raceway_contact
+from difftrb.scene.scene_file import SceneFile
+from difftrb.scene.solving import Solution
+
+LEAST = 0.02
+"""Equivalent load by load rating under which a maker's tapered rollers may slide instead of roll: SKF, Rolling
+bearings, "Requisite minimum load"."""
+THOUSAND = 1000.0
+"""N in a kN."""
+
+
+def light_ring_load(file: SceneFile) -> str | None:
+    """The remark on a ring's `load.radial` and `load.axial`, if there is one; none with `effects.mounting`, which sets
+    the axial load itself."""
+    if effect.among(file.effects, effects.Mounting) is not None:
+        return None
+    rows = 1 if effect.among(file.effects, effects.DoubleRow) is None else 2
+    share = float(_share(file.bearing, file.load.radial, file.load.axial, rows))
+    given = f"load.radial = {file.load.radial:g} N, load.axial = {file.load.axial:g} N"
+    return _light(given, share)
+
+
+def light_contact_load(file: SceneFile) -> str | None:
+    """The same on `contact.load`, as if it were the largest roller load of a bearing."""
+    bearing, load = file.bearing, float(file.contact.load)
+    whole = load * bearing.rollers * float(np.cos(bearing.outer_angle)) / 4.08  # half of the rollers loaded: Stribeck
+    return _light(f"contact.load = {load:g} N", float(_share(bearing, whole, 0.0)))
+
+
+def light_measured_load(bearing: TaperedBearing, rows: Sequence[Any]) -> str | None:
+    """The same on the lightest of measured rows, `fits.measured.Measurement`."""
+    shares = [float(_share(bearing, row.radial, row.axial)) for row in rows]
+    k = int(np.argmin(np.where(np.array(shares) > 0.0, shares, np.inf)))
+    return _light(f"row {k + 1}: radial = {rows[k].radial:g} N, axial = {rows[k].axial:g} N", shares[k])
+
+
+@partial(jax.jit, static_argnames="rows")
+def _share(bearing: TaperedBearing, radial: Real, axial: Real, rows: int = 1) -> jax.Array:
+    """Dynamic equivalent load by basic dynamic load rating, both ISO 281."""
+    return life.equivalent_load(bearing, radial, axial, rows) / life.load_rating(bearing, rows)
+
+
+def _light(given: str, share: float) -> str | None:
+    """In one sentence, what is `given` and why its unit may be wrong."""
+    if not 0.0 < share < LEAST:
+        return None
+    light = f"{given}: the equivalent load is {share:.2g} of the bearing's dynamic load rating C (ISO 281)"
+    if share * THOUSAND <= 1.0:
+        return f"{light}; loads are in N, and this looks like kN"
+    return (
+        f"{light}, less than the {LEAST:g} C its rollers need to roll; loads are in N: check for a lost factor of ten"
+    )
+
+
+def of_solution(scene: Scene, solution: Solution) -> list[str]:
+    """What a reader has to know before the numbers, a sentence each."""
+    found, of = list(solution.remarks), solution.law
+    loads, (low, high) = np.asarray(solution.loads), (float(v) for v in of.load_range)
+    if float(loads.max()) > high * (1.0 + 1e-9):
+        found.append(
+            f"rollers carry up to {loads.max():,.0f} N, and law {of.name!r} was made for {low:,.0f} … {high:,.0f} N: "
+            "its error there is not known; name the law anew, or use 'direct'"
+        )
+    if of.hard and not isinstance(scene.phase, PitchMean) and (count := _rollers_on_edges(scene, solution)):
+        found.append(
+            f"{count} roller{'s stand' if count > 1 else ' stands'} on a spall's rolling edge, which law {of.name!r} "
+            "does not know: in or out, with nothing between; use 'table' or 'direct'"
+        )
+    return found
+
+
+def _rollers_on_edges(scene: Scene, found: Solution) -> int:
+    """How many loaded rollers stand on a spall's rolling edge: their contact reaches over it. Of the first row, on the
+    outer raceway, at one phase."""
+    if effect.among(scene.effects, Through) is not None:
+        return 0
+    contact, loads = raceway_contact(scene, "outer"), np.asarray(found.loads)
+    line_loads = jnp.maximum(found.loads, 0.0) / contact.length
+    half = np.asarray(gap.line_half_width(line_loads, contact.radius, contact.modulus))
+    on_edge = np.zeros(loads.size, bool)
+    for spall in ring.spalls_on(scene.spalls, "outer"):
+        away = np.asarray(ring.distances(scene.bearing, (spall,), found.angles))[0]
+        on_edge |= (np.abs(np.abs(away) - 0.5 * float(spall.width)) < half) & (loads > 0.0)
+    return int(on_edge.sum())

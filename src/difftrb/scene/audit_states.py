@@ -1,0 +1,145 @@
+"""The states to audit: a scene at one cage phase, its loaded rollers, and their contacts solved afresh."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.core.geometry import LineContact, Raceway, Spall
+from difftrb.law import samples
+from difftrb.law.base import Rest
+from difftrb.law.samples import Case, Node, Progress
+from difftrb.ring import effects, ring, roller_balance
+from difftrb.ring.effects import Through
+from difftrb.scene.scene import Scene, raceway_contact
+from difftrb.scene.solving import Solution, law_in_effect, solve_prepared
+
+LIGHT = 1e-3
+"""Share of the largest load at which the contact of a roller that carries nothing is solved."""
+Key = tuple[Raceway, str, tuple[int, ...], tuple[str, ...]]
+"""What one contact is known by: equal for mirror images in the rolling direction."""
+
+
+class RacewayContact(NamedTuple):
+    """One roller's contact with one raceway, and the numbers of the scene's spalls in its reach."""
+
+    raceway: Raceway
+    contact: LineContact
+    case: Case
+    key: Key
+    spalls: tuple[int, ...]
+
+
+class State(NamedTuple):
+    """One roller at rest, and its contacts: with the outer raceway and, if it gives way, with the inner one."""
+
+    roller: int
+    contacts: tuple[RacewayContact, ...]
+
+
+class AtPhase(NamedTuple):
+    """A prepared scene at one phase: its solution, the ring and what its effects add, directions and approaches [mm]
+    and loads [N] of all rows' rollers, and those to be audited."""
+
+    scene: Scene
+    found: Solution
+    here: effects.Ring
+    terms: ring.Terms
+    normals: np.ndarray
+    approach: np.ndarray
+    loads: np.ndarray
+    states: list[State]
+
+
+def at_phase(scene: Scene, phase: float) -> AtPhase:
+    """A prepared scene at one phase [rad], with the contacts to solve."""
+    at = dataclasses.replace(scene, phase=phase)
+    found = solve_prepared(at)
+    outer = raceway_contact(at, "outer")
+    here = effects.Ring(at.bearing, at.load, at.spalls, law_in_effect(at, found.law), outer, phase)
+    terms = effects.terms(at.effects, here)
+    angles, loads, approach = here.angles, np.asarray(found.loads), np.asarray(found.approach)
+    normals = ring.directions(at.bearing, angles)
+    if terms.pair is not None:
+        pressed = 0.5 * terms.pair.preload * jnp.sin(at.bearing.outer_angle)  # in both, the rows' places and thickness
+        second = terms.pair.rows(found.displacement, at.bearing.outer_angle)[1]
+        thicker = jnp.broadcast_to(0.0 if terms.interference is None else terms.interference, (2 * angles.size,))
+        more = jnp.matmul(normals, second, precision=jax.lax.Precision.HIGHEST) + (thicker - pressed)[angles.size :]
+        loads = np.concatenate([loads, np.asarray(found.effects["second_row_loads"])])
+        approach = np.concatenate([approach, np.asarray(more)])
+        normals = jnp.concatenate([normals, normals * jnp.array([[1.0, 1.0, -1.0]])])
+    if terms.tilting is not None:
+        normals = terms.tilting.directions(normals, jnp.tile(angles, normals.shape[0] // angles.size))
+    states = _states(at, here, terms, approach, loads)
+    return AtPhase(at, found, here, terms, np.asarray(normals), approach, loads, states)
+
+
+def _states(
+    scene: Scene, here: effects.Ring, terms: ring.Terms, approach: np.ndarray, loads: np.ndarray
+) -> list[State]:
+    """Rollers that carry a load, or may, each with the contacts that hold it."""
+    largest = float(np.max(loads))
+    least = float(terms.seat.least) if terms.seat is not None else 0.0
+    contacts: dict[Raceway, LineContact] = {"outer": raceway_contact(scene, "outer")}
+    if terms.facing is not None:
+        contacts["inner"] = raceway_contact(scene, "inner")
+    met = {raceway: _met(scene, here, terms, raceway, approach, loads) for raceway in contacts}
+    states = []
+    for j, load in enumerate(loads):
+        pressed = max(float(load), LIGHT * largest)
+        thrown = least > 0.0 and pressed <= least * (1.0 + 1e-9)  # clear of the inner raceway, by its own weight
+        if approach[j] <= 0.0 or thrown:
+            continue
+        own = []
+        for raceway, contact in contacts.items():
+            carried = pressed
+            if raceway == "inner":
+                carried = float(roller_balance.inner_load(terms.seat, jnp.asarray(pressed)))  # type: ignore[arg-type]
+            spalls, away, reached = met[raceway]
+            under = tuple(i for i in range(len(spalls)) if reached[i, j])
+            places = [float(away[i, j]) for i in under]
+            case = samples.case_under(carried, [spalls[i] for i in under], places)
+            of_scene = tuple(scene.spalls.index(spalls[i]) for i in under)
+            own.append(RacewayContact(raceway, contact, case, key_of(raceway, carried, under, places), of_scene))
+        states.append(State(j, tuple(own)))
+    return states
+
+
+def _met(
+    scene: Scene, here: effects.Ring, terms: ring.Terms, raceway: Raceway, approach: np.ndarray, loads: np.ndarray
+) -> tuple[tuple[Spall, ...], np.ndarray, np.ndarray]:
+    """The spalls on a raceway, their distances from the rollers [mm] and whether these reach them, shapes
+    (spalls, rollers)."""
+    through = any(isinstance(effect, Through) for effect in scene.effects)
+    spalls = () if through else ring.spalls_on(scene.spalls, raceway)
+    away = np.asarray(here.distances(raceway, terms))[: len(spalls)]
+    share = ring.OWN if terms.facing is not None else 1.0
+    rest = Rest(raceway_contact(scene, raceway).radius, share * jnp.asarray(approach), jnp.asarray(loads))
+    reached = [np.asarray(rest.in_reach(s, jnp.asarray(d))) for s, d in zip(spalls, away, strict=True)]
+    return spalls, away, np.array(reached).reshape(len(spalls), loads.size)
+
+
+def key_of(raceway: Raceway, load: float, under: tuple[int, ...], places: Sequence[float]) -> Key:
+    """Equal for contacts that are one: the same, or mirror images in the rolling direction."""
+    side = -1.0 if places and places[0] < 0.0 else 1.0
+    return raceway, f"{load:.6e}", under, tuple(f"{side * place:.6f}" for place in places)
+
+
+def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress | None) -> dict[Key, Node]:
+    """The contacts of all states, by their keys; equal ones are solved once."""
+    wanted: dict[Key, RacewayContact] = {}
+    for state in states:
+        for each in state.contacts:
+            wanted.setdefault(each.key, each)
+    solved: dict[Key, Node] = {}
+    for raceway in ("outer", "inner"):
+        own = [each for each in wanted.values() if each.raceway == raceway]
+        if own:
+            nodes = samples.all_solved(own[0].contact, [each.case for each in own], accuracy, progress)
+            solved |= {each.key: node for each, node in zip(own, nodes, strict=True)}
+    return solved
