@@ -19,7 +19,7 @@ from difftrb.contact.contact_cells import Resolution
 from difftrb.contact.solver import GRIDS
 from experiments import by_scipy
 
-FOLDER = Path(__file__).parents[2] / "experiments"
+FOLDER = Path(__file__).parents[1] / "experiments"
 
 
 def script(name: str) -> ModuleType:

@@ -163,7 +163,7 @@ def work_precision(measured: Measured) -> Any:
     """Error against time for the ring and for the contact, on Axes side by side; the first is returned.
 
     Filled: a new scene, compiled; hollow: one scene of a batch by a prepared law. A line marks the error of the finest
-    rung. Kinds without a known error have no Axes; raises ValueError if none has one.
+    rung. Kinds without a known error have no Axes; raises `SceneError` if none has one.
     """
     import matplotlib.pyplot as plt
 

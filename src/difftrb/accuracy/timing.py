@@ -61,7 +61,7 @@ class _Session:
     rings: dict[Rung, tuple[int, Scene]] = dataclasses.field(default_factory=dict)  # number of the row, prepared scene
 
     def take(self, step: Step) -> None:
-        """Measure one step. Raises ValueError or `SolveError` if the scene cannot have it."""
+        """Measure one step. Raises `SceneError` or `SolveError` if the scene cannot have it."""
         if step.slopes:
             number, ready = self.rings[step.rung]
             self.rows[number] = with_gradient(self.rows[number], ready, self.batch)

@@ -98,7 +98,7 @@ def solve_contact(
     Differentiable by every number in `contact`, `spall`, `load`, `offset` and `tilt`, forward and reverse; `jit` and
     `vmap` as you like (`lax.map` is faster for batches on a CPU). With numbers, "auto" compiles what this case needs;
     inside `jit`, `grad` or `vmap` it compiles strips of this accuracy and cells and chooses as it runs. Raises
-    ValueError for an accuracy out of range, a method that cannot take the case, or offsets that are not as many as
+    `SceneError` for an accuracy out of range, a method that cannot take the case, or offsets that are not as many as
     spalls; SolveError without float64; everything else ends as a status in the result.
     """
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)

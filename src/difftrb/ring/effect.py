@@ -106,7 +106,7 @@ class Effect:
         fields.whole_to_float(self)
 
     def check(self, asked: Asked) -> None:
-        """Raise ValueError, in one sentence, if this effect cannot be had so. Outside jit only."""
+        """Raise `SceneError`, in one sentence, if this effect cannot be had so. Outside jit only."""
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """The terms with this effect's added."""
@@ -132,7 +132,7 @@ One = TypeVar("One", bound=Effect)
 def register(kind: Kind) -> Kind:
     """Make a dataclass an effect that scenes and scene files may name; for use as a decorator.
 
-    Raises ValueError for a key that is no plain name or another effect's, and for a field without a range. A class of
+    Raises `SceneError` for a key that is no plain name or another effect's, and for a field without a range. A class of
     the same name and module replaces the one before, as when a notebook's cell runs again.
     """
     key, known = getattr(kind, "key", None), _REGISTER.get(getattr(kind, "key", ""))
