@@ -37,8 +37,9 @@ ROLLERS = (17,)
 """Beside 32008J's 23: every number is a program of its own."""
 CHECKED = 3
 """Every so many scenes derivatives are compared."""
-MAPS, MANY = Path("/proc/self/maps"), 25_000
-"""Each compiled program takes some of the 65 530 memory maps Linux grants a process; beyond, compiling crashes."""
+MAPS, MANY = Path("/proc/self/maps"), 12_000
+"""Each compiled program takes some of the 65 530 memory maps Linux grants a process; beyond, compiling crashes; and
+programs take memory: 7 GB at twice as many."""
 STEP = 1e-5
 """Of central differences, by the size of the number."""
 FIELDS: tuple[str, ...] = (
