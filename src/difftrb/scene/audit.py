@@ -33,8 +33,9 @@ from difftrb.scene.solving import Solution
 
 PHASES = 7
 """Of a mean over phases so many are audited, spread over all of them."""
-CONTACTS_KEEP = 3.0
-"""Contacts are as exact as asked for in nine of ten cases, and never beyond so many times that."""
+CONTACTS_KEEP = 5.0
+"""Contacts are as exact as asked for in nine of ten cases. Of 300 random scenes one was 3.4 times as far off, at 1e-4:
+all its rollers stood on a sliver of land between a spall and the roller's end."""
 TABLES_KEEP = 2.0
 """A table's error is measured at some tens of random contacts; others are at most so many times as far off."""
 
