@@ -31,15 +31,15 @@ from difftrb.core import geometry
 from difftrb.law.power import TABLE_2
 from difftrb.ring import effects as E
 from difftrb.scene.solving import solve_prepared
+from experiments.programs import let_go
 
 LAWS = ("power", "table", "direct", "liu2018", "palmgren", "auto")
 ROLLERS = (17,)
 """Beside 32008J's 23: every number is a program of its own."""
 CHECKED = 3
 """Every so many scenes derivatives are compared."""
-MAPS, MANY = Path("/proc/self/maps"), 12_000
-"""Each compiled program takes some of the 65 530 memory maps Linux grants a process; beyond, compiling crashes; and
-programs take memory: 7 GB at twice as many."""
+MANY = 12_000
+"""Memory maps beyond which programs are let go: at twice as many they take 7 GB."""
 STEP = 1e-5
 """Of central differences, by the size of the number."""
 FIELDS: tuple[str, ...] = (
@@ -276,8 +276,7 @@ def main() -> None:
             if seed not in done:
                 writer.writerow(row(seed, laws))
                 file.flush()
-                if MAPS.exists() and len(MAPS.read_bytes().splitlines()) > MANY:
-                    jax.clear_caches()
+                let_go(MANY)
     summary(options.out)
 
 

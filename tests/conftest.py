@@ -1,7 +1,6 @@
 """Tests lie in rooms as the package does; their kinds are markers: exact, order, gradient, literature, hard."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import jax
 import pytest
@@ -12,17 +11,15 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 import difftrb as trb
 from difftrb.core import storage
 from difftrb.law import samples
+from experiments.programs import let_go
 from tests.closed_form import closed_form
-
-MAPS = Path("/proc/self/maps")
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_programs() -> Iterator[None]:
-    """Each compiled program takes some of the 65 530 memory maps Linux grants a process; without, compiling crashes."""
+    """A worker that keeps all of them crashes."""
     yield
-    if MAPS.exists() and len(MAPS.read_bytes().splitlines()) > 25_000:
-        jax.clear_caches()
+    let_go(25_000)
 
 
 @pytest.fixture(scope="session")

@@ -139,8 +139,8 @@ def solve(scene: Scene) -> Solution:
 
     Differentiable by every leaf of the scene: `jax.grad(lambda s: solve(s).stiffness[0, 0])(scene)` is a scene of
     gradients. `jit` and `vmap` as you like. Raises `SolveError` without float64, `SceneError` (a ValueError) for what a
-    scene file would refuse, see `Scene`, and ValueError for a law that needs `prepare` first; everything else ends as a
-    status in the result.
+    scene file would refuse, see `Scene`, and for a law that needs `prepare` first; everything else ends as a status in
+    the result.
     """
     if isinstance(scene.law, LawName) or any(isinstance(effect, Raceways) for effect in scene.effects):
         return solve_prepared(prepare(scene))
