@@ -11,7 +11,7 @@ import difftrb as trb
 from difftrb.core import status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import samples, table
-from difftrb.law.base import load_over
+from difftrb.law.base import Rest, load_over
 from experiments import build_of_table
 from tests.closed_form import approach, healthy, load_at
 
@@ -122,7 +122,10 @@ def test_law_says_what_it_does_not_know(law) -> None:
     assert code(trb.Spall(4.0, 7.0, depth=0.3)) == status.CONVERGED  # as deep: out of reach
     assert code(trb.Spall(12.0, 7.0)) == status.UNKNOWN_LENGTH
     assert code(trb.Spall(4.0, 0.1)) == status.NARROW
-    assert code(trb.Spall(4.0, 7.0, depth=1e-3)) == status.OTHER_SCENE
+    assert code(trb.Spall(4.0, 7.0, depth=1e-3)) == status.CONVERGED  # whether one meets a bottom is judged at rest
+    shallow = trb.Spall(4.0, 7.0, depth=1e-3)
+    rest = Rest(law.contact.radius, jnp.array([2e-3]), jnp.array([500.0]))
+    assert int(law.judge((shallow,), jnp.zeros((1, 1)), rest)) == status.BOTTOM
     assert code(trb.Spall(4.0, 7.0, axial_offset=1.0)) == status.OTHER_SCENE
     softer = dataclasses.replace(law.contact, modulus=0.5 * law.contact.modulus)
     assert code(trb.Spall(4.0, 7.0), softer) == status.OTHER_SCENE
@@ -145,18 +148,12 @@ def test_only_narrow_spalls_make_a_narrow_law(closed, law, narrow) -> None:
         np.testing.assert_array_equal(one, two)
 
 
-def test_narrow_law_says_what_it_does_not_know(law, narrow) -> None:
+def test_narrow_law_says_what_it_does_not_know(narrow) -> None:
     def code(spall):
         return int(narrow.judge((spall,), jnp.zeros((1, 1))))
 
     assert code(trb.Spall(4.0, 0.1)) == code(trb.Spall(4.0, 7.0)) == status.CONVERGED
     assert code(trb.Spall(12.0, 0.1)) == status.UNKNOWN_LENGTH
-    shallow = dataclasses.replace(
-        law, atlases=(dataclasses.replace(law.atlases[0], given=law.atlases[0].given.at[-3].set(5e-3)),)
-    )
-    for error in (None, 0.0):
-        over = dataclasses.replace(shallow, narrow_error=error)
-        assert int(over.judge((trb.Spall(4.0, 0.1, depth=5e-3),), jnp.zeros((1, 1)))) == status.NARROW
 
 
 @pytest.mark.parametrize("length", [0.7, 4.0, 9.7])

@@ -42,7 +42,7 @@ SENTENCES = {
     "solve_contact with method 'cells'",
     OTHER_SCENE: "the roller law was prepared for another scene: prepare this one, by naming its law",
     NARROW: "a spall is so narrow that both its edges are in reach of a roller at once, and the table was made for "
-    "wider ones, or the roller may meet its bottom: prepare the scene with this spall, or use law 'direct'",
+    "wider ones: prepare the scene with this spall, or use law 'direct'",
     LOOSE: "one of two rows carries nothing, and the other one alone does not hold the shaft's tilt: raise "
     "effects.double_row.preload, leave its spacing out, or name effects.tilt, too",
     SEVERAL: "several spalls are under one roller at once, and this roller law knows one: use contact.law = 'direct' "

@@ -83,27 +83,20 @@ def table_law(
       contact: from `LineContact.of`.
       largest: estimate of the largest roller load [N]. Tables reach 1.3 times it or more: the design load halved or
         doubled so often, so that neighbouring scenes share one.
-      spalls: of each, depth and axial offset are tabulated.
+      spalls: of each, the axial offset is tabulated. Tables hold for deep spalls only.
       accuracy: relative accuracy of contact solves, 1e-2…1e-5; see `direct.accuracy_at_edges`.
       progress: told how many of how many solves are done, in each of three rounds.
     """
     contact = as_floats(contact)
     unit = float(contact.design_load) or 1000.0
     top = unit * 2.0 ** float(np.ceil(np.log2(direct.MARGIN * largest / unit)))
-    kinds: list[tuple[float, float]] = []
-    for spall in spalls:
-        kind = float(spall.depth), float(spall.axial_offset)
-        if kind not in kinds:
-            kinds.append(kind)
+    offsets = list(dict.fromkeys(float(spall.axial_offset) for spall in spalls))
     made = []
-    numbers = [(*jax.tree.leaves(contact), top, *kind, accuracy) for kind in kinds]
-    for kind, own in zip(kinds, numbers, strict=True):
-        arrays = storage.kept(
-            storage.key(own),
-            partial(_arrays, contact, top, *kind, accuracy, progress),
-        )
+    numbers = [(*jax.tree.leaves(contact), top, offset, accuracy) for offset in offsets]
+    for offset, own in zip(offsets, numbers, strict=True):
+        arrays = storage.kept(storage.key(own), partial(_arrays, contact, top, offset, accuracy, progress))
         made.append(Atlas(**{name: jnp.asarray(value) for name, value in arrays.items()}))
-    which = tuple(kinds.index((float(s.depth), float(s.axial_offset))) for s in spalls)
+    which = tuple(offsets.index(float(spall.axial_offset)) for spall in spalls)
     law = TableLaw(contact, tuple(made), which)
     errors = [
         storage.kept(
@@ -136,12 +129,11 @@ def _arrays(*arguments: Any) -> storage.Arrays:
 def atlas(
     contact: LineContact,
     top: float,
-    depth: float,
     axial_offset: float,
     accuracy: float = 1e-3,
     progress: Progress | None = None,
 ) -> Atlas:
-    """Build the table for one contact and one depth and axial offset [mm] of spalls.
+    """Build the table for one contact and one axial offset [mm] of deep spalls.
 
     Args:
       contact: from `LineContact.of`. top: the largest load of the table [N]; it begins at a three-hundredth.
@@ -155,7 +147,8 @@ def atlas(
     ends = (float(spread(length, contact, top)) for length in (0.0, longest))
     places = np.asarray(chebyshev_nodes(LENGTHS, *ends))
     lengths = np.maximum(places**2 - float(shortest(contact, top)), 0.0)
-    like = direct.wide(Spall(0.0, 0.0, depth, axial_offset=axial_offset))
+    deep = float(contact.radius)  # no roller sinks as far: whether one meets a bottom is judged at rest
+    like = direct.wide(Spall(0.0, 0.0, deep, axial_offset=axial_offset))
     shapes = [dataclasses.replace(like, length=float(length)) for length in lengths[1:]]
     levels = direct.solved_levels(contact, shapes, loads, accuracy, progress)
     of = edge_nodes(accuracy)

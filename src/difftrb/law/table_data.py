@@ -36,7 +36,7 @@ NO_LAND = 1.0
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Atlas:
-    """A roller beside and over spalls of one depth and axial offset.
+    """A roller beside and over deep spalls of one axial offset.
 
     Attributes:
       given: `samples.inputs` of contact and spall as solved, length and width 0, shape (inputs,).
@@ -120,9 +120,8 @@ class TableLaw:
         return ramp_fit.roller_curves(healthy, [one.full for one in beside], ramps, spalls, distances)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
-        """See `Law`: spalls up to 85 % of the roller long, of a depth and axial offset that the table was built for, on
-        a contact that is the table's or a neighbour of it; narrow ones if the table was made for them and the roller
-        cannot reach their bottom."""
+        """See `Law`: deep spalls up to 85 % of the roller long, of an axial offset that the table was built for, on a
+        contact that is the table's or a neighbour of it; narrow ones if the table was made for them."""
         code = status.worst(within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest))
         for i, spall in enumerate(spalls):
             if i >= len(self.which):
@@ -130,16 +129,12 @@ class TableLaw:
             atlas = self.atlases[self.which[i]]
             change = _change(atlas, self.contact, spall)
             moved = jnp.max(jnp.abs(atlas.full_slopes @ change / atlas.full))
-            deepest = jnp.max(atlas.full)
-            deep = (spall.depth > deepest) & (atlas.given[AT.spall_depth] > deepest)
-            same = (moved < MOVED) & (deep | (jnp.abs(change[AT.spall_depth]) < MOVED * atlas.given[AT.spall_depth]))
-            same = same & (jnp.abs(change[AT.spall_axial_offset]) < ASIDE)
+            same = (moved < MOVED) & (jnp.abs(change[AT.spall_axial_offset]) < ASIDE)
             code = status.worst(code, jnp.where(same, status.CONVERGED, status.OTHER_SCENE))
-            beside = ramp_of(atlas, self.contact, spall)
-            _, end = edge_ramp.extent(beside, load_curve.end(beside.full, 1.0))
-            wide = 0.5 * spall.width > end
-            wide = wide if self.narrow_error is None else wide | deep
-            code = status.worst(code, jnp.where(wide, status.CONVERGED, status.NARROW))
+            if self.narrow_error is None:
+                beside = ramp_of(atlas, self.contact, spall)
+                _, end = edge_ramp.extent(beside, load_curve.end(beside.full, 1.0))
+                code = status.worst(code, jnp.where(0.5 * spall.width > end, status.CONVERGED, status.NARROW))
             known = spall.length <= atlas.lengths[-1]
             code = status.worst(code, jnp.where(known, status.CONVERGED, status.UNKNOWN_LENGTH))
         return code
@@ -152,8 +147,10 @@ class TableLaw:
 
 
 def _change(atlas: Atlas, contact: LineContact, spall: Spall | None) -> jax.Array:
-    """Of the inputs that the atlas carries along slopes: all but length, width and distance."""
-    now = None if spall is None else dataclasses.replace(spall, length=0.0, width=0.0)
+    """Of the inputs that the atlas carries along slopes: all but length, width, depth and distance."""
+    now = (
+        None if spall is None else dataclasses.replace(spall, length=0.0, width=0.0, depth=atlas.given[AT.spall_depth])
+    )
     return samples.inputs(contact, now, 0.0) - atlas.given
 
 

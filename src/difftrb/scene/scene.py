@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import jax
 import jax.numpy as jnp
@@ -15,11 +15,11 @@ from difftrb.core.geometry import LineContact, Raceway, Real, Spall, TaperedBear
 from difftrb.core.messages import shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
+from difftrb.law import power
 from difftrb.law.base import Law
-from difftrb.ring import effect, effects, phase_average
+from difftrb.ring import effect, effects, phase_average, ring
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load
-from difftrb.ring.terms import Terms
 
 Definition = Literal["tangent", "secant"]
 DesignLoad = Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
@@ -150,11 +150,27 @@ def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
     return LineContact.of(scene.bearing, raceway, design_load)
 
 
-def cage_phases(scene: Scene, met: tuple[phase_average.Met, ...], terms: Terms) -> tuple[jax.Array, jax.Array]:
-    """The phases to solve at [rad] and their weights, by the laws that are met on the raceways."""
-    if isinstance(scene.phase, PitchMean):
-        return phase_average.phases(scene.bearing, scene.load, met, terms)
-    return jnp.reshape(jnp.asarray(scene.phase, float), (1,)), jnp.ones(1)
+def outer_law(scene: Scene) -> Law:
+    """The law that a prepared scene has on the outer raceway, carried to the contact that it has now."""
+    return cast(Law, scene.law).at(raceway_contact(scene, "outer"))
+
+
+def law_in_effect(scene: Scene, law: Law) -> Law:
+    """The outer raceway's law as the scene's effects have it."""
+    return power.Through(law) if effect.among(scene.effects, effects.Through) is not None else law
+
+
+def phases(scene: Scene) -> tuple[jax.Array, jax.Array]:
+    """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
+    if not isinstance(scene.phase, PitchMean):
+        return jnp.reshape(jnp.asarray(cast(Real, scene.phase), float), (1,)), jnp.ones(1)
+    acting, contact = law_in_effect(scene, outer_law(scene)), raceway_contact(scene, "outer")
+    met = [phase_average.Met("outer", ring.spalls_on(scene.spalls, "outer"), acting)]
+    series = effect.among(scene.effects, effects.SeriesRaceways)
+    if series is not None:
+        met.append(phase_average.Met("inner", ring.spalls_on(scene.spalls, "inner"), cast(Law, series.law)))
+    healthy_ring = effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0)
+    return phase_average.phases(scene.bearing, scene.load, tuple(met), effects.terms(scene.effects, healthy_ring))
 
 
 def is_auto(scene: Scene) -> bool:

@@ -8,7 +8,6 @@ one by one, which needs numbers. Where rollers may meet several spalls at once, 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from functools import partial
 from typing import cast
@@ -23,14 +22,15 @@ from difftrb.core import geometry
 from difftrb.core.geometry import LineContact, Raceway, Real, Spall
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
-from difftrb.law import direct, local, power
+from difftrb.law import direct, local
 from difftrb.law.base import Law, Rest
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw, Reached
 from difftrb.law.samples import Progress
-from difftrb.ring import effects, phase_average, ring, roller_balance
+from difftrb.ring import effects, ring, roller_balance
 from difftrb.ring.effects import DoubleRow, Raceways, SeriesRaceways, Through
-from difftrb.scene.scene import LawName, PitchMean, Scene, cage_phases, raceway_contact
+from difftrb.scene import expected_loads
+from difftrb.scene.scene import LawName, PitchMean, Scene, phases, raceway_contact
 
 NOT_IN_THE_MEAN = (
     "stiffness.phase = 'mean': several spalls under one roller, or a bottom that rollers may meet, are known at one "
@@ -44,8 +44,6 @@ NO_INNER_LAW = (
     "effects.raceways needs a law for the inner raceway: give the scene its law by name, or the effect as "
     "difftrb.effects.SeriesRaceways(law=...)"
 )
-WIDE, SPARE = 1.0, 2.5
-"""From a spall this wide on, by rollers' pitch, with through spalls, or where effects press: curves reach farther."""
 DEEP = 5.0
 """A spall deeper than Palmgren's approach so many times is deeper than a roller sinks: more than crowns make of it."""
 ROUNDS = 8
@@ -65,7 +63,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
     only the inner raceway's law is missing, and for a mean over phases that needs a `LocalLaw`.
     """
     if isinstance(scene.law, LawName) and scene.law.name == "direct" and not is_traced(scene) and _may_be_local(scene):
-        largest = _largest_for_curves(scene)
+        largest = expected_loads.largest_for_curves(scene)
         bases: dict[Raceway, DirectLaw] = {
             raceway: direct.without_edges(raceway_contact(scene, raceway), largest, (), scene.accuracy, progress)
             for raceway in _raceways(scene)
@@ -74,7 +72,9 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
             if isinstance(scene.phase, PitchMean):
                 raise SceneError(NOT_IN_THE_MEAN)
             return _holding(scene, _local_laws(scene, bases, progress))
-    return _holding(scene, {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)})
+    return _with_edges(
+        scene, {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}, progress
+    )
 
 
 def is_traced(scene: Scene) -> bool:
@@ -113,65 +113,34 @@ def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real 
     by_samples = laws.by_samples(given.name)
     if by_samples and is_traced(scene):
         raise SceneError(TRACED)
-    largest = _largest_for_curves(scene) if by_samples else _largest_load(scene)
+    largest = expected_loads.largest_for_curves(scene) if by_samples else expected_loads.largest_load(scene)
     request = laws.Request(contact, largest if least is None else least, largest, spalls, scene.accuracy, progress)
-    law = laws.made(given.name, request)
-    if isinstance(law, direct.DirectLaw) and spalls:
-        return direct.with_edges(law, _at_edges(scene, raceway, law), progress)
-    return law
+    return laws.made(given.name, request)
 
 
-def _largest_load(scene: Scene) -> Real:
-    """A first estimate of the most loaded roller's load [N], by the load and by what else presses."""
-    largest = ring.largest_load(scene.bearing, scene.load)
-    if not any(effect.presses for effect in scene.effects):
-        return largest
-    healthy = dataclasses.replace(_single(scene, power.Palmgren(scene.bearing.roller_length)), spalls=())
-    return jnp.maximum(largest, _pressed(healthy))
+def _with_edges(scene: Scene, made: dict[Raceway, Law], progress: Progress | None) -> Scene:
+    """The scene with these laws; those just made by "direct" get the contacts at edges that the ring will ask for.
 
-
-def _largest_for_curves(scene: Scene) -> float:
-    """The same for laws that know nothing beyond their loads: more, where spalls may take their load from several
-    rollers, or all of it from one."""
-    pitch = float(geometry.roller_pitch(scene.bearing) * geometry.arc_radius(scene.bearing))
-    wide = any(float(spall.width) > WIDE * pitch for spall in scene.spalls)
-    through = scene.spalls and any(isinstance(effect, Through) for effect in scene.effects)
-    plain, largest = float(ring.largest_load(scene.bearing, scene.load)), float(_largest_load(scene))
-    # in steps: what presses a little more shares the nodes, so that neighbouring scenes differ by physics alone
-    halves = max(math.ceil(2.0 * math.log2(largest / plain)), 0) if plain > 0.0 else 0
-    pressed = plain * 2.0 ** (0.5 * halves) if plain > 0.0 else largest
-    return pressed * (SPARE if wide or through or halves else 1.0)
-
-
-def _single(scene: Scene, law: Law) -> Scene:
-    """The scene with one law, and without the inner raceway's, which is not made yet."""
-    acting = tuple(effect for effect in scene.effects if not isinstance(effect, Raceways))
-    return dataclasses.replace(scene, law=law, effects=acting, accuracy=1e-3)  # one accuracy is one program for all
-
-
-def _healthy_ring(scene: Scene, contact: LineContact, phase: Real) -> tuple[effects.Ring, ring.Terms]:
-    """The ring of a `_single` scene without spalls, and what its effects add."""
-    here = effects.Ring(scene.bearing, scene.load, (), cast(Law, scene.law), contact, phase)
-    return here, effects.terms(scene.effects, here)
+    The phases of a mean hang on all laws, so all are made before the first edge is solved.
+    """
+    if isinstance(scene.law, LawName) and any(isinstance(law, DirectLaw) and law.spalls for law in made.values()):
+        ready = _holding(scene, made)
+        every = _phases(ready) if isinstance(scene.phase, PitchMean) else phases(ready)[0]
+        for raceway, law in made.items():
+            if isinstance(law, DirectLaw) and law.spalls:
+                made[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
+    return _holding(scene, made)
 
 
 @jax.jit
-def _pressed(scene: Scene) -> jax.Array:
-    """The largest load [N] on the healthy ring, by Palmgren's law: by a third or so too large for one contact alone,
-    and by more if the inner one gives way, too."""
-    here, terms = _healthy_ring(scene, raceway_contact(scene, "outer"), 0.0)
-    rest = here.equilibrium(terms)
-    loads = rest.loads if rest.second_loads is None else jnp.concatenate([rest.loads, rest.second_loads])
-    return jnp.nan_to_num(jnp.max(loads))
+def _phases(scene: Scene) -> jax.Array:
+    return phases(scene)[0]
 
 
-def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw) -> list[list[tuple[float, float]]]:
-    """For every spall the distances [mm] at which rollers stand on its ramps, in any phase, and their approaches [mm]
-    on the healthy ring."""
-    single = _single(scene, law)
-    met = (phase_average.Met(raceway, ring.spalls_on(scene.spalls, raceway), law),)
-    every = cage_phases(scene, met, _healthy_ring(single, law.contact, 0.0)[1])[0]
-    distances, approaches = map(np.asarray, _healthy_approaches(single, raceway, every))
+def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw, every: jax.Array) -> list[list[tuple[float, float]]]:
+    """For every spall the distances [mm] at which rollers stand on its ramps, in any of these phases [rad], and their
+    approaches [mm] on the healthy ring."""
+    distances, approaches = map(np.asarray, _healthy_approaches(expected_loads.single(scene, law), raceway, every))
     if np.isnan(approaches).any():  # no equilibrium, as the ring's status will say
         return [[] for _ in law.spalls]
     return [
@@ -181,6 +150,12 @@ def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw) -> list[list[tuple
         for i, spall in enumerate(law.spalls)
         for low, high in [map(float, law.ramp(i, spall, law.full[i, -1]))]
     ]  # fmt: skip
+
+
+def _healthy_ring(scene: Scene, contact: LineContact, phase: Real) -> tuple[effects.Ring, ring.Terms]:
+    """The ring of a scene with one law, without spalls, and what its effects add."""
+    here = effects.Ring(scene.bearing, scene.load, (), cast(Law, scene.law), contact, phase)
+    return here, effects.terms(scene.effects, here)
 
 
 @partial(jax.jit, static_argnames="raceway")
@@ -197,7 +172,9 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: jax.Array) -> tu
 
 def _may_be_local(scene: Scene) -> bool:
     """Whether to ask `_is_local`, which solves contacts: of several spalls, or one that is not surely deep."""
-    deep = DEEP * float(gap.palmgren_approach(_largest_for_curves(scene), float(scene.bearing.roller_length)))
+    deep = DEEP * float(
+        gap.palmgren_approach(expected_loads.largest_for_curves(scene), float(scene.bearing.roller_length))
+    )
     return len(scene.spalls) > 1 or any(float(spall.depth) < deep for spall in scene.spalls)
 
 

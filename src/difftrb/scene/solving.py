@@ -13,12 +13,11 @@ import numpy as np
 
 from difftrb.core import geometry, status
 from difftrb.core.geometry import Real, Spall
-from difftrb.law import power
 from difftrb.law.base import Law
 from difftrb.law.direct import DirectLaw
 from difftrb.law.samples import Progress
-from difftrb.ring import effects, phase_average, ring
-from difftrb.ring.effects import Raceways, Results, SeriesRaceways, Through
+from difftrb.ring import effects, ring
+from difftrb.ring.effects import Raceways, Results
 from difftrb.ring.ring import Load
 from difftrb.scene import checks, scene_laws
 from difftrb.scene.scene import (
@@ -28,10 +27,12 @@ from difftrb.scene.scene import (
     Picked,
     PitchMean,
     Scene,
-    cage_phases,
     healthy,
     is_auto,
+    law_in_effect,
     named,
+    outer_law,
+    phases,
     raceway_contact,
 )
 
@@ -210,26 +211,6 @@ def solve_prepared(scene: Scene) -> Solution:
         rest.residual, rest.iterations, rest.status_code, more, scene.picked, scene.definition,
         effects.remarks(scene.effects, scene.spalls),
     )  # fmt: skip
-
-
-def phases(scene: Scene) -> tuple[jax.Array, jax.Array]:
-    """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
-    acting = law_in_effect(scene, outer_law(scene))
-    met = [phase_average.Met("outer", ring.spalls_on(scene.spalls, "outer"), acting)]
-    for effect in scene.effects:
-        if isinstance(effect, SeriesRaceways):
-            met.append(phase_average.Met("inner", ring.spalls_on(scene.spalls, "inner"), cast(Law, effect.law)))
-    return cage_phases(scene, tuple(met), effects.terms(scene.effects, _ring(scene, acting, (), 0.0)))
-
-
-def law_in_effect(scene: Scene, law: Law) -> Law:
-    """The outer raceway's law as the scene's effects have it."""
-    return power.Through(law) if any(isinstance(effect, Through) for effect in scene.effects) else law
-
-
-def outer_law(scene: Scene) -> Law:
-    """The law that a prepared scene has on the outer raceway, carried to the contact that it has now."""
-    return cast(Law, scene.law).at(raceway_contact(scene, "outer"))
 
 
 def _ring(scene: Scene, acting: Law, spalls: tuple[Spall, ...], phase: Real) -> effects.Ring:

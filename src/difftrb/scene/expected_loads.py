@@ -1,0 +1,73 @@
+"""About how much the most loaded roller of a scene will carry, before there is a law: what laws are made to reach."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import cast
+
+import jax
+import jax.numpy as jnp
+
+from difftrb.core import geometry
+from difftrb.core.geometry import Real
+from difftrb.law import power
+from difftrb.law.base import Law
+from difftrb.ring import effects, ring
+from difftrb.ring.effects import Raceways, Through
+from difftrb.scene.scene import Scene, law_in_effect, raceway_contact
+
+WIDE, SPARE = 1.0, 2.5
+"""From a spall this wide on, by rollers' pitch, or where effects press: curves reach farther."""
+PHASES = 9
+"""Over one pitch, at which the largest load beside through spalls is looked for."""
+
+
+def largest_load(scene: Scene) -> Real:
+    """A first estimate of the most loaded roller's load [N], by the load and by what else presses."""
+    largest = ring.largest_load(scene.bearing, scene.load)
+    through = is_through(scene)
+    if not through and not any(effect.presses for effect in scene.effects):
+        return largest
+    alone = single(scene, power.Palmgren(scene.bearing.roller_length))
+    return jnp.maximum(largest, _pressed(alone if through else dataclasses.replace(alone, spalls=())))
+
+
+def largest_for_curves(scene: Scene) -> float:
+    """The same for laws that know nothing beyond their loads: more, where spalls may take their load from several
+    rollers, or all of it from one."""
+    pitch = float(geometry.roller_pitch(scene.bearing) * geometry.arc_radius(scene.bearing))
+    through, presses = is_through(scene), any(effect.presses for effect in scene.effects)
+    wide = not through and any(float(spall.width) > WIDE * pitch for spall in scene.spalls)
+    plain, largest = float(ring.largest_load(scene.bearing, scene.load)), float(largest_load(scene))
+    # in steps: what presses a little more shares the nodes, so that neighbouring scenes differ by physics alone
+    halves = max(math.ceil(2.0 * math.log2(largest / plain)), 0) if plain > 0.0 else 0
+    pressed = plain * 2.0 ** (0.5 * halves) if plain > 0.0 else largest
+    return pressed * (SPARE if wide or (presses and halves) else 1.0)
+
+
+def is_through(scene: Scene) -> bool:
+    """Whether rollers over spalls carry nothing, so that the others carry their share."""
+    return bool(scene.spalls) and any(isinstance(effect, Through) for effect in scene.effects)
+
+
+def single(scene: Scene, law: Law) -> Scene:
+    """The scene with one law, and without the inner raceway's, which is not made yet."""
+    acting = tuple(effect for effect in scene.effects if not isinstance(effect, Raceways))
+    return dataclasses.replace(scene, law=law, effects=acting, accuracy=1e-3)  # one accuracy is one program for all
+
+
+@jax.jit
+def _pressed(scene: Scene) -> jax.Array:
+    """The largest load [N] on the ring by Palmgren's law, with through spalls at several phases: by a third or so too
+    large for one contact alone, and by more if the inner one gives way, too."""
+    acting, contact = law_in_effect(scene, cast(Law, scene.law)), raceway_contact(scene, "outer")
+
+    def at(phase: jax.Array) -> jax.Array:
+        here = effects.Ring(scene.bearing, scene.load, scene.spalls, acting, contact, phase)
+        rest = here.equilibrium(effects.terms(scene.effects, here))
+        loads = rest.loads if rest.second_loads is None else jnp.concatenate([rest.loads, rest.second_loads])
+        return jnp.nan_to_num(jnp.max(loads))
+
+    turned = jnp.linspace(0.0, 1.0, PHASES) if scene.spalls else jnp.zeros(1)
+    return jnp.max(jax.vmap(at)(geometry.roller_pitch(scene.bearing) * turned))
