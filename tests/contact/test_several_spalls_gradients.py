@@ -50,6 +50,18 @@ def test_gradient_matches_central_differences(point: str, contact: LineContact) 
         assert float(slopes[6]) == pytest.approx(float(slopes[2]), rel=0.5)  # of the same size, at another place
 
 
+@pytest.mark.parametrize(("joint", "shares"), [(0.0, (0.5, 0.5)), (0.03, (0.65, 0.35)), (-0.1, (0.05, 0.95))])
+def test_spalls_that_touch_share_their_end(joint: float, shares: tuple[float, float], contact: LineContact) -> None:
+    """Of two as long side by side the first had all of the derivative by length, its lines being a hair apart. Shares
+    are by differences over ± 0.1 mm, half-way between the derivatives on either side."""
+    at = jnp.array([1309.0, 0.0, 4.0, 5.0, 0.0, joint - 2.5, 4.0, 5.0, 0.0, joint + 2.5, 0.2, float(contact.radius)])
+    slopes = gradient(at, contact)
+    own, whole = slopes[jnp.array([2, 6])], slopes[2] + slopes[6]
+    np.testing.assert_allclose(own / whole, shares, atol=0.06)
+    longer, shorter = (approach(at.at[jnp.array([2, 6])].add(side * 0.1), contact) for side in (1.0, -1.0))
+    assert float(whole) == pytest.approx(float(longer - shorter) / 0.2, rel=0.03)
+
+
 def test_forward_and_reverse_agree(contact: LineContact) -> None:
     at = jnp.array([*POINTS["apart"], float(contact.radius)])
     forward = jax.jacfwd(approach)(at, contact)

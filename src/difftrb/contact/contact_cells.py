@@ -2,10 +2,8 @@
 
 Along the roller lines are graded from edge to edge. Across it the lattice stands on the first spall's edges; for each
 further one the nearest line moves there. Each spall is a hair larger than the one before, so that edges that would
-coincide keep a line each, which moves alone, and spalls that touch leave no ridge between them.
-
-Across the roller two lines so close make a sliver of a cell at an edge with singular pressure. The approach does not
-mind, but its derivatives by such a width or offset come out up to half too small.
+coincide keep a line each, and spalls that touch leave no ridge between them. Pressure on a sliver of a cell between two
+such lines is singular: the approach does not mind, but across the roller its derivatives come out up to half too small.
 
 A uniform lattice follows only the first spall's edges: a wall elsewhere stands where the nearest line does, so errors
 fall with the first power of a cell. It takes height maps, and is a second opinion.
@@ -27,10 +25,14 @@ from difftrb.contact.contact_solution import Inputs, listed
 from difftrb.contact.gap import Cells, Uneven
 from difftrb.contact.halfspace import EDGE_SHIFT
 from difftrb.core import status
-from difftrb.core.geometry import Spall
+from difftrb.core.geometry import LineContact, Spall
 
 APART = 5e-5
 """By which each spall is longer at either end than the one before, as a part of the domain's half length."""
+TOGETHER = 5e-4
+"""Ends of two spalls closer than this, as a part of the same, move as one."""
+AT_ENDS = 2.0
+"""Half-width of the contact at a spall's ends by that of its mean line load."""
 APART_ACROSS = 0.02
 """The same across the roller, as a part of the pitch."""
 TOUCHING = 0.5
@@ -135,12 +137,13 @@ def _several(
     )
     reach_x, bottom, top = domain(contact, load, spalls, offsets, tilt)
     apart = APART * 0.5 * (top - bottom)
+    ends = _moved_together(contact, load, spalls, offsets, TOGETHER * 0.5 * (top - bottom))
     spans = [
         tuple(
             jnp.where(near[i], jnp.clip(edge + side * i * apart, bottom, top), top)
-            for side, edge in zip((-1.0, 1.0), edges_along(contact, spall), strict=True)
+            for side, edge in zip((-1.0, 1.0), own, strict=True)
         )
-        for i, spall in enumerate(spalls)
+        for i, own in enumerate(ends)
     ]
     lines, under_rows = _along(spans, bottom, top, resolution, mirrored)
     reach_x = reach_x * (1.0 + 2.0 / resolution.columns)  # the lattice may slide by half a cell, borders stay unloaded
@@ -155,6 +158,26 @@ def _several(
     ])  # fmt: skip
     unresolved = spoiled | jnp.any(narrow)
     return cells, depression, jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED)
+
+
+def _moved_together(
+    contact: LineContact, load: jax.Array, spalls: tuple[Spall, ...], offsets: jax.Array, distance: jax.Array
+) -> list[tuple[jax.Array, jax.Array]]:
+    """Both ends of every spall [mm]. Those within a `distance` [mm] move as one, by a mean of what each would move, for
+    a sliver cannot tell whose end the land's border is. Each counts by Hertz's pressure squared over its width, as the
+    energy that a moving edge releases."""
+    mean = gaps.line_half_width(load / contact.length, contact.radius, contact.modulus)
+    half = AT_ENDS * jax.lax.stop_gradient(mean)
+    widths = jnp.stack([jnp.asarray(spall.width, float) for spall in spalls])
+    low, high = (jnp.clip((offsets + side * widths) / half, -1.0, 1.0) for side in (-0.5, 0.5))
+    share = jax.lax.stop_gradient((high - high**3 / 3.0) - (low - low**3 / 3.0)) + 1e-9
+    moved = []
+    for ends in zip(*(edges_along(contact, spall) for spall in spalls), strict=True):
+        ends = jnp.stack(ends)
+        still = jax.lax.stop_gradient(ends)
+        weight = jnp.where(jnp.abs(still[:, None] - still[None]) <= distance, share[None], 0.0)
+        moved.append(still + jnp.sum(weight * (ends - still)[None], axis=1) / jnp.sum(weight, axis=1))
+    return list(zip(*moved, strict=True))
 
 
 def _along(

@@ -35,8 +35,8 @@ SENTENCES = {
     NO_EQUILIBRIUM: "no equilibrium: the axial load is too small to hold the radial load and the moments at this "
     "contact angle; raise load.axial, or lower load.radial or the moments",
     BAD_INPUT: "an input is not a number, or is outside its range: check load, sizes and radii",
-    UNRESOLVED: "the spall is narrower than one cell of the grid: ask for more accuracy (a smaller number) or a wider "
-    "spall",
+    UNRESOLVED: "a spall, or the ridge between two, is narrower than one cell of the grid: ask for more accuracy (a "
+    "smaller number), or make it wider",
     UNSUITED: "this way of solving cannot describe this contact (a roller without crown or loaded far beyond it, one "
     "that may reach the spall's bottom, too short a loaded land; for an edge's intensity a rolling edge in reach): use "
     "solve_contact with method 'cells'",
