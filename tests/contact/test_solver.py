@@ -7,6 +7,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.accuracy import reference_cases
+from tests import shapes
 
 pytestmark = pytest.mark.exact
 
@@ -32,6 +33,7 @@ def test_spalls_at_plus_and_minus_axial_offset_are_alike(contact: trb.LineContac
 def test_half_the_roller_gives_what_the_whole_gives(contact: trb.LineContact) -> None:
     half = trb.solve_contact(contact, 2000.0, trb.Spall(3.0, 7.0), accuracy=1e-2)
     whole = trb.solve_contact(contact, 2000.0, trb.Spall(3.0, 7.0, axial_offset=1e-9), accuracy=1e-2)
+    shapes.check(whole)
     assert whole.force.shape[0] == 2 * half.force.shape[0]
     assert float(whole.approach) == pytest.approx(float(half.approach), rel=2e-3)
 

@@ -11,6 +11,7 @@ import pytest
 import difftrb as trb
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import samples
+from tests import shapes
 
 pytestmark = pytest.mark.exact
 
@@ -54,6 +55,8 @@ def test_scene_by_table_is_the_scene_by_direct(closed, bearing) -> None:
     """A roller stands on the ramp."""
     one, two = (prepared(bearing, name) for name in ("table", "direct"))
     assert [len(edges.loads) for edges in two.law.edges] == [1]
+    for result in (one.law.atlases[0], two.law, two.law.edges[0], trb.solve(one)):
+        shapes.check(result)
     agree(one, two, jax.grad)
 
 

@@ -12,6 +12,7 @@ from difftrb.core import geometry, status
 from difftrb.law import base
 from difftrb.law.power import Palmgren
 from difftrb.ring import newton, ring
+from tests import shapes
 
 pytestmark = pytest.mark.exact
 
@@ -29,6 +30,7 @@ def rest(bearing, radial, axial, spalls=(), roller_law=LIU, phase=0.0, interfere
 def test_loads_balance(bearing, radial: float, axial: float, phase: float) -> None:
     r = rest(bearing, radial, axial, (trb.Spall(6.0, 7.0, depth=10.0),), phase=phase)
     assert status.describe(r.status_code) == "converged"
+    shapes.check(r)
     angles = ring.roller_angles(bearing, phase)
     cos, sin = jnp.cos(bearing.outer_angle), jnp.sin(bearing.outer_angle)
     scale = np.hypot(radial, axial)

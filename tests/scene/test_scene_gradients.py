@@ -11,6 +11,7 @@ import difftrb as trb
 from difftrb.law import edge_ramp
 from difftrb.law.power import Palmgren
 from difftrb.ring import ring
+from tests import shapes
 
 pytestmark = pytest.mark.gradient
 
@@ -39,6 +40,12 @@ def test_stiffness_by_length(any_scene: trb.Scene, definition) -> None:
     difference = (stiffness(at + h) - stiffness(at - h)) / (2 * h)
     np.testing.assert_allclose(forward, difference, rtol=1e-6)
     assert (np.asarray(forward) < 0.0).all()
+
+
+def test_shapes_are_as_annotated(scene: trb.Scene) -> None:
+    found = trb.assess(dataclasses.replace(scene, law=trb.liu2018()))
+    shapes.check(found)
+    shapes.check(found.spalled)
 
 
 def test_loads_by_length(any_scene: trb.Scene) -> None:

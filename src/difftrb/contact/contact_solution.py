@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import jax
 import jax.core
@@ -15,6 +15,10 @@ from difftrb.contact.gap import Cells
 from difftrb.contact.height_map import HeightMap, height_map_is_sound
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
+
+if TYPE_CHECKING:
+    from jax import Array
+    from jaxtyping import Float, Int
 
 Method = Literal["auto", "strips", "cells", "lattice"]
 Defect = Spall | HeightMap | tuple[Spall | HeightMap, ...] | None
@@ -126,20 +130,20 @@ class ContactSolution(status.Judged):
         another.
     """
 
-    approach: jax.Array
-    force: jax.Array
+    approach: Float[Array, ""]
+    force: Float[Array, "rows columns"]
     cells: Cells
-    load: jax.Array
+    load: Float[Array, ""]
     spall: Defect
-    offset: jax.Array
+    offset: Float[Array, "*spalls"]
     tilt: jax.Array | None
-    gap: jax.Array
-    contact_width: jax.Array
-    loaded_fraction: jax.Array
-    residual: jax.Array
-    iterations: jax.Array
-    unknowns: jax.Array
-    status_code: jax.Array
+    gap: Float[Array, "rows columns"]
+    contact_width: Float[Array, ""]
+    loaded_fraction: Float[Array, ""]
+    residual: Float[Array, ""]
+    iterations: Int[Array, ""]
+    unknowns: Int[Array, ""]
+    status_code: Int[Array, ""]
     accuracy: float = dataclasses.field(metadata={"static": True})
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +21,10 @@ from difftrb.law.edge_ramp import Ramp, RollerCurves
 from difftrb.law.load_curve import Curve
 from difftrb.law.ramp_fit import Healthy
 from difftrb.law.samples import AT, Case, Node, Progress
+
+if TYPE_CHECKING:
+    from jax import Array
+    from jaxtyping import Float
 
 LOADS = 12
 """Contact solves of one curve: enough for 1e-4 over `DECADES` of load."""
@@ -64,10 +68,10 @@ class Edges(NamedTuple):
     """Contact solves with a rolling edge of one spall at several places: spall and distance as `samples.inputs`, shape
     (places, inputs); loads [N], approaches [mm] and their slopes by the inputs, of shape (places, loads, …)."""
 
-    given: jax.Array
-    loads: jax.Array
-    approaches: jax.Array
-    slopes: jax.Array
+    given: Float[Array, "places inputs"]
+    loads: Float[Array, "places edge_loads"]
+    approaches: Float[Array, "places edge_loads"]
+    slopes: Float[Array, "places edge_loads inputs"]
 
 
 @jax.tree_util.register_dataclass
@@ -87,15 +91,15 @@ class DirectLaw:
     """
 
     contact: LineContact
-    log_loads: jax.Array
+    log_loads: Float[Array, " loads"]
     spalls: tuple[Spall, ...]
-    given: jax.Array
-    healthy: jax.Array
-    healthy_slopes: jax.Array
-    half_width: jax.Array
-    full: jax.Array
-    full_slopes: jax.Array
-    sunk: jax.Array
+    given: Float[Array, " inputs"]
+    healthy: Float[Array, " loads"]
+    healthy_slopes: Float[Array, "loads inputs"]
+    half_width: Float[Array, " extents"]
+    full: Float[Array, "spalls loads"]
+    full_slopes: Float[Array, "spalls loads inputs"]
+    sunk: Float[Array, "spalls extents"]
     edges: tuple[Edges, ...]
     error: Real
     status_code: Real

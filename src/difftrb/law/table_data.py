@@ -8,6 +8,7 @@ places of the edge. `table` builds it.
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +24,10 @@ from difftrb.law.edge_ramp import Ramp, RollerCurves
 from difftrb.law.load_curve import Curve
 from difftrb.law.ramp_fit import Healthy
 from difftrb.law.samples import AT, Case, Node, Progress
+
+if TYPE_CHECKING:
+    from jax import Array
+    from jaxtyping import Float
 
 LIGHTEST = 0.08
 """Least load of a solve at an edge, by what the roller carries on a healthy raceway: lighter ones tell nothing, and
@@ -53,18 +58,18 @@ class Atlas:
       status_code: worst status of all solves.
     """
 
-    given: jax.Array
-    log_loads: jax.Array
-    healthy: jax.Array
-    healthy_slopes: jax.Array
-    half_width: jax.Array
-    lengths: jax.Array
-    full: jax.Array
-    full_slopes: jax.Array
-    sunk: jax.Array
-    edge_lengths: jax.Array
-    share: jax.Array
-    share_slopes: jax.Array
+    given: Float[Array, " inputs"]
+    log_loads: Float[Array, " loads"]
+    healthy: Float[Array, " loads"]
+    healthy_slopes: Float[Array, "loads inputs"]
+    half_width: Float[Array, " extents"]
+    lengths: Float[Array, " lengths"]
+    full: Float[Array, "lengths loads"]
+    full_slopes: Float[Array, "lengths loads inputs"]
+    sunk: Float[Array, "lengths extents"]
+    edge_lengths: Float[Array, " edge_lengths"]
+    share: Float[Array, "edge_lengths powers terms"]
+    share_slopes: Float[Array, "edge_lengths powers terms inputs"]
     error: Real
     status_code: Real
 

@@ -8,7 +8,7 @@ on) and axial (pressing the rings together). One contact per roller, the outer r
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,10 @@ from difftrb.law.base import Law, Rest
 from difftrb.ring import newton, roller_balance
 from difftrb.ring.newton import Rollers, System
 from difftrb.ring.terms import PLAIN, Terms, Tilting, beside, both, without_land
+
+if TYPE_CHECKING:
+    from jax import Array
+    from jaxtyping import Float, Int
 
 HELD = 1e-9
 """Share of all loads below which a row does not hold a shaft's tilt: one that is lifted off may be left touching."""
@@ -60,13 +64,13 @@ class Equilibrium:
       second_loads: as `loads`, of a second row; None: there is none.
     """
 
-    displacement: jax.Array
-    approach: jax.Array
-    loads: jax.Array
-    tangent: jax.Array
-    residual: jax.Array
-    iterations: jax.Array
-    status_code: jax.Array
+    displacement: Float[Array, " axes"]
+    approach: Float[Array, " rollers"]
+    loads: Float[Array, " rollers"]
+    tangent: Float[Array, "axes axes"]
+    residual: Float[Array, ""]
+    iterations: Int[Array, ""]
+    status_code: Int[Array, ""]
     second_loads: jax.Array | None = None
 
 

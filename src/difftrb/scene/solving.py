@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from typing import NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,10 @@ from difftrb.scene.scene import (
     phases,
     raceway_contact,
 )
+
+if TYPE_CHECKING:
+    from jax import Array
+    from jaxtyping import Float, Int
 
 LADDER = (1e-2, 1e-3, 1e-4)
 """Accuracies of the contact solves of "auto", the cheapest first."""
@@ -68,17 +72,17 @@ class Solution(status.Judged):
       remarks: what is to be said of these numbers, in sentences; mostly none.
     """
 
-    angles: jax.Array
-    displacement: jax.Array
-    approach: jax.Array
-    loads: jax.Array
-    stiffness: jax.Array
-    load_span: jax.Array
-    stiffness_span: jax.Array
+    angles: Float[Array, " rollers"]
+    displacement: Float[Array, " axes"]
+    approach: Float[Array, " rollers"]
+    loads: Float[Array, " rollers"]
+    stiffness: Float[Array, "axes axes"]
+    load_span: Float[Array, "2 rollers"]
+    stiffness_span: Float[Array, "2 axes axes"]
     law: Law
-    residual: jax.Array
-    iterations: jax.Array
-    status_code: jax.Array
+    residual: Float[Array, ""]
+    iterations: Int[Array, ""]
+    status_code: Int[Array, ""]
     effects: Results
     picked: Picked | None
     definition: Definition = dataclasses.field(metadata={"static": True})
@@ -112,9 +116,9 @@ class Assessment(NamedTuple):
 
     spalled: Solution
     healthy: Solution
-    loss: jax.Array
-    by_length: jax.Array
-    by_width: jax.Array
+    loss: Float[Array, " directions"]
+    by_length: Float[Array, "directions spalls"]
+    by_width: Float[Array, "directions spalls"]
 
 
 def prepare(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
