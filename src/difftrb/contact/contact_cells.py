@@ -73,9 +73,6 @@ def stage(inputs: Inputs, resolution: Resolution, mirrored: bool) -> Stage:
     return Stage(cells, gaps.undeformed(cells, contact, inputs.tilt) + depression, code)
 
 
-# ------------------------------------------------------------------------------------------ at most one spall
-
-
 def _single(inputs: Inputs, spall: Spall | None, resolution: Resolution, mirrored: bool) -> tuple[Cells, jax.Array]:
     """Cells for one spall or none, and their status."""
     contact, load, _, offset, tilt = inputs
@@ -109,9 +106,14 @@ def _single(inputs: Inputs, spall: Spall | None, resolution: Resolution, mirrore
         lines = jnp.concatenate([lower, hollow[1:-1], upper])
         whole = 0.5 * (bottom + top) + jnp.concatenate([-whole[:0:-1], whole])
     lines = jnp.where((ends[0] <= bottom) & (ends[1] >= top), whole, lines)  # over a spall all along there is no edge
-    inside = jnp.abs(offset) + 0.5 * spall.width < reach_x
-    unresolved = inside & (spall.width > 0.0) & (spall.width < 2.0 * reach_x / resolution.columns)
-    return Cells(pitch, x, lines, mirrored), jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED)
+    narrow = _is_narrow(spall, offset, reach_x, resolution)
+    return Cells(pitch, x, lines, mirrored), jnp.where(narrow, status.UNRESOLVED, status.CONVERGED)
+
+
+def _is_narrow(spall: Spall, offset: jax.Array, reach: jax.Array, resolution: Resolution) -> jax.Array:
+    """Whether both edges are on the cells, and nearer to each other than a cell."""
+    inside = jnp.abs(offset) + 0.5 * spall.width < reach
+    return inside & (spall.width > 0.0) & (spall.width < 2.0 * reach / resolution.columns)
 
 
 def _beyond_edge(land: jax.Array, room: jax.Array) -> jax.Array:
@@ -136,15 +138,7 @@ def _several(
         for i, s in enumerate(spalls)
     )
     reach_x, bottom, top = domain(contact, load, spalls, offsets, tilt)
-    apart = APART * 0.5 * (top - bottom)
-    ends = _moved_together(contact, load, spalls, offsets, TOGETHER * 0.5 * (top - bottom))
-    spans = [
-        tuple(
-            jnp.where(near[i], jnp.clip(edge + side * i * apart, bottom, top), top)
-            for side, edge in zip((-1.0, 1.0), own, strict=True)
-        )
-        for i, own in enumerate(ends)
-    ]
+    spans = _spans(contact, load, spalls, offsets, near, bottom, top)
     lines, under_rows = _along(spans, bottom, top, resolution, mirrored)
     reach_x = reach_x * (1.0 + 2.0 / resolution.columns)  # the lattice may slide by half a cell, borders stay unloaded
     cells, under_columns, spoiled = _across(spalls, offsets, reach_x, resolution.columns, lines, mirrored)
@@ -152,32 +146,29 @@ def _several(
     for i, spall in enumerate(spalls):
         inside = (under_rows[i][:, None] & under_columns[i][None, :]) & near[i]
         depression = jnp.maximum(depression, jnp.where(inside, spall.depth, 0.0))  # Liu et al. 2018, eq. (3)
-    narrow = jnp.stack([
-        (jnp.abs(o) + 0.5 * s.width < reach_x) & (s.width > 0.0) & (s.width < 2.0 * reach_x / resolution.columns)
-        for s, o in zip(spalls, offsets, strict=True)
-    ])  # fmt: skip
-    unresolved = spoiled | jnp.any(narrow)
-    return cells, depression, jnp.where(unresolved, status.UNRESOLVED, status.CONVERGED)
+    narrow = [_is_narrow(spall, offset, reach_x, resolution) for spall, offset in zip(spalls, offsets, strict=True)]
+    return cells, depression, jnp.where(spoiled | jnp.any(jnp.stack(narrow)), status.UNRESOLVED, status.CONVERGED)
 
 
-def _moved_together(
-    contact: LineContact, load: jax.Array, spalls: tuple[Spall, ...], offsets: jax.Array, distance: jax.Array
-) -> list[tuple[jax.Array, jax.Array]]:
-    """Both ends of every spall [mm]. Those within a `distance` [mm] move as one, by a mean of what each would move, for
-    a sliver cannot tell whose end the land's border is. Each counts by Hertz's pressure squared over its width, as the
+def _spans(
+    contact: LineContact, load: jax.Array, spalls: tuple[Spall, ...], offsets: jax.Array, near: jax.Array,
+    bottom: jax.Array, top: jax.Array,
+) -> list[tuple[jax.Array, ...]]:  # fmt: skip
+    """Lines at both ends of every spall [mm]. Ends close `TOGETHER` move as one, by a mean of what each would move, for
+    a sliver cannot tell whose end the land's border is: each counts by Hertz's pressure squared over its width, as the
     energy that a moving edge releases."""
     mean = gaps.line_half_width(load / contact.length, contact.radius, contact.modulus)
-    half = AT_ENDS * jax.lax.stop_gradient(mean)
+    half, reach = AT_ENDS * jax.lax.stop_gradient(mean), 0.5 * (top - bottom)
     widths = jnp.stack([jnp.asarray(spall.width, float) for spall in spalls])
     low, high = (jnp.clip((offsets + side * widths) / half, -1.0, 1.0) for side in (-0.5, 0.5))
     share = jax.lax.stop_gradient((high - high**3 / 3.0) - (low - low**3 / 3.0)) + 1e-9
-    moved = []
-    for ends in zip(*(edges_along(contact, spall) for spall in spalls), strict=True):
-        ends = jnp.stack(ends)
-        still = jax.lax.stop_gradient(ends)
-        weight = jnp.where(jnp.abs(still[:, None] - still[None]) <= distance, share[None], 0.0)
-        moved.append(still + jnp.sum(weight * (ends - still)[None], axis=1) / jnp.sum(weight, axis=1))
-    return list(zip(*moved, strict=True))
+    every, lines = jnp.stack([jnp.stack(edges_along(contact, spall)) for spall in spalls]), []
+    for side, ends, still in zip((-1.0, 1.0), every.T, jax.lax.stop_gradient(every).T, strict=True):
+        weight = jnp.where(jnp.abs(still[:, None] - still[None]) <= TOGETHER * reach, share[None], 0.0)
+        moved = still + jnp.sum(weight * (ends - still)[None], axis=1) / jnp.sum(weight, axis=1)
+        longer = moved + side * APART * reach * np.arange(len(spalls))
+        lines.append(jnp.where(near, jnp.clip(longer, bottom, top), top))
+    return list(zip(*lines, strict=True))
 
 
 def _along(

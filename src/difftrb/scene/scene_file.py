@@ -83,17 +83,11 @@ class SceneFile:
 
     def scene(self) -> Scene:
         """The scene this file describes."""
+        contact, stiffness = self.contact, self.stiffness
         return Scene(
-            bearing=self.bearing,
-            load=self.load,
-            spalls=self.spall,
-            law=self.contact.law,
-            design_load=self.contact.design_load,
-            accuracy=self.contact.accuracy,
-            definition=self.stiffness.definition,
-            phase=self.stiffness.phase,
-            effects=self.effects,
-        )
+            self.bearing, self.load, self.spall, contact.law, contact.design_load, contact.accuracy,
+            stiffness.definition, stiffness.phase, self.effects,
+        )  # fmt: skip
 
     def single_contact(self) -> dict[str, Any]:
         """What `solve_contact` is given for the single contact, by its names: with the inner raceway if the first spall
@@ -248,10 +242,7 @@ def _known_law(content: dict[str, Any], path: str | Path) -> None:
     contact = content.get("contact")
     if not isinstance(contact, dict) or "law" not in contact or contact["law"] in laws.names():
         return
-    law = contact["law"]
-    if isinstance(law, str):
-        raise SceneError(f"{path}: contact.{laws.unknown(law)}")
-    raise SceneError(f"{path}: contact.law = {shown(law)}: must be one of {', '.join(map(repr, laws.names()))}")
+    raise SceneError(f"{path}: contact.{laws.unknown(contact['law'])}")
 
 
 def check_contact(file: SceneFile, path: str | Path) -> None:
@@ -284,8 +275,7 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
         raise SceneError(f"{path}: {sentence}")
     if effect.among(file.effects, effects.Mounting) is not None:
         return
-    tilt, row = effect.among(file.effects, effects.Tilt), effect.among(file.effects, effects.DoubleRow)
-    load = file.load
+    tilt, row, load = effect.among(file.effects, effects.Tilt), effect.among(file.effects, effects.DoubleRow), file.load
     moments = [m for one in (tilt, row) if one is not None for m in (one.moment_radial, one.moment_lateral)]
     if load.axial == load.radial == 0.0 and (row is None or not any(moments)):
         raise NoEquilibriumError(
