@@ -17,13 +17,13 @@ from rich.text import Text
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
-from difftrb.law.base import Law
+from difftrb.law.base import LAWS, Law
 from difftrb.report import remarks
 from difftrb.ring import effect
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
 from difftrb.scene.scene import Picked, PitchMean, Scene
-from difftrb.scene.solving import Assessment
+from difftrb.scene.solving import Assessment, Solution
 
 BAR = 28
 DIRECTIONS = ("radial", "lateral", "axial", "about_radial", "about_lateral")
@@ -112,50 +112,7 @@ def run_text(
     """The main job's result for people: remarks, stiffness and its losses, sensitivities, a bar of load for every
     roller, a sentence for every one of `edges`, and the `audit`'s."""
     spalled = result.spalled
-    kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
-    stiffness = house_table(f"Stiffness, {kind} [N/mm]")
-    columns = ["by length [/mm]", "by width [/mm]"] if scene.spalls else []
-    for heading in ("", "healthy", "spalled", "loss [%]", *columns):
-        stiffness.add_column(heading, justify="right" if heading else "left")
-    for row, name in enumerate(("radial", "axial")):
-        values = [getattr(s, f"{name}_stiffness") for s in (result.healthy, spalled)]
-        slopes = [number(v[row, 0], ",.1f") for v in (result.by_length, result.by_width)] if scene.spalls else []
-        stiffness.add_row(name, *(number(v, ",.0f") for v in values), number(result.loss[row], ".3f"), *slopes)
-
-    loads = house_table("Load distribution")
-    units = effect.units(scene.effects)
-    more = {
-        f"{_column(name)} [{units.get(name, '')}]": values for name, values in spalled.effects.items()
-        if values.shape == spalled.loads.shape
-    }  # fmt: skip
-    for heading in ("roller", "angle [rad]", "load [N]", "against healthy", *more):
-        loads.add_column(heading, justify="right")
-    if not more:
-        loads.add_column("", no_wrap=True)
-    top = float(jnp.max(spalled.loads))
-    for j, (angle, load, sound) in enumerate(zip(spalled.angles, spalled.loads, result.healthy.loads, strict=True)):
-        bar = "█" * round(BAR * float(load) / top) if top > 0.0 else ""
-        last = [f"{values[j]:.1f}" for values in more.values()] if more else [Text(bar, style="cyan")]
-        loads.add_row(str(j), f"{angle:.4f}", f"{load:.1f}", f"{load - sound:+.1f}", *last)
-
-    u = np.round(1e3 * np.asarray(spalled.displacement), 4) + 0.0  # no −0
-    lines = []
-    if isinstance(scene.phase, PitchMean):
-        low, high = spalled.stiffness_span
-        lines.append(
-            f"means over one roller pitch; stiffness radial {low[0, 0]:,.0f} … {high[0, 0]:,.0f}, axial "
-            f"{low[2, 2]:,.0f} … {high[2, 2]:,.0f} N/mm"
-        )
-    lines.append(f"displacement: radial {u[0]:.3f} µm, lateral {u[1]:.3f} µm, axial {u[2]:.3f} µm")
-    if u.size > 3:
-        lines.append(f"tilt: about the radial axis {u[3]:.4f} mrad, about the lateral axis {u[4]:.4f} mrad")
-    if scene.effects:
-        lines.append(f"beyond the plain ring: {'; '.join(each.label for each in scene.effects)}")
-    for name, value in spalled.effects.items():
-        if not value.ndim:
-            lines.append(f"{name.replace('_', ' ')}: {value:,.5g} {units.get(name, '')}".rstrip())
-    lines += [edge.sentence for edge in edges]
-    lines.append(law_text(spalled.law, spalled.loads))
+    lines = [*_ring_lines(scene, spalled), *(edge.sentence for edge in edges), law_text(spalled.law, spalled.loads)]
     if spalled.picked is not None:
         lines.append(picked_text(spalled.picked))
     if scene.spalls and spalled.law.hard and not isinstance(scene.phase, PitchMean):
@@ -166,7 +123,63 @@ def run_text(
     if audit is not None:
         lines.append(audit.sentence)
     first = (Text(f"note: {sentence}") for sentence in remarks.of_solution(scene, spalled))
-    return Group(*first, stiffness, loads, *(Text(line) for line in lines))
+    return Group(*first, _stiffness_table(scene, result), _load_table(scene, result), *map(Text, lines))
+
+
+def _stiffness_table(scene: Scene, result: Assessment) -> Table:
+    """Stiffness in either direction, its loss, and its slopes by the first spall's size."""
+    kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
+    table = house_table(f"Stiffness, {kind} [N/mm]")
+    columns = ["by length [/mm]", "by width [/mm]"] if scene.spalls else []
+    for heading in ("", "healthy", "spalled", "loss [%]", *columns):
+        table.add_column(heading, justify="right" if heading else "left")
+    for row, name in enumerate(("radial", "axial")):
+        values = [getattr(s, f"{name}_stiffness") for s in (result.healthy, result.spalled)]
+        slopes = [number(v[row, 0], ",.1f") for v in (result.by_length, result.by_width)] if scene.spalls else []
+        table.add_row(name, *(number(v, ",.0f") for v in values), number(result.loss[row], ".3f"), *slopes)
+    return table
+
+
+def _load_table(scene: Scene, result: Assessment) -> Table:
+    """Every roller's load against the healthy one's; then what effects say of it or, if they say nothing, a bar."""
+    spalled, units = result.spalled, effect.units(scene.effects)
+    table = house_table("Load distribution")
+    more = {
+        f"{_column(name)} [{units.get(name, '')}]": values for name, values in spalled.effects.items()
+        if values.shape == spalled.loads.shape
+    }  # fmt: skip
+    for heading in ("roller", "angle [rad]", "load [N]", "against healthy", *more):
+        table.add_column(heading, justify="right")
+    if not more:
+        table.add_column("", no_wrap=True)
+    top = float(jnp.max(spalled.loads))
+    for j, (angle, load, sound) in enumerate(zip(spalled.angles, spalled.loads, result.healthy.loads, strict=True)):
+        bar = "█" * round(BAR * float(load) / top) if top > 0.0 else ""
+        last = [f"{values[j]:.1f}" for values in more.values()] if more else [Text(bar, style="cyan")]
+        table.add_row(str(j), f"{angle:.4f}", f"{load:.1f}", f"{load - sound:+.1f}", *last)
+    return table
+
+
+def _ring_lines(scene: Scene, solution: Solution) -> list[str]:
+    """Of the ring as a whole: the range over phases, displacement, and what effects add."""
+    u = np.round(1e3 * np.asarray(solution.displacement), 4) + 0.0  # no −0
+    lines = []
+    if isinstance(scene.phase, PitchMean):
+        low, high = solution.stiffness_span
+        lines.append(
+            f"means over one roller pitch; stiffness radial {low[0, 0]:,.0f} … {high[0, 0]:,.0f}, axial "
+            f"{low[2, 2]:,.0f} … {high[2, 2]:,.0f} N/mm"
+        )
+    lines.append(f"displacement: radial {u[0]:.3f} µm, lateral {u[1]:.3f} µm, axial {u[2]:.3f} µm")
+    if u.size > 3:
+        lines.append(f"tilt: about the radial axis {u[3]:.4f} mrad, about the lateral axis {u[4]:.4f} mrad")
+    if scene.effects:
+        lines.append(f"beyond the plain ring: {'; '.join(each.label for each in scene.effects)}")
+    units = effect.units(scene.effects)
+    for name, value in solution.effects.items():
+        if not value.ndim:
+            lines.append(f"{name.replace('_', ' ')}: {value:,.5g} {units.get(name, '')}".rstrip())
+    return lines
 
 
 def _column(name: str) -> str:
@@ -180,14 +193,15 @@ def number(value: Any, style: str) -> str:
 
 
 def law_text(law: Law, loads: jax.Array) -> str:
-    """One sentence on the roller law: its range and error, and how many rollers are outside."""
-    text = f"law: {law.name}"
+    """One sentence on the roller law: what it is, its range and error, and how many rollers are outside."""
+    kind = LAWS.get(law.name)  # None: a law of the user's own
+    text = f"law: {law.name}" if kind is None else f"law: {law.name}, {kind.summary}"
     low, high = (float(v) for v in law.load_range)
     if math.isfinite(high):
         outside = int(jnp.sum((loads > 0.0) & ((loads < low) | (loads > high))))
-        text += f", made for {low:.0f} … {high:.0f} N ({outside} loaded rollers outside)"
+        text += f"; made for {low:.0f} … {high:.0f} N ({outside} loaded rollers outside)"
     error = float(law.error)
-    return text + (f", error of a load up to {100.0 * error:.1f} %" if math.isfinite(error) else ", error not known")
+    return text + (f"; error of a load up to {100.0 * error:.1f} %" if math.isfinite(error) else "; error not known")
 
 
 def picked_text(picked: Picked) -> str:
