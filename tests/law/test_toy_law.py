@@ -114,11 +114,3 @@ def test_a_name_is_given_once_and_unknown_ones_are_listed() -> None:
     with pytest.raises(ValueError, match="law 'toy' is there already"):
         base.register(TOY)
     assert base.unknown("tow").endswith("use one of direct, liu2018, palmgren, power, table, toy, auto")
-
-
-@pytest.mark.portable
-def test_every_law_is_in_the_readme() -> None:
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    for name in base.names():
-        assert name == "toy" or f"| `{name}` |" in text, name
-        assert name == base.AUTO or base.LAWS[name].summary

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, get_type_hints
+from typing import Annotated
 
 import jax
 import jax.numpy as jnp
@@ -127,15 +127,3 @@ def test_what_is_half_declared_is_not_registered() -> None:
     unknown = dataclasses.dataclass(frozen=True)(type("Unknown", (effects.Effect,), {"key": "unknown"}))
     with pytest.raises(trb.SceneError, match=r"effects.0 = .* is not known; register its class"):
         scene(unknown())
-
-
-def test_the_readme_names_every_effect_with_its_keys_units_and_exclusions() -> None:
-    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    rows = {row.split("`")[1]: row for row in readme.splitlines() if row.startswith("| `")}
-    for kind in set(effects.registered()) - {Toy}:
-        for name, hint in get_type_hints(kind, include_extras=True).items():
-            if name in {field.name for field in dataclasses.fields(kind)}:  # type: ignore[arg-type]
-                assert f"`{name}`" in rows[kind.key], (kind.key, name)
-                assert all(unit in rows[kind.key] for unit in re.findall(r"unit='([^']*)'", repr(hint))), hint
-        for key in kind.excludes:
-            assert re.search(rf"`{kind.key}` excludes[^;]*`{key}`", readme.replace("\n", " ")), (kind.key, key)
