@@ -125,7 +125,7 @@ def shared(auto: trb.Scene, asked: float, among=(("liu2018", 1e-3), ("table", 1e
 
     def make(law: str, accuracy: float) -> trb.Scene:
         if law == "power":
-            raise ValueError("it cannot be had")
+            raise trb.SceneError("it cannot be had")
         return trb.prepare(named(scenes[1], "direct" if law == "table" else law, accuracy))
 
     return auto_law.shared(scenes, make, among)

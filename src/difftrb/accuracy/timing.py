@@ -24,11 +24,11 @@ from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import on_lattice, solve_contact
 from difftrb.core import machine, storage
 from difftrb.core.jax_config import jit_quickly
-from difftrb.core.status import SolveError
+from difftrb.core.status import SceneError, SolveError
 from difftrb.law.samples import Progress
 from difftrb.scene import scene_file
 from difftrb.scene.scene import PitchMean, Scene
-from difftrb.scene.scene_file import SceneError, SceneFile
+from difftrb.scene.scene_file import SceneFile
 from difftrb.scene.solving import prepare, solve
 
 BATCH = 256
@@ -89,7 +89,7 @@ class _Session:
             try:
                 self.take(step)
                 usual += step.usual
-            except (ValueError, SolveError) as error:
+            except (SceneError, SolveError) as error:
                 self.left_out[name] = str(error).removeprefix(f"{self.path}: ")
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import cast
 
 from difftrb.core.geometry import Real
+from difftrb.core.status import SceneError, SweepError
 from difftrb.law import base as laws
 from difftrb.scene import checks
 from difftrb.scene.scene import Finer, Picked, Scene
@@ -27,7 +28,8 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
     Each of them is solved by "direct" first, see `solving.refined`, to a tenth of `accuracy` if it can; those without a
     solution do not count. A law's error is the largest difference from these, plus what they themselves are known to.
     If none keeps what is asked, the most exact one is taken, and `picked` says its error. Left out are laws for other
-    bearings, and those for which `make` raises `SceneError`; if that leaves none, the last one's is raised.
+    bearings, and those for which `make` raises `SceneError` or `SweepError`; if that leaves none, the last one is
+    raised.
     """
     among = [made for made in among if laws.LAWS[made[0]].is_for(scenes[0].bearing)]
     scenes = [checks.checked(scene) for scene in scenes]
@@ -37,7 +39,7 @@ def shared(scenes: Sequence[Scene], make: Callable[[str, float], Scene], among: 
     for number, (law, accuracy) in enumerate(among):
         try:
             made = make(law, accuracy)
-        except ValueError:
+        except (SceneError, SweepError):
             if best is None and number + 1 == len(among):
                 raise
             continue

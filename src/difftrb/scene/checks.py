@@ -220,7 +220,7 @@ def _of_effects(scene: Scene) -> str | None:
     for effect in scene.effects:
         try:
             effect.check(asked)
-        except ValueError as error:
+        except SceneError as error:
             return str(error)
     return None
 

@@ -14,10 +14,10 @@ from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
 from difftrb.core import geometry
 from difftrb.core.messages import dotted, known, shown
-from difftrb.core.status import SweepError
+from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
 from difftrb.scene import scene_file
-from difftrb.scene.scene_file import NoEquilibriumError, SceneError, SceneFile
+from difftrb.scene.scene_file import NoEquilibriumError, SceneFile
 from difftrb.sweeps import axes as axes_
 from difftrb.sweeps import outputs, sweeping
 from difftrb.sweeps.axes import RANGE_KEYS, Axis
