@@ -38,7 +38,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.accuracy.reference_cases import CONTACT, DEPTH, TRUTHS, WIDTH, Truth
+from difftrb.accuracy.ladder import CONTACT, DEPTH, TRUTHS, WIDTH, Truth
 from difftrb.contact import gap as gaps
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_solution import Inputs

@@ -99,9 +99,10 @@ def _accuracy(options: Any) -> int:
         raise SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
     file, path = _read(options)
     terminal.remark(remarks.light_ring_load(file), path)
-    ways, limit = (ladder.FULL, float("inf")) if options.full else (ladder.RUNGS, timing.LIMIT)
+    full = options.full
+    rungs, limit = ladder.rungs(full), float("inf") if full else timing.LIMIT
     with terminal.bar("measuring what accuracy costs") as progress:
-        measured = timing.measure(file, path, ways, options.accuracy, limit, progress=progress, thorough=options.full)
+        measured = timing.measure(file, path, rungs, options.accuracy, limit, progress=progress, thorough=options.full)
 
     def figures(_: Any) -> Figures:
         if any(row.error > 0.0 for row in measured.rows):

@@ -16,6 +16,7 @@ from difftrb import __main__ as cli
 from difftrb.accuracy import accuracy_report, ladder, timing
 from difftrb.accuracy.ladder import Measured, Row, Rung
 from difftrb.core import machine
+from difftrb.law.base import LAWS
 from difftrb.report import plot
 from difftrb.scene import scene_file
 
@@ -147,7 +148,7 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
     path.write_text(scene_file.example("spall") + '\n[stiffness]\nphase = "mean"\n', encoding="utf-8")
     out = tmp_path / "out"
     few = Rung("ring", "liu2018", 1e-3), Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-3, (8, 80))
-    monkeypatch.setattr(ladder, "RUNGS", few)
+    monkeypatch.setattr(ladder, "rungs", lambda _: few)
     monkeypatch.setattr(timing, "BATCH", 2)
     code = cli.main(["--no-cache", "accuracy", str(path), "--json", "--accuracy", "1e-2", "--out", str(out)])
     captured = capsys.readouterr()
@@ -224,19 +225,27 @@ def test_what_would_not_be_done_in_time_is_not_begun(monkeypatch, slower: float,
     assert (len(result.rows), len(slopes_of)) == (rows, slopes)
     assert {r.rung for r in result.rows} >= set(slopes_of)
     assert all("no time left within 55 s" in reason for reason in result.left_out.values())
-    always = sum(ladder.Step(rung, False).usual for rung in ladder.RUNGS[: ladder.ALWAYS])
+    always = sum(ladder.Step(rung, False).usual for rung in ladder.rungs()[: ladder.ALWAYS])
     assert result.seconds <= max(timing.LIMIT, slower * always)
     assert told[-1] == (25, 25)
 
 
 def test_what_cannot_be_had_is_left_out_with_its_reason(monkeypatch, capsys, tmp_path: Path) -> None:
-    monkeypatch.setattr(ladder, "RUNGS", (Rung("ring", "power", 1e-3),))
+    monkeypatch.setattr(ladder, "rungs", lambda _: (Rung("ring", "power", 1e-3),))
     path = tmp_path / "map.toml"
     path.write_text(scene_file.example("map"), encoding="utf-8")
     assert cli.main(["--no-cache", "accuracy", str(path)]) == 2
     err = capsys.readouterr().err
     assert "height_map" in err
     assert err.count("\n") == 1
+
+
+def test_every_law_that_is_registered_is_measured(monkeypatch) -> None:
+    assert {rung.way for rung in ladder.rungs() if rung.kind == "ring"} == set(LAWS)
+    assert set(ladder.rungs(full=True)) > set(ladder.rungs()) == set(ladder.USUAL)
+    monkeypatch.setitem(LAWS, "toy", dataclasses.replace(LAWS["palmgren"], name="toy"))
+    assert Rung("ring", "toy", 1e-3) in ladder.rungs()
+    assert [Rung("ring", way, 1e-3).name for way in ("toy", "power", "direct")] == ["toy", "power 1e-3", "direct 1e-3"]
 
 
 def test_an_accuracy_out_of_range_is_refused(capsys) -> None:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import pytest
 
 import difftrb as trb
-from difftrb.accuracy import reference_cases
+from difftrb.accuracy import ladder
 from tests import shapes
 
 pytestmark = pytest.mark.exact
@@ -14,8 +14,8 @@ pytestmark = pytest.mark.exact
 
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-3, 1e-4])
 def test_accuracy_is_kept_against_continuum_truths(accuracy: float) -> None:
-    for truth in reference_cases.TRUTHS:
-        solution = trb.solve_contact(reference_cases.CONTACT, truth.load, truth.spall, truth.offset, accuracy).check()
+    for truth in ladder.TRUTHS:
+        solution = trb.solve_contact(ladder.CONTACT, truth.load, truth.spall, truth.offset, accuracy).check()
         assert float(solution.approach) == pytest.approx(truth.approach, rel=accuracy), truth
 
 

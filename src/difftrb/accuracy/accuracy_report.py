@@ -10,8 +10,8 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from difftrb.accuracy import reference_cases, timing
-from difftrb.accuracy.ladder import Kind, Measured, Row
+from difftrb.accuracy import timing
+from difftrb.accuracy.ladder import TRUTHS, Kind, Measured, Row
 from difftrb.core.status import SceneError
 from difftrb.report import run_report
 
@@ -19,7 +19,9 @@ KINDS: tuple[Kind, ...] = ("ring", "contact")
 WAYS = {"palmgren": ("^", "#BBBBBB"), "liu2018": ("v", "#CCBB44"), "power": ("D", "#66CCEE"), "table": ("s", "#4477AA"),
         "direct": ("o", "#EE6677"), "strips": ("o", "#EE6677"), "cells": ("s", "#4477AA"),
         "lattice": ("D", "#CCBB44")}  # fmt: skip
-"""Marker and colour of every law and method."""
+"""Marker and colour of the package's laws and methods."""
+OTHER_WAY = "P", "#AA3377"
+"""Of laws that somebody else registered."""
 ERRORS_SHOWN = {"radial_stiffness": "radial", "axial_stiffness": "axial", "load": "load", "by_length": "length",
                 "by_width": "width"}  # fmt: skip
 
@@ -128,9 +130,7 @@ def _accuracy_lines(measured: Measured) -> list[str]:
         reasons.setdefault(reason, []).append(name)
     lines += [f"left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
     if any(math.isfinite(row.continuum) for row in measured.rows):
-        lines.append(
-            f"continuum: the largest error on {len(reference_cases.TRUTHS)} contacts with a known continuum solution"
-        )
+        lines.append(f"continuum: the largest error on {len(TRUTHS)} contacts with a known continuum solution")
     if measured.accelerator is not None:
         lines.append(f"there: one of a batch of {timing.BATCH_THERE} on {measured.accelerator}")
     memory = max(row.memory for row in measured.rows)
@@ -180,7 +180,7 @@ def work_precision(measured: Measured) -> Any:
             own = sorted(
                 (row for row in rows if row.rung.way == way), key=lambda row: row.rung.coarseness, reverse=True
             )
-            marker, colour = WAYS[way]
+            marker, colour = WAYS.get(way, OTHER_WAY)
             errors = [row.error for row in own]
             style = {"marker": marker, "color": colour, "markeredgecolor": "black", "markeredgewidth": 0.6, "ms": 7}
             ax.loglog([row.seconds for row in own], errors, linestyle="-", lw=1.0, label=way, **style)

@@ -18,8 +18,8 @@ from typing import Any, cast
 import jax
 import jax.numpy as jnp
 
-from difftrb.accuracy import reference_cases
-from difftrb.accuracy.ladder import ALWAYS, RUNGS, Measured, Row, Rung, Step, finer, judged, recommended, steps
+from difftrb.accuracy import ladder
+from difftrb.accuracy.ladder import ALWAYS, Measured, Row, Rung, Step, finer, judged, recommended, steps
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import on_lattice, solve_contact
 from difftrb.core import machine, storage
@@ -97,7 +97,7 @@ class _Session:
 def measure(
     file: SceneFile,
     path: str | Path = "scene",
-    rungs: Sequence[Rung] = RUNGS,
+    rungs: Sequence[Rung] | None = None,
     asked: float | None = None,
     limit: float = LIMIT,
     batch: int | None = None,
@@ -108,7 +108,7 @@ def measure(
 
     Args:
       file: the scene, from `scene_file.read`; `path` names it in sentences.
-      rungs: which; `FULL` has those that take minutes, too.
+      rungs: which; default `ladder.rungs()`.
       asked: relative accuracy of stiffness to recommend a rung for; default `contact.accuracy`.
       limit: seconds. After the first four rungs, those that cannot finish by then are skipped and listed, judging by
         the time that others took here and usually take. Default 55.
@@ -123,7 +123,7 @@ def measure(
     started = time.perf_counter()
     stick, importing, accelerator = machine.yardstick(), machine.importing(), machine.accelerator()
     session = _Session(file, path, batch or BATCH, thorough, accelerator)
-    order = steps(rungs)
+    order = steps(ladder.rungs() if rungs is None else rungs)
     session.take_all(order, started, limit, progress)
     if not session.rows:
         why = next(iter(session.left_out.values()), "none")
@@ -271,8 +271,8 @@ def on_contact(rung: Rung, file: SceneFile, path: str | Path, known: bool = Fals
     _, single = machine.timed(lambda: _pressed(rung, **given))
     off = math.nan
     if known:
-        off = reference_cases.worst(lambda t: float(_pressed(
-            rung, contact=reference_cases.CONTACT, load=t.load, spall=t.spall, offset=t.offset, accuracy=rung.accuracy
+        off = ladder.worst_error(lambda t: float(_pressed(
+            rung, contact=ladder.CONTACT, load=t.load, spall=t.spall, offset=t.offset, accuracy=rung.accuracy
         ).approach))  # fmt: skip
     nan = math.nan
     return Row(

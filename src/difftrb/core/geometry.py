@@ -17,6 +17,8 @@ from annotated_types import Interval, Unit
 from difftrb.core.fields import SHRINKS, register, whole_to_float
 
 Tree = TypeVar("Tree")
+DESIGN_LOAD = 6500.0
+"""Q_d of the rollers' crown [N] with which Liu et al. 2018, Table 2 comes out."""
 Raceway = Literal["outer", "inner"]
 if TYPE_CHECKING:
     Real = float | jax.Array
@@ -113,13 +115,13 @@ class LineContact:
     radius: Real
     length: Real
     modulus: Real
-    design_load: Real = 6500.0
+    design_load: Real = DESIGN_LOAD
 
     def __post_init__(self) -> None:
         whole_to_float(self)
 
     @classmethod
-    def of(cls, bearing: TaperedBearing, raceway: Raceway = "outer", design_load: Real = 6500.0) -> LineContact:
+    def of(cls, bearing: TaperedBearing, raceway: Raceway = "outer", design_load: Real = DESIGN_LOAD) -> LineContact:
         """The contact of `bearing`'s rollers with one raceway; `design_load` Q_d of the crown [N]."""
         return cls(
             radius=equivalent_radius(bearing, raceway),

@@ -11,7 +11,7 @@ from annotated_types import Interval, Unit
 
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import fields, geometry
-from difftrb.core.geometry import LineContact, Raceway, Real, Spall, TaperedBearing
+from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.messages import shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
@@ -23,6 +23,8 @@ from difftrb.ring.ring import Load
 
 Definition = Literal["tangent", "secant"]
 DesignLoad = Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
+DEFAULT_LAW = "power"
+"""Of scenes, in files and in Python."""
 COARSEST = 1e-2
 """Largest accuracy of a contact solve; only "auto" is asked for less, and of something else."""
 Accuracy = Annotated[float, Interval(ge=1e-4, le=COARSEST)]
@@ -108,8 +110,8 @@ class Scene:
     bearing: TaperedBearing
     load: Load
     spalls: tuple[Spall, ...] = ()
-    law: Law | LawName | str = "power"
-    design_load: DesignLoad = 6500.0
+    law: Law | LawName | str = DEFAULT_LAW
+    design_load: DesignLoad = DESIGN_LOAD
     accuracy: Accuracy = dataclasses.field(default=1e-3, metadata={"static": True})
     definition: Definition = dataclasses.field(default="tangent", metadata={"static": True})
     phase: Phase | PitchMean | Literal["mean"] = 0.0

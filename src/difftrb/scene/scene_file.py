@@ -18,7 +18,7 @@ from difftrb.contact import height_map
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import geometry, messages
 from difftrb.core.bearing_checks import across
-from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.core.geometry import DESIGN_LOAD, FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence, shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
@@ -26,7 +26,7 @@ from difftrb.ring import effect, effects
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load, needed_axial
 from difftrb.scene import checks
-from difftrb.scene.scene import COARSEST, Definition, DesignLoad, Phase, Scene
+from difftrb.scene.scene import COARSEST, DEFAULT_LAW, Definition, DesignLoad, Phase, Scene
 
 PACKAGED_MAPS = ("spall_map.npz",)
 DEEPEST = 32
@@ -49,8 +49,8 @@ class ContactTable:
 
     __pydantic_config__ = FILE_RULES
 
-    law: str = "power"
-    design_load: DesignLoad = 6500.0
+    law: str = DEFAULT_LAW
+    design_load: DesignLoad = DESIGN_LOAD
     accuracy: Annotated[float, Interval(ge=1e-5, le=1e-1)] = dataclasses.field(default=1e-3, metadata={"static": True})
     load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
     offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
