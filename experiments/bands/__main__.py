@@ -4,10 +4,10 @@
     python -m pytest -n 0 experiments/bands
 
 Over `ladder.TRUTHS`, whose continuum solution is known. Where it stands: with an edge in reach bands take a quarter of
-strips' time or less, and slivers of land that strips do not take. At 1e-4 slivers are up to 3e-4 off, derivatives by the
-width of a narrow spall 2 … 5 %, by the length of a spall whose edge is just met 9 … 13 %. Rows that end where the
-contact does leave a saw of 3e-5: a parabola through neighbouring ends should take it away. There is no certificate yet,
-and no several spalls.
+strips' time or less, and slivers of land that strips do not take. At 1e-4 slivers are up to 3e-4 off, derivatives by
+the width of a narrow spall 2 … 5 %, by the length of a spall whose edge is just met 9 … 13 %. Rows that end where the
+contact does leave a saw of 3e-5: a parabola through neighbouring ends should take it away. There is no certificate
+yet, and no several spalls.
 """
 
 from __future__ import annotations
