@@ -62,6 +62,14 @@ def test_spalls_that_touch_share_their_end(joint: float, shares: tuple[float, fl
     assert float(whole) == pytest.approx(float(longer - shorter) / 0.2, rel=0.03)
 
 
+def test_a_bottom_takes_no_share_of_an_end(contact: LineContact) -> None:
+    """Beside a deep spall one that is hardly there ends at the same place."""
+    both = [5.0, 0.0, -2.5, 4.0, 5.0, 0.0, 2.5]
+    at = jnp.array([1309.0, 0.0, 4.0, *both, 1e-5, float(contact.radius)])
+    slopes = gradient(at, contact)
+    assert abs(float(slopes[6])) < 0.02 * float(slopes[2])
+
+
 def test_forward_and_reverse_agree(contact: LineContact) -> None:
     at = jnp.array([*POINTS["apart"], float(contact.radius)])
     forward = jax.jacfwd(approach)(at, contact)

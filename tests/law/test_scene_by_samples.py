@@ -157,3 +157,26 @@ def test_two_spalls_of_their_own_depth_and_place(closed, bearing) -> None:
     one, two = (trb.solve(prepared(bearing, name, spalls=spalls, phase=0.0)).check() for name in ("table", "direct"))
     assert one.law.which == (0, 1)
     np.testing.assert_allclose(one.loads, two.loads, atol=1e-4 * float(two.loads.max()))
+
+
+def test_a_law_that_is_there_is_not_solved_again(closed, bearing) -> None:
+    """The outer raceway's law named anew beside the inner one's as prepared: one was solved again, and traced it ended
+    in a traceback."""
+    inner = dataclasses.replace(SPALL, surface="inner")
+    ready = prepared(bearing, "direct", spalls=(SPALL, inner), effects=trb.effects.Raceways())
+    law = ready.effects[0].law
+    assert law.edges[0].loads.size
+    before = len(closed)
+    again = trb.prepare(dataclasses.replace(ready, law="direct"))
+    assert len(closed) > before
+    outer = float(again.law.contact.radius)
+    assert all(float(contact.radius) == outer for contact, case, _ in closed[before:] if case.spall is not None)
+    np.testing.assert_array_equal(again.effects[0].law.edges[0].approaches, law.edges[0].approaches)
+
+
+def test_spalls_on_both_raceways_have_a_mean(closed, bearing) -> None:
+    """Their phases hang on both laws: contacts were solved where one alone would ask for them, and the ring asked
+    elsewhere."""
+    inner = trb.Spall(2.0, 3.0, angle=0.03, surface="inner")
+    scene = prepared(bearing, "direct", spalls=(SPALL, inner), phase="mean", effects=trb.effects.Raceways())
+    assert trb.solve(scene).check().status == "converged"

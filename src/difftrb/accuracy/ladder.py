@@ -34,10 +34,13 @@ class Rung:
         """Way and, where it has one, size or accuracy."""
         if self.size is not None:
             return f"{self.way} {self.size[0]}×{self.size[1]}"
+        return self.way if self.is_plain else f"{self.way} {self.accuracy:.0e}".replace("e-0", "e-")
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a law that solves no contacts."""
         law = LAWS.get(self.way)
-        if law is not None and not law.by_samples and law.effort(self.accuracy) == 0.0:  # it solves no contacts
-            return self.way
-        return f"{self.way} {self.accuracy:.0e}".replace("e-0", "e-")
+        return law is not None and not law.by_samples and law.effort(self.accuracy) == 0.0
 
     @property
     def coarseness(self) -> tuple[float, float]:
@@ -73,7 +76,8 @@ FIRST = 7
 
 def rungs(full: bool = False) -> tuple[Rung, ...]:
     """What is measured: the `USUAL` rungs, one of every other registered law and, if `full`, the `SLOW` ones."""
-    more = (Rung("ring", name, 1e-3) for name in LAWS if all(rung.way != name for rung in USUAL))
+    known = {rung.way for rung in USUAL if rung.kind == "ring"}
+    more = (Rung("ring", name, 1e-3) for name in LAWS if name not in known)
     return (*USUAL, *more, *(SLOW if full else ()))
 
 
@@ -85,8 +89,9 @@ class Step(NamedTuple):
 
     @property
     def usual(self) -> float:
-        """Seconds from `USUAL`; for other rungs the largest there."""
-        return USUAL.get(self.rung, max(USUAL.values()))[self.slopes]
+        """Seconds from `USUAL`; for other rungs those of a law without contacts, or the largest there."""
+        other = USUAL[Rung("ring", "palmgren", 1e-3)] if self.rung.is_plain else max(USUAL.values())
+        return USUAL.get(self.rung, other)[self.slopes]
 
 
 def steps(rungs: Sequence[Rung]) -> list[Step]:

@@ -31,10 +31,10 @@ APART = 5e-5
 """By which each spall is longer at either end than the one before, as a part of the domain's half length."""
 TOGETHER = 5e-4
 """Ends of two spalls closer than this, as a part of the same, move as one."""
-AT_ENDS = 2.0
-"""Half-width of the contact at a spall's ends by that of its mean line load."""
 APART_ACROSS = 0.02
-"""The same across the roller, as a part of the pitch."""
+"""By which each spall is wider at either side than the one before, as a part of the pitch."""
+AT_ENDS = 2.0
+"""Half-width of the contact at spalls' ends by that of the mean line load."""
 TOUCHING = 0.5
 """A ridge between two spalls that is narrower than this part of the pitch is not there."""
 FULL = 0.06
@@ -155,13 +155,15 @@ def _spans(
     bottom: jax.Array, top: jax.Array,
 ) -> list[tuple[jax.Array, ...]]:  # fmt: skip
     """Lines at both ends of every spall [mm]. Ends close `TOGETHER` move as one, by a mean of what each would move, for
-    a sliver cannot tell whose end the land's border is: each counts by Hertz's pressure squared over its width, as the
-    energy that a moving edge releases."""
+    a sliver cannot tell whose end the land's border is: each counts by Hertz's pressure squared over its width, about
+    the energy that its edge would release, and less where its bottom is met."""
     mean = gaps.line_half_width(load / contact.length, contact.radius, contact.modulus)
     half, reach = AT_ENDS * jax.lax.stop_gradient(mean), 0.5 * (top - bottom)
     widths = jnp.stack([jnp.asarray(spall.width, float) for spall in spalls])
     low, high = (jnp.clip((offsets + side * widths) / half, -1.0, 1.0) for side in (-0.5, 0.5))
-    share = jax.lax.stop_gradient((high - high**3 / 3.0) - (low - low**3 / 3.0)) + 1e-9
+    sunk = gaps.palmgren_approach(load, contact.length)
+    fallen = jnp.stack([jnp.minimum(spall.depth / sunk, 1.0) ** 2 for spall in spalls])
+    share = jax.lax.stop_gradient(((high - high**3 / 3.0) - (low - low**3 / 3.0)) * fallen) + 1e-9
     every, lines = jnp.stack([jnp.stack(edges_along(contact, spall)) for spall in spalls]), []
     for side, ends, still in zip((-1.0, 1.0), every.T, jax.lax.stop_gradient(every).T, strict=True):
         weight = jnp.where(jnp.abs(still[:, None] - still[None]) <= TOGETHER * reach, share[None], 0.0)
@@ -264,9 +266,6 @@ def _across(
     spoiled = spoiled | (jnp.min(jnp.diff(borders)) < 0.4 * APART_ACROSS * h)
     centres = 0.5 * (borders[1:] + borders[:-1])
     return Cells(pitch, centres, lines, mirrored, Uneven(jnp.stack(uneven), borders)), under, spoiled
-
-
-# ------------------------------------------------------------------------------------------ a uniform lattice
 
 
 def uniform_stage(inputs: Inputs, size: tuple[int, int]) -> Stage:

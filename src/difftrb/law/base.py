@@ -203,7 +203,8 @@ class LawKind:
       longest: the longest spall that it knows [mm], of the roller's length [mm]; longer ones are refused by this.
       inner: whether it knows the inner raceway by itself, as effects.raceways needs.
       bearing: the only bearing that it is for; None is all.
-      frozen: fields of a spall that no longer act once the law is made, nor does the bearing's contact; None: all act.
+      frozen: fields of a spall that no longer act once the law is made, nor does the bearing's contact; None: all do
+        that it knows of.
       one_shape: the sentence that refuses spalls of several widths, depths or axial offsets; "": they are taken.
       one_scene: made for one scene only, so a sweep cannot share it.
       promises: whether its error is kept against contact solves.

@@ -48,7 +48,8 @@ def largest_for_curves(scene: Scene) -> float:
 
 def is_through(scene: Scene) -> bool:
     """Whether rollers over spalls carry nothing, so that the others carry their share."""
-    return bool(scene.spalls) and any(isinstance(effect, Through) for effect in scene.effects)
+    met = ring.spalls_on(scene.spalls, "outer")
+    return bool(met) and any(isinstance(effect, Through) for effect in scene.effects)
 
 
 def single(scene: Scene, law: Law) -> Scene:

@@ -123,12 +123,14 @@ def _with_edges(scene: Scene, made: dict[Raceway, Law], progress: Progress | Non
 
     The phases of a mean hang on all laws, so all are made before the first edge is solved.
     """
-    if isinstance(scene.law, LawName) and any(isinstance(law, DirectLaw) and law.spalls for law in made.values()):
-        ready = _holding(scene, made)
-        every = _phases(ready) if isinstance(scene.phase, PitchMean) else phases(ready)[0]
-        for raceway, law in made.items():
-            if isinstance(law, DirectLaw) and law.spalls:
-                made[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
+    there = any(isinstance(effect, SeriesRaceways) for effect in scene.effects)  # the inner raceway's law
+    new: list[Raceway] = ["outer"] if there else ["outer", "inner"]
+    ready = _holding(scene, made)
+    for raceway in new if isinstance(scene.law, LawName) else ():
+        law = made.get(raceway)
+        if isinstance(law, DirectLaw) and law.spalls:
+            every = _phases(ready) if isinstance(scene.phase, PitchMean) else phases(ready)[0]
+            made[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
     return _holding(scene, made)
 
 

@@ -206,7 +206,7 @@ def _meaning(tree: Any, key: str) -> tuple[Interval | None, str]:
         if not isinstance(number, jax.Array | np.ndarray) and not _is_number(number):
             raise SweepError(f"{key} is not a number; sweep a number")
         return None, ""
-    hint = get_type_hints(type(owner) if not isinstance(owner, type) else owner, include_extras=True)[name]
+    hint = _hints(type(owner) if not isinstance(owner, type) else owner).get(name)
     kinds = [h for h in (hint, *get_args(hint)) if get_origin(h) is Annotated]
     static = next(field for field in dataclasses.fields(owner) if field.name == name).metadata.get("static", False)
     if not kinds:
@@ -219,6 +219,14 @@ def _meaning(tree: Any, key: str) -> tuple[Interval | None, str]:
         raise SweepError(f"{key} {what} shapes the computation: run one sweep for each")
     limits = next((m for m in metadata if isinstance(m, Interval)), None)
     return limits, next((m.unit for m in metadata if isinstance(m, Unit)), "")
+
+
+def _hints(owner: type) -> dict[str, Any]:
+    """Annotations of a dataclass; none where they name what only a checker of types imports."""
+    try:
+        return get_type_hints(owner, include_extras=True)
+    except NameError:
+        return {}
 
 
 def check(tree: Any, axes: Sequence[Axis], gradients: Sequence[str] = ()) -> dict[str, str]:

@@ -20,8 +20,7 @@ from difftrb.core.messages import shown
 from difftrb.core.status import SweepError
 from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress
-from difftrb.ring import ring
-from difftrb.scene import auto_law
+from difftrb.scene import auto_law, expected_loads
 from difftrb.scene.checks import of_one_shape
 from difftrb.scene.scene import LawName, PitchMean, Scene, healthy, is_auto, named
 from difftrb.scene.solving import Solution, outer_law, prepare, solve
@@ -189,7 +188,7 @@ def with_shared_law(
         if law.one_shape and not of_one_shape(scene.spalls):
             raise SweepError(f"contact.{law.one_shape}")
     low, high = (_with_ends(scene, ends, side) for side in (0, 1))
-    made = prepare(high, progress, ring.largest_load(low.bearing, low.load))
+    made = prepare(high, progress, expected_loads.largest_load(low))
     ready = prepare(dataclasses.replace(scene, law=made.law, effects=made.effects))
     for key in ends:
         _refuse_other(ready, key, ends[key])
