@@ -109,7 +109,7 @@ def table_law(
 
 
 def _is_narrow(law: TableLaw, kind: int, spall: Spall) -> bool:
-    """Whether a law that is not made for both edges at once refuses the spall for that alone."""
+    """Whether a law that is not made for both edges at once refuses the spall."""
     # no ramp ends beyond this square's root, so most need not be judged, which takes a tenth of a second
     farthest = 2.0 * float(law.contact.radius) * float(np.max(law.atlases[kind].full))
     if (0.5 * float(spall.width)) ** 2 > SURELY * farthest:

@@ -72,9 +72,8 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
             if isinstance(scene.phase, PitchMean):
                 raise SceneError(NOT_IN_THE_MEAN)
             return _holding(scene, _local_laws(scene, bases, progress))
-    return _with_edges(
-        scene, {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}, progress
-    )
+    made: dict[Raceway, Law] = {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}
+    return _with_edges(scene, made, progress)
 
 
 def is_traced(scene: Scene) -> bool:
@@ -118,20 +117,24 @@ def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real 
     return laws.made(given.name, request)
 
 
-def _with_edges(scene: Scene, made: dict[Raceway, Law], progress: Progress | None) -> Scene:
+def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | None) -> Scene:
     """The scene with these laws; those just made by "direct" get the contacts at edges that the ring will ask for.
 
     The phases of a mean hang on all laws, so all are made before the first edge is solved.
     """
-    there = any(isinstance(effect, SeriesRaceways) for effect in scene.effects)  # the inner raceway's law
-    new: list[Raceway] = ["outer"] if there else ["outer", "inner"]
     ready = _holding(scene, made)
-    for raceway in new if isinstance(scene.law, LawName) else ():
-        law = made.get(raceway)
-        if isinstance(law, DirectLaw) and law.spalls:
-            every = _phases(ready) if isinstance(scene.phase, PitchMean) else phases(ready)[0]
-            made[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
-    return _holding(scene, made)
+    there = any(isinstance(effect, SeriesRaceways) for effect in scene.effects)  # the inner raceway's law
+    new: tuple[Raceway, ...] = ("outer",) if there else ("outer", "inner")
+    lacking: dict[Raceway, DirectLaw] = {
+        raceway: law for raceway in new if isinstance(law := made.get(raceway), DirectLaw) and law.spalls
+    }
+    if not lacking or not isinstance(scene.law, LawName):
+        return ready
+    every = _phases(ready) if isinstance(scene.phase, PitchMean) else phases(ready)[0]
+    edged: dict[Raceway, Law] = dict(made)
+    for raceway, law in lacking.items():
+        edged[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
+    return _holding(scene, edged)
 
 
 @jax.jit
@@ -174,10 +177,11 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: jax.Array) -> tu
 
 def _may_be_local(scene: Scene) -> bool:
     """Whether to ask `_is_local`, which solves contacts: of several spalls, or one that is not surely deep."""
-    deep = DEEP * float(
-        gap.palmgren_approach(expected_loads.largest_for_curves(scene), float(scene.bearing.roller_length))
-    )
-    return len(scene.spalls) > 1 or any(float(spall.depth) < deep for spall in scene.spalls)
+    if len(scene.spalls) > 1:
+        return True
+    largest = expected_loads.largest_for_curves(scene)
+    deep = DEEP * float(gap.palmgren_approach(largest, float(scene.bearing.roller_length)))
+    return any(float(spall.depth) < deep for spall in scene.spalls)
 
 
 def _is_local(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
