@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import pytest
 
 import difftrb as trb
-from difftrb.core import machine, storage
+from difftrb.core import machine
 from difftrb.scene.scene import LawName
 
 BATCH = 256
@@ -56,8 +56,7 @@ def test_yardstick(benchmark: Any) -> None:
 
 
 @by_law
-def test_prepare(benchmark: Any, law: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(storage, "keeping", False)
+def test_prepare(benchmark: Any, law: str) -> None:
     timed(benchmark, lambda: trb.prepare(named(law)))
 
 

@@ -9,7 +9,6 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 import difftrb as trb
-from difftrb.core import storage
 from difftrb.law import samples
 from experiments.programs import let_go
 from tests.closed_form import closed_form
@@ -45,13 +44,10 @@ def scene(bearing: trb.TaperedBearing, power: trb.PowerLaw) -> trb.Scene:
 
 
 @pytest.fixture(scope="module")
-def closed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list]:
-    """The solver replaced by the closed form, the cache by an empty folder; the number of solves so far."""
+def closed() -> Iterator[list]:
+    """The solver replaced by the closed form; what was solved so far."""
     patch = pytest.MonkeyPatch()
     solves = []
     patch.setattr(samples, "solved", lambda *a: (solves.append(a), closed_form(*a))[1])
-    folder = tmp_path_factory.mktemp("cache")
-    patch.setattr(storage, "folder", lambda: folder)
-    patch.setattr(storage, "keeping", True)  # whatever ran before
     yield solves
     patch.undo()

@@ -52,7 +52,7 @@ def _around(one: trb.Scene, lengths: jax.Array, angles: jax.Array) -> jax.Array:
 def around(rows: list[list[int]]) -> np.ndarray:
     """Secant loss [%] of spalls under rollers so many pitches from the one at the load line, three at most: shape
     (rows, 2)."""
-    law = common.for_several(common.table_law(), 3)
+    law = common.table_law()
     one = dataclasses.replace(common.scene(law, LENGTH, WIDTH), spalls=(trb.Spall(LENGTH, WIDTH, common.DEPTH),) * 3)
     pitch = float(geometry.roller_pitch(common.bearing()))
     lengths = np.array([[LENGTH * (k < len(row)) for k in range(3)] for row in rows])

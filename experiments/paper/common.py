@@ -23,7 +23,7 @@ import difftrb as trb
 from difftrb.core import status
 from difftrb.core.geometry import Raceway, Real
 from difftrb.core.jax_config import set_up_jax
-from difftrb.law import table
+from difftrb.law import atlas
 from difftrb.law.base import Law
 from difftrb.report import plot, run_report
 from difftrb.ring import effects
@@ -260,14 +260,9 @@ def whole_law() -> trb.PowerLaw:
 
 
 @functools.cache
-def table_law(raceway: Raceway = "outer") -> table.TableLaw:
-    """The smooth law, which knows no power, for rollers of 6.5…6500 N: from the cache, or built in about 40 s."""
-    return table.table_law(contact(raceway), 4900.0, (trb.Spall(4.0, 7.0, DEPTH),), 1e-3)
-
-
-def for_several(law: table.TableLaw, spalls: int) -> table.TableLaw:
-    """The same law for so many spalls that rollers meet on its raceway."""
-    return dataclasses.replace(law, which=law.which[:1] * spalls)
+def table_law(raceway: Raceway = "outer") -> atlas.AtlasLaw:
+    """The smooth law, which knows no power."""
+    return atlas.atlas_law(contact(raceway))
 
 
 @functools.cache
@@ -275,7 +270,7 @@ def in_series() -> trb.Scene:
     """Both raceways elastic, by tables of half-space contacts, with a spall on either and one on roller 0."""
     surfaces = "outer", "inner", "roller"
     spalls = tuple(trb.Spall(0.0, 1.0, DEPTH, surface=surface) for surface in surfaces)
-    outer, inner = (for_several(table_law(raceway), 2) for raceway in ("outer", "inner"))
+    outer, inner = (table_law(raceway) for raceway in ("outer", "inner"))
     acting = (effects.SeriesRaceways(None, inner),)
     one = trb.Scene(bearing(), HEAVY, spalls, outer, phase=0.0, effects=acting)
     return jax.tree.map(jnp.asarray, one)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import difftrb
-from difftrb.core import jax_config, messages, storage
+from difftrb.core import jax_config, messages
 from difftrb.core.status import DifftrbError, SceneError
 from difftrb.report import terminal
 from difftrb.report.terminal import EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_NO_SOLUTION, EXIT_OK, EXIT_PIPE, Figures
@@ -34,7 +34,6 @@ def _read(options: Any) -> tuple[Any, str]:
 def _run(options: Any) -> int:
     import jax
 
-    from difftrb.law import base as laws
     from difftrb.report import remarks, run_report
     from difftrb.scene import scene_file
 
@@ -42,12 +41,8 @@ def _run(options: Any) -> int:
     scene_file.check_ring(file, path)
     terminal.remark(remarks.light_ring_load(file), path)
     started = time.perf_counter()
-    if laws.by_samples(file.contact.law):
-        with terminal.bar("solving contacts for the roller law") as progress:
-            scene = jax.block_until_ready(difftrb.prepare(file.scene(), progress))
-    else:
-        with terminal.busy("fitting the roller law to contact solves"):
-            scene = jax.block_until_ready(difftrb.prepare(file.scene()))
+    with terminal.bar("solving contacts for the roller law") as progress:
+        scene = jax.block_until_ready(difftrb.prepare(file.scene(), progress))
     with terminal.busy("solving the ring"):
         result = jax.block_until_ready(difftrb.assess(scene))
         edges = difftrb.edge_stresses(scene, result.spalled)
@@ -260,7 +255,7 @@ def _parser() -> argparse.ArgumentParser:
     about = "Load distribution and stiffness of a spalled tapered roller bearing, with gradients."
     parser = argparse.ArgumentParser(prog="difftrb", description=about)
     parser.add_argument("--version", action="version", version=f"difftrb {difftrb.__version__}")
-    about = "do not keep compiled programs and tables on disk"
+    about = "do not keep compiled programs on disk"
     parser.add_argument("--no-cache", dest="cache", action="store_false", help=about)
     parsers = parser.add_subparsers(required=True, metavar="COMMAND")
     for command in COMMANDS:
@@ -278,7 +273,6 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")  # a terminal without µ and █ gets question marks, not a traceback
     if options.command.jax:
         jax_config.set_up_jax(options.cache)
-    storage.keeping = options.cache
     try:
         return options.command.run(options)
     except DifftrbError as error:

@@ -1,4 +1,4 @@
-"""What is kept on disk: whole, known by what made it, made again when damaged."""
+"""Files are written whole or not at all, and read only if they are whole."""
 
 from pathlib import Path
 
@@ -7,73 +7,38 @@ import pytest
 
 from difftrb.core import storage
 
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(storage, "folder", lambda: tmp_path / "tables")
-    monkeypatch.setattr(storage, "keeping", True)  # whatever a test of the command line has left
-    return tmp_path / "tables"
+MADE = {"x": np.arange(5.0), "y": np.array(2.5)}
 
 
-def made(calls: list[int]) -> storage.Arrays:
-    calls.append(1)
-    return {"x": np.arange(5.0), "y": np.array(2.5)}
-
-
-def test_made_once_then_read(folder: Path) -> None:
-    calls: list[int] = []
-    first, again = (storage.kept("a", lambda: made(calls)) for _ in range(2))
-    assert len(calls) == 1
-    assert first.keys() == again.keys()
-    np.testing.assert_array_equal(first["x"], again["x"])
-    assert [p.name for p in folder.iterdir()] == ["a.npz"]
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "folder" / "a.npz"
+    storage.write(path, MADE)
+    found = storage.read(path)
+    assert found is not None
+    assert found.keys() == MADE.keys()
+    np.testing.assert_array_equal(found["x"], MADE["x"])
+    assert [p.name for p in path.parent.iterdir()] == ["a.npz"]
 
 
 @pytest.mark.parametrize("damage", ["cut", "empty", "flipped", "text"])
-def test_damaged_files_are_made_again(folder: Path, damage: str) -> None:
-    calls: list[int] = []
-    storage.kept("a", lambda: made(calls))
-    path = folder / "a.npz"
+def test_damaged_files_are_not_read(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "a.npz"
+    storage.write(path, MADE)
     whole = path.read_bytes()
     flipped = bytearray(whole)
     flipped[whole.index(np.arange(5.0).tobytes()) + 9] ^= 0xFF
-    path.write_bytes({"cut": whole[:-40], "empty": b"", "flipped": bytes(flipped), "text": b"not a table"}[damage])
-    np.testing.assert_array_equal(storage.kept("a", lambda: made(calls))["x"], np.arange(5.0))
-    assert len(calls) == 2
-    assert path.read_bytes() == whole
+    path.write_bytes({"cut": whole[:-40], "empty": b"", "flipped": bytes(flipped), "text": b"not arrays"}[damage])
+    assert storage.read(path) is None
 
 
-def test_an_interrupted_write_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(np, "savez", broken)
     with pytest.raises(KeyboardInterrupt):
-        storage.kept("a", lambda: made([]))
-    assert list(folder.iterdir()) == []
-
-
-def test_nowhere_to_write_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").write_text("in the way")
-    monkeypatch.setattr(storage, "folder", lambda: tmp_path / "file" / "tables")
-    assert storage.kept("a", lambda: made([]))["y"] == 2.5
-
-
-def test_keeping_nothing_when_told_so(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(storage, "keeping", False)
-    calls: list[int] = []
-    for _ in range(2):
-        storage.kept("a", lambda: made(calls))
-    assert len(calls) == 2
-    assert not folder.exists()
-
-
-def test_key_depends_on_numbers_and_their_version(monkeypatch: pytest.MonkeyPatch) -> None:
-    keys = {storage.key([1.0, 2.0]), storage.key([1.0, 2.0 + 1e-15])}
-    assert len(keys) == 2
-    assert storage.key([1.0, 2.0]) in keys
-    monkeypatch.setattr(storage, "NUMERICS", storage.NUMERICS + 1)
-    assert storage.key([1.0, 2.0]) not in keys
+        storage.write(tmp_path / "a.npz", MADE)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("there", [True, False])

@@ -124,7 +124,7 @@ def test_unknown_definitions_are_refused(bearing) -> None:
 def test_one_fitted_law_cannot_serve_spalls_of_two_shapes(bearing) -> None:
     spalls = trb.Spall(4.0, 7.0), trb.Spall(4.0, 7.0, depth=0.002, angle=1.0)
     with pytest.raises(ValueError, match="one width, depth and axial offset"):
-        trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), spalls))
+        trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), spalls, "power"))
 
 
 def test_a_spall_longer_than_the_law_knows_is_refused_by_status(bearing) -> None:

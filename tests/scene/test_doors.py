@@ -151,7 +151,7 @@ WORDS = {
     "a complex load": (scene(load=trb.Load(9000.0 + 1j, 4500.0)), r"load.radial = .*: must be a number"),
     "a modulus that is no number": (scene(bearing=bearing(modulus=NAN)), "bearing.modulus = nan: must be"),
     "a load that is no number, where contacts are solved": (
-        scene(law="table", load=trb.Load(NAN, 4500.0)), "load.radial = nan: must be",
+        scene(law="direct", load=trb.Load(NAN, 4500.0)), "load.radial = nan: must be",
     ),
     "a whole number without end": (scene(load=trb.Load(10**400, 4500.0)), r"load.radial = 1000"),
 }  # fmt: skip

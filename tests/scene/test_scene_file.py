@@ -41,7 +41,7 @@ BAD = {
     "accuracy": ("[load]", "[contact]\naccuracy = 1e-9\n[load]", ["contact.accuracy = 1e-09", "1e-05 … 0.1"]),
     "accuracy of the contact alone": (
         "[load]",
-        "[contact]\naccuracy = 1e-5\n[load]",
+        '[contact]\nlaw = "direct"\naccuracy = 1e-5\n[load]',
         ["contact.accuracy = 1e-05", "0.0001 … 0.01 for the ring", "`difftrb contact`"],
     ),
     "speed of another kind": (
@@ -110,7 +110,7 @@ BAD = {
     "spall that is a number": ("[[spall]]", "spall = 3\n[contact]", ["is not a known key"]),
     "two shapes": (
         "[[spall]]",
-        "[[spall]]\nlength = 2.0\nwidth = 3.0\n[[spall]]",
+        '[contact]\nlaw = "power"\n[[spall]]\nlength = 2.0\nwidth = 3.0\n[[spall]]',
         ["one width, depth and axial offset"],
     ),
     "a number without end": ("9000.0", "1" + "0" * 5000, ["is not TOML that can be read"]),

@@ -57,12 +57,6 @@ def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True)
-def _keeping(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the command line's --no-cache sets is set back."""
-    monkeypatch.setattr(storage, "keeping", storage.keeping)
-
-
 def bytes_of(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.suffix in (".npz", ".json")}
 

@@ -22,7 +22,7 @@ from difftrb.accuracy import ladder
 from difftrb.accuracy.ladder import ALWAYS, Measured, Row, Rung, Step, finer, judged, recommended, steps
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import on_lattice, solve_contact
-from difftrb.core import machine, storage
+from difftrb.core import machine
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError, SolveError
 from difftrb.law.samples import Progress
@@ -178,14 +178,13 @@ def on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int, accelerat
     file = dataclasses.replace(file, contact=dataclasses.replace(file.contact, law=cast(Any, rung.way), accuracy=1e-3))
     scene_file.check_ring(file, path)
     scene = dataclasses.replace(file.scene(), accuracy=rung.accuracy)  # to 1e-5, which a file may not ask for
-    with _nothing_kept():
-        started = time.perf_counter()
-        ready = _of_one_program(prepare(scene))
-        solution = jax.block_until_ready(solve(ready))
-        first = time.perf_counter() - started
-        started = time.perf_counter()
-        jax.block_until_ready(prepare(scene))
-        again = time.perf_counter() - started
+    started = time.perf_counter()
+    ready = _of_one_program(prepare(scene))
+    solution = jax.block_until_ready(solve(ready))
+    first = time.perf_counter() - started
+    started = time.perf_counter()
+    jax.block_until_ready(prepare(scene))
+    again = time.perf_counter() - started
     _, single = machine.timed(lambda: solve(ready))
     _, each = machine.timed(lambda: _batch(_spread(ready, batch), ready))
     there = math.nan
@@ -285,13 +284,3 @@ def _pressed(rung: Rung, **given: Any) -> ContactSolution:
     if rung.size is not None:
         return on_lattice(rung.size, **given)
     return solve_contact(**given, method=cast(Any, rung.way))
-
-
-@contextlib.contextmanager
-def _nothing_kept() -> Iterator[None]:
-    """Tables are made, not read from disk."""
-    before, storage.keeping = storage.keeping, False
-    try:
-        yield
-    finally:
-        storage.keeping = before

@@ -26,6 +26,8 @@ LOOSE = 10
 SEVERAL = 11
 BOTTOM = 12
 OUTSIDE = 13
+SLIVER = 14
+OTHER_CONTACT = 15
 UNDEFINED = 100
 
 SENTENCES = {
@@ -41,8 +43,8 @@ SENTENCES = {
     "that may reach the spall's bottom, too short a loaded land; for an edge's intensity a rolling edge in reach): use "
     "solve_contact with method 'cells'",
     OTHER_SCENE: "the roller law was prepared for another scene: prepare this one, by naming its law",
-    NARROW: "a spall is so narrow that both its edges are in reach of a roller at once, and the table was made for "
-    "wider ones: prepare the scene with this spall, or use law 'direct'",
+    NARROW: "a spall is so narrow that both its edges may be in reach of a roller at once, and the table was prepared "
+    "for wider ones: prepare this scene, by naming its law",
     LOOSE: "one of two rows carries nothing, and the other one alone does not hold the shaft's tilt: raise "
     "effects.double_row.preload, leave its spacing out, or name effects.tilt, too",
     SEVERAL: "several spalls are under one roller at once, and this roller law knows one: use contact.law = 'direct' "
@@ -52,6 +54,10 @@ SENTENCES = {
     OUTSIDE: "rollers carry loads outside the range that the roller law was made for: prepare this scene, by naming "
     "its law",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
+    SLIVER: "a spall ends close to the roller's end, or takes more than 0.85 of its length, which the table does not "
+    "know: use contact.law = 'direct' or 'auto', or move or shorten it",
+    OTHER_CONTACT: "the roller is crowned too little, or too small or large for its crown, for the table: use "
+    "contact.law = 'direct' or 'auto', or another design load",
     UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }
 

@@ -1,56 +1,18 @@
-"""Files written whole or not at all; and arrays that take seconds to make, kept in the user's cache folder."""
+"""Files written whole or not at all."""
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 
 Arrays = dict[str, np.ndarray]
 SCRATCH = ".part"
-NUMERICS = 1
-"""Version of the numbers that are kept on disk. Raise it when contact solves or tables change in more than their last
-digits: a test compares some of them (`test_same_numbers.py`)."""
-
-keeping = True
-"""Whether anything is read from or written to disk; the command line's --no-cache makes it False."""
-
-
-def folder() -> Path:
-    """Where results are kept: `tables` in the user's cache folder of difftrb."""
-    return Path(platformdirs.user_cache_dir("difftrb")) / "tables"
-
-
-def key(numbers: Iterable[float]) -> str:
-    """A name for what is made of `numbers` by this `NUMERICS`, this JAX and this numpy."""
-    import jax  # by this alone: writing files needs none
-
-    digest = hashlib.sha256(f"numerics {NUMERICS} jax {jax.__version__} numpy {np.__version__}".encode())
-    digest.update(np.asarray(list(numbers), float).tobytes())
-    return digest.hexdigest()[:32]
-
-
-def kept(name: str, make: Callable[[], Arrays]) -> Arrays:
-    """The arrays stored under `name`, or what `make` returns, stored for the next time.
-
-    A file that is damaged, or was cut short, is made again. Nothing is said if there is nowhere to write.
-    """
-    if not keeping:
-        return make()
-    path = folder() / f"{name}.npz"
-    found = read(path)
-    if found is None:
-        found = make()
-        with contextlib.suppress(OSError):
-            write(path, found)
-    return found
 
 
 def read(path: Path, names: Sequence[str] | None = None) -> Arrays | None:

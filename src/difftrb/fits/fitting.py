@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -24,9 +23,8 @@ from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.law.samples import Progress
 from difftrb.ring.ring import Load, largest_load
-from difftrb.scene import auto_law
-from difftrb.scene.scene import LawName, Scene, is_auto, named
-from difftrb.scene.solving import prepare
+from difftrb.scene.scene import LawName, Scene, is_auto
+from difftrb.scene.solving import by_table, prepare
 
 STARTS = 16
 SEARCH = 1
@@ -48,7 +46,7 @@ ROUNDS = 3
 def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | None = None) -> Scene:
     """The scene with its law built for all loads of `rows`, so that fitting again costs no contact solves.
 
-    "auto" becomes a table, judged under the lightest and the heaviest of these loads at the scene's own spall.
+    "auto" is "table".
     """
     if not rows:
         raise MeasuredError("measurements: there are no rows to fit")
@@ -59,15 +57,10 @@ def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | 
             raise MeasuredError("contact.law = 'direct' holds for one spall; fit with contact.law = 'table'")
         loads = [Load(float(row.radial), float(row.axial)) for row in rows]
         loads.sort(key=lambda load: float(largest_load(scene.bearing, load)))
-        ends = [dataclasses.replace(scene, load=load) for load in (loads[0], loads[-1])]
-        scene = ends[-1]
+        scene = dataclasses.replace(scene, load=loads[-1])
         if is_auto(scene):
-            return auto_law.shared(ends, partial(_by_name, scene, progress), auto_law.SOFT)
+            return by_table(scene)
     return prepare(scene, progress)
-
-
-def _by_name(scene: Scene, progress: Progress | None, law: str, accuracy: float) -> Scene:
-    return prepare(named(scene, law, accuracy), progress)
 
 
 def fit(

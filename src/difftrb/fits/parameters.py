@@ -166,8 +166,7 @@ class Angle(OfSpall):
 
 @register
 class AxialOffset(OfSpall, KnownToLaw):
-    """Of the spall from the roller's middle: as far as the law goes, half the roller at most (a "table": 0.02 mm to
-    either side of the scene's own)."""
+    """Of the spall from the roller's middle: as far as the law goes, half the roller at most."""
 
     name, unit = "axial_offset", "mm"
     logarithmic, wide = False, 1.0

@@ -24,7 +24,7 @@ from difftrb.law.load_curve import Curve
 from difftrb.law.samples import Progress
 
 AUTO = "auto"
-"""Instead of a law's name: the law is chosen by the accuracy asked for (`scene.auto_law`)."""
+"""Instead of a law's name: the table where it knows the scene, else contact solves (`scene.solving.prepare`)."""
 LENGTH_SHARE = 0.85
 """Laws from contact solves cover spalls up to this share of the roller's length."""
 OF_CONTACT = ("roller_small_diameter", "roller_large_diameter", "roller_length", "outer_angle", "inner_angle",
@@ -200,6 +200,7 @@ class LawKind:
       name: in scene files and as `Scene(law=...)`. summary: what it is, in a few words.
       make: the law for a `Request`.
       by_samples: its contacts are solved one by one, outside of jit, so it needs numbers.
+      solves: contacts are solved to make it, so it has an accuracy.
       longest: the longest spall that it knows [mm], of the roller's length [mm]; longer ones are refused by this.
       inner: whether it knows the inner raceway by itself, as effects.raceways needs.
       bearing: the only bearing that it is for; None is all.
@@ -208,13 +209,13 @@ class LawKind:
       one_shape: the sentence that refuses spalls of several widths, depths or axial offsets; "": they are taken.
       one_scene: made for one scene only, so a sweep cannot share it.
       promises: whether its error is kept against contact solves.
-      effort: contact solves that it takes at an accuracy; "auto" estimates its time by these.
     """
 
     name: str
     summary: str
     make: Callable[[Request], Law]
     by_samples: bool = False
+    solves: bool = False
     longest: Callable[[float], float] = lambda roller_length: LENGTH_SHARE * roller_length
     inner: bool = False
     bearing: str | None = None
@@ -222,7 +223,6 @@ class LawKind:
     one_shape: str = ""
     one_scene: bool = False
     promises: bool = True
-    effort: Callable[[float], float] = lambda accuracy: 0.0
 
     def is_for(self, bearing: TaperedBearing) -> bool:
         """Whether the law holds for this bearing's outer contacts, as far as is known: traced numbers are not."""
@@ -263,7 +263,7 @@ def longest(name: str, roller_length: float) -> float:
 
 def by_samples(name: str) -> bool:
     """Whether the law called `name` needs contacts solved one by one, outside of jit."""
-    return name == AUTO or (name in LAWS and LAWS[name].by_samples)
+    return name in LAWS and LAWS[name].by_samples
 
 
 def made(name: str, request: Request) -> Law:

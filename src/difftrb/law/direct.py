@@ -35,6 +35,8 @@ EDGE_LOADS = 8
 WINDOW = 0.8, 1.25
 """Of the approach that is expected of a roller at an edge: between these the contact is solved. With 0.65 … 1.5 one
 share for all these loads bends: stiffness is ten times as far off, its derivative by width by a third."""
+NEAR_RIDGE = 5e-6
+"""Noise of a share by the size of s's coefficients, of solves at one place."""
 MARGIN = 1.3
 MOVED = 0.05
 """By how much of itself an approach may be carried along its slopes before a prepared law calls the scene another."""
@@ -111,11 +113,6 @@ class DirectLaw:
         """Smallest and largest load of the solves [N]."""
         return jnp.exp(self.log_loads[0]), jnp.exp(self.log_loads[-1])
 
-    @property
-    def contacts(self) -> int:
-        """How many were solved."""
-        return self.healthy.size + self.full.size + sum(edges.loads.size for edges in self.edges)
-
     def at(self, contact: LineContact) -> DirectLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)
@@ -135,7 +132,8 @@ class DirectLaw:
         """Of the place nearest to where the roller is now."""
         edges, edge = self.edges[i], ramp_fit.over(spall, distances, side)
         distance = jnp.sum(jnp.where(ramp_fit.next_to(spall, distances, side), jnp.abs(distances), 0.0))
-        blank = healthy.beside(edge, full, self.sunk[i], edge_ramp.guess())
+        rise = ramp_fit.rise_over(self.contact, spall)
+        blank = healthy.beside(edge, full, self.sunk[i], rise, edge_ramp.guess())
         if not edges.loads.shape[0]:
             return blank
         here = jnp.argmin(jnp.abs(edges.given[:, AT.distance] - distance)) == jnp.arange(edges.given.shape[0])
@@ -144,7 +142,7 @@ class DirectLaw:
         apart = jnp.clip(distance - chosen.given[AT.distance], -ASIDE, ASIDE)
         now = samples.inputs(self.contact, spall, chosen.given[AT.distance] + apart)
         approaches = chosen.approaches + chosen.slopes @ (now - chosen.given)
-        return dataclasses.replace(blank, share=ramp_fit.through(blank, approaches, chosen.loads))
+        return dataclasses.replace(blank, share=ramp_fit.through(blank, approaches, chosen.loads, NEAR_RIDGE))
 
     def levels(self, i: int, spall: Spall) -> tuple[Healthy, Curve]:
         """A healthy roller and the curve over the middle of the `i`-th spall."""
@@ -169,7 +167,8 @@ class DirectLaw:
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`."""
         healthy, full = self.levels(number, spall)
-        beside = healthy.beside(jnp.zeros(()), full, self.sunk[number], edge_ramp.guess())
+        rise = ramp_fit.rise_over(self.contact, spall)
+        beside = healthy.beside(jnp.zeros(()), full, self.sunk[number], rise, edge_ramp.guess())
         return edge_ramp.extent(beside, approach)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
@@ -213,7 +212,9 @@ def without_edges(
     approaches = jnp.asarray([[node.approach for node in level] for level in levels])
     slopes = jnp.asarray([[node.slopes for node in level] for level in levels])
     half_width = ramp_fit.extents(loads, np.array([node.half_width for node in levels[0]]))
-    sunk = jnp.asarray([ramp_fit.sunk(contact, level, loads) for level in levels[1:]])
+    sunk = jnp.asarray(
+        [ramp_fit.sunk(contact, spall, level, loads) for spall, level in zip(spalls, levels[1:], strict=True)]
+    )
     return DirectLaw(
         contact, jnp.asarray(loads), spalls, samples.inputs(contact, None, 0.0), approaches[0], slopes[0],
         jnp.asarray(half_width), approaches[1:], slopes[1:], sunk.reshape(len(spalls), ramp_fit.EXTENT_DEGREE + 1),
@@ -241,7 +242,8 @@ def with_edges(
         healthy, full = law.levels(i, spall)
         loads = np.zeros((len(own), EDGE_LOADS))
         for k, (distance, approach) in enumerate(own):
-            beside = healthy.beside(jnp.asarray(0.5 * spall.width - distance), full, law.sunk[i], edge_ramp.guess())
+            edge, rise = jnp.asarray(0.5 * spall.width - distance), ramp_fit.rise_over(law.contact, spall)
+            beside = healthy.beside(edge, full, law.sunk[i], rise, edge_ramp.guess())
             at = approach * np.geomspace(*WINDOW, EDGE_LOADS)
             healthy_loads, full_loads, low, high = edge_ramp.between(beside, jnp.asarray(at))
             guessed = edge_ramp.guessed(healthy_loads, full_loads, edge_ramp.place(beside.edge, low, high))
@@ -278,6 +280,7 @@ base.register(
         "contact solves for exactly the states that the rollers of one scene are in",
         make=lambda of: without_edges(of.contact, float(of.largest), of.spalls, of.accuracy, of.progress),
         by_samples=True,
+        solves=True,
         inner=True,
         frozen=None,
         one_scene=True,

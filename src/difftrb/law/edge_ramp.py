@@ -2,10 +2,8 @@
 
 At an approach δ the roller carries Q = Qₛ + (Qₕ − Qₛ) W(t): what it would over the middle of the spall, and of what the
 land would carry beyond that the share W. t runs from 0, where the edge enters the contact, to 1, where the roller no
-longer meets the land. W is written (1 − t²)/(1 + t² y), in which y hardly changes with load and length and is smooth
-but at its ends. At t = 1 the contact left on the land is a narrow line, for which y has a logarithm, and a short one,
-for land is highest in the line's middle: its length ends as √(1 − t), for which y has one over that. At t = 0 the edge
-enters the middle of the contact first, for the same reason. A small polynomial and these three hold y.
+longer meets the land. W is written W₀(t) (1 + s): W₀ is what any roller has, to about 0.01, and s a polynomial in
+1 − √(1 − t), 0 where t is, for land is highest in the middle of its contact, whose length ends as √(1 − t).
 Beyond 0 and 1 the roller is healthy or over the middle of the spall, exactly.
 
 Where both edges of a spall narrower than the contact act, W is that of the one edge over which the roller would sink as
@@ -29,19 +27,16 @@ from difftrb.core.numeric import chebyshev
 from difftrb.law import load_curve, narrow_spall
 from difftrb.law.load_curve import Curve
 
-DEGREE = 2
-"""Of the polynomial in t in y, beside the terms for its ends."""
-BEND = 1e-3
-"""1 − t at which the term for a short line stops growing."""
-ENTRY = 0.1
-"""t within which the edge has entered all of the contact."""
-TERMS = DEGREE + 4
-GUESS = np.array([0.07] + [0.0] * DEGREE + [0.23, 0.0, 0.0])
-"""y of any roller to about 0.2 % of Qₕ: enough to choose the loads at which contacts are solved."""
-LEAST = 16.0
-"""Largest by smallest healthy load between which y changes; below it is constant, for such rollers matter little.
+TERMS = 9
+"""Of u = 1 − √(1 − t) in s: u times Chebyshev polynomials."""
+USUAL = 0.07, 0.23
+"""Of W₀: measured at many rollers."""
+LEAST = 300.0
+"""Largest by smallest healthy load between which s changes; below it is constant, for such rollers matter little.
 Parametrised by the healthy load: over long spalls the roller's own load falls to a tenth and no longer identifies the
 state."""
+NARROWED = 1e-2
+"""Least share of the approach that counts where the crown has risen."""
 SHARES = 5
 """Rounds in which the one edge is found that stands for a narrow spall's two."""
 ALONG, WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -70,10 +65,12 @@ class Ramp:
       healthy, full: the curves of a healthy roller and of one over the spall's middle.
       half_width: of the healthy contact, coefficients of its logarithm [log mm], shape (n, …).
       sunk: how deep the spall's ends, pressed down, take the land at the ramp's end with them by the load that they
-        carry, coefficients of its logarithm [log mm/N], shape (m, …). Both in powers of log Q, brought to −1…1.
+        carry, beyond `rise`, coefficients of its logarithm [log mm/N], shape (m, …). Both in powers of log Q, brought
+        to −1…1.
+      rise: of the crown where the spall is nearest to the roller's middle [mm].
       loads: middle and reach of that log Q [log N], shape (2,).
       radius: of the contact [mm].
-      share: y's coefficients: Chebyshev polynomials of log Qₕ by terms of t; shape (k, TERMS, …).
+      share: coefficients of s: Chebyshev polynomials of log Qₕ by `terms` of t; shape (k, TERMS, …).
       narrow: of a spall whose other edge may be in reach, too; None: it is not.
     """
 
@@ -82,6 +79,7 @@ class Ramp:
     full: Curve
     half_width: jax.Array
     sunk: jax.Array
+    rise: jax.Array
     loads: jax.Array
     radius: Real
     share: jax.Array
@@ -125,7 +123,7 @@ def _load(ramp: Ramp, approach: jax.Array) -> jax.Array:
     healthy, full, low, high = between(ramp, approach)
     t = place(ramp.edge if ramp.narrow is None else _worth(ramp, ramp.narrow, approach, low, high), low, high)
     levels = chebyshev(level(ramp, healthy), ramp.share.shape[0] - 1)
-    return full + (healthy - full) * _left(t, [_combined(ramp.share[:, k], levels) for k in range(TERMS)])
+    return full + (healthy - full) * left(t, [_combined(ramp.share[:, k], levels) for k in range(TERMS)])
 
 
 def _worth(ramp: Ramp, across: NarrowSpall, approach: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
@@ -136,7 +134,7 @@ def _worth(ramp: Ramp, across: NarrowSpall, approach: jax.Array, low: jax.Array,
 
     def nearer(_: int, edge: jax.Array) -> jax.Array:
         # the share left decides how wide the contact is, and the edge the share
-        share = _left(place(edge, low, high), list(GUESS))
+        share = usual(place(edge, low, high))
         own = size * jnp.sqrt(jnp.maximum(share, 1e-6))[None]
         own = jnp.maximum(own, across.width[None] / narrow_spall.WIDEST)
         sunk = jnp.sum(weight * narrow_spall.sinking(ramp.edge[None], across.width[None], own), axis=0)
@@ -158,12 +156,18 @@ def _worth(ramp: Ramp, across: NarrowSpall, approach: jax.Array, low: jax.Array,
     return jnp.where(beside, ramp.edge, ramp.edge + (edge - ramp.edge) * stretch)
 
 
-def _left(t: jax.Array, coefficients: Sequence[jax.Array]) -> jax.Array:
-    """W for the coefficients of y."""
-    return (1.0 - t * t) / load_curve.within(1.0 + t * t * implicit.pointwise(_y, None, coefficients, t), 0.1, jnp.inf)
+def left(t: jax.Array, coefficients: Sequence[jax.Array]) -> jax.Array:
+    """W for the coefficients of s."""
+    return usual(t) * (1.0 + implicit.pointwise(_series, None, coefficients, t))
 
 
-def _y(coefficients: Sequence[jax.Array], t: jax.Array) -> jax.Array:
+def usual(t: jax.Array) -> jax.Array:
+    """W₀ at t in 0…1, any shape."""
+    narrow = -jnp.log(load_curve.within(1.0 - t, 1e-12, 1.0))  # the contact left on the land is a narrow line
+    return (1.0 - t * t) / (1.0 + t * t * (USUAL[0] + USUAL[1] * narrow))
+
+
+def _series(coefficients: Sequence[jax.Array], t: jax.Array) -> jax.Array:
     return _combined(coefficients, terms(t))
 
 
@@ -176,14 +180,17 @@ def _combined(coefficients: Sequence[jax.Array] | jax.Array, parts: list[jax.Arr
 
 def guessed(healthy: jax.Array, full: jax.Array, t: jax.Array) -> jax.Array:
     """About the load [N], before any solve at the edge."""
-    return full + (healthy - full) * _left(t, list(GUESS))
+    return full + (healthy - full) * usual(t)
 
 
 def between(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     healthy, _ = load_curve.load(ramp.healthy, approach)
     full, _ = load_curve.load(ramp.full, approach)
     half_width = jnp.exp(load_curve.straight(ramp.half_width, _of_load(ramp, healthy))[0])
-    free = approach - full * jnp.exp(load_curve.straight(ramp.sunk, _of_load(ramp, full))[0])
+    # where the crown rises, the contact is narrower
+    pressed = jnp.where(approach > 0.0, approach, 1.0)
+    half_width = half_width * jnp.sqrt(load_curve.within(1.0 - ramp.rise / pressed, NARROWED, 1.0))
+    free = approach - ramp.rise - full * jnp.exp(load_curve.straight(ramp.sunk, _of_load(ramp, full))[0])
     above = free > 0.0
     return healthy, full, -half_width, jnp.where(above, jnp.sqrt(2.0 * ramp.radius * jnp.where(above, free, 1.0)), 0.0)
 
@@ -210,12 +217,11 @@ def level(ramp: Ramp, healthy: jax.Array) -> jax.Array:
 
 
 def terms(t: jax.Array) -> list[jax.Array]:
-    """What y is made of: Chebyshev polynomials, a narrow line, a short one, and the edge's entry."""
-    left = 1.0 - t
-    narrow, short = -jnp.log(load_curve.within(left, 1e-12, 1.0)), jax.lax.rsqrt(left + BEND)
-    return [*chebyshev(2.0 * t - 1.0, DEGREE), narrow, short, 1.0 / (1.0 + (t / ENTRY) ** 2)]
+    """The polynomials that s is made of, 0 at t = 0."""
+    place = 1.0 - jnp.sqrt(load_curve.within(1.0 - t, 1e-12, 1.0))
+    return [place * polynomial for polynomial in chebyshev(2.0 * place - 1.0, TERMS - 1)]
 
 
 def guess(degree: int = 0) -> jax.Array:
     """`Ramp.share` of any roller."""
-    return jnp.zeros((degree + 1, TERMS)).at[0].set(GUESS)
+    return jnp.zeros((degree + 1, TERMS))

@@ -109,11 +109,6 @@ class LocalLaw:
         """Worst of all solves."""
         return self.base.status_code
 
-    @property
-    def contacts(self) -> int:
-        """How many were solved."""
-        return self.base.contacts + (0 if self.states is None else self.states.log_loads.size)
-
     def at(self, contact: LineContact) -> LocalLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, base=self.base.at(contact))

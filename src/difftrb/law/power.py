@@ -258,11 +258,11 @@ base.register(
         "power",
         "Q = K δⁿ fitted to contact solves of this roller",
         make=_fitted_for,
+        solves=True,
         inner=True,
         frozen=("width", "depth", "axial_offset"),
         one_shape="law = 'power' is fitted for spalls of one width, depth and axial offset; make them equal, use "
         "another law, or give the scene a law prepared with power_law",
-        effort=lambda accuracy: CONTACTS,
     )
 )
 base.register(

@@ -12,29 +12,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.contact import gap
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.base import spalls_under
-from difftrb.law.edge_ramp import GUESS, Ramp, RollerCurves
+from difftrb.law.edge_ramp import Ramp, RollerCurves
 from difftrb.law.load_curve import Curve
 from difftrb.law.samples import Node
 
 EXTENT_DEGREE = 5
 """Of the polynomials that say where a ramp begins and ends."""
-LAST = 0.985
-"""t beyond which a share is too small to be told from the error of a contact solve."""
-RIDGE = 5e-4
-"""Ridge weight: sample noise over coefficient size."""
-NEAR_RIDGE = 5e-6
-"""The same of solves at one place. A tenth of it makes errors of derivatives of stiffness by width six times as large,
-up to 2e-2 of the largest: those of the solves. Ten times as much makes the fit's own error as large."""
-ROUNDS = 6
-"""Rounds of the fit of a share; in each, outliers count less."""
-NOISE = 5e-4
-"""Usual error of a solve's share."""
-SLOPES_COUNT = 0.05
-"""Weight of a share's derivative by t beside that of a share: solves give it less exactly."""
 
 
 class Healthy(NamedTuple):
@@ -45,9 +33,9 @@ class Healthy(NamedTuple):
     loads: jax.Array
     radius: Real
 
-    def beside(self, edge: jax.Array, full: Curve, sunk: jax.Array, share: jax.Array) -> Ramp:
+    def beside(self, edge: jax.Array, full: Curve, sunk: jax.Array, rise: jax.Array, share: jax.Array) -> Ramp:
         """The ramp from here to a curve over the middle of a spall."""
-        return Ramp(edge, self.curve, full, self.half_width, sunk, self.loads, self.radius, share)
+        return Ramp(edge, self.curve, full, self.half_width, sunk, rise, self.loads, self.radius, share)
 
 
 def healthy_level(
@@ -68,10 +56,17 @@ def extents(log_loads: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
     return np.polynomial.polynomial.polyfit(x, np.log(told), EXTENT_DEGREE)
 
 
-def sunk(contact: LineContact, solved: Sequence[Node], log_loads: np.ndarray) -> np.ndarray:
+def sunk(contact: LineContact, spall: Spall, solved: Sequence[Node], log_loads: np.ndarray) -> np.ndarray:
     """Coefficients of `Ramp.sunk`, of solves over the middle of one spall at `log_loads` [log N]."""
-    depth = [node.approach - node.reach**2 / (2.0 * float(contact.radius)) for node in solved]
-    return extents(log_loads, np.array(depth) / np.exp(log_loads))
+    depth = np.array([node.approach - node.reach**2 / (2.0 * float(contact.radius)) for node in solved])
+    return extents(log_loads, (depth - float(rise_over(contact, spall))) / np.exp(log_loads))
+
+
+def rise_over(contact: LineContact, spall: Spall) -> jax.Array:
+    """The crown [mm] where the spall is nearest to the roller's middle."""
+    offset = jnp.asarray(spall.axial_offset, float)
+    nearest = jnp.where(offset < 0.0, -offset, offset) - 0.5 * spall.length
+    return gap.crown_at(load_curve.within(nearest, 0.0, 0.5 * contact.length * (1.0 - 1e-9)), contact)
 
 
 def roller_curves(
@@ -110,90 +105,22 @@ def over(spall: Spall, distances: jax.Array, side: float) -> jax.Array:
     return jnp.sum(jnp.where(next_to(spall, distances, side), beyond, 0.0))  # no gather: slow in a batch
 
 
-def fitted(ramp: Ramp, approach: jax.Array, load: jax.Array, by_edge: jax.Array, degree: int) -> jax.Array:
-    """`Ramp.share` of many contact solves with edges at `ramp.edge` on one and the same spall, else of shape ().
+def through(ramp: Ramp, approach: jax.Array, load: jax.Array, ridge: float, levels: int = 1) -> jax.Array:
+    """`Ramp.share` for contact solves with edges at `ramp.edge`, through all of them, nearly; shape (levels, TERMS).
 
-    Args:
-      approach [mm], load [N]: of the solves, shape (n,). by_edge: dQ/d(edge) at fixed approach [N/mm], shape (n,).
-      degree: of y in log Qₕ.
-
-    Outliers count less.
+    `approach` [mm], `load` [N] of the solves, shape (n,). `ridge`: noise of a share by the size of coefficients. What
+    the solves do not tell stays small.
     """
-    seen = _seen(ramp, approach, load)
-    rows, right, weight = _equations(seen, degree)
-    slope_rows, slope_right = _slope_equations(seen, by_edge, degree)
-    matrix = jnp.concatenate([weight[:, None] * rows, SLOPES_COUNT * weight[:, None] * slope_rows])
-    start = edge_ramp.guess(degree)
-    values = jnp.concatenate([weight * right, SLOPES_COUNT * weight * slope_right]) - matrix @ start.ravel()
-    found, count = jnp.zeros(start.size), jnp.ones(values.shape[0])
-    for _ in range(ROUNDS):
-        found = least_squares(count[:, None] * matrix, count * values)
-        off = jnp.abs(matrix @ found - values)
-        count = 1.0 / jnp.sqrt(1.0 + (off / (3.0 * jnp.median(off) + NOISE)) ** 2)
-    return start + found.reshape(start.shape)
-
-
-def through(ramp: Ramp, approach: jax.Array, load: jax.Array) -> jax.Array:
-    """`Ramp.share` of contact solves with one edge at one place, through all of them, nearly; as `fitted`."""
-    rows, right, weight = _equations(_seen(ramp, approach, load), 0)
-    found = least_squares(weight[:, None] * rows, weight * (right - rows @ GUESS), NEAR_RIDGE)
-    return edge_ramp.guess() + found[None]
-
-
-def least_squares(matrix: jax.Array, right: jax.Array, ridge: float = RIDGE) -> jax.Array:
-    """x with `matrix` · x nearest to `right`, shape (n,) or (n, k); what the rows do not tell stays small."""
-    q, r = jnp.linalg.qr(jnp.concatenate([matrix, ridge * jnp.eye(matrix.shape[1])]))
-    return jax.scipy.linalg.solve_triangular(r, q[: matrix.shape[0]].T @ right)
-
-
-def residual(ramp: Ramp, approach: jax.Array, load: jax.Array) -> jax.Array:
-    """How far `load`s [N] at `approach`es [mm] are from the ramp's, in the equations that y is fitted by; (n,)."""
-    rows, right, weight = _equations(_seen(ramp, approach, load), ramp.share.shape[0] - 1)
-    return weight * (rows @ ramp.share.ravel() - right)
-
-
-def equations(ramp: Ramp, approach: jax.Array, load: jax.Array, degree: int) -> jax.Array:
-    """The weighted matrix of the same equations, shape (n, (degree + 1)·TERMS)."""
-    rows, _, weight = _equations(_seen(ramp, approach, load), degree)
-    return weight[:, None] * rows
-
-
-def _basis(t: jax.Array, level: jax.Array, degree: int) -> jax.Array:
-    """Shape (n, (degree + 1)·TERMS)."""
-    levels = jnp.stack(chebyshev(level, degree), axis=1)
-    return (levels[:, :, None] * jnp.stack(edge_ramp.terms(t), axis=1)[:, None]).reshape(t.shape[0], -1)
-
-
-class _Seen(NamedTuple):
-    """A solve as the ramp sees it: t, share W, Qₕ and Qₕ − Qₛ [N], extent of the ramp [mm], level of y."""
-
-    t: jax.Array
-    share: jax.Array
-    healthy: jax.Array
-    loss: jax.Array
-    extent: jax.Array
-    level: jax.Array
-
-
-def _seen(ramp: Ramp, approach: jax.Array, load: jax.Array) -> _Seen:
     healthy, full, low, high = edge_ramp.between(ramp, approach)
     t, loss = edge_ramp.place(ramp.edge, low, high), healthy - full
-    return _Seen(t, (load - full) / loss, healthy, loss, high - low, edge_ramp.level(ramp, healthy))
+    first, weight = edge_ramp.usual(t), jax.lax.stop_gradient(loss / healthy)
+    by_level = jnp.stack(chebyshev(edge_ramp.level(ramp, healthy), levels - 1), axis=1)
+    basis = (by_level[:, :, None] * jnp.stack(edge_ramp.terms(t), axis=1)[:, None]).reshape(t.size, -1)
+    found = least_squares((weight * first)[:, None] * basis, weight * ((load - full) / loss - first), ridge)
+    return found.reshape(levels, edge_ramp.TERMS)
 
 
-def _equations(seen: _Seen, degree: int) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """W t² y = 1 − t² − W, one row a solve, and what each counts: such that errors are those of Q by Qₕ."""
-    t, share = seen.t, seen.share
-    known = (t < LAST) & (share > 0.0)
-    weight = jnp.where(known, share / jnp.where(known, 1.0 - t * t, 1.0), 0.0) * seen.loss / seen.healthy
-    rows = (share * t * t)[:, None] * _basis(t, seen.level, degree)
-    return rows, 1.0 - t * t - share, jax.lax.stop_gradient(weight)
-
-
-def _slope_equations(seen: _Seen, by_edge: jax.Array, degree: int) -> tuple[jax.Array, jax.Array]:
-    """The same, differentiated by t."""
-    t, share = seen.t, seen.share
-    basis, rate = jax.jvp(lambda v: _basis(v, seen.level, degree), (t,), (jnp.ones_like(t),))
-    slope = by_edge * seen.extent / seen.loss
-    rows = (slope * t * t + 2.0 * t * share)[:, None] * basis + (share * t * t)[:, None] * rate
-    return rows, -2.0 * t - slope
+def least_squares(matrix: jax.Array, right: jax.Array, ridge: float) -> jax.Array:
+    """x with `matrix` · x nearest to `right`, shape (n,); what the rows do not tell stays small."""
+    q, r = jnp.linalg.qr(jnp.concatenate([matrix, ridge * jnp.eye(matrix.shape[1])]))
+    return jax.scipy.linalg.solve_triangular(r, q[: matrix.shape[0]].T @ right)

@@ -5,18 +5,24 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from difftrb.contact import gap
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_solution import is_symmetric, listed
 from difftrb.contact.solver import ContactSolution
 from difftrb.core import machine, status
 from difftrb.core.geometry import LineContact, Real, Spall
+
+ALONG = 41
+"""Places along a spall at which it is asked how far the roller stands off."""
+
+Solved = TypeVar("Solved")
 
 
 class Inputs(NamedTuple):
@@ -126,41 +132,63 @@ def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
     return Node(
         float(solution.approach), float(by_load), slopes, int(solution.status_code),
         0.5 * float(solution.contact_width),
-        _reach(contact, solution) if isinstance(case.spall, Spall) and case.distance == 0.0 else 0.0,
+        reach(contact, solution) if isinstance(case.spall, Spall) and case.distance == 0.0 else 0.0,
     )  # fmt: skip
 
 
-def _reach(contact: LineContact, solution: ContactSolution) -> float:
-    """Where the deformed roller stands level with the raceway over the middle of the land-free part [mm].
+def reach(contact: LineContact, solution: ContactSolution) -> float:
+    """How far from the spall's middle a rolling edge would last touch the deformed roller [mm].
 
-    e² = 2R(δ − w(e)) with the displacement w that the loaded land makes there; cells act as point loads, which they
-    are far from: the land ends half the spall's length away.
+    e² = 2R max(δ − c(y) − w(e, y)) along the spall, with the crown c and the displacement w that the loaded land makes
+    there; cells act as point loads, which they are far from.
     """
     spall, cells = solution.spall, solution.cells
     assert isinstance(spall, Spall)
     force, x, y = np.asarray(solution.force), np.asarray(cells.x), np.asarray(cells.y)
     if cells.mirrored:
         force, y = 0.5 * np.concatenate([force, force]), np.concatenate([y, -y])
-    middle = float(spall.axial_offset) if abs(float(spall.axial_offset)) > 0.5 * float(spall.length) else 0.0
+    half = 0.5 * float(contact.length)
+    ends = (float(spall.axial_offset) + side * 0.5 * float(spall.length) for side in (-1.0, 1.0))
+    low, high = (min(max(end, -half), half) for end in ends)
+    along = low + (high - low) * (np.arange(ALONG) + 0.5) / ALONG
+    crown = np.asarray(gap.crown_at(jnp.asarray(along), contact))
+    rows, columns = np.nonzero(force > 0.0)
+    pressed, x, y = force[rows, columns], x[columns], y[rows]
     radius, approach = float(contact.radius), float(solution.approach)
     if approach <= 0.0:  # no solution, as its status says
         return 0.0
+    apart = (y - along[:, None]) ** 2
     edge = np.sqrt(2.0 * radius * approach)
-    for _ in range(30):
-        apart = np.hypot(x[None, :] - edge, y[:, None] - middle)
-        sunk = float(np.sum(force / apart)) / (np.pi * float(contact.modulus))
-        edge = 0.5 * (edge + np.sqrt(2.0 * radius * max(approach - sunk, 1e-3 * approach)))
+    for _ in range(10):
+        sunk = (pressed / np.sqrt((x - edge) ** 2 + apart)).sum(axis=1) / (np.pi * float(contact.modulus))
+        edge = 0.5 * (edge + np.sqrt(2.0 * radius * max(approach - _least(crown + sunk), 1e-3 * approach)))
     return float(edge)
+
+
+def _least(values: np.ndarray) -> float:
+    """The least of values at even places, by the parabola through it and its neighbours."""
+    k = int(np.clip(np.argmin(values), 1, values.size - 2))
+    before, here, behind = values[k - 1 : k + 2]
+    bend = before - 2.0 * here + behind
+    if not np.isfinite(bend) or bend <= 0.0:
+        return float(np.min(values))
+    shift = np.clip(0.5 * (before - behind) / bend, -1.0, 1.0)
+    return float(here - 0.25 * (before - behind) * shift) if abs(shift) < 1.0 else float(np.min(values))
 
 
 def all_solved(
     contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
 ) -> list[Node]:
-    """Solve every case, on all cores that this process may use."""
-    nodes: list[Node] = []
+    """Solve every case, with slopes."""
+    return mapped(lambda case: solved(contact, case, accuracy), cases, progress)
+
+
+def mapped(solve: Callable[[Case], Solved], cases: Sequence[Case], progress: Progress | None = None) -> list[Solved]:
+    """`solve` of every case, on all cores that this process may use."""
+    nodes: list[Solved] = []
     # LAPACK's own threads, besides these, only wait for each other: exact edges would take twice as long
     with threadpool_limits(1, "blas"), ThreadPoolExecutor(machine.cores()) as pool:
-        for node in pool.map(lambda case: solved(contact, case, accuracy), cases):
+        for node in pool.map(solve, cases):
             nodes.append(node)
             if progress is not None:
                 progress(len(nodes), len(cases))

@@ -17,6 +17,8 @@ from rich.text import Text
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
+from difftrb.core.geometry import Real
+from difftrb.law import base as laws
 from difftrb.law.base import LAWS, Law
 from difftrb.report import remarks
 from difftrb.ring import effect
@@ -208,12 +210,18 @@ def picked_text(picked: Picked) -> str:
     """One sentence on what the law "auto" became."""
     keeps = "for" if picked.error <= picked.asked else "although nothing is known to keep"
     text = (
-        f"picked: {picked.law} {picked.accuracy:g}, {keeps} stiffness and peak load within {picked.asked:g}; "
+        f"picked: {_way(picked.law, picked.accuracy)}, {keeps} stiffness and peak load within {picked.asked:g}; "
         f"they are off by up to {number(picked.error, '.1e')}"
     )
     if picked.finer is None:
         return text
-    return text + f"; finer: {picked.finer.law} {picked.finer.accuracy:g}, in {picked.finer.seconds:.2g} s or more"
+    finer = picked.finer
+    return text + f"; finer: {_way(finer.law, finer.accuracy)}, in {finer.seconds:.2g} s or more"
+
+
+def _way(law: str, accuracy: Real) -> str:
+    """A law and, where it solves contacts, how exactly."""
+    return f"{law} {accuracy:g}" if laws.LAWS[law].solves else law
 
 
 def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> RenderableType:

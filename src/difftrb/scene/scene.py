@@ -23,7 +23,7 @@ from difftrb.ring.ring import Load
 
 Definition = Literal["tangent", "secant"]
 DesignLoad = Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
-DEFAULT_LAW = "power"
+DEFAULT_LAW = laws.AUTO
 """Of scenes, in files and in Python."""
 COARSEST = 1e-2
 """Largest accuracy of a contact solve; only "auto" is asked for less, and of something else."""
@@ -94,9 +94,9 @@ class Scene:
       load: radial and axial [N].
       spalls: a tuple of them, or one; on the outer raceway, or with the effect `Raceways` on the inner one and on
         roller 0, too; empty is healthy.
-      law: "power" (default), "liu2018", "palmgren", "table", "direct", "auto" (chosen: see `prepare`), or a law made
-        before (then nothing is fitted here). "table", "direct" and "auto" need `prepare` before the scene is
-        differentiated, jitted or batched.
+      law: "auto" (default: "table" where it knows the scene, else "direct"), "table", "direct", "power", "liu2018",
+        "palmgren", or a law made before. "direct" needs `prepare` before the scene is differentiated, jitted or
+        batched; traced, "auto" is "table", whose status says what it does not know.
       design_load: Q_d of the rollers' crown [N], 0…1e7. Default 6500, with which Liu et al. 2018, Table 2 comes out.
       accuracy: relative accuracy of the contact solves behind the law, 1e-2…1e-4. Default 1e-3: a power law is not
         worth more. With law "auto" it is that of stiffness and the largest roller load, 1e-1…1e-3.

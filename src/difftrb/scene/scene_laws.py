@@ -1,7 +1,7 @@
 """The roller laws of a scene, for every raceway that gives way; `with_laws` is the way in.
 
-"power", "liu2018" and "palmgren" are made at once, also inside jit. "table" and "direct" are made from contacts solved
-one by one, which needs numbers. Where rollers may meet several spalls at once, or a spall's bottom, "direct" becomes a
+All but "direct" are made at once, also inside jit. "direct" is made from contacts solved one by one, which needs
+numbers. Where rollers may meet several spalls at once, or a spall's bottom, "direct" becomes a
 `LocalLaw`: contacts are solved around the rollers' loads, and the ring on them, until the loads stay.
 """
 
@@ -37,8 +37,8 @@ NOT_IN_THE_MEAN = (
     "phase only; give the phase a number"
 )
 TRACED = (
-    "law = 'table', 'direct' and 'auto' need numbers: prepare the scene first, difftrb.prepare(scene), and "
-    "differentiate, jit or batch what comes out; derivatives stay complete"
+    "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
+    "what comes out; derivatives stay complete"
 )
 NO_INNER_LAW = (
     "effects.raceways needs a law for the inner raceway: give the scene its law by name, or the effect as "

@@ -14,7 +14,6 @@ import numpy as np
 from difftrb.core import geometry, status
 from difftrb.core.geometry import Real, Spall
 from difftrb.law.base import Law
-from difftrb.law.direct import DirectLaw
 from difftrb.law.samples import Progress
 from difftrb.ring import effects, ring
 from difftrb.ring.effects import Raceways, Results
@@ -42,6 +41,8 @@ if TYPE_CHECKING:
 
 LADDER = (1e-2, 1e-3, 1e-4)
 """Accuracies of the contact solves of "auto", the cheapest first."""
+UNKNOWN = (status.SLIVER, status.OTHER_CONTACT, status.SEVERAL, status.BOTTOM, status.OUTSIDE, status.UNKNOWN_LENGTH)
+"""What the table does not know, and contact solves may."""
 PREPARED = 1e-3
 """`accuracy` of every scene that "auto" has prepared. It no longer matters; one value is one program for all."""
 DELICATE = 0.1
@@ -125,18 +126,31 @@ def prepare(scene: Scene, progress: Progress | None = None, least: Real | None =
     """The scene with its laws built, so that solving it again costs microseconds. Errors as in `solve`.
 
     A prepared "power" law is frozen: bearing, crown, and a spall's width, depth and axial offset no longer act through
-    it. For complete derivatives by those, differentiate the scene with its law by name. "table" and "direct" stay
-    complete, and hold for neighbours of the scene. `progress` is told how many of how many contacts are solved. `least`
-    is the largest roller load [N] of the lightest loaded scene that a "power" law is to serve; default: of this one.
+    it. For complete derivatives by those, differentiate the scene with its law by name. "table" needs no preparing.
+    "direct" stays complete, and holds for neighbours of the scene. `progress` is told how many of how many contacts are
+    solved. `least` is the largest roller load [N] of the lightest loaded scene that a "power" law is to serve; default:
+    of this one.
 
-    "auto" becomes the cheapest law that is known to keep radial stiffness, axial stiffness and the largest roller load
-    of this scene within `accuracy`, here 1e-3…1e-1, relative to exact contacts. For one scene that is always "direct":
-    the error of a cheaper law is known only once "direct" is there, and then that is the better answer. What is chosen
-    is its contacts' accuracy: see `refined`. Many scenes can share a cheaper law: `difftrb.sweep` chooses among all,
-    `difftrb.fit` among tables. `picked` of the result, and of its solutions, says what was chosen.
+    "auto" becomes "table" where that knows the scene and keeps `accuracy`, here 1e-3…1e-1, else "direct" with contacts
+    as exact as that needs, see `refined`. A traced scene, and one without a solution, becomes "table", whose status
+    says why. `picked` of the result, and of its solutions, says what was chosen.
     """
     scene = checks.checked(scene)
-    return refined(scene, progress)[0] if is_auto(scene) else scene_laws.with_laws(scene, progress, least)
+    if not is_auto(scene):
+        return scene_laws.with_laws(scene, progress, least)
+    ready = by_table(scene)
+    if scene_laws.is_traced(scene):
+        return ready
+    unknown = int(solve_prepared(ready).status_code) in UNKNOWN
+    coarse = cast(Picked, ready.picked).error > scene.accuracy
+    return refined(scene, progress) if unknown or coarse else ready
+
+
+def by_table(scene: Scene) -> Scene:
+    """A scene with law "auto" prepared by "table", traced or not. Errors as in `solve`."""
+    ready = scene_laws.with_laws(named(checks.checked(scene), "table", PREPARED))
+    picked = Picked("table", PREPARED, scene.accuracy, cast(Law, ready.law).error, None)
+    return dataclasses.replace(ready, picked=picked)
 
 
 def solve(scene: Scene) -> Solution:
@@ -210,8 +224,9 @@ def solve_prepared(scene: Scene) -> Solution:
         )
         stiffness, more = jax.tree.map(lambda v: jnp.tensordot(weights, v, 1), (stiffness, more))
         angles = ring.roller_angles(scene.bearing, 0.5 * geometry.roller_pitch(scene.bearing))
+    told = getattr(law, "light", law)
     return Solution(
-        angles, rest.displacement, rest.approach, rest.loads, stiffness, load_span, stiffness_span, law,
+        angles, rest.displacement, rest.approach, rest.loads, stiffness, load_span, stiffness_span, told,
         rest.residual, rest.iterations, rest.status_code, more, scene.picked, scene.definition,
         effects.remarks(scene.effects, scene.spalls),
     )  # fmt: skip
@@ -230,17 +245,14 @@ def _secant(load: Load, displacement: jax.Array) -> jax.Array:
     return jnp.diag(jnp.where(defined, secant, jnp.where(jnp.arange(displacement.size) == 1, 0.0, jnp.nan)))
 
 
-def refined(scene: Scene, progress: Progress | None = None) -> tuple[Scene, float]:
-    """A checked scene with law "auto" prepared by "direct" with contacts as exact as its `accuracy` needs, and about
-    how many seconds one contact took. Raises SceneError for traced scenes.
+def refined(scene: Scene, progress: Progress | None = None) -> Scene:
+    """A checked scene with law "auto" prepared by "direct" with contacts as exact as its `accuracy` needs.
 
     Contacts at 1e-2 keep 1e-2 of the results (experiments/accuracy_promise.py), so no more is made where that is
     enough. Else the next accuracy of `LADDER` is made until two results are no farther apart than asked. The error of
     the finest is the larger of its contacts' accuracy and this difference, which alone may be small by chance.
     """
-    if scene_laws.is_traced(scene):
-        raise status.SceneError(scene_laws.TRACED)
-    ready, before, seconds = scene, None, math.nan
+    ready, before = scene, None
     for accuracy, following in zip(LADDER, (*LADDER[1:], None), strict=True):
         started = time.perf_counter()
         made = jax.block_until_ready(prepare(named(scene, "direct", accuracy), progress))
@@ -255,7 +267,7 @@ def refined(scene: Scene, progress: Progress | None = None) -> tuple[Scene, floa
         if error <= scene.accuracy and not (before is None and _is_delicate(solution)):
             break
         before = now
-    return ready, seconds / cast(DirectLaw, ready.law).contacts
+    return ready
 
 
 def _is_delicate(solution: Solution) -> bool:

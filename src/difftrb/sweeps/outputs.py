@@ -20,10 +20,10 @@ from difftrb.core.messages import shown
 from difftrb.core.status import SweepError
 from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress
-from difftrb.scene import auto_law, expected_loads
+from difftrb.scene import expected_loads
 from difftrb.scene.checks import of_one_shape
-from difftrb.scene.scene import LawName, PitchMean, Scene, healthy, is_auto, named
-from difftrb.scene.solving import Solution, outer_law, prepare, solve
+from difftrb.scene.scene import LawName, PitchMean, Scene, healthy, is_auto
+from difftrb.scene.solving import Solution, by_table, outer_law, prepare, solve
 from difftrb.sweeps.axes import Axis, number_at, replaced
 
 STATUS = "status_code"
@@ -148,17 +148,13 @@ def known(names: Sequence[str], outputs: Mapping[str, Output]) -> Sequence[str]:
 
 # ------------------------------------------------------------------------------------------------ the shared law
 
-JUDGED_AT = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
-"""Places, as shares of every axis, of the members that judge the law "auto"."""
-
 
 def with_shared_law(
     scene: Scene, axes: Sequence[Axis], gradients: Sequence[str] = (), progress: Progress | None = None
 ) -> Scene:
     """The scene with one law for all members, made once for the largest and smallest loads and the longest spalls.
 
-    A prepared law is kept. "auto" is judged against "direct" at four members, from end to end of all axes. At one phase
-    with derivatives by the place of an edge it becomes a table, whose ramps have such derivatives.
+    A prepared law is kept. "auto" is "table", whose status says of every member whether it knows it.
 
     Raises `SweepError` for a key on which a law by name does not depend, or that would need a law for every member.
     """
@@ -171,12 +167,10 @@ def with_shared_law(
     if not isinstance(scene.law, LawName):
         return prepare(scene)
     if is_auto(scene):
-        edges = any(key.endswith((".width", ".angle", ".phase")) for key in gradients)
-        return auto_law.shared(
-            _members(scene, axes),
-            lambda law, accuracy: with_shared_law(named(scene, law, accuracy), axes, gradients, progress),
-            auto_law.SOFT if edges and not isinstance(scene.phase, PitchMean) else auto_law.SHARED,
-        )
+        narrowest = scene
+        for key, (low, _) in ends.items():
+            narrowest = replaced(narrowest, key, low) if key.endswith(".width") else narrowest
+        return dataclasses.replace(made := by_table(scene), law=by_table(narrowest).law, effects=made.effects)
     law = LAWS.get(scene.law.name)
     if law is not None:  # else `prepare` refuses it
         for key in (*ends, *gradients):
@@ -193,18 +187,6 @@ def with_shared_law(
     for key in ends:
         _refuse_other(ready, key, ends[key])
     return ready
-
-
-def _members(scene: Scene, axes: Sequence[Axis]) -> list[Scene]:
-    """Scenes at the shares `JUDGED_AT` of all axes."""
-    found = []
-    for share in JUDGED_AT:
-        member = scene
-        for axis in axes:
-            for key, values in zip(axis.keys, axis.values, strict=True):
-                member = replaced(member, key, float(values[round(share * (axis.count - 1))]))
-        found.append(member)
-    return found
 
 
 def _refuse_frozen(law: LawKind, key: str, where: str) -> None:

@@ -1,0 +1,384 @@
+"""Solve the contacts of the package's atlas: `python -m experiments.build_of_atlas FOLDER`. An hour on two cores.
+
+What was solved is kept in FOLDER, a file for every λ, so that a build that was broken off goes on. Then the atlas is
+compared with contacts between its nodes, and written to FOLDER/atlas.npz; to ship it, copy that to src/difftrb/law.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.contact import gap, solver
+from difftrb.contact.contact_solution import Method
+from difftrb.core import storage
+from difftrb.core.geometry import LineContact, Real, Spall
+from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots
+from difftrb.law import atlas, edge_ramp, load_curve, ramp_fit, samples
+from difftrb.law.atlas import Atlas, AtlasLaw, Numbers
+from difftrb.law.base import load_over
+from difftrb.law.samples import Case, Progress
+from difftrb.report import terminal
+
+LENGTH, MODULUS, DESIGN_LOAD = 10.0, 1.0e5, 5000.0
+"""Of the contacts that are solved [mm], [MPa], [N]: any would do."""
+NUMBERS = 1e-6, 3e-3
+LOADS = 1e-2, 3.0
+STRAY = 0.01
+"""Difference of log δ from its neighbours' in load from which a solve is doubted and done again by cells."""
+BENDS = 5
+"""Degree in log λ of what every place's contacts are compared with: those farther off than `OFF` are solved again."""
+OFF = 4e-4
+SHALLOWEST = 1e-4
+RIDGE = 5e-4
+"""Noise of a solve's share by the size of s's coefficients."""
+CHECKED = 0.05, 2.5
+"""Loads of healthy rollers at which the atlas is compared, by the design load."""
+CHECKS = 80
+OVER_END = 3
+LIGHTEST = 0.01
+"""Least load of a solve at an edge, by what the roller carries on a healthy raceway."""
+BESIDE = 1.03
+"""How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
+WIDE = 1000.0
+
+
+class Size(NamedTuple):
+    """How many nodes the atlas has, and how exact its contacts are without and with a rolling edge in reach."""
+
+    numbers: int = 8
+    loads: int = 12
+    lengths: int = 13
+    asides: int = 7
+    edge_numbers: int = 3
+    edge_lengths: int = 7
+    edge_asides: int = 5
+    levels: int = 6
+    places: int = 12
+    accuracy: float = 3e-5
+    edge_accuracy: float = 1e-4
+
+
+def contact_at(number: float) -> LineContact:
+    """A contact with this λ."""
+    return LineContact(number * MODULUS * LENGTH**3 / DESIGN_LOAD, LENGTH, MODULUS, DESIGN_LOAD)
+
+
+def spall_at(number: float, length: float, aside: float, over_end: bool, width: float = WIDE) -> Spall:
+    """The spall at a place of the atlas; deeper than any roller sinks."""
+    own, offset = atlas.spall_at(length, aside, over_end, number)
+    return Spall(own * LENGTH, width, 1e6, axial_offset=offset * LENGTH)
+
+
+def law_of(built: Atlas, contact: LineContact) -> AtlasLaw:
+    """The law that reads this atlas, for any spall."""
+    return AtlasLaw(contact, Atlas(*map(jnp.asarray, built)), 0.0)
+
+
+class Found(NamedTuple):
+    """A solved contact: approach [mm], half its width [mm], and how far from a spall's middle an edge would touch the
+    roller [mm]."""
+
+    approach: float
+    half_width: float
+    reach: float
+
+
+def solved(
+    contact: LineContact, cases: list[Case], accuracy: float, progress: Progress | None = None, method: Method = "auto"
+) -> list[Found]:
+    """All of them, on all cores that this process may use; raises `SolveError` where none of the ways converges."""
+
+    def one(case: Case) -> Found:
+        assert case.spall is None or isinstance(case.spall, Spall)
+        solution = solver.solve_contact(contact, case.load, case.spall, case.distance, accuracy, method)
+        if not bool(solution.converged):
+            solution = solver.solve_contact(contact, case.load, case.spall, case.distance, 1e-3, "cells").check()
+        reach = samples.reach(contact, solution) if case.spall is not None and case.distance == 0.0 else 0.0
+        return Found(float(solution.approach), 0.5 * float(solution.contact_width), reach)
+
+    return samples.mapped(one, cases, progress)
+
+
+def _blank(size: Size) -> Atlas:
+    """Nodes, and nothing at them."""
+    lowest, highest = np.log(NUMBERS)
+    extents = ramp_fit.EXTENT_DEGREE + 1
+    places = (size.numbers, size.lengths, size.asides + 1)
+    edges = (size.edge_numbers, size.edge_lengths, size.edge_asides + 1)
+    nan = np.nan
+    return Atlas(
+        np.asarray(chebyshev_nodes(size.numbers, lowest, highest)),
+        np.asarray(chebyshev_nodes(size.loads, *np.log(LOADS))),
+        np.asarray(chebyshev_nodes(size.lengths, 0.0, 1.0)),
+        np.asarray(chebyshev_nodes(size.asides, 0.0, 1.0)),
+        np.full((size.numbers, size.loads), nan), np.full((size.numbers, extents), nan),
+        np.full((*places, size.loads), nan), np.full((*places, extents), nan),
+        np.asarray(chebyshev_nodes(size.edge_numbers + 2, lowest, highest))[1:-1],  # beyond, shares are as there
+        np.asarray(chebyshev_nodes(size.edge_lengths, 0.15, 1.0)),
+        np.asarray(chebyshev_nodes(size.edge_asides, 0.0, 1.0)),
+        np.zeros((*edges, size.levels, edge_ramp.TERMS)), np.full(4, nan), np.asarray(nan),
+    )  # fmt: skip
+
+
+class Stand(NamedTuple):
+    """A place of a spall among the nodes: indices by length and aside, and its variables, see `atlas.Place`."""
+
+    i: int
+    a: int
+    length: float
+    aside: float
+    over_end: bool
+
+    def spall(self, number: float) -> Spall:
+        """What stands there in the contact with this λ."""
+        return spall_at(number, self.length, self.aside, self.over_end)
+
+
+def _stands(lengths: Numbers, asides: Numbers) -> list[Stand]:
+    beside = [(k, float(aside), False) for k, aside in enumerate(asides)] + [(len(asides), 0.0, True)]
+    return [Stand(i, a, float(x), aside, over) for i, x in enumerate(lengths) for a, aside, over in beside]
+
+
+def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -> storage.Arrays:
+    """Contacts without an edge in reach at the k-th λ."""
+    number = float(np.exp(built.log_numbers[k]))
+    contact, unit = contact_at(number), float(gap.crown_scale(contact_at(number)))
+    loads, across = np.exp(built.log_loads), np.sqrt(2.0 * float(contact.radius) * unit)
+    places = [stand for stand in _stands(built.lengths, built.asides) if stand.i > 0 or stand.over_end]
+    shapes = [stand.spall(number) for stand in places]
+    cases = [Case(float(q) * DESIGN_LOAD, shape) for shape in (None, *shapes) for q in loads]
+    nodes = solved(contact, cases, size.accuracy, progress)
+    shape = (1 + len(shapes), loads.size)
+    approach = np.array([node.approach for node in nodes]).reshape(shape) / unit
+    for k in map(int, np.flatnonzero(_stray(np.asarray(built.log_loads), np.log(approach)))):
+        again = solved(contact, [cases[k]], 1e-4, method="cells")[0]
+        print(f"\nstray: {cases[k]}: {nodes[k].approach / unit}, by cells {again.approach / unit}", file=sys.stderr)
+        nodes[k], approach.ravel()[k] = again, again.approach / unit
+    half = np.array([node.half_width for node in nodes[: loads.size]]) / across
+    reach = np.array([node.reach for node in nodes]).reshape(shape) / across
+    healthy, full = np.log(approach[0]), np.zeros(built.full.shape[1:])
+    sunk = np.zeros(built.sunk.shape[1:])
+    full[0, :-1] = healthy
+    for row, (stand, spall) in enumerate(zip(places, shapes, strict=True), start=1):
+        i, a = stand.i, stand.a
+        full[i, a] = np.log(approach[row])
+        rise = float(ramp_fit.rise_over(contact, spall)) / unit
+        depth = np.maximum(approach[row] - rise - reach[row] ** 2, SHALLOWEST * approach[row])  # the spall out of reach
+        sunk[i, a] = ramp_fit.extents(np.asarray(built.log_loads), depth / loads)
+    x = built.lengths  # without a spall there is no middle to tell it
+    sunk[0, :-1] = sunk[1, :-1] - (sunk[2, :-1] - sunk[1, :-1]) * (x[1] - x[0]) / (x[2] - x[1])
+    return {"healthy": healthy, "half_width": ramp_fit.extents(np.asarray(built.log_loads), half), "full": full,
+            "sunk": sunk}  # fmt: skip
+
+
+def _stray(log_loads: np.ndarray, log_approach: np.ndarray) -> np.ndarray:
+    """Which solves lie off the cubic through their four neighbours in load, flat: such were converged and wrong."""
+    off = np.zeros_like(log_approach, bool)
+    last = log_loads.size - 1
+    for k in range(log_loads.size):
+        first = min(max(k - 2, 0), last - 4)
+        others = [j for j in range(first, first + 5) if j != k]
+        x = log_loads[others] - log_loads[k]
+        predicted = np.array([np.polyfit(x, row[others], 3)[-1] for row in log_approach])
+        off[:, k] = np.abs(predicted - log_approach[:, k]) > STRAY
+    return off.ravel()
+
+
+def mended(built: Atlas, progress: Progress | None = None) -> storage.Arrays:
+    """`Atlas.full` with what does not lie on a polynomial in log λ solved again, by cells: strips were wrong there."""
+    nodes = np.asarray(built.log_numbers)
+    x = (2.0 * nodes - nodes[0] - nodes[-1]) / (nodes[-1] - nodes[0])
+    full, stands = np.array(built.full), _stands(built.lengths, built.asides)
+    done: set[tuple[int, ...]] = set()
+    for _ in range(4):
+        doubted = [one for one in map(tuple, np.argwhere(_off(x, full) > OFF)) if one not in done]
+        for count, (k, i, a, q) in enumerate(doubted):
+            number = float(np.exp(built.log_numbers[k]))
+            contact = contact_at(number)
+            spall = next(s for s in stands if (s.i, s.a) == (i, a)).spall(number)
+            case = Case(float(np.exp(built.log_loads[q])) * DESIGN_LOAD, spall)
+            found = solved(contact, [case], 1e-4, method="cells")[0].approach
+            full[k, i, a, q] = np.log(found / float(gap.crown_scale(contact)))
+            done.add((k, i, a, q))
+            if progress is not None:
+                progress(count, len(doubted))
+    left = _off(x, full)
+    print(f"solved again: {len(done)}; off by {np.max(left):.1e} at most, {np.mean(left > OFF):.1e} by more than {OFF}")
+    return {"full": full}
+
+
+def _off(x: np.ndarray, full: np.ndarray) -> np.ndarray:
+    """How far each value is off, where it alone explains the misfit of its row along λ; else 0."""
+    rows = full.reshape(x.size, -1)
+    basis = np.polynomial.chebyshev.chebvander(x, BENDS)
+    misfit = np.stack([
+        np.max(np.abs(rows[keep] - basis[keep] @ np.linalg.lstsq(basis[keep], rows[keep], rcond=None)[0]), axis=0)
+        for keep in (np.arange(x.size) != k for k in range(x.size))
+    ])  # fmt: skip
+    whole = np.max(np.abs(rows - basis @ np.linalg.lstsq(basis, rows, rcond=None)[0]), axis=0)
+    alone = np.argmin(misfit, axis=0)[None] == np.arange(x.size)[:, None]
+    return np.where(alone, whole[None], 0.0).reshape(full.shape)
+
+
+def edges(size: Size, built: Atlas, k: int, progress: Progress | None = None) -> storage.Arrays:
+    """Ramps at the k-th λ of edges."""
+    number = float(np.exp(built.edge_numbers[k]))
+    contact = contact_at(number)
+    law = law_of(built, contact)
+    share = np.zeros(built.share.shape[1:])
+    aims, cases = [], []
+    for stand in _stands(built.edge_lengths, built.edge_asides):
+        spall = stand.spall(number)
+        loads, places = map(np.asarray, _aims(law, spall, size.levels, size.places))
+        width = 4.0 * float(places.max())
+        aims.append((stand, spall, loads, places))
+        cases += [
+            Case(float(q), dataclasses.replace(spall, width=width), 0.5 * width - float(edge))
+            for q, edge in zip(loads.ravel(), places.ravel(), strict=True)
+        ]
+    nodes = solved(contact, cases, size.edge_accuracy, progress)
+    approach = np.array([node.approach for node in nodes]).reshape(len(aims), size.levels, -1)
+    for (stand, spall, loads, places), own in zip(aims, approach, strict=True):
+        share[stand.i, stand.a] = _fitted(law, spall, loads, places, own)
+    return {"share": share}
+
+
+def _nodes(levels: int) -> np.ndarray:
+    return -np.cos(np.pi * np.arange(levels) / (levels - 1))
+
+
+@partial(jax.jit, static_argnums=(2, 3))
+def _aims(law: AtlasLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Array, jax.Array]:
+    """Loads [N] and edges [mm] at which the ramp is solved, shape (levels, places + 2); the first and the last lie just
+    beyond the ramp, where the roller is healthy and over the spall's middle."""
+    beside = law.beside(spall)
+    t = 1.0 - (0.5 * (1.0 + jnp.asarray(chebyshev_roots(places)))) ** 2
+    top = jnp.log(law.load_range[1])
+
+    def at(load: jax.Array) -> tuple[jax.Array, jax.Array]:
+        healthy, full, low, high = edge_ramp.between(beside, load_curve.approach(beside.healthy, load))
+        least = LIGHTEST * healthy
+        last = jnp.maximum(full, least)
+        _, end = edge_ramp.extent(beside, load_curve.approach(beside.full, last))
+        loads = jnp.maximum(full + (healthy - full) * edge_ramp.usual(t), least)
+        edge = jnp.concatenate([BESIDE * low[None], low + (high - low) * t, BESIDE * end[None]])
+        return jnp.concatenate([healthy[None], loads, last[None]]), edge
+
+    return jax.vmap(at)(jnp.exp(top + np.log(edge_ramp.LEAST) * 0.5 * (_nodes(levels) - 1.0)))
+
+
+@jax.jit
+def _fitted(law: AtlasLaw, spall: Spall, loads: jax.Array, edges: jax.Array, approaches: jax.Array) -> jax.Array:
+    """`Ramp.share` of one spall, shape (levels, terms)."""
+    beside = law.beside(spall)
+    # the levels that edges join, as these solves have them and as the curves do
+    first = load_curve.approach(beside.healthy, loads[:, :1]) / approaches[:, :1]
+    last = load_curve.approach(beside.full, loads[:, -1:]) / approaches[:, -1:]
+    way = (loads - loads[:, :1]) / (loads[:, -1:] - loads[:, :1])
+    approaches = (approaches * (first * (1.0 - way) + last * way))[:, 1:-1]
+    inside = dataclasses.replace(beside, edge=edges[:, 1:-1].ravel())
+    return ramp_fit.through(inside, approaches.ravel(), loads[:, 1:-1].ravel(), RIDGE, loads.shape[0])
+
+
+def build(folder: Path, size: Size) -> Atlas:
+    """The atlas, from what is kept in `folder` and solves."""
+    built = _blank(size)
+
+    def kept(name: str, make: Callable[[int, Progress | None], storage.Arrays], k: int) -> None:
+        path = folder / f"{name}-{k}.npz"
+        found = storage.read(path)
+        if found is None:
+            with terminal.bar(f"{name} {k + 1}") as bar:
+                found = make(k, bar)
+            storage.write(path, found)
+        for field, value in found.items():
+            getattr(built, field)[k] = value
+
+    for k in range(size.numbers):
+        kept("levels", partial(levels, size, built), k)
+    path = folder / "mended.npz"
+    if (found := storage.read(path)) is None:
+        found = mended(built)
+        storage.write(path, found)
+    built.full[:] = found["full"]
+    middle = size.edge_numbers // 2
+    for k in sorted(range(size.edge_numbers), key=lambda k: abs(k - middle)):
+        kept("edges", partial(edges, size, built), k)
+    return built
+
+
+# ------------------------------------------------------------------------------------------------ how far off it is
+
+
+class Check(NamedTuple):
+    """A random contact: its λ, the case, and by how much of a healthy roller's load the atlas is off."""
+
+    number: float
+    case: Case
+    error: float
+
+
+def checks(built: Atlas, count: int, seed: int, region: int, narrow: bool = False) -> list[Check]:
+    """Random contacts between the nodes, of spalls in one region of `Atlas.errors`; half of them on ramps or, if
+    `narrow`, all near the middle of spalls with both edges in reach."""
+    rng, found = np.random.default_rng(seed), []
+    for done in range(count):
+        number = float(np.exp(rng.uniform(*np.log(NUMBERS))))
+        contact, load = contact_at(number), DESIGN_LOAD * float(np.exp(rng.uniform(*np.log(CHECKED))))
+        law = law_of(built, contact)
+        aside = ((min(region, 2) + rng.uniform()) / 3.0) ** 2
+        spall = spall_at(number, rng.uniform(), 0.0 if region == OVER_END else aside, region == OVER_END)
+        healthy, full, low, high = map(float, _at(law, spall, jnp.asarray(load)))
+        t = rng.uniform() if narrow or done % 2 else 1.0
+        distance = 0.0
+        if narrow:
+            spall = dataclasses.replace(spall, width=2.0 * high * rng.uniform(0.05, 1.0))
+            distance, load = -low * t, healthy
+        else:
+            spall = dataclasses.replace(spall, width=4.0 * high)
+            distance = 2.0 * high - (low + (high - low) * t)
+            load = max(full + (healthy - full) * float(edge_ramp.usual(jnp.asarray(t))), 0.02 * healthy)
+        approach = jnp.asarray(solved(contact, [Case(load, spall, distance)], 1e-4)[0].approach)
+        own, whole = (float(_load(law, approach, *of)) for of in ((spall, distance), (None, 0.0)))
+        found.append(Check(number, Case(load, spall, distance), (own - load) / whole))
+    return found
+
+
+@jax.jit
+def _at(law: AtlasLaw, spall: Spall, load: jax.Array) -> tuple[jax.Array, ...]:
+    """`edge_ramp.between` where a healthy roller carries `load` [N]."""
+    beside = law.beside(spall)
+    return edge_ramp.between(beside, load_curve.approach(beside.healthy, load))
+
+
+@jax.jit
+def _load(law: AtlasLaw, approach: jax.Array, spall: Spall | None, distance: Real) -> jax.Array:
+    return load_over(law, approach, spall, distance)[0]
+
+
+def main(arguments: list[str]) -> int:
+    """Build, compare, write."""
+    folder = Path(arguments[0])
+    built = build(folder, Size())
+    kept = []
+    for region in range(5):
+        off = np.abs([check.error for check in checks(built, CHECKS, 0, region % 4, region == 4)])
+        kept.append(np.quantile(off, 0.9))
+        name = ("inner third", "middle third", "outer third", "over the end", "narrow")[region]
+        print(f"{name}: median {np.median(off):.1e}, nine in ten {kept[-1]:.1e}, worst {off.max():.1e}")
+    built = built._replace(errors=np.array(kept[:4]), narrow_error=np.asarray(kept[4]))
+    storage.write(folder / atlas.FILE, {name: np.asarray(value) for name, value in built._asdict().items()})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

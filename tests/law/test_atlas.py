@@ -1,0 +1,233 @@
+"""The atlas against contacts solved afresh, and what follows from it being a function."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb.contact import gap
+from difftrb.core import status
+from difftrb.core.jax_config import jit_quickly
+from difftrb.law import atlas, edge_ramp, load_curve
+from difftrb.law.base import Rest, load_over
+from difftrb.scene import audit
+from experiments import build_of_atlas
+
+pytestmark = pytest.mark.exact
+AFRESH = 40
+ACCURACY = 1e-4
+
+
+@pytest.fixture(scope="module")
+def law(contact: trb.LineContact) -> atlas.AtlasLaw:
+    return atlas.atlas_law(trb.LineContact(*map(float, dataclasses.astuple(contact))))
+
+
+@pytest.fixture(scope="module")
+def wide(law: atlas.AtlasLaw) -> atlas.AtlasLaw:
+    """The same for spalls that are known to be wide."""
+    return atlas.atlas_law(law.contact, (trb.Spall(4.0, 7.0),))
+
+
+@jax.jit
+def q_over(law, spall, distance, delta):
+    return load_over(law, delta, spall, distance)[0]
+
+
+# ------------------------------------------------------------------------------------------------ against contacts
+
+
+def test_nodes_solved_afresh() -> None:
+    """Without an edge in reach, at random ones of the atlas's own nodes."""
+    shipped, rng, off = atlas.shipped(), np.random.default_rng(0), []
+    for _ in range(AFRESH):
+        k, i, a, q = (int(rng.integers(size)) for size in np.shape(shipped.full))
+        number, over_end = float(np.exp(shipped.log_numbers[k])), a == len(shipped.asides)
+        contact = build_of_atlas.contact_at(number)
+        aside = 0.0 if over_end else float(shipped.asides[a])
+        spall = build_of_atlas.spall_at(number, float(shipped.lengths[i]), aside, over_end)
+        load = float(np.exp(shipped.log_loads[q])) * build_of_atlas.DESIGN_LOAD
+        found = trb.solve_contact(contact, load, spall, accuracy=ACCURACY).check().approach
+        off.append(abs(float(found / gap.crown_scale(contact)) / float(np.exp(shipped.full[k, i, a, q])) - 1.0))
+    assert np.median(off) < 0.5 * ACCURACY
+    assert np.quantile(off, 0.9) < 3.0 * ACCURACY
+    assert max(off) < 30.0 * ACCURACY
+
+
+@pytest.mark.parametrize("region", range(5))
+def test_between_the_nodes_it_is_as_exact_as_it_says(region: int) -> None:
+    """Over spalls and on ramps of random contacts: in the thirds of the places aside, over the roller's end; and over
+    narrow spalls."""
+    shipped, narrow = atlas.shipped(), region == 4
+    off = np.abs([check.error for check in build_of_atlas.checks(shipped, 12, 7, region % 4, narrow)])
+    said = float(shipped.narrow_error if narrow else shipped.errors[region])
+    assert np.median(off) < said
+    assert max(off) < audit.TABLES_KEEP * said
+
+
+# ------------------------------------------------------------------------------------------------ a function
+
+
+def test_only_two_numbers_of_a_contact_count(law: atlas.AtlasLaw) -> None:
+    """Another size, modulus and crown with the same λ: all is the same in the contact's units."""
+    c = law.contact
+    other = trb.LineContact(2.0 * c.radius, 3.0 * c.length, 0.6 * c.modulus, 0.6 * 27.0 / 2.0 * c.design_load)
+    assert float(atlas.number_of(other)) == pytest.approx(float(atlas.number_of(c)), rel=1e-12)
+    wide, high = float(gap.crown_scale(other) / gap.crown_scale(c)), other.design_load / c.design_load
+    across = float(np.sqrt(other.radius / c.radius * wide))
+    for length, width, distance in ((4.0, 7.0, 0.0), (4.0, 7.0, 3.45), (4.0, 0.2, 0.02), (9.0, 7.0, 3.6)):
+        mine = q_over(law, trb.Spall(length, width, axial_offset=0.5), distance, 4e-3)
+        spall = trb.Spall(3.0 * length, across * width, axial_offset=1.5)
+        theirs = q_over(law.at(other), spall, across * distance, 4e-3 * wide)
+        assert float(theirs) == pytest.approx(high * float(mine), rel=1e-9)
+
+
+def test_out_of_reach_is_exactly_healthy_or_exactly_over_the_middle(law: atlas.AtlasLaw) -> None:
+    spall = trb.Spall(4.0, 7.0)
+    beside = law.beside(spall)
+    for delta in (2e-3, 8e-3):
+        healthy, full = (float(load_curve.load(curve, delta)[0]) for curve in (beside.healthy, beside.full))
+        assert float(q_over(law, spall, 3.5 + 0.4, delta)) == pytest.approx(healthy, rel=1e-12)
+        assert float(q_over(law, spall, 0.0, delta)) == pytest.approx(full, rel=1e-12)
+
+
+def test_scene_by_table_needs_no_preparing(bearing: trb.TaperedBearing) -> None:
+    """Bearing, crown, length, offset and angle traced: the gradient is of differences; "auto" is the same."""
+
+    def radial(v: jax.Array, law: str = "table") -> jax.Array:
+        changed = dataclasses.replace(bearing, modulus=v[0])
+        spall = trb.Spall(v[2], 7.0, axial_offset=v[3], angle=v[4])
+        scene = trb.Scene(changed, trb.Load(9000.0, 4500.0), (spall,), law, v[1], phase=0.12)
+        return trb.solve(scene).stiffness[0, 0]
+
+    at = jnp.array([2.1e5, 6500.0, 4.0, 0.5, 0.002])
+    value = jax.jit(radial)
+    slopes = jax.jit(jax.grad(radial))(at)
+    assert float(radial(at, "auto")) == pytest.approx(float(value(at)), rel=1e-12)
+    for i, h in enumerate((1.0, 1e-2, 1e-4, 1e-4, 1e-7)):
+        step = jnp.zeros(5).at[i].set(h)
+        difference = (value(at + step) - value(at - step)) / (2.0 * h)
+        assert float(slopes[i]) == pytest.approx(float(difference), rel=2e-4), i
+
+
+@pytest.mark.gradient
+@pytest.mark.parametrize("over", [-0.03, 0.0, 0.08])
+def test_ramp_has_the_right_slopes(wide: atlas.AtlasLaw, over: float) -> None:
+    """By radius, length, modulus, crown and by length, width, offset, distance and approach: reverse, forward,
+    differences."""
+    c = wide.contact
+    start = jnp.array([c.radius, c.length, c.modulus, c.design_load, 4.0, 7.0, 0.3, 3.5 - over, 4e-3])
+    reverse, forward = by_reverse(start, wide), by_forward(start, wide)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-9 * float(jnp.max(jnp.abs(forward * start))))
+    for i in range(start.size):
+        h = 1e-6 * (float(start[i]) if i != 7 else 0.1)
+        step = jnp.zeros(start.size).at[i].set(h)
+        difference = (load_of(start + step, wide) - load_of(start - step, wide)) / (2.0 * h)
+        assert float(reverse[i]) * h == pytest.approx(float(difference) * h, rel=1e-4, abs=1e-12 * 2000.0), i
+
+
+def _load_of(v, law):
+    own = law.at(trb.LineContact(*v[:4]))
+    return load_over(own, v[8], trb.Spall(v[4], v[5], axial_offset=v[6]), v[7])[0]
+
+
+load_of, by_reverse, by_forward = (jit_quickly()(one) for one in (_load_of, jax.grad(_load_of), jax.jacfwd(_load_of)))
+
+
+# ------------------------------------------------------------------------------------------------ what it knows
+
+
+def test_law_says_what_it_does_not_know(law: atlas.AtlasLaw, wide: atlas.AtlasLaw) -> None:
+    def code(spall, contact=law.contact):
+        return int(law.at(contact).judge((spall,), jnp.zeros((1, 1))))
+
+    length = law.contact.length
+    assert code(trb.Spall(4.0, 7.0)) == code(trb.Spall(4.0, 0.01)) == status.CONVERGED
+    assert int(wide.judge((trb.Spall(4.0, 0.01),), jnp.zeros((1, 1)))) == status.NARROW
+    assert code(trb.Spall(4.0, 7.0, axial_offset=0.45 * length - 2.0)) == status.CONVERGED
+    assert code(trb.Spall(4.0, 7.0, axial_offset=-0.45 * length + 1.99)) == status.SLIVER
+    assert code(trb.Spall(4.0, 7.0, axial_offset=0.5 * length - 2.0)) == status.CONVERGED  # up to the roller's end
+    assert code(trb.Spall(0.1, 7.0, axial_offset=0.5 * length)) == status.SLIVER
+    assert code(trb.Spall(0.86 * length, 7.0)) == status.SLIVER
+    assert code(trb.Spall(4.0, 7.0), dataclasses.replace(law.contact, design_load=0.0)) == status.OTHER_CONTACT
+    assert code(trb.Spall(4.0, 7.0), dataclasses.replace(law.contact, radius=300.0)) == status.OTHER_CONTACT
+    shallow, away = trb.Spall(4.0, 7.0, depth=1e-3), jnp.zeros((1, 1))
+    assert code(shallow) == status.CONVERGED  # whether one meets a bottom is judged at rest
+    for approach, load, wanted in ((2e-3, 500.0, status.BOTTOM), (5e-4, 500.0, status.CONVERGED),
+                                   (5e-4, 50.0, status.OUTSIDE), (5e-4, 25_000.0, status.OUTSIDE)):  # fmt: skip
+        rest = Rest(law.contact.radius, jnp.array([approach]), jnp.array([load]))
+        assert int(law.judge((shallow,), away, rest)) == wanted
+
+
+def test_places_come_back() -> None:
+    """Length and offset to the atlas's variables and back."""
+    for length, aside, over_end in ((0.0, 0.3, False), (0.4, 1.0, False), (1.0, 0.0, False), (0.3, 0.0, True)):
+        place = atlas.place_of(*atlas.spall_at(length, aside, over_end, 1e-4), 1e-4)
+        np.testing.assert_allclose(place, (length, aside, over_end, True), atol=1e-9)
+
+
+# ------------------------------------------------------------------------------------------------ narrow spalls
+
+
+def test_narrow_law_is_continuous_in_width_and_distance(law: atlas.AtlasLaw) -> None:
+    """From none to wide, through where the far land ceases to touch, is one curve that falls; away from it one that
+    rises."""
+    delta = jnp.asarray(4e-3)
+    sound = float(q_over(law, trb.Spall(4.0, 7.0), 9.0, delta))
+
+    def at(width, distance):
+        return q_over(law, trb.Spall(4.0, width), distance, delta)
+
+    for values, sign in ((jax.vmap(at, (0, None))(jnp.linspace(0.0, 1.2, 1201), 0.01), -1.0),
+                         (jax.vmap(at, (None, 0))(0.2, jnp.linspace(0.0, 0.6, 1201)), 1.0)):  # fmt: skip
+        steps = sign * np.diff(values) / sound
+        assert steps.min() > -1e-4
+        assert steps.max() < 1e-2
+    assert float(at(0.0, 0.01)) == pytest.approx(sound, rel=1e-8)
+
+
+def _narrow_load(v, law):
+    """Load and stiffness by length, width, distance, approach, crown."""
+    own = law.at(dataclasses.replace(law.contact, design_load=v[4]))
+    return jnp.stack(load_over(own, v[3], trb.Spall(v[0], v[1]), v[2]))
+
+
+narrow_load, narrow_reverse, narrow_forward = (
+    jit_quickly()(one) for one in (_narrow_load, jax.jacrev(_narrow_load), jax.jacfwd(_narrow_load))
+)
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-9, 1e-5, 1e-3])
+@pytest.mark.parametrize("distance", [0.0, 0.03, 0.2])
+def test_spalls_of_hardly_any_width_do_next_to_nothing(law: atlas.AtlasLaw, width: float, distance: float) -> None:
+    v = jnp.asarray([4.0, width, distance, 4e-3, float(law.contact.design_load)])
+    sound = float(q_over(law, None, 0.0, v[3]))
+    assert float(narrow_load(v, law)[0]) == pytest.approx(sound, rel=1e-4 * width / 1e-3 + 1e-8)
+    assert np.isfinite(narrow_reverse(v, law)).all()
+
+
+@pytest.mark.gradient
+@pytest.mark.parametrize(("width", "distance"), [(0.05, 0.01), (0.12, 0.03), (0.25, 0.02), (0.12, 0.11)])
+def test_narrow_slopes_by_three_ways(law: atlas.AtlasLaw, width: float, distance: float) -> None:
+    """Reverse, forward and by differences."""
+    start = jnp.asarray([4.0, width, distance, 4e-3, float(law.contact.design_load)])
+    reverse, forward = narrow_reverse(start, law), narrow_forward(start, law)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-7, atol=1e-9 * float(jnp.abs(forward).max()))
+    assert float(reverse[0, 3]) == pytest.approx(float(narrow_load(start, law)[1]), rel=1e-10)
+    for i, h in enumerate((1e-5, 1e-7, 1e-7, 1e-10, 1e-2)):
+        step = jnp.zeros(5).at[i].set(h)
+        difference = (narrow_load(start + step, law) - narrow_load(start - step, law)) / (2 * h)
+        off = np.abs((reverse[:, i] - difference) * start[i])
+        assert (off <= 1e-4 * np.abs(difference * start[i]) + 1e-6 * narrow_load(start, law)).all(), (i, off)
+
+
+def test_ramp_ends_where_it_says(law: atlas.AtlasLaw) -> None:
+    """At the interval's ends the load is the healthy one and the one over the middle."""
+    spall, delta = trb.Spall(4.0, 7.0, axial_offset=0.5), jnp.asarray(4e-3)
+    low, high = law.ramp(0, spall, delta)
+    healthy, full, *_ = edge_ramp.between(law.beside(spall), delta)
+    assert float(q_over(law, spall, 3.5 - low, delta)) == pytest.approx(float(healthy), rel=1e-9)
+    assert float(q_over(law, spall, 3.5 - high, delta)) == pytest.approx(float(full), rel=1e-9)
