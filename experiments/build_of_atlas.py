@@ -22,7 +22,7 @@ from difftrb.contact.contact_solution import Method
 from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots
-from difftrb.law import atlas, edge_ramp, load_curve, ramp_fit, samples
+from difftrb.law import atlas, axial_place, edge_ramp, load_curve, ramp_fit, samples
 from difftrb.law.atlas import Atlas, AtlasLaw, Numbers
 from difftrb.law.base import load_over
 from difftrb.law.samples import Case, Progress
@@ -74,7 +74,7 @@ def contact_at(number: float) -> LineContact:
 
 def spall_at(number: float, length: float, aside: float, over_end: bool, width: float = WIDE) -> Spall:
     """The spall at a place of the atlas; deeper than any roller sinks."""
-    own, offset = atlas.spall_at(length, aside, over_end, number)
+    own, offset = axial_place.spall_at(length, aside, over_end, number)
     return Spall(own * LENGTH, width, 1e6, axial_offset=offset * LENGTH)
 
 
@@ -130,7 +130,7 @@ def _blank(size: Size) -> Atlas:
 
 
 class Stand(NamedTuple):
-    """A place of a spall among the nodes: indices by length and aside, and its variables, see `atlas.Place`."""
+    """A place of a spall among the nodes: indices by length and aside, and its variables, see `axial_place.Place`."""
 
     i: int
     a: int

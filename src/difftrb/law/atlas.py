@@ -20,22 +20,14 @@ import numpy as np
 from difftrb.contact import gap
 from difftrb.core import status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.law import base, direct, edge_ramp, load_curve, ramp_fit
+from difftrb.law import axial_place, base, direct, edge_ramp, load_curve, ramp_fit
+from difftrb.law.axial_place import Place
 from difftrb.law.base import LawKind, Rest, of_one_deep_spall, within_range
 from difftrb.law.edge_ramp import NarrowSpall, Ramp, RollerCurves
 from difftrb.law.ramp_fit import Healthy
 
-INNER = 0.45
-"""Both ends of a spall lie within this share of the roller's length from its middle, or one beyond the roller's end:
-of slivers of land between, and of spalls that leave no more than that of the roller's end, the atlas knows nothing."""
-LONGEST = 0.85
-"""Longest spall inside the roller by the roller's length."""
-AT_END = 0.05, 0.9
-"""How much of the roller's length a spall over its end may take."""
 LIGHTEST = 0.03
 """Least load of the most loaded roller by the design load; the lighter ones then weigh too little for their error."""
-USUAL_LOAD = 0.3
-"""Load by the design load whose contact's width rounds off the variable for a spall's length."""
 DEEPEST = 140.0
 """No approach in the atlas is larger, in its unit."""
 NO_LAND = 1.0
@@ -48,7 +40,7 @@ Numbers = np.ndarray | jax.Array
 class Atlas(NamedTuple):
     """Contacts in their own units: loads by Q_d, approaches by Q_d/(πE'L), across the contact by √(2R·that).
 
-    A `place` of a spall is its `length` variable and its `aside` variable, see `_place`; the last place aside stands
+    A place of a spall is its `length` variable and its `aside` variable, see `axial_place`; the last place aside stands
     for spalls over the roller's end.
 
     Attributes:
@@ -96,51 +88,6 @@ def shipped() -> Atlas:
 def number_of(contact: LineContact) -> Real:
     """λ = Q_d R/(E'L³)."""
     return contact.design_load * contact.radius / (contact.modulus * contact.length**3)
-
-
-class Place(NamedTuple):
-    """Where a spall lies along a roller, in the atlas's variables, all of shape ().
-
-    `length` and `aside` are 0…1; `over_end`: whether it laps over the roller's end; `known`: whether the atlas
-    holds it.
-    """
-
-    length: jax.Array
-    aside: jax.Array
-    over_end: jax.Array
-    known: jax.Array
-
-
-def shortest(number: Real) -> jax.Array:
-    """Width of a usual contact by the roller's length: spalls' lengths are told apart by their roots from there on."""
-    return jnp.sqrt(16.0 * USUAL_LOAD * number / jnp.pi)  # Johnson 1985, eq. (4.43)
-
-
-def place_of(length: Real, axial_offset: Real, number: Real) -> Place:
-    """The place of a spall whose length and axial offset are by the roller's length."""
-    length, offset = jnp.asarray(length, float), jnp.asarray(axial_offset, float)
-    aside = jnp.where(offset < 0.0, -offset, offset)
-    over_end = aside + 0.5 * length >= 0.5 - 1e-9
-    least = shortest(number)
-    inside = (jnp.sqrt(length + least) - jnp.sqrt(least)) / (jnp.sqrt(LONGEST + least) - jnp.sqrt(least))
-    share = (offset / jnp.maximum(INNER - 0.5 * length, 0.5 * (INNER - 0.5 * LONGEST))) ** 2
-    taken = (0.5 - aside + 0.5 * length - AT_END[0]) / (AT_END[1] - AT_END[0])
-    tiny = 1e-9
-    fits = jnp.where(over_end, taken, inside)
-    known = (fits >= -tiny) & (fits <= 1.0 + tiny) & (over_end | (share <= 1.0 + tiny))
-    within = load_curve.within
-    return Place(within(fits, 0.0, 1.0), within(jnp.where(over_end, 0.0, share), 0.0, 1.0), over_end, known)
-
-
-def spall_at(length: float, aside: float, over_end: bool, number: float) -> tuple[float, float]:
-    """Length and axial offset by the roller's length: the inverse of `place_of`."""
-    if over_end:
-        taken = AT_END[0] + (AT_END[1] - AT_END[0]) * length
-        return 2.0 * taken, 0.5  # half of it lies beyond the roller's end
-    least = float(np.sqrt(16.0 * USUAL_LOAD * number / np.pi))
-    root = np.sqrt(least) + length * (np.sqrt(LONGEST + least) - np.sqrt(least))
-    own = max(root**2 - least, 0.0)
-    return own, (INNER - 0.5 * own) * np.sqrt(aside)
 
 
 def _asides(nodes: Numbers, place: Place) -> jax.Array:
@@ -208,7 +155,7 @@ class AtlasLaw:
         code = jnp.where(inside, status.CONVERGED, status.OTHER_CONTACT)
         code = status.worst(code, within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest))
         for spall in spalls:
-            known = self._place(spall).known | (spall.length <= 0.0)
+            known = _place(self.contact, spall).known | (spall.length <= 0.0)
             code = status.worst(code, jnp.where(known, status.CONVERGED, status.SLIVER))
             if not self.narrow:
                 wide = 0.5 * spall.width > _farthest(self.contact)
@@ -232,7 +179,7 @@ class AtlasLaw:
 
     def beside(self, spall: Spall) -> Ramp:
         """The ramp of this spall's edge, which stands under the roller's middle."""
-        atlas, contact, place = self.read, self.contact, self._place(spall)
+        atlas, contact, place = self.read, self.contact, _place(self.contact, spall)
         at, unit = _at_number(atlas.log_numbers, contact), gap.crown_scale(contact)
         along = jnp.outer(load_curve.weights(atlas.lengths, place.length), _asides(atlas.asides, place))
         # by the contact's number first: where that is one for a batch, this is done once
@@ -249,9 +196,10 @@ class AtlasLaw:
         rise = ramp_fit.rise_over(contact, spall)
         return self.healthy().beside(jnp.zeros(()), full, sunk.at[0].add(by_load), rise, share)
 
-    def _place(self, spall: Spall) -> Place:
-        length = self.contact.length
-        return place_of(spall.length / length, spall.axial_offset / length, number_of(self.contact))
+
+def _place(contact: LineContact, spall: Spall) -> Place:
+    length = contact.length
+    return axial_place.place_of(spall.length / length, spall.axial_offset / length, number_of(contact))
 
 
 def _at_number(nodes: Numbers, contact: LineContact) -> jax.Array:
@@ -288,7 +236,9 @@ def _error(atlas: Atlas, contact: LineContact, spalls: tuple[Spall, ...] | None)
         return jnp.maximum(jnp.max(atlas.errors), atlas.narrow_error)
     error = jnp.asarray(atlas.errors[0])
     for spall in spalls:
-        place = place_of(spall.length / contact.length, spall.axial_offset / contact.length, number_of(contact))
+        place = axial_place.place_of(
+            spall.length / contact.length, spall.axial_offset / contact.length, number_of(contact)
+        )
         third = jnp.minimum(jnp.floor(3.0 * jnp.sqrt(place.aside)), 2.0).astype(int)
         error = jnp.maximum(error, atlas.errors[jnp.where(place.over_end, 3, third)])
         wide = 0.5 * spall.width > _farthest(contact)

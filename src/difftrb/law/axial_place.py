@@ -1,0 +1,67 @@
+"""Where a spall lies along a roller, in the variables in which the atlas is a polynomial."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.core.geometry import Real
+from difftrb.law import load_curve
+
+INNER = 0.45
+"""Both ends of a spall lie within this share of the roller's length from its middle, or one beyond the roller's end:
+of slivers of land between, and of spalls that leave no more than that of the roller's end, the atlas knows nothing."""
+LONGEST = 0.85
+"""Longest spall inside the roller by the roller's length."""
+AT_END = 0.05, 0.9
+"""How much of the roller's length a spall over its end may take."""
+USUAL_LOAD = 0.3
+"""Load by the design load whose contact's width rounds off the variable for a spall's length."""
+
+
+class Place(NamedTuple):
+    """Where a spall lies along a roller, in the atlas's variables, all of shape ().
+
+    `length` and `aside` are 0…1; `over_end`: whether it laps over the roller's end; `known`: whether the atlas
+    holds it.
+    """
+
+    length: jax.Array
+    aside: jax.Array
+    over_end: jax.Array
+    known: jax.Array
+
+
+def shortest(number: Real) -> jax.Array:
+    """Width of a usual contact by the roller's length: spalls' lengths are told apart by their roots from there on."""
+    return jnp.sqrt(16.0 * USUAL_LOAD * number / jnp.pi)  # Johnson 1985, eq. (4.43)
+
+
+def place_of(length: Real, axial_offset: Real, number: Real) -> Place:
+    """The place of a spall whose length and axial offset are by the roller's length."""
+    length, offset = jnp.asarray(length, float), jnp.asarray(axial_offset, float)
+    aside = jnp.where(offset < 0.0, -offset, offset)
+    over_end = aside + 0.5 * length >= 0.5 - 1e-9
+    least = shortest(number)
+    inside = (jnp.sqrt(length + least) - jnp.sqrt(least)) / (jnp.sqrt(LONGEST + least) - jnp.sqrt(least))
+    share = (offset / jnp.maximum(INNER - 0.5 * length, 0.5 * (INNER - 0.5 * LONGEST))) ** 2
+    taken = (0.5 - aside + 0.5 * length - AT_END[0]) / (AT_END[1] - AT_END[0])
+    tiny = 1e-9
+    fits = jnp.where(over_end, taken, inside)
+    known = (fits >= -tiny) & (fits <= 1.0 + tiny) & (over_end | (share <= 1.0 + tiny))
+    within = load_curve.within
+    return Place(within(fits, 0.0, 1.0), within(jnp.where(over_end, 0.0, share), 0.0, 1.0), over_end, known)
+
+
+def spall_at(length: float, aside: float, over_end: bool, number: float) -> tuple[float, float]:
+    """Length and axial offset by the roller's length: the inverse of `place_of`."""
+    if over_end:
+        taken = AT_END[0] + (AT_END[1] - AT_END[0]) * length
+        return 2.0 * taken, 0.5  # half of it lies beyond the roller's end
+    least = float(np.sqrt(16.0 * USUAL_LOAD * number / np.pi))
+    root = np.sqrt(least) + length * (np.sqrt(LONGEST + least) - np.sqrt(least))
+    own = max(root**2 - least, 0.0)
+    return own, (INNER - 0.5 * own) * np.sqrt(aside)
