@@ -137,6 +137,33 @@ def _load_of(v, law):
 load_of, by_reverse, by_forward = (jit_quickly()(one) for one in (_load_of, jax.grad(_load_of), jax.jacfwd(_load_of)))
 
 
+def test_scene_by_table_is_the_scene_by_direct(bearing: trb.TaperedBearing) -> None:
+    """Half a millimetre before the pitch between two rollers, where one stands on the ramp."""
+
+    def solved(law: str) -> tuple[trb.Solution, trb.Scene]:
+        scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law, accuracy=1e-3, phase=0.1215)
+        return slopes(trb.prepare(scene))
+
+    (ours, our_slopes), (theirs, their_slopes) = solved("table"), solved("direct")
+    np.testing.assert_allclose(ours.check().loads, theirs.check().loads, atol=2e-4 * float(theirs.loads.max()))
+    np.testing.assert_allclose(ours.stiffness, theirs.stiffness, atol=1e-3 * float(theirs.stiffness.max()))
+    for name in ("length", "width", "angle"):
+        one, two = (float(getattr(by.spalls[0], name)) for by in (our_slopes, their_slopes))
+        assert one == pytest.approx(two, rel=3e-2), name
+
+
+@jit_quickly()
+def slopes(scene: trb.Scene) -> tuple[trb.Solution, trb.Scene]:
+    """The solution, and its radial stiffness by everything."""
+
+    def radial(scene: trb.Scene) -> tuple[jax.Array, trb.Solution]:
+        solution = trb.solve(scene)
+        return solution.stiffness[0, 0], solution
+
+    by, solution = jax.grad(radial, has_aux=True)(scene)
+    return solution, by
+
+
 # ------------------------------------------------------------------------------------------------ what it knows
 
 

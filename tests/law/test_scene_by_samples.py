@@ -1,4 +1,4 @@
-"""Scenes by the laws "table" and "direct" agree closely where a closed form stands in for the contact solver."""
+"""Scenes by the law "direct" where a closed form stands in for the contact solver."""
 
 import dataclasses
 from collections.abc import Callable
@@ -40,24 +40,12 @@ def slopes(scene: trb.Scene, derivative: Callable) -> tuple[jax.Array, trb.Solut
     return derivative(at, has_aux=True)(jnp.stack([jnp.asarray(value, float) for value in values]))
 
 
-def agree(one: trb.Scene, two: trb.Scene, derivative: Callable) -> None:
-    """Loads to 1e-4, stiffness to 1e-3, its derivatives to 1e-2."""
-    (ours, a), (theirs, b) = slopes(one, derivative), slopes(two, derivative)
-    np.testing.assert_allclose(a.check().loads, b.check().loads, atol=1e-4 * float(b.loads.max()))
-    np.testing.assert_allclose(a.stiffness, b.stiffness, rtol=1e-3, atol=1e-3 * float(b.stiffness.max()))
-    ours, theirs = np.asarray(ours), np.asarray(theirs)
-    assert ours[:3] == pytest.approx(theirs[:3], rel=1e-2, abs=1e-4 * float(b.stiffness[0, 0]))
-    assert ours[3:] == pytest.approx(theirs[3:], rel=1e-2)
-    assert float(ours[1]) < 0.0
-
-
-def test_scene_by_table_is_the_scene_by_direct(closed, bearing) -> None:
+def test_results_have_the_shapes_that_they_say(closed, bearing) -> None:
     """A roller stands on the ramp."""
-    one, two = (prepared(bearing, name) for name in ("table", "direct"))
-    assert [len(edges.loads) for edges in two.law.edges] == [1]
-    for result in (one.law.atlases[0], two.law, two.law.edges[0], trb.solve(one)):
+    ready = prepared(bearing, "direct")
+    assert [len(edges.loads) for edges in ready.law.edges] == [1]
+    for result in (ready.law, ready.law.edges[0], trb.solve(ready)):
         shapes.check(result)
-    agree(one, two, jax.grad)
 
 
 def test_errors_of_solves_hardly_move_a_derivative(closed, bearing) -> None:
@@ -88,10 +76,6 @@ def test_exact_laws_solve_more_exact_edges(closed, bearing, monkeypatch, accurac
     monkeypatch.setattr(samples, "all_solved", all_solved)
     prepared(bearing, "direct", accuracy=accuracy)
     assert asked == [accuracy, pytest.approx(at)]
-
-
-def test_mean_by_table_is_the_mean_by_direct(closed, bearing) -> None:
-    agree(*(prepared(bearing, name, phase="mean") for name in ("table", "direct")), jax.jacfwd)
 
 
 STEPS = {"length": 1e-3, "width": 1e-4, "angle": 1e-6, "axial_offset": 1e-3, "radial": 1.0, "design_load": 5.0,

@@ -118,7 +118,6 @@ def test_scripts_in_small(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
 def printed_in_series(monkeypatch: pytest.MonkeyPatch):
     """Table 2's law on both raceways, in place of tables of contact solves."""
     monkeypatch.setattr(common, "table_law", lambda raceway="outer": trb.liu2018())
-    monkeypatch.setattr(common, "for_several", lambda law, spalls: law)
     common.in_series.cache_clear()
     yield
     common.in_series.cache_clear()

@@ -35,7 +35,7 @@ EDGE_LOADS = 8
 WINDOW = 0.8, 1.25
 """Of the approach that is expected of a roller at an edge: between these the contact is solved. With 0.65 … 1.5 one
 share for all these loads bends: stiffness is ten times as far off, its derivative by width by a third."""
-NEAR_RIDGE = 5e-6
+NEAR_RIDGE = 2e-5
 """Noise of a share by the size of s's coefficients, of solves at one place."""
 MARGIN = 1.3
 MOVED = 0.05

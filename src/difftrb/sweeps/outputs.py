@@ -167,10 +167,8 @@ def with_shared_law(
     if not isinstance(scene.law, LawName):
         return prepare(scene)
     if is_auto(scene):
-        narrowest = scene
-        for key, (low, _) in ends.items():
-            narrowest = replaced(narrowest, key, low) if key.endswith(".width") else narrowest
-        return dataclasses.replace(made := by_table(scene), law=by_table(narrowest).law, effects=made.effects)
+        made = by_table(_with_ends(scene, ends, 0))
+        return dataclasses.replace(made, load=scene.load, spalls=scene.spalls)
     law = LAWS.get(scene.law.name)
     if law is not None:  # else `prepare` refuses it
         for key in (*ends, *gradients):
@@ -213,10 +211,13 @@ def _refuse_frozen(law: LawKind, key: str, where: str) -> None:
 
 
 def _with_ends(scene: Scene, ends: dict[str, tuple[float, float]], side: int) -> Scene:
-    """The scene with the smallest (0) or largest (1) loads and lengths on the axes."""
+    """The scene with the smallest (0) or largest (1) loads and lengths, and the smallest widths, on the axes."""
     load = {name: ends[f"load.{name}"][side] for name in ("radial", "axial") if f"load.{name}" in ends}
+    taken = {"length": side, "width": 0}
     spalls = tuple(
-        dataclasses.replace(spall, length=ends[f"spall.{i}.length"][side]) if f"spall.{i}.length" in ends else spall
+        dataclasses.replace(
+            spall, **{name: ends[key][at] for name, at in taken.items() if (key := f"spall.{i}.{name}") in ends}
+        )
         for i, spall in enumerate(scene.spalls)
     )
     return dataclasses.replace(scene, load=dataclasses.replace(scene.load, **load), spalls=spalls)
