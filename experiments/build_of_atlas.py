@@ -252,10 +252,6 @@ def edges(size: Size, built: Atlas, k: int, progress: Progress | None = None) ->
     return {"share": share}
 
 
-def _nodes(levels: int) -> np.ndarray:
-    return -np.cos(np.pi * np.arange(levels) / (levels - 1))
-
-
 @partial(jax.jit, static_argnums=(2, 3))
 def _aims(law: AtlasLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Array, jax.Array]:
     """Loads [N] and edges [mm] at which the ramp is solved, shape (levels, places + 2); the first and the last lie just
@@ -273,7 +269,7 @@ def _aims(law: AtlasLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Ar
         edge = jnp.concatenate([BESIDE * low[None], low + (high - low) * t, BESIDE * end[None]])
         return jnp.concatenate([healthy[None], loads, last[None]]), edge
 
-    return jax.vmap(at)(jnp.exp(top + np.log(edge_ramp.LEAST) * 0.5 * (_nodes(levels) - 1.0)))
+    return jax.vmap(at)(jnp.exp(chebyshev_nodes(levels, top - np.log(edge_ramp.LEAST), top)))
 
 
 @jax.jit

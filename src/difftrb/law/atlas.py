@@ -2,8 +2,8 @@
 
 In units of Q_d/(πE'L) the approach of a roller with logarithmic crown depends on Q/Q_d and on λ = Q_d R/(E'L³) alone.
 A deep spall adds where its ends lie along the roller, a rolling edge its place across it (`edge_ramp`). The atlas holds
-contacts solved at Chebyshev nodes of these (`build_atlas`), and reads what lies between by polynomials: a pure function
-of contact, spall and state, to be differentiated by all of them. Nothing is prepared.
+contacts solved at Chebyshev nodes of these (by `experiments/build_of_atlas.py`), and reads what lies between by
+polynomials: a pure function of contact, spall and state, to be differentiated by all of them. Nothing is prepared.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ FILE = "atlas.npz"
 
 @cache
 def shipped() -> Atlas:
-    """The atlas that comes with the package; `build_atlas` made it."""
+    """The atlas that comes with the package; `experiments/build_of_atlas.py` made it."""
     with importlib.resources.as_file(importlib.resources.files("difftrb.law") / FILE) as path:
         arrays = storage.read(path, Atlas._fields)
     if arrays is None:
@@ -139,14 +139,15 @@ class AtlasLaw:
 
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
         """See `Law`."""
-        beside = [self.beside(spall) for spall in spalls]
+        healthy = self.healthy()
+        beside = [self._beside(spall, healthy) for spall in spalls]
         if self.narrow:
             beside = [_narrow(one, self.contact, spall) for one, spall in zip(beside, spalls, strict=True)]
         ramps = [
             [dataclasses.replace(one, edge=ramp_fit.over(spall, distances[i], side)) for side in (1.0, -1.0)]
             for i, (spall, one) in enumerate(zip(spalls, beside, strict=True))
         ]
-        return ramp_fit.roller_curves(self.healthy(), [one.full for one in beside], ramps, spalls, distances)
+        return ramp_fit.roller_curves(healthy, [one.full for one in beside], ramps, spalls, distances)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`: deep spalls, one under a roller, that leave no slivers of land at the roller's end."""
@@ -179,6 +180,9 @@ class AtlasLaw:
 
     def beside(self, spall: Spall) -> Ramp:
         """The ramp of this spall's edge, which stands under the roller's middle."""
+        return self._beside(spall, self.healthy())
+
+    def _beside(self, spall: Spall, healthy: Healthy) -> Ramp:
         atlas, contact, place = self.read, self.contact, _place(self.contact, spall)
         at, unit = _at_number(atlas.log_numbers, contact), gap.crown_scale(contact)
         along = jnp.outer(load_curve.weights(atlas.lengths, place.length), _asides(atlas.asides, place))
@@ -194,7 +198,7 @@ class AtlasLaw:
         share = jnp.tensordot(along, jnp.tensordot(_at_number(atlas.edge_numbers, contact), atlas.share, 1), 2)
         by_load = jnp.log(unit / contact.design_load)
         rise = ramp_fit.rise_over(contact, spall)
-        return self.healthy().beside(jnp.zeros(()), full, sunk.at[0].add(by_load), rise, share)
+        return healthy.beside(jnp.zeros(()), full, sunk.at[0].add(by_load), rise, share)
 
 
 def _place(contact: LineContact, spall: Spall) -> Place:

@@ -61,7 +61,7 @@ def spall_at(length: float, aside: float, over_end: bool, number: float) -> tupl
     if over_end:
         taken = AT_END[0] + (AT_END[1] - AT_END[0]) * length
         return 2.0 * taken, 0.5  # half of it lies beyond the roller's end
-    least = float(np.sqrt(16.0 * USUAL_LOAD * number / np.pi))
+    least = float(shortest(number))
     root = np.sqrt(least) + length * (np.sqrt(LONGEST + least) - np.sqrt(least))
     own = max(root**2 - least, 0.0)
     return own, (INNER - 0.5 * own) * np.sqrt(aside)

@@ -134,11 +134,6 @@ def _bending(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Arra
     return rate, jnp.where(jnp.abs(z) < 1.0, bend, 0.0)
 
 
-def end(curve: Curve, z: float) -> jax.Array:
-    """δ [mm] at the place z: the last one that the curve was made for is at 1, the first at −1."""
-    return jnp.exp(curve.middle + z * curve.reach) + curve.shift
-
-
 def approach(curve: Curve, loads: jax.Array) -> jax.Array:
     """δ [mm] at which the curves carry `loads` [N] > 0, by Newton's method on logarithms: a start value, to about
     1e-6, that carries no derivative."""

@@ -101,12 +101,6 @@ def contact_of(values: jnp.ndarray) -> LineContact:
     return LineContact(*(values[i] for i in AT[: AT.spall_length]))
 
 
-def spall_of(values: jnp.ndarray) -> Spall:
-    """The spall in a vector of `inputs`."""
-    length, width, depth, axial_offset = (values[i] for i in AT[AT.spall_length : AT.distance])
-    return Spall(length, width, depth, axial_offset=axial_offset)
-
-
 def count(spalls: int) -> int:
     """How many inputs contacts under so many spalls have."""
     return len(OF_CONTACT) + (len(OF_SPALL) + 1) * spalls
