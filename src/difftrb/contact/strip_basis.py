@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,10 +14,11 @@ import numpy as np
 
 from difftrb.core.numeric import chebyshev_roots, horner
 
-# Hats that overlap take the kernel's integrals from zero; others do below this κ [1/half-width], above they take them
-# from infinity, which for them is the same. Small hats would else be lost in rounding.
-LOW = 0.02
-THIN = 3  # so many hats at either end of a group are thin beside their distance from the other end and the middle
+NEAR = 2.0
+"""κ times distance up to which hats that do not overlap take the kernel's integrals from zero; beyond, from infinity,
+which for them is the same. Either way differences of them lose the fewest digits."""
+ROUNDING = 1e-15
+"""Of those integrals. Where a pair of hats would lose more to it than a product of moments leaves out, it is one."""
 
 
 @jax.tree_util.register_dataclass
@@ -110,15 +111,9 @@ def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax
     distance = points[later] - images * points[earlier]
     sign = jnp.where(orders == 3, jnp.sign(distance), np.where(orders == 2, -images, 1.0))
 
-    # thin hats far from each other would be lost in rounding: then they are points
-    overlap, thin = _overlaps(groups, mirrored), _far_and_thin(groups, mirrored)
-    weight = weights(groups)
-    image = np.array([1.0, -1.0] if mirrored else [1.0])[:, None, None]
-    place = jnp.concatenate([integrals(rows, lambda y: y) for rows in groups]) / weight
-    at = np.nonzero(thin)
-    apart = jnp.abs(place[None, :, None] - image * place[None, None])[at]
-    first, second = weight[at[1]], weight[at[2]]
-    far = apart > 16.0 * jnp.maximum(first, second)
+    hats = Moments.of(groups)
+    apart, by_moments = _apart(hats, mirrored)
+    far = _is_far(hats, apart)
 
     k = kappa[:, None]
     parts = [(n, np.flatnonzero(orders == n)) for n in sorted(set(orders.tolist()))]
@@ -130,31 +125,71 @@ def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax
         return jnp.einsum("ia,...ab,jb->...ij", stencil, (per * f)[..., order_of_parts], stencil)
 
     from_zero, from_infinity = (jnp.concatenate(f, axis=1) for f in zip(*found, strict=True))
-    from_zero_or_infinity = jnp.where(k < LOW, from_zero, from_infinity)
-    result = jnp.where((overlap | thin)[None], over_hats(from_zero), over_hats(from_zero_or_infinity))
-    as_points = integrals_k0(0, k * jnp.where(far, apart, 1.0)[None])[0] * (first * second)[None]
-    result = result.at[:, *at].set(jnp.where(far[None], as_points, result[:, *at]))
+    near = _overlaps(groups, mirrored)[None] | (kappa[:, None, None, None] * apart[None] < NEAR)
+    result = jnp.where(near, over_hats(from_zero), over_hats(from_infinity))
+    result = jnp.where(far[None], by_moments(kappa, far), result)
     return jnp.sum(result, axis=1).transpose(1, 2, 0)
 
 
-def _far_and_thin(groups: tuple[Rows, ...], mirrored: bool) -> np.ndarray:
-    """Pairs of the thinnest hats at different ends of one group, or one and another's mirror image.
+class Moments(NamedTuple):
+    """Of every hat, all of shape (hats,): its integral, its mean, its second and third central moment by the integral,
+    and the longer of its sides."""
 
-    Shape (images, hats, hats).
-    """
-    total = sum(rows.count for rows in groups)
-    far, first = np.zeros((1 + mirrored, total, total), bool), 0
-    thin = np.zeros(total, bool)
-    for rows in groups:
-        low, high = np.zeros(total, bool), np.zeros(total, bool)
-        low[first : first + THIN] = not rows.middle
-        high[first + rows.count - THIN : first + rows.count] = True
-        far[0] |= np.outer(low, high) | np.outer(high, low)
-        thin |= low | high
-        first += rows.count
-    if mirrored:
-        far[1] = np.outer(thin, thin)
-    return far
+    weight: jax.Array
+    mean: jax.Array
+    second: jax.Array
+    third: jax.Array
+    size: jax.Array
+
+    @staticmethod
+    def of(groups: tuple[Rows, ...]) -> Moments:
+        """A hat is a triangle; half of one beside a border. The one on the middle has half its weight."""
+        parts = [_sides(rows) for rows in groups]
+        low, peak, high = (jnp.concatenate(part) for part in zip(*parts, strict=True))
+        second = (low * low + low * high + high * high) / 18.0
+        third = (high - low) * (2.0 * low + high) * (low + 2.0 * high) / 270.0
+        return Moments(weights(groups), peak + (high - low) / 3.0, second, third, jnp.maximum(low, high))
+
+
+def _sides(rows: Rows) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """How far every hat reaches to lower lines, where it peaks, and how far it reaches to higher ones."""
+    steps, lines, none = jnp.diff(rows.lines), rows.lines, jnp.zeros(())
+    below = steps[0] if rows.middle else none
+    return (
+        rows.hats(steps[:-1], below, steps[-1]), rows.hats(lines[1:-1], lines[0], lines[-1]),
+        rows.hats(steps[1:], steps[0], none),
+    )  # fmt: skip
+
+
+def _apart(hats: Moments, mirrored: bool) -> tuple[jax.Array, Callable[[np.ndarray, jax.Array], jax.Array]]:
+    """Distances of the hats' means, shape (images, hats, hats), and the products of pairs that are far apart, by their
+    moments: K₀ as a polynomial of degree four about that distance."""
+    image = np.array([1.0, -1.0] if mirrored else [1.0])[:, None, None]
+    away = hats.mean[None, :, None] - image * hats.mean[None, None]
+    apart, side = jnp.abs(away), jnp.sign(away)
+    second = hats.second[:, None] + hats.second
+    third = side * (hats.third[None, :, None] - image * hats.third[None, None])
+    fourth = 2.4 * (hats.second[:, None] ** 2 + hats.second**2) + 6.0 * jnp.outer(hats.second, hats.second)
+
+    def by_moments(kappa: np.ndarray, far: jax.Array) -> jax.Array:
+        distance = jnp.where(far, apart, 1.0)
+        z = kappa[:, None, None, None] * distance[None]
+        zero, one = k0_and_k1(z)
+        by_second = (zero + one / z) * (second / distance**2)
+        by_third = -(one + zero / z + 2.0 * one / z**2) * (third / distance**3)
+        by_fourth = (zero * (1.0 + 3.0 / z**2) + one * (2.0 / z + 6.0 / z**3)) * (fourth / distance**4)
+        total = zero + z**2 * by_second / 2.0 + z**3 * by_third / 6.0 + z**4 * by_fourth / 24.0
+        return total * jnp.outer(hats.weight, hats.weight)
+
+    return apart, by_moments
+
+
+def _is_far(hats: Moments, apart: jax.Array) -> jax.Array:
+    """Which pairs lose less as moments than as differences, shape (images, hats, hats)."""
+    larger = jnp.maximum(hats.size[:, None], hats.size)
+    lost = ROUNDING * (apart**2 / jnp.outer(hats.size, hats.size)) ** 2
+    left_out = ((hats.second[:, None] + hats.second) / jnp.maximum(apart, larger) ** 2) ** 3
+    return jax.lax.stop_gradient((apart > 2.0 * larger) & (lost > left_out))
 
 
 def _pairs(count: int, mirrored: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -281,6 +316,19 @@ def integrals_k0(n: int, z: jax.Array) -> tuple[jax.Array, jax.Array]:
     above = (-1) ** n * jnp.exp(-large) * jnp.sqrt(u / SPLIT) * horner(_SCALED[n], 2.0 * u - 1.0)
     between = horner(_POLYNOMIAL[n], z)
     return jnp.where(near, below, above + between), jnp.where(near, below - between, above)
+
+
+@jax.custom_jvp
+def k0_and_k1(z: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """K₀ and K₁ of z > 0."""
+    return integrals_k0(0, z)[0], -integrals_k0(-1, z)[0]
+
+
+@k0_and_k1.defjvp
+def _(primals: tuple[jax.Array], tangents: tuple[jax.Array]):
+    (z,), (dz,) = primals, tangents
+    zero, one = k0_and_k1(z)
+    return (zero, one), (-one * dz, -(zero + one / z) * dz)
 
 
 @integrals_k0.defjvp
