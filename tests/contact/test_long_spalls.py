@@ -32,6 +32,29 @@ def pressed(case: tuple[float, ...], accuracy: float, method: str = "auto") -> t
     return trb.solve_contact(contact, load, trb.Spall(*sizes), offset, accuracy, method)
 
 
+def test_strips_off_the_middle_do_not_ripple() -> None:
+    """Moved along the roller by steps of 0.1 mm the approach is a parabola: some solves were off by 1e-4 … 1e-3."""
+    contact = trb.LineContact(13.1, 44.1, 1.138e5, 65000.0)
+    offsets = -9.5 + np.linspace(-0.3, 0.3, 7)
+    spalls = [trb.Spall(15.0, 500.0, axial_offset=float(y)) for y in offsets]
+    solved = [trb.solve_contact(contact, 70000.0, spall, 0.0, 1e-5) for spall in spalls]
+    found = [float(solution.check().approach) for solution in solved]
+    smooth = np.polynomial.Polynomial.fit(offsets, found, 2)(offsets)
+    np.testing.assert_allclose(found, smooth, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("axial_offset", "length"), [(6.0, 7.0), (-5.0, 9.0), (4.0, 12.0)])
+def test_strips_end_where_a_spall_leaves_no_land(axial_offset: float, length: float) -> None:
+    contact = trb.LineContact(3.623, 13.66, 113794.5, 6500.0)
+    spall = trb.Spall(length, 500.0, axial_offset=axial_offset)
+    strips = trb.solve_contact(contact, 2000.0, spall, 0.0, 1e-4, "strips").check()
+    cells = trb.solve_contact(contact, 2000.0, spall, 0.0, 1e-4, "cells").check()
+    assert float(strips.approach) == pytest.approx(float(cells.approach), rel=1e-4)
+    more = trb.Spall(length + 4.0, 500.0, axial_offset=axial_offset + float(np.copysign(2.0, axial_offset)))
+    farther = trb.solve_contact(contact, 2000.0, more, 0.0, 1e-4, "strips").check()
+    assert float(farther.approach) == pytest.approx(float(strips.approach), rel=1e-6)  # nothing is beyond the end
+
+
 @pytest.mark.parametrize("case", FOUND)
 def test_every_accuracy_keeps_its_promise(case: tuple[float, ...]) -> None:
     best = float(pressed(case, 1e-4).check().approach)

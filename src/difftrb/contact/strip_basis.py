@@ -112,8 +112,8 @@ def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax
     sign = jnp.where(orders == 3, jnp.sign(distance), np.where(orders == 2, -images, 1.0))
 
     hats = Moments.of(groups)
-    apart, by_moments = _apart(hats, mirrored)
-    far = _is_far(hats, apart)
+    *pair, hat_pairs = _pairs(hats.mean.shape[0], mirrored)
+    apart, far, by_moments = _by_moments(hats, kappa, *pair)
 
     k = kappa[:, None]
     parts = [(n, np.flatnonzero(orders == n)) for n in sorted(set(orders.tolist()))]
@@ -125,9 +125,9 @@ def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax
         return jnp.einsum("ia,...ab,jb->...ij", stencil, (per * f)[..., order_of_parts], stencil)
 
     from_zero, from_infinity = (jnp.concatenate(f, axis=1) for f in zip(*found, strict=True))
-    near = _overlaps(groups, mirrored)[None] | (kappa[:, None, None, None] * apart[None] < NEAR)
+    near = _overlaps(groups, mirrored)[None] | (kappa[:, None, None, None] * apart[hat_pairs][None] < NEAR)
     result = jnp.where(near, over_hats(from_zero), over_hats(from_infinity))
-    result = jnp.where(far[None], by_moments(kappa, far), result)
+    result = jnp.where(far[hat_pairs][None], by_moments[:, hat_pairs], result)
     return jnp.sum(result, axis=1).transpose(1, 2, 0)
 
 
@@ -161,35 +161,27 @@ def _sides(rows: Rows) -> tuple[jax.Array, jax.Array, jax.Array]:
     )  # fmt: skip
 
 
-def _apart(hats: Moments, mirrored: bool) -> tuple[jax.Array, Callable[[np.ndarray, jax.Array], jax.Array]]:
-    """Distances of the hats' means, shape (images, hats, hats), and the products of pairs that are far apart, by their
-    moments: K₀ as a polynomial of degree four about that distance."""
-    image = np.array([1.0, -1.0] if mirrored else [1.0])[:, None, None]
-    away = hats.mean[None, :, None] - image * hats.mean[None, None]
-    apart, side = jnp.abs(away), jnp.sign(away)
-    second = hats.second[:, None] + hats.second
-    third = side * (hats.third[None, :, None] - image * hats.third[None, None])
-    fourth = 2.4 * (hats.second[:, None] ** 2 + hats.second**2) + 6.0 * jnp.outer(hats.second, hats.second)
-
-    def by_moments(kappa: np.ndarray, far: jax.Array) -> jax.Array:
-        distance = jnp.where(far, apart, 1.0)
-        z = kappa[:, None, None, None] * distance[None]
-        zero, one = k0_and_k1(z)
-        by_second = (zero + one / z) * (second / distance**2)
-        by_third = -(one + zero / z + 2.0 * one / z**2) * (third / distance**3)
-        by_fourth = (zero * (1.0 + 3.0 / z**2) + one * (2.0 / z + 6.0 / z**3)) * (fourth / distance**4)
-        total = zero + z**2 * by_second / 2.0 + z**3 * by_third / 6.0 + z**4 * by_fourth / 24.0
-        return total * jnp.outer(hats.weight, hats.weight)
-
-    return apart, by_moments
-
-
-def _is_far(hats: Moments, apart: jax.Array) -> jax.Array:
-    """Which pairs lose less as moments than as differences, shape (images, hats, hats)."""
-    larger = jnp.maximum(hats.size[:, None], hats.size)
-    lost = ROUNDING * (apart**2 / jnp.outer(hats.size, hats.size)) ** 2
-    left_out = ((hats.second[:, None] + hats.second) / jnp.maximum(apart, larger) ** 2) ** 3
-    return jax.lax.stop_gradient((apart > 2.0 * larger) & (lost > left_out))
+def _by_moments(
+    hats: Moments, kappa: np.ndarray, later: np.ndarray, earlier: np.ndarray, images: np.ndarray
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Of pairs of hats: how far their means are apart, which are so far apart that they lose less as moments than as
+    differences, both of shape (pairs,), and these one's products, K₀ as a polynomial of degree four about that
+    distance, shape (κ, pairs)."""
+    one, other = (jax.tree.map(lambda field, at=at: field[at], hats) for at in (later, earlier))
+    away = one.mean - images * other.mean
+    second = one.second + other.second
+    third = jnp.sign(away) * (one.third - images * other.third)
+    fourth = 2.4 * (one.second**2 + other.second**2) + 6.0 * one.second * other.second
+    apart, larger = jnp.abs(away), jnp.maximum(one.size, other.size)
+    lost = ROUNDING * (apart**2 / (one.size * other.size)) ** 2
+    far = (apart > 2.0 * larger) & (lost > (second / jnp.maximum(apart, larger) ** 2) ** 3)
+    k = kappa[:, None]
+    z = k * jnp.where(far, apart, 1.0)[None]
+    (k0, k1), r = k0_and_k1(z), 1.0 / z
+    a, b, c = k**2 * (second / 2.0)[None], k**3 * (third / 6.0)[None], k**4 * (fourth / 24.0)[None]
+    by_k0 = 1.0 + a - b * r + c * (1.0 + 3.0 * r * r)
+    by_k1 = (a + 2.0 * c) * r - b * (1.0 + 2.0 * r * r) + 6.0 * c * r * r * r
+    return apart, far, (k0 * by_k0 + k1 * by_k1) * (one.weight * other.weight)[None]
 
 
 def _pairs(count: int, mirrored: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -43,6 +43,12 @@ REACHED = 2.75  # where the raceway may still be touched, in the unit of length:
 SETTLED = 1e-6  # last change of a free boundary, in Hertz half-widths, at which strips count as converged
 LEAST_LAND = 20.0  # loaded length in Hertz half-widths: below, it is no line contact, and rows are no longer than wide
 TENSION = 10.0  # share of the load that strips may take as tension, by the accuracy: more, and they are too coarse
+LEAST_ROWS = 1e-3  # length of land or spall by the contact's that there are rows for at least
+ABOVE = 1.1  # by its estimate, so large an approach may be
+FAR_ENDS = 0.75, 0.95  # of a spall by the contact's tip: from here on strips go farther than that
+FARTHER = 0.05, 0.3  # if it ends there by so much farther from the middle than on the other side, by the tip
+ALONE = 0.15  # and by what share of that on the other side
+CLEAR = 100.0  # by the approach, the gap of rows on land that a spall leaves none of
 LEAST_CROWN = 1e-3  # crown's scale by approach: below, a roller's end acts as an edge, which the strips do not have
 
 
@@ -90,14 +96,17 @@ def solve(inputs: Inputs, mirrored: bool, edges: int, fineness: Fineness, cells:
     if edges == 1:
         offset = jnp.abs(offset)
     tip, line_load, unit, estimate = _reach(contact, load, spall, offset, edges)
-    groups = _groups(spall, low / unit, high / unit, tip / unit, mirrored, edges, fineness)
+    tips = tuple(_tip(contact, tip, estimate, end, other) / unit for end, other in ((-low, high), (high, -low)))
+    groups = _groups(spall, low / unit, high / unit, tips, mirrored, edges, fineness)
     layout = _layout(groups, edges, mirrored, fineness)
+    clear = _clear(spall, -low / unit / tips[0], high / unit / tips[1], groups)
     images = 2.0 if mirrored else 1.0
     push = np.pi * contact.modulus / line_load  # from [mm] to the unit of displacement
     half_width = 0.5 * spall.width if spall is not None else jnp.asarray(jnp.inf)
     rolling_edges = (offset - half_width) / unit, (offset + half_width) / unit
     share = load / (images * line_load * unit)
     problem = _problem(layout, groups, contact, rolling_edges, push, unit, share, mirrored)
+    problem = dataclasses.replace(problem, gap=problem.gap + CLEAR * push * jax.lax.stop_gradient(estimate) * clear)
     start = _start(layout, problem, push * estimate)
     (loads, ends, approach), active, change, passes = strip_newton.solve(layout, problem, start)
     approach = approach / push
@@ -174,21 +183,53 @@ def _spall_edges(contact: LineContact, spall: Spall | None) -> tuple[jax.Array, 
     return (jnp.zeros(()), jnp.zeros(())) if spall is None else edges_along(contact, spall)
 
 
+def _tip(contact: LineContact, tip: jax.Array, estimate: jax.Array, end: jax.Array, other: jax.Array) -> jax.Array:
+    """Where strips end on one side of the roller [mm], where the spall ends at `end` on this, at `other` on the other
+    side: at the contact's `tip` or, where little or nothing is left before it, where the gap exceeds the approach, for
+    land may touch with its corner alone. The land that then carries alone reaches farther, too.
+    """
+    half, scale = 0.5 * contact.length, gaps.crown_scale(contact)
+    deepest = ABOVE * estimate / jnp.where(scale > 0.0, scale, 1.0)
+    farthest = jnp.maximum(half * jnp.sqrt(-jnp.expm1(-jnp.where(scale > 0.0, deepest, 100.0))), tip)
+
+    def grown(start: float, full: float, value: jax.Array) -> jax.Array:
+        share = jnp.clip((value / tip - start) / (full - start), 0.0, 1.0)
+        return (3.0 - 2.0 * share) * share**2
+
+    here, there = (grown(*FAR_ENDS, one) * grown(*FARTHER, one - two) for one, two in ((end, other), (other, end)))
+    return tip + jnp.maximum(here, ALONE * there) * (farthest - tip)
+
+
 def _groups(
-    spall: Spall | None, low: jax.Array, high: jax.Array, tip: jax.Array, mirrored: bool, edges: int, fine: Fineness
-) -> tuple[Rows, ...]:
+    spall: Spall | None, low: jax.Array, high: jax.Array, tips: tuple[jax.Array, ...], mirrored: bool, edges: int,
+    fine: Fineness,
+) -> tuple[Rows, ...]:  # fmt: skip
+    below, tip = tips
     if spall is None:
         return (Rows(strip_basis.graded(jnp.zeros(()), tip, fine.land, 1.0, GATHERED), True, "none"),)
-    least = 1e-3 * tip  # also of a spall without length: panels of none would make NaN of derivatives
-    high = jnp.clip(high, least if mirrored else -tip + 2.0 * least, tip - least)
+    least = LEAST_ROWS * tip  # also of a spall without length: panels of none would make NaN of derivatives
+    high = jnp.clip(high, least if mirrored else -below + 2.0 * least, tip - least)
     upper = Rows(strip_basis.graded(high, tip, fine.land, GATHERED, GATHERED), False, "low")
     if mirrored:
         hollow = Rows(strip_basis.graded(jnp.zeros(()), high, fine.hollow, 1.0, HOLLOW), True, "high")
         return (upper, hollow) if edges else (upper,)
-    low = jnp.clip(low, -tip + least, high - least)
-    lower = Rows(-strip_basis.graded(-low, tip, fine.land, GATHERED, GATHERED)[::-1], False, "high")
+    low = jnp.clip(low, -below + least, high - least)
+    lower = Rows(-strip_basis.graded(-low, below, fine.land, GATHERED, GATHERED)[::-1], False, "high")
     hollow = Rows(strip_basis.graded(low, high, 2 * fine.hollow, HOLLOW, HOLLOW), False, "both")
     return (lower, hollow, upper) if edges else (lower, upper)
+
+
+def _clear(spall: Spall | None, below: jax.Array, above: jax.Array, groups: tuple[Rows, ...]) -> np.ndarray | jax.Array:
+    """Which rows stand for land of which a spall leaves none, ones in zeros, shape (rows,); `below`, `above`: how far
+    it goes on either side of the roller's middle, by where strips end there."""
+    if spall is None:
+        return np.zeros(groups[0].count)
+    sizes = [group.count for group in groups]
+    gone = [jnp.zeros(())] * len(groups)
+    gone[0 if groups[0].edge == "low" else -1] = jnp.where(above > 1.0 - LEAST_ROWS, 1.0, 0.0)
+    if groups[0].edge == "high":
+        gone[0] = jnp.where(below > 1.0 - LEAST_ROWS, 1.0, 0.0)
+    return jnp.concatenate([jnp.full(size, one) for size, one in zip(sizes, gone, strict=True)])
 
 
 def _layout(groups: tuple[Rows, ...], edges: int, mirrored: bool, fine: Fineness) -> Layout:
