@@ -18,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap, solver
-from difftrb.contact.contact_solution import Method
 from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots
@@ -32,11 +31,6 @@ LENGTH, MODULUS, DESIGN_LOAD = 10.0, 1.0e5, 5000.0
 """Of the contacts that are solved [mm], [MPa], [N]: any would do."""
 NUMBERS = 1e-6, 3e-3
 LOADS = 1e-2, 3.0
-STRAY = 0.01
-"""Difference of log δ from its neighbours' in load from which a solve is doubted and done again by cells."""
-BENDS = 5
-"""Degree in log λ of what every place's contacts are compared with: those farther off than `OFF` are solved again."""
-OFF = 4e-4
 SHALLOWEST = 1e-4
 RIDGE = 5e-4
 """Noise of a solve's share by the size of s's coefficients."""
@@ -58,12 +52,12 @@ class Size(NamedTuple):
     loads: int = 12
     lengths: int = 13
     asides: int = 7
-    edge_numbers: int = 3
+    edge_numbers: int = 5
     edge_lengths: int = 7
     edge_asides: int = 5
     levels: int = 6
     places: int = 12
-    accuracy: float = 3e-5
+    accuracy: float = 1e-5
     edge_accuracy: float = 1e-4
 
 
@@ -92,14 +86,12 @@ class Found(NamedTuple):
     reach: float
 
 
-def solved(
-    contact: LineContact, cases: list[Case], accuracy: float, progress: Progress | None = None, method: Method = "auto"
-) -> list[Found]:
+def solved(contact: LineContact, cases: list[Case], accuracy: float, progress: Progress | None = None) -> list[Found]:
     """All of them, on all cores that this process may use; raises `SolveError` where none of the ways converges."""
 
     def one(case: Case) -> Found:
         assert case.spall is None or isinstance(case.spall, Spall)
-        solution = solver.solve_contact(contact, case.load, case.spall, case.distance, accuracy, method)
+        solution = solver.solve_contact(contact, case.load, case.spall, case.distance, accuracy)
         if not bool(solution.converged):
             solution = solver.solve_contact(contact, case.load, case.spall, case.distance, 1e-3, "cells").check()
         reach = samples.reach(contact, solution) if case.spall is not None and case.distance == 0.0 else 0.0
@@ -159,10 +151,6 @@ def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -
     nodes = solved(contact, cases, size.accuracy, progress)
     shape = (1 + len(shapes), loads.size)
     approach = np.array([node.approach for node in nodes]).reshape(shape) / unit
-    for k in map(int, np.flatnonzero(_stray(np.asarray(built.log_loads), np.log(approach)))):
-        again = solved(contact, [cases[k]], 1e-4, method="cells")[0]
-        print(f"\nstray: {cases[k]}: {nodes[k].approach / unit}, by cells {again.approach / unit}", file=sys.stderr)
-        nodes[k], approach.ravel()[k] = again, again.approach / unit
     half = np.array([node.half_width for node in nodes[: loads.size]]) / across
     reach = np.array([node.reach for node in nodes]).reshape(shape) / across
     healthy, full = np.log(approach[0]), np.zeros(built.full.shape[1:])
@@ -178,55 +166,6 @@ def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -
     sunk[0, :-1] = sunk[1, :-1] - (sunk[2, :-1] - sunk[1, :-1]) * (x[1] - x[0]) / (x[2] - x[1])
     return {"healthy": healthy, "half_width": ramp_fit.extents(np.asarray(built.log_loads), half), "full": full,
             "sunk": sunk}  # fmt: skip
-
-
-def _stray(log_loads: np.ndarray, log_approach: np.ndarray) -> np.ndarray:
-    """Which solves lie off the cubic through their four neighbours in load, flat: such were converged and wrong."""
-    off = np.zeros_like(log_approach, bool)
-    last = log_loads.size - 1
-    for k in range(log_loads.size):
-        first = min(max(k - 2, 0), last - 4)
-        others = [j for j in range(first, first + 5) if j != k]
-        x = log_loads[others] - log_loads[k]
-        predicted = np.array([np.polyfit(x, row[others], 3)[-1] for row in log_approach])
-        off[:, k] = np.abs(predicted - log_approach[:, k]) > STRAY
-    return off.ravel()
-
-
-def mended(built: Atlas, progress: Progress | None = None) -> storage.Arrays:
-    """`Atlas.full` with what does not lie on a polynomial in log λ solved again, by cells: strips were wrong there."""
-    nodes = np.asarray(built.log_numbers)
-    x = (2.0 * nodes - nodes[0] - nodes[-1]) / (nodes[-1] - nodes[0])
-    full, stands = np.array(built.full), _stands(built.lengths, built.asides)
-    done: set[tuple[int, ...]] = set()
-    for _ in range(4):
-        doubted = [one for one in map(tuple, np.argwhere(_off(x, full) > OFF)) if one not in done]
-        for count, (k, i, a, q) in enumerate(doubted):
-            number = float(np.exp(built.log_numbers[k]))
-            contact = contact_at(number)
-            spall = next(s for s in stands if (s.i, s.a) == (i, a)).spall(number)
-            case = Case(float(np.exp(built.log_loads[q])) * DESIGN_LOAD, spall)
-            found = solved(contact, [case], 1e-4, method="cells")[0].approach
-            full[k, i, a, q] = np.log(found / float(gap.crown_scale(contact)))
-            done.add((k, i, a, q))
-            if progress is not None:
-                progress(count, len(doubted))
-    left = _off(x, full)
-    print(f"solved again: {len(done)}; off by {np.max(left):.1e} at most, {np.mean(left > OFF):.1e} by more than {OFF}")
-    return {"full": full}
-
-
-def _off(x: np.ndarray, full: np.ndarray) -> np.ndarray:
-    """How far each value is off, where it alone explains the misfit of its row along λ; else 0."""
-    rows = full.reshape(x.size, -1)
-    basis = np.polynomial.chebyshev.chebvander(x, BENDS)
-    misfit = np.stack([
-        np.max(np.abs(rows[keep] - basis[keep] @ np.linalg.lstsq(basis[keep], rows[keep], rcond=None)[0]), axis=0)
-        for keep in (np.arange(x.size) != k for k in range(x.size))
-    ])  # fmt: skip
-    whole = np.max(np.abs(rows - basis @ np.linalg.lstsq(basis, rows, rcond=None)[0]), axis=0)
-    alone = np.argmin(misfit, axis=0)[None] == np.arange(x.size)[:, None]
-    return np.where(alone, whole[None], 0.0).reshape(full.shape)
 
 
 def edges(size: Size, built: Atlas, k: int, progress: Progress | None = None) -> storage.Arrays:
@@ -301,11 +240,6 @@ def build(folder: Path, size: Size) -> Atlas:
 
     for k in range(size.numbers):
         kept("levels", partial(levels, size, built), k)
-    path = folder / "mended.npz"
-    if (found := storage.read(path)) is None:
-        found = mended(built)
-        storage.write(path, found)
-    built.full[:] = found["full"]
     middle = size.edge_numbers // 2
     for k in sorted(range(size.edge_numbers), key=lambda k: abs(k - middle)):
         kept("edges", partial(edges, size, built), k)
