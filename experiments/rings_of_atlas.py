@@ -39,7 +39,7 @@ BY = ("length", "width", "offset", "angle", "crown", "radius")
 KINDS = ("short", "long", "aside", "narrow")
 SMALL = 0.1
 """Derivatives by a spall's number smaller than this share of the largest are compared with that share."""
-FIELDS = ("scene", "kind", "edge", "status", "loads", "radial", "axial", *BY, "seconds")
+FIELDS: tuple[str, ...] = ("scene", "kind", "edge", "status", "loads", "radial", "axial", *BY, "seconds")
 
 
 def drawn(number: int, bearings: int) -> trb.Scene:

@@ -60,6 +60,22 @@ def test_run_prints_json(capsys, paper: Path) -> None:
     assert record["sensitivity"]["axial"]["width"] == 0.0
 
 
+def test_run_with_the_mean_over_the_cages_turn(capsys, paper: Path) -> None:
+    """Where no roller stands on an edge, width has a derivative in the mean alone."""
+    code, out, _ = call(capsys, "run", str(paper), "--json", "--mean")
+    record = json.loads(out)
+    assert code == 0
+    assert set(record) == RUN_KEYS | {"mean"}
+    assert set(record["mean"]) == {"stiffness", "healthy", "loss", "sensitivity"}
+    assert record["sensitivity"]["radial"]["width"] == 0.0
+    assert record["mean"]["sensitivity"]["radial"]["width"] < 0.0
+    assert record["mean"]["loss"]["radial"] == pytest.approx(record["loss"]["radial"], rel=0.3)
+    text = " ".join(call(capsys, "run", str(paper), "--mean")[1].split())
+    assert "in the mean over the cage's turn, secant F/u" in text
+    assert "no roller stands on a rolling edge at this phase" in text
+    assert "both raceways in series make about 0.5" in text
+
+
 @pytest.mark.portable
 def test_run_prints_text_for_people(capsys, paper: Path) -> None:
     code, out, _ = call(capsys, "run", str(paper))

@@ -35,7 +35,7 @@ def _run(options: Any) -> int:
     import jax
 
     from difftrb.report import remarks, run_report
-    from difftrb.scene import scene_file
+    from difftrb.scene import scene_file, solving
 
     file, path = _read(options)
     scene_file.check_ring(file, path)
@@ -46,11 +46,15 @@ def _run(options: Any) -> int:
     with terminal.busy("solving the ring"):
         result = jax.block_until_ready(difftrb.assess(scene))
         edges = difftrb.edge_stresses(scene, result.spalled)
+    mean = None
+    if options.mean and bool(result.spalled.converged):
+        with terminal.busy("solving the ring at all phases"):
+            mean = jax.block_until_ready(solving.assess_mean(scene))
     checked = None
     if options.verify and bool(result.spalled.converged):
         with terminal.bar("solving the rollers' contacts afresh") as progress:
             checked = difftrb.verify(scene, result.spalled, progress)
-    record = run_report.run_json(scene, result, time.perf_counter() - started, edges, checked)
+    record = run_report.run_json(scene, result, time.perf_counter() - started, edges, checked, mean)
 
     def figures(plot: Any) -> Figures:
         yield "load_distribution", plot.load_distribution(result, scene)
@@ -61,7 +65,8 @@ def _run(options: Any) -> int:
         else:
             terminal.say(f"{path}: no pressure map: {pressed.status}")
 
-    code = terminal.deliver(options, path, record, lambda: run_report.run_text(scene, result, edges, checked), figures)
+    text = partial(run_report.run_text, scene, result, edges, checked, mean)
+    code = terminal.deliver(options, path, record, text, figures)
     if code == EXIT_OK and checked is not None and not checked.kept:
         return terminal.refuse(f"{path}: the audit does not confirm what is promised", EXIT_NO_SOLUTION)
     return code
@@ -218,6 +223,8 @@ COMMANDS = (
     Command("run", _run,
             "Loads, stiffness, its loss by the spall and its gradients (no SCENE: 32008J, spall 4 × 7 mm).", (
         SCENE, *OUTPUT,
+        _option("--mean", action="store_true",
+                help="also stiffness in the mean over the cage's turn, with its derivative by the spall's width"),
         _option("--verify", action="store_true",
                 help="solve the rollers' contacts afresh, and say how far off the law is"),
     )),

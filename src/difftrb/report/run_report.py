@@ -15,6 +15,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from difftrb.contact import gap
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
 from difftrb.core.geometry import Real
@@ -22,9 +23,10 @@ from difftrb.law import base as laws
 from difftrb.law.base import LAWS, Law
 from difftrb.report import remarks
 from difftrb.ring import effect
+from difftrb.ring.effects import Raceways
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
-from difftrb.scene.scene import Picked, PitchMean, Scene
+from difftrb.scene.scene import Picked, PitchMean, Scene, raceway_contact
 from difftrb.scene.solving import Assessment, Solution
 
 BAR = 28
@@ -33,38 +35,29 @@ CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
 def run_json(
-    scene: Scene, result: Assessment, seconds: float, edges: Sequence[EdgeStress] = (), audit: Audit | None = None
-) -> dict[str, Any]:
+    scene: Scene, result: Assessment, seconds: float, edges: Sequence[EdgeStress] = (), audit: Audit | None = None,
+    mean: Assessment | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
     `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`, with
-    `edges` a key `edge_stress`, with the law "auto" a key `picked`, with an `audit` a key of that name. `remarks` are
-    what has to be known before the numbers.
+    `edges` a key `edge_stress`, with the law "auto" a key `picked`, with an `audit` a key of that name. With the `mean`
+    over the cage's turn there is a key `mean`: stiffness, healthy, loss and sensitivity. `remarks` are what has to be
+    known before the numbers.
     """
     spalled, sound = result.spalled, result.healthy
     verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
-    sizes = ("length", "width")
-    slopes = np.stack([result.by_length, result.by_width], axis=-1)  # (radial | axial, spall, length | width)
-
-    def slope(row: int) -> dict[str, Any]:
-        return {size: slopes[row, 0, i] if scene.spalls else None for i, size in enumerate(sizes)}
-
+    stiffness = _stiffness_record(scene, result)
+    place = {"definition": scene.definition, "phase": "mean" if isinstance(scene.phase, PitchMean) else scene.phase}
     return plain({
         "status": verdict,
         "converged": bool(spalled.converged & sound.converged),
         "angles": spalled.angles,
         "loads": spalled.loads,
         "displacement": dict(zip(DIRECTIONS, spalled.displacement, strict=False)),
-        "stiffness": {
-            "definition": scene.definition,
-            "phase": "mean" if isinstance(scene.phase, PitchMean) else scene.phase,
-            "radial": spalled.radial_stiffness,
-            "axial": spalled.axial_stiffness,
-            "matrix": spalled.stiffness,
-        },
-        "healthy": {"radial": sound.radial_stiffness, "axial": sound.axial_stiffness},
-        "loss": dict(zip(("radial", "axial"), result.loss, strict=True)),
-        "sensitivity": {"radial": slope(0), "axial": slope(1)},
+        **stiffness,
+        "stiffness": {**place, **stiffness["stiffness"], "matrix": spalled.stiffness},
+        **({} if mean is None else {"mean": _stiffness_record(scene, mean)}),
         "residual": spalled.residual,
         "iterations": spalled.iterations,
         **({"effects": spalled.effects} if scene.effects else {}),
@@ -74,6 +67,21 @@ def run_json(
         **({"remarks": said} if (said := remarks.of_solution(scene, spalled)) else {}),
         "seconds": seconds,
     })  # fmt: skip
+
+
+def _stiffness_record(scene: Scene, result: Assessment) -> dict[str, dict[str, Any]]:
+    """Stiffness with and without spalls, what they take of it [%], and its slopes by the first one's size."""
+    slopes = np.stack([result.by_length, result.by_width], axis=-1)  # (radial | axial, spall, length | width)
+
+    def slope(row: int) -> dict[str, Any]:
+        return {size: slopes[row, 0, i] if scene.spalls else None for i, size in enumerate(("length", "width"))}
+
+    return {
+        "stiffness": {"radial": result.spalled.radial_stiffness, "axial": result.spalled.axial_stiffness},
+        "healthy": {"radial": result.healthy.radial_stiffness, "axial": result.healthy.axial_stiffness},
+        "loss": dict(zip(("radial", "axial"), result.loss, strict=True)),
+        "sensitivity": {"radial": slope(0), "axial": slope(1)},
+    }
 
 
 def contact_json(solution: ContactSolution, slopes: dict[str, Any], seconds: float) -> dict[str, Any]:
@@ -109,35 +117,46 @@ def plain(value: Any) -> Any:
 
 
 def run_text(
-    scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = (), audit: Audit | None = None
-) -> RenderableType:
-    """The main job's result for people: remarks, stiffness and its losses, sensitivities, a bar of load for every
-    roller, a sentence for every one of `edges`, and the `audit`'s."""
+    scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = (), audit: Audit | None = None,
+    mean: Assessment | None = None,
+) -> RenderableType:  # fmt: skip
+    """The main job's result for people: remarks, stiffness and its losses, sensitivities, the same in the `mean` over
+    the cage's turn, a bar of load for every roller, a sentence for every one of `edges`, and the `audit`'s."""
     spalled = result.spalled
-    lines = [*_ring_lines(scene, spalled), *(edge.sentence for edge in edges), law_text(spalled.law, spalled.loads)]
+    lines = [*_ring_lines(scene, spalled), *(edge.sentence for edge in edges), law_text(spalled.law)]
     if spalled.picked is not None:
         lines.append(picked_text(spalled.picked))
-    if scene.spalls and spalled.law.hard and not isinstance(scene.phase, PitchMean):
-        lines.append("width: the window is hard, so stiffness changes with width only where a roller enters or leaves")
+    if bool(spalled.converged) and not effect.among(scene.effects, Raceways):
+        lines.append(_raceways_line(scene, spalled))
+    if scene.spalls and not isinstance(scene.phase, PitchMean) and not np.any(result.by_width):
+        lines.append(
+            "width: no roller stands on a rolling edge at this phase, so stiffness does not change with it; in the "
+            f"mean over the cage's turn it does{': --mean' if mean is None else ''}"
+        )
     lines.append(
         f"{spalled.status}; unbalanced force {spalled.residual:.1e} of the load after {spalled.iterations} steps"
     )
     if audit is not None:
         lines.append(audit.sentence)
     first = (Text(f"note: {sentence}") for sentence in remarks.of_solution(scene, spalled))
-    return Group(*first, _stiffness_table(scene, result), _load_table(scene, result), *map(Text, lines))
+    tables = [_stiffness_table(scene, result, "" if mean is None else " at this phase")]
+    if mean is not None:
+        tables.append(_stiffness_table(scene, mean, " in the mean over the cage's turn"))
+    return Group(*first, *tables, _load_table(scene, result), *map(Text, lines))
 
 
-def _stiffness_table(scene: Scene, result: Assessment) -> Table:
-    """Stiffness in either direction, its loss, and its slopes by the first spall's size."""
+def _stiffness_table(scene: Scene, result: Assessment, where: str) -> Table:
+    """Stiffness in either direction, its loss, and its slopes by the first spall's size; none where it is 0 because no
+    roller stands on a rolling edge."""
     kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
-    table = house_table(f"Stiffness, {kind} [N/mm]")
+    table = house_table(f"Stiffness{where}, {kind} [N/mm]")
     columns = ["by length [/mm]", "by width [/mm]"] if scene.spalls else []
     for heading in ("", "healthy", "spalled", "loss [%]", *columns):
         table.add_column(heading, justify="right" if heading else "left")
     for row, name in enumerate(("radial", "axial")):
         values = [getattr(s, f"{name}_stiffness") for s in (result.healthy, result.spalled)]
-        slopes = [number(v[row, 0], ",.1f") for v in (result.by_length, result.by_width)] if scene.spalls else []
+        by_size = [v[row, 0] for v in (result.by_length, result.by_width)] if scene.spalls else []
+        slopes = [number(v if v else np.nan, ",.1f") for v in map(float, by_size)]
         table.add_row(name, *(number(v, ",.0f") for v in values), number(result.loss[row], ".3f"), *slopes)
     return table
 
@@ -160,6 +179,21 @@ def _load_table(scene: Scene, result: Assessment) -> Table:
         last = [f"{values[j]:.1f}" for values in more.values()] if more else [Text(bar, style="cyan")]
         table.add_row(str(j), f"{angle:.4f}", f"{load:.1f}", f"{load - sound:+.1f}", *last)
     return table
+
+
+def _raceways_line(scene: Scene, solution: Solution) -> str:
+    """What the stiffness is of, and about what is left of it where the inner raceway gives way, too: by the compliances
+    of two long cylinders under the most loaded roller."""
+    load, compliance = float(jnp.max(solution.loads)), []
+    for raceway in ("outer", "inner"):
+        contact = raceway_contact(scene, raceway)
+        half_width = float(gap.line_half_width(load / contact.length, contact.radius, contact.modulus))
+        compliance.append(math.log(2.0 * float(contact.length) / half_width))  # Johnson 1985, section 5.6
+    share = compliance[0] / sum(compliance)
+    return (
+        "stiffness is that of the contacts with the outer raceway alone, as in the paper; both raceways in series make "
+        f"about {share:.2f} of it: effects.raceways"
+    )
 
 
 def _ring_lines(scene: Scene, solution: Solution) -> list[str]:
@@ -194,16 +228,15 @@ def number(value: Any, style: str) -> str:
     return format(float(value), style) if math.isfinite(value) else "–"
 
 
-def law_text(law: Law, loads: jax.Array) -> str:
-    """One sentence on the roller law: what it is, its range and error, and how many rollers are outside."""
+def law_text(law: Law) -> str:
+    """One sentence on the roller law: what it is, its range and error."""
     kind = LAWS.get(law.name)  # None: a law of the user's own
     text = f"law: {law.name}" if kind is None else f"law: {law.name}, {kind.summary}"
     low, high = (float(v) for v in law.load_range)
     if math.isfinite(high):
-        outside = int(jnp.sum((loads > 0.0) & ((loads < low) | (loads > high))))
-        text += f"; made for {low:.0f} … {high:.0f} N ({outside} loaded rollers outside)"
+        text += f"; made for {low:.0f} … {high:.0f} N on the most loaded roller"
     error = float(law.error)
-    return text + (f"; error of a load up to {100.0 * error:.1f} %" if math.isfinite(error) else "; error not known")
+    return text + (f"; error of a load up to {100.0 * error:.2g} %" if math.isfinite(error) else "; error not known")
 
 
 def picked_text(picked: Picked) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from difftrb.core import geometry, status
 from difftrb.core.geometry import Real, Spall
-from difftrb.law.base import Law
+from difftrb.law.base import LAWS, Law
 from difftrb.law.samples import Progress
 from difftrb.ring import effects, ring
 from difftrb.ring.effects import Raceways, Results
@@ -172,6 +172,19 @@ def assess(scene: Scene) -> Assessment:
     As differentiable as `solve`, and the same errors.
     """
     return _assess(prepare(scene))
+
+
+def assess_mean(scene: Scene) -> Assessment | None:
+    """As `assess` of a prepared scene at one phase, in the mean over all phases of the cage: there stiffness changes
+    with a spall's width, whether or not a roller stands on its edge at this phase. None for a scene that is a mean
+    already, has no spalls, or whose law or spalls are known at one phase only."""
+    kind = LAWS.get(cast(Law, scene.law).name)  # None: a law of the user's own
+    if isinstance(scene.phase, PitchMean) or not scene.spalls or (kind is not None and kind.one_scene):
+        return None
+    try:
+        return _assess(checks.checked(dataclasses.replace(scene, phase="mean")))
+    except status.SceneError:
+        return None
 
 
 @jax.jit
