@@ -28,13 +28,13 @@ PINNED: dict[str, dict[str, float]] = {
         "by outer angle": -11869462.74633, "load by axial load": 0.1632036475224,
     },
     "table": {
-        "by angle": -6160032.969625, "by length": -4313.130286925, "by modulus": 15.37957884468,
-        "by width": -107459.9149169, "load of roller 0": 1584.711170531, "radial stiffness": 3489936.130038,
+        "by angle": -6160554.117638, "by length": -4313.451499645, "by modulus": 15.37881285781,
+        "by width": -107469.0061866, "load of roller 0": 1584.707080748, "radial stiffness": 3489892.077269,
     },
     "contact": {
-        "approach": 0.008161751686082, "contact width": 0.2093463284415, "load": 2.225775912616e-06,
-        "length": 4.595750762194e-05, "width": 0.0008028967087805, "offset": -0.001605793417561,
-        "radius": -0.0001693725651567, "design_load": 1.339526927818e-07,
+        "approach": 0.008161755928812, "contact width": 0.2093452683384, "load": 2.225777737813e-06,
+        "length": 4.59568925582e-05, "width": 0.0008028962585838, "offset": -0.001605792517168,
+        "radius": -0.0001693725467901, "design_load": 1.339525133494e-07,
     },
 }  # fmt: skip
 
