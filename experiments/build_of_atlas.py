@@ -31,7 +31,6 @@ LENGTH, MODULUS, DESIGN_LOAD = 10.0, 1.0e5, 5000.0
 """Of the contacts that are solved [mm], [MPa], [N]: any would do."""
 NUMBERS = 1e-6, 3e-3
 LOADS = 1e-2, 3.0
-SHALLOWEST = 1e-4
 RIDGE = 5e-4
 """Noise of a solve's share by the size of s's coefficients."""
 CHECKED = 0.05, 2.5
@@ -160,7 +159,8 @@ def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -
         i, a = stand.i, stand.a
         full[i, a] = np.log(approach[row])
         rise = float(ramp_fit.rise_over(contact, spall)) / unit
-        depth = np.maximum(approach[row] - rise - reach[row] ** 2, SHALLOWEST * approach[row])  # the spall out of reach
+        # where land lifts the roller as far as it sinks there is no depth
+        depth = np.maximum(approach[row] - rise - reach[row] ** 2, ramp_fit.SHALLOWEST * approach[row])
         sunk[i, a] = ramp_fit.extents(np.asarray(built.log_loads), depth / loads)
     x = built.lengths  # without a spall there is no middle to tell it
     sunk[0, :-1] = sunk[1, :-1] - (sunk[2, :-1] - sunk[1, :-1]) * (x[1] - x[0]) / (x[2] - x[1])

@@ -11,7 +11,7 @@ import difftrb as trb
 from difftrb.contact import gap
 from difftrb.core import status
 from difftrb.core.jax_config import jit_quickly
-from difftrb.law import atlas, axial_place, edge_ramp, load_curve
+from difftrb.law import atlas, axial_place, direct, edge_ramp, load_curve
 from difftrb.law.base import Rest, load_over
 from difftrb.scene import audit
 from experiments import build_of_atlas
@@ -258,3 +258,14 @@ def test_ramp_ends_where_it_says(law: atlas.AtlasLaw) -> None:
     healthy, full, *_ = edge_ramp.between(law.beside(spall), delta)
     assert float(q_over(law, spall, 3.5 - low, delta)) == pytest.approx(float(healthy), rel=1e-9)
     assert float(q_over(law, spall, 3.5 - high, delta)) == pytest.approx(float(full), rel=1e-9)
+
+
+def test_direct_knows_where_ramps_of_spalls_off_the_middle_end() -> None:
+    """Land that lifts a roller as far as it sinks: the ramp's end was NaN, no roller stood on it, and a load was 9e-2
+    of the largest off, converged."""
+    contact = trb.LineContact(2.07826558, 7.111586407, 113794.4936, 3650.104329)
+    spall = trb.Spall(1.1901421, 3.352038377, 0.35557932, axial_offset=1.873746654)
+    law = direct.without_edges(contact, 201.4747809, (spall,), 1e-3)
+    assert np.isfinite(np.asarray(law.sunk)).all()
+    low, high = law.ramp(0, spall, law.full[0, -1])
+    assert float(low) < 0.0 < float(high)

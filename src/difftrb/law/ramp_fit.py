@@ -21,6 +21,8 @@ from difftrb.law.edge_ramp import Ramp, RollerCurves
 from difftrb.law.load_curve import Curve
 from difftrb.law.samples import Node
 
+SHALLOWEST = 1e-4
+"""Least depth by the approach that counts for where a ramp ends."""
 EXTENT_DEGREE = 5
 """Of the polynomials that say where a ramp begins and ends."""
 
@@ -58,8 +60,11 @@ def extents(log_loads: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
 
 def sunk(contact: LineContact, spall: Spall, solved: Sequence[Node], log_loads: np.ndarray) -> np.ndarray:
     """Coefficients of `Ramp.sunk`, of solves over the middle of one spall at `log_loads` [log N]."""
-    depth = np.array([node.approach - node.reach**2 / (2.0 * float(contact.radius)) for node in solved])
-    return extents(log_loads, (depth - float(rise_over(contact, spall))) / np.exp(log_loads))
+    approach = np.array([node.approach for node in solved])
+    depth = approach - np.array([node.reach**2 / (2.0 * float(contact.radius)) for node in solved])
+    # where land lifts a roller as far as it sinks, rounding decides the sign: then the ramp ends where the gap closes
+    depth = np.maximum(depth - float(rise_over(contact, spall)), SHALLOWEST * approach)
+    return extents(log_loads, depth / np.exp(log_loads))
 
 
 def rise_over(contact: LineContact, spall: Spall) -> jax.Array:
