@@ -16,6 +16,7 @@ import csv
 import dataclasses
 import time
 from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,6 +72,17 @@ def bearing(rng: np.random.Generator) -> trb.TaperedBearing:
     )  # fmt: skip
 
 
+def load_at(contact: trb.LineContact, pressure: float) -> float:
+    """Roller load [N] at which a long contact has this pressure [MPa] in its middle."""
+    radius, length, modulus = (float(v) for v in (contact.radius, contact.length, contact.modulus))
+    return float(np.pi * radius * pressure**2 / modulus * length)  # Johnson 1985, eq. (4.45)
+
+
+def radial_load(of: trb.TaperedBearing, largest: float) -> float:
+    """Radial load [N] at which the most loaded roller carries about `largest` [N]."""
+    return largest * of.rollers * float(np.cos(of.outer_angle)) / 4.08
+
+
 def spall(rng: np.random.Generator, of: trb.TaperedBearing, contact: trb.LineContact, load: float) -> trb.Spall:
     """One spall of any kind."""
     size, pitch = float(of.roller_length), float(geometry.roller_pitch(of)) * float(geometry.arc_radius(of))
@@ -98,13 +110,8 @@ def drawn(seed: int, laws: tuple[str, ...]) -> Drawn:
     law = laws[seed % len(laws)]
     of = trb.bearing("32008J") if law == "liu2018" else bearing(rng)
     contact = trb.LineContact.of(of, "outer")
-    size, radius, modulus = (float(v) for v in (of.roller_length, contact.radius, contact.modulus))
-
-    def load_at(pressure: float) -> float:
-        return float(np.pi * radius * pressure**2 / modulus * size)  # Johnson 1985, eq. (4.45)
-
-    crown, largest = load_at(rng.uniform(1500.0, 3000.0)), load_at(rng.uniform(500.0, 2600.0))
-    radial = largest * of.rollers * float(np.cos(of.outer_angle)) / 4.08
+    crown, largest = load_at(contact, rng.uniform(1500.0, 3000.0)), load_at(contact, rng.uniform(500.0, 2600.0))
+    radial = radial_load(of, largest)
     axial = radial * float(np.tan(of.outer_angle)) * rng.uniform(1.1, 4.0)
     count = int(rng.choice([1, 2, 3], p=[0.6, 0.3, 0.1]))
     spalls = [spall(rng, of, contact, largest) for _ in range(count)]
@@ -118,7 +125,7 @@ def drawn(seed: int, laws: tuple[str, ...]) -> Drawn:
     kind = str(rng.choice(kinds, p=[0.36] + [0.08] * 8)) if law not in ("liu2018", "palmgren") else "plain"
     if law == "palmgren" and rng.uniform() < 0.5:
         kind = "tilt"
-    approach = float(gap.palmgren_approach(largest, size))
+    approach = float(gap.palmgren_approach(largest, float(of.roller_length)))
     load, acting = trb.Load(radial, axial), ()
     if kind == "raceways":
         acting = (E.Raceways(),)
@@ -255,28 +262,40 @@ def summary(path: Path) -> None:
           f"by {np.median(wrong) if wrong.size else 0.0:.1e} … {wrong.max(initial=0.0):.1e}")  # fmt: skip
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--scenes", type=int, default=300)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--step", type=int, default=1, help="take every so many, for several processes")
-    parser.add_argument("--laws", default=",".join(LAWS))
-    parser.add_argument("--out", type=Path, default=Path("audit.csv"))
-    options = parser.parse_args()
-    laws = tuple(options.laws.split(","))
+def add_rows(path: Path, fields: Sequence[str], numbers: Iterable[int], row: Callable[[int], dict[str, Any]]) -> None:
+    """Compute the rows of these numbers that are not there and write each as it comes; a row's number is its first
+    field."""
     done = set()
-    if options.out.exists():
-        with options.out.open(encoding="utf-8", newline="") as file:
-            done = {int(row["seed"]) for row in csv.DictReader(file)}
-    with options.out.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS)
+    if path.exists():
+        with path.open(encoding="utf-8", newline="") as file:
+            done = {int(each[fields[0]]) for each in csv.DictReader(file)}
+    with path.open("a", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, fields)
         if not done:
             writer.writeheader()
-        for seed in range(options.first, options.scenes, options.step):
-            if seed not in done:
-                writer.writerow(row(seed, laws))
+        for number in numbers:
+            if number not in done:
+                writer.writerow(row(number))
                 file.flush()
                 let_go(MANY)
+
+
+def arguments(scenes: int, out: str) -> argparse.ArgumentParser:
+    """What both audits take."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--scenes", type=int, default=scenes)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--step", type=int, default=1, help="take every so many, for several processes")
+    parser.add_argument("--out", type=Path, default=Path(out))
+    return parser
+
+
+def main() -> None:
+    parser = arguments(300, "audit.csv")
+    parser.add_argument("--laws", default=",".join(LAWS))
+    options = parser.parse_args()
+    laws = tuple(options.laws.split(","))
+    add_rows(options.out, FIELDS, range(options.first, options.scenes, options.step), lambda seed: row(seed, laws))
     summary(options.out)
 
 

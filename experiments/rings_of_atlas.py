@@ -10,7 +10,6 @@ numbers. One row a scene, written as it comes; rows that are there are not compu
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 import time
@@ -31,8 +30,7 @@ from difftrb.law import axial_place
 from difftrb.scene import scene_laws
 from difftrb.scene.scene import named
 from difftrb.scene.solving import solve_prepared
-from experiments.audit_of_scenes import MANY, bearing
-from experiments.programs import let_go
+from experiments.audit_of_scenes import add_rows, arguments, bearing, load_at, radial_load
 
 BY = ("length", "width", "offset", "angle", "crown", "radius")
 """Of the first spall; design load of the crown; both of a roller's diameters at once."""
@@ -46,20 +44,16 @@ def drawn(number: int, bearings: int) -> trb.Scene:
     """The scene of this number: a deep spall on one of so many bearings, with law "table"."""
     of = bearing(np.random.default_rng([7, number % bearings]))
     rng, contact = np.random.default_rng([8, number]), trb.LineContact.of(of, "outer")
-    size, radius, modulus = (float(v) for v in (of.roller_length, contact.radius, contact.modulus))
-
-    def load_at(pressure: float) -> float:
-        return float(np.pi * radius * pressure**2 / modulus * size)  # Johnson 1985, eq. (4.45)
-
-    crown, largest = load_at(rng.uniform(1500.0, 3000.0)), load_at(rng.uniform(700.0, 2600.0))
-    radial = largest * of.rollers * float(np.cos(of.outer_angle)) / 4.08
+    size = float(of.roller_length)
+    crown, largest = load_at(contact, rng.uniform(1500.0, 3000.0)), load_at(contact, rng.uniform(700.0, 2600.0))
+    radial = radial_load(of, largest)
     axial = radial * float(np.tan(of.outer_angle)) * rng.uniform(1.1, 3.0)
     kind = KINDS[number // bearings % len(KINDS)]
     shares = {"short": (0.05, 0.3), "long": (0.4, 0.8), "aside": (0.1, 0.6), "narrow": (0.1, 0.7)}
     length = rng.uniform(*shares[kind])
     offset = rng.uniform(-1.0, 1.0) * (axial_place.INNER - 0.5 * length) if kind == "aside" else 0.0
     pitch = float(geometry.roller_pitch(of)) * float(geometry.arc_radius(of))
-    half = float(gap.line_half_width(largest / size, radius, modulus))
+    half = float(gap.line_half_width(largest / size, float(contact.radius), float(contact.modulus)))
     width = half * rng.uniform(0.5, 4.0) if kind == "narrow" else pitch * rng.uniform(0.3, 2.0)
     angle = rng.uniform(-0.2, 0.2)
     phase = rng.uniform(0.0, float(geometry.roller_pitch(of)))
@@ -157,28 +151,12 @@ def summary(path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = arguments(200, "rings.csv")
     parser.add_argument("--bearings", type=int, default=20)
-    parser.add_argument("--scenes", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--step", type=int, default=1, help="take every so many, for several processes")
     parser.add_argument("--accuracy", type=float, default=1e-5, help="of the contacts of 'direct'")
-    parser.add_argument("--out", type=Path, default=Path("rings.csv"))
     options = parser.parse_args()
-    done = set()
-    if options.out.exists():
-        with options.out.open(encoding="utf-8", newline="") as file:
-            done = {int(each["scene"]) for each in csv.DictReader(file)}
     of = partial(row, bearings=options.bearings, accuracy=options.accuracy)
-    with options.out.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS)
-        if not done:
-            writer.writeheader()
-        for number in range(options.first, options.scenes, options.step):
-            if number not in done:
-                writer.writerow(of(number))
-                file.flush()
-                let_go(MANY)
+    add_rows(options.out, FIELDS, range(options.first, options.scenes, options.step), of)
     summary(options.out)
 
 

@@ -111,7 +111,7 @@ def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> jax
     distance = points[later] - images * points[earlier]
     sign = jnp.where(orders == 3, jnp.sign(distance), np.where(orders == 2, -images, 1.0))
 
-    hats = Moments.of(groups)
+    hats = _moments(groups)
     *pair, hat_pairs = _pairs(hats.mean.shape[0], mirrored)
     apart, far, by_moments = _by_moments(hats, kappa, *pair)
 
@@ -141,14 +141,14 @@ class Moments(NamedTuple):
     third: jax.Array
     size: jax.Array
 
-    @staticmethod
-    def of(groups: tuple[Rows, ...]) -> Moments:
-        """A hat is a triangle; half of one beside a border. The one on the middle has half its weight."""
-        parts = [_sides(rows) for rows in groups]
-        low, peak, high = (jnp.concatenate(part) for part in zip(*parts, strict=True))
-        second = (low * low + low * high + high * high) / 18.0
-        third = (high - low) * (2.0 * low + high) * (low + 2.0 * high) / 270.0
-        return Moments(weights(groups), peak + (high - low) / 3.0, second, third, jnp.maximum(low, high))
+
+def _moments(groups: tuple[Rows, ...]) -> Moments:
+    """A hat is a triangle; half of one beside a border. The one on the middle has half its weight."""
+    parts = [_sides(rows) for rows in groups]
+    low, peak, high = (jnp.concatenate(part) for part in zip(*parts, strict=True))
+    second = (low * low + low * high + high * high) / 18.0
+    third = (high - low) * (2.0 * low + high) * (low + 2.0 * high) / 270.0
+    return Moments(weights(groups), peak + (high - low) / 3.0, second, third, jnp.maximum(low, high))
 
 
 def _sides(rows: Rows) -> tuple[jax.Array, jax.Array, jax.Array]:

@@ -99,14 +99,13 @@ def solve(inputs: Inputs, mirrored: bool, edges: int, fineness: Fineness, cells:
     tips = tuple(_tip(contact, tip, estimate, end, other) / unit for end, other in ((-low, high), (high, -low)))
     groups = _groups(spall, low / unit, high / unit, tips, mirrored, edges, fineness)
     layout = _layout(groups, edges, mirrored, fineness)
-    clear = _clear(spall, -low / unit / tips[0], high / unit / tips[1], groups)
     images = 2.0 if mirrored else 1.0
     push = np.pi * contact.modulus / line_load  # from [mm] to the unit of displacement
     half_width = 0.5 * spall.width if spall is not None else jnp.asarray(jnp.inf)
     rolling_edges = (offset - half_width) / unit, (offset + half_width) / unit
     share = load / (images * line_load * unit)
-    problem = _problem(layout, groups, contact, rolling_edges, push, unit, share, mirrored)
-    problem = dataclasses.replace(problem, gap=problem.gap + CLEAR * push * jax.lax.stop_gradient(estimate) * clear)
+    clear = CLEAR * push * jax.lax.stop_gradient(estimate) * _gone(groups, -low / unit / tips[0], high / unit / tips[1])
+    problem = _problem(layout, groups, contact, rolling_edges, push, unit, share, mirrored, clear)
     start = _start(layout, problem, push * estimate)
     (loads, ends, approach), active, change, passes = strip_newton.solve(layout, problem, start)
     approach = approach / push
@@ -136,16 +135,17 @@ def _judged(approach: jax.Array, change: jax.Array, tension: jax.Array, accuracy
 
 def _problem(
     layout: Layout, groups: tuple[Rows, ...], contact: LineContact, rolling_edges: tuple[jax.Array, jax.Array],
-    push: Real, unit: jax.Array, load: jax.Array, mirrored: bool,
+    push: Real, unit: jax.Array, load: jax.Array, mirrored: bool, clear: jax.Array,
 ) -> Problem:  # fmt: skip
-    """The contact without units; rolling edges and load are so already, `push` and `unit` take the units off."""
+    """The contact without units; rolling edges, load and by what rows are `clear` are so already; `push`, `unit` take
+    them off."""
     nodes, node_weights = layout.frequencies.rule()
     weight = strip_basis.weights(groups)
 
     def crown(y: jax.Array) -> jax.Array:
         return push * gaps.crown_at(y * unit, contact)
 
-    gap = jnp.concatenate([strip_basis.integrals(group, crown) for group in groups]) / weight
+    gap = jnp.concatenate([strip_basis.integrals(group, crown) for group in groups]) / weight + clear
     return Problem(
         products=strip_basis.products(groups, nodes, mirrored) * (2.0 / np.pi * node_weights)[None, None],
         mass=strip_basis.mass(groups),
@@ -219,17 +219,16 @@ def _groups(
     return (lower, hollow, upper) if edges else (lower, upper)
 
 
-def _clear(spall: Spall | None, below: jax.Array, above: jax.Array, groups: tuple[Rows, ...]) -> np.ndarray | jax.Array:
+def _gone(groups: tuple[Rows, ...], below: jax.Array, above: jax.Array) -> jax.Array:
     """Which rows stand for land of which a spall leaves none, ones in zeros, shape (rows,); `below`, `above`: how far
     it goes on either side of the roller's middle, by where strips end there."""
-    if spall is None:
-        return np.zeros(groups[0].count)
-    sizes = [group.count for group in groups]
-    gone = [jnp.zeros(())] * len(groups)
-    gone[0 if groups[0].edge == "low" else -1] = jnp.where(above > 1.0 - LEAST_ROWS, 1.0, 0.0)
-    if groups[0].edge == "high":
-        gone[0] = jnp.where(below > 1.0 - LEAST_ROWS, 1.0, 0.0)
-    return jnp.concatenate([jnp.full(size, one) for size, one in zip(sizes, gone, strict=True)])
+    beside = {"high": below, "low": above}  # land below a spall ends with its high end
+
+    def gone(group: Rows) -> jax.Array:
+        land = group.edge in beside and not group.middle
+        return jnp.where(beside[group.edge] > 1.0 - LEAST_ROWS, 1.0, 0.0) if land else jnp.zeros(())
+
+    return jnp.concatenate([jnp.full(group.count, gone(group)) for group in groups])
 
 
 def _layout(groups: tuple[Rows, ...], edges: int, mirrored: bool, fine: Fineness) -> Layout:

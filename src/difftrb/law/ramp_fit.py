@@ -60,11 +60,17 @@ def extents(log_loads: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
 
 def sunk(contact: LineContact, spall: Spall, solved: Sequence[Node], log_loads: np.ndarray) -> np.ndarray:
     """Coefficients of `Ramp.sunk`, of solves over the middle of one spall at `log_loads` [log N]."""
-    approach = np.array([node.approach for node in solved])
-    depth = approach - np.array([node.reach**2 / (2.0 * float(contact.radius)) for node in solved])
-    # where land lifts a roller as far as it sinks, rounding decides the sign: then the ramp ends where the gap closes
-    depth = np.maximum(depth - float(rise_over(contact, spall)), SHALLOWEST * approach)
-    return extents(log_loads, depth / np.exp(log_loads))
+    approach, reach = (np.array([getattr(node, name) for node in solved]) for name in ("approach", "reach"))
+    risen = reach**2 / (2.0 * float(contact.radius)) + float(rise_over(contact, spall))
+    return extents(log_loads, depth(approach, risen) / np.exp(log_loads))
+
+
+def depth(approach: np.ndarray, risen: np.ndarray) -> np.ndarray:
+    """How far rollers sink into a spall: their approach less what the crown and the land beside it have `risen`.
+
+    Where land lifts a roller as far as it sinks, rounding decides the sign: then the ramp ends where the gap closes.
+    """
+    return np.maximum(approach - risen, SHALLOWEST * approach)
 
 
 def rise_over(contact: LineContact, spall: Spall) -> jax.Array:
