@@ -14,6 +14,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import status
 from difftrb.law import samples
+from difftrb.law.direct import accuracy_at_edges
 from difftrb.report import run_report
 from difftrb.scene import scene_file
 from difftrb.scene.scene import Picked
@@ -68,7 +69,8 @@ def test_contacts_are_as_exact_as_needed(
 ) -> None:
     solves["off"] = off
     picked = picked_for(auto, asked)
-    assert sorted(set(solves["asked"]), reverse=True) == made
+    edges = {accuracy_at_edges(accuracy) for accuracy in made}
+    assert sorted(set(solves["asked"]) - (edges - set(made)), reverse=True) == made
     assert (picked.law, picked.accuracy, picked.asked) == ("direct", made[-1], asked)
     assert picked.error == pytest.approx(error, rel=0.3)
     assert (picked.finer is None) == (made[-1] == 1e-4)

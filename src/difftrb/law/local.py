@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,19 +20,27 @@ from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples
 from difftrb.law.base import Rest
-from difftrb.law.direct import ASIDE, MOVED, DirectLaw
+from difftrb.law.direct import ASIDE, MOVED, DirectLaw, accuracy_at_edges
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve
 from difftrb.law.samples import Node, Progress
+
+if TYPE_CHECKING:
+    from jax import Array
+    from jaxtyping import Float
 
 WITHIN = 0.2
 """By how much in its logarithm a roller's load may be off the one that its contacts were solved about."""
 FEW, SEARCHED = 3, 0.35
 """Solves of a state while its load is looked for, and by how much in the logarithm they are spread to either side."""
-MANY, SPREAD = 7, 0.25
-"""The same once it is found."""
+MANY, SPREAD = 9, 0.3
+"""The same once it is found. Closer together, errors of solves make more of the derivatives of stiffness; farther
+apart, the curve does."""
+DEGREE = 3
+"""Of a state's curve: with two, ramps bend more than it does, and stiffness is off by up to 5e-4."""
 NARROWER = 0.25
-"""Where the curve bends, as it does where a bottom is met, by what its loads are spread less."""
+"""Where the curve bends, as it does where a bottom is met, by what its loads are spread less. So close together they
+tell no more than a quadratic."""
 BENDS = 5e-4
 """Residual of a state's curve, in the logarithm of the load, beyond which it does."""
 TOGETHER = 4
@@ -56,20 +64,19 @@ class States(NamedTuple):
     """Rollers that meet spalls, one behind the other along the first axis of every field.
 
     Attributes:
-      at: which roller each is: a one in zeros, shape (states, rollers); zeros alone fill up.
-      met: which spalls are in its reach: ones in zeros, shape (states, spalls).
-      log_loads: of its solves [log N], shape (states, loads). approaches: [mm], of the same shape.
-      given: `samples.inputs` of the contact, all spalls, and its distances from them, as solved, shape
-        (states, inputs).
-      slopes: of the approaches by these, shape (states, loads, inputs); 0 by spalls out of reach.
+      at: which roller each is: a one in zeros; zeros alone fill up.
+      met: which spalls are in its reach: ones in zeros.
+      log_loads: of its solves [log N]. approaches: [mm].
+      given: `samples.inputs` of the contact, all spalls, and its distances from them, as solved.
+      slopes: of the approaches by these; 0 by spalls out of reach.
     """
 
-    at: jax.Array
-    met: jax.Array
-    log_loads: jax.Array
-    approaches: jax.Array
-    given: jax.Array
-    slopes: jax.Array
+    at: Float[Array, "states rollers"]
+    met: Float[Array, "states spalls"]
+    log_loads: Float[Array, "states loads"]
+    approaches: Float[Array, "states loads"]
+    given: Float[Array, "states inputs"]
+    slopes: Float[Array, "states loads inputs"]
 
 
 @jax.tree_util.register_dataclass
@@ -170,13 +177,16 @@ class LocalLaw:
 
 
 def through(log_loads: jax.Array, approaches: jax.Array) -> Curve:
-    """log Q as a quadratic in log δ, nearest to a state's solves; straight beyond them."""
+    """log Q as a polynomial in log δ, nearest to a state's solves; straight beyond them."""
     x = jnp.log(approaches)
     middle, reach = 0.5 * (x[-1] + x[0]), 0.5 * (x[-1] - x[0])
     z = (x - middle) / reach
-    powers = jnp.stack([jnp.ones_like(z), z, z * z], axis=1)
-    coefficients = jnp.linalg.solve(_product(powers.T, powers), _product(powers.T, log_loads))
-    return Curve(coefficients, middle, reach, jnp.zeros(()))
+    free = min(DEGREE, z.size - 1)
+    close = log_loads[-1] - log_loads[0] < SPREAD
+    powers = jnp.stack([z**k for k in range(free + 1)], axis=1)
+    powers = powers.at[:, 3:].multiply(jnp.where(close, 0.0, 1.0))
+    square = _product(powers.T, powers) + jnp.diag(jnp.where(close & (jnp.arange(free + 1) > 2), 1.0, 0.0))
+    return Curve(jnp.linalg.solve(square, _product(powers.T, log_loads)), middle, reach, jnp.zeros(()))
 
 
 def around(
@@ -211,7 +221,7 @@ def _solved(
         for each, row in zip(reached, log_loads, strict=True)
         for load in np.exp(row)
     ]
-    solved = samples.all_solved(base.contact, cases, float(base.error), progress)
+    solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress)
     count = log_loads.shape[1]
     return [solved[k : k + count] for k in range(0, len(solved), count)]
 

@@ -1,8 +1,8 @@
 """The roller laws of a scene, for every raceway that gives way; `with_laws` is the way in.
 
 All but "direct" are made at once, also inside jit. "direct" is made from contacts solved one by one, which needs
-numbers. Where rollers may meet several spalls at once, or a spall's bottom, "direct" becomes a
-`LocalLaw`: contacts are solved around the rollers' loads, and the ring on them, until the loads stay.
+numbers. At one phase it is a `LocalLaw`: contacts are solved around the rollers' loads, and the ring on them, until the
+loads stay. In the mean it is a `DirectLaw`, of curves over all loads.
 """
 
 from __future__ import annotations
@@ -62,18 +62,26 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
     A law that is there is carried to its contact. Raises SceneError for a traced scene whose law needs numbers, where
     only the inner raceway's law is missing, and for a mean over phases that needs a `LocalLaw`.
     """
-    if isinstance(scene.law, LawName) and scene.law.name == "direct" and not is_traced(scene) and _may_be_local(scene):
-        largest = expected_loads.largest_for_curves(scene)
-        bases: dict[Raceway, DirectLaw] = {
-            raceway: direct.without_edges(raceway_contact(scene, raceway), largest, (), scene.accuracy, progress)
-            for raceway in _raceways(scene)
-        }
-        if any(_is_local(scene, raceway, base) for raceway, base in bases.items()):
-            if isinstance(scene.phase, PitchMean):
-                raise SceneError(NOT_IN_THE_MEAN)
-            return _holding(scene, _local_laws(scene, bases, progress))
+    if isinstance(scene.law, LawName) and scene.law.name == "direct" and not is_traced(scene):
+        if not isinstance(scene.phase, PitchMean):
+            bases = _healthy_laws(scene, progress)
+            through = any(isinstance(effect, Through) for effect in scene.effects)
+            return _holding(scene, bases if through else _local_laws(scene, bases, progress))
+        if _may_meet_more(scene) and any(
+            _meet_more(scene, raceway, base) for raceway, base in _healthy_laws(scene, progress).items()
+        ):
+            raise SceneError(NOT_IN_THE_MEAN)
     made: dict[Raceway, Law] = {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}
     return _with_edges(scene, made, progress)
+
+
+def _healthy_laws(scene: Scene, progress: Progress | None) -> dict[Raceway, DirectLaw]:
+    """The curves of healthy rollers on every raceway, by contact solves."""
+    largest = expected_loads.largest_for_curves(scene)
+    return {
+        raceway: direct.without_edges(raceway_contact(scene, raceway), largest, (), scene.accuracy, progress)
+        for raceway in _lacking(scene)
+    }
 
 
 def is_traced(scene: Scene) -> bool:
@@ -86,10 +94,18 @@ def _raceways(scene: Scene) -> tuple[Raceway, ...]:
     return ("outer", "inner") if any(isinstance(effect, Raceways) for effect in scene.effects) else ("outer",)
 
 
+def _lacking(scene: Scene) -> tuple[Raceway, ...]:
+    """Those of them for which a law is to be made: the inner raceway's may be there."""
+    there = any(isinstance(effect, SeriesRaceways) for effect in scene.effects)
+    return ("outer",) if there else _raceways(scene)
+
+
 def _holding(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
-    """The scene with a law for each of its raceways."""
+    """The scene with these laws on its raceways."""
     acting = tuple(
-        SeriesRaceways(effect.inner_design_load, made["inner"]) if isinstance(effect, Raceways) else effect
+        SeriesRaceways(effect.inner_design_load, made["inner"])
+        if isinstance(effect, Raceways) and "inner" in made
+        else effect
         for effect in scene.effects
     )
     return dataclasses.replace(scene, law=made["outer"], effects=acting)
@@ -123,14 +139,12 @@ def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | 
     The phases of a mean hang on all laws, so all are made before the first edge is solved.
     """
     ready = _holding(scene, made)
-    there = any(isinstance(effect, SeriesRaceways) for effect in scene.effects)  # the inner raceway's law
-    new: tuple[Raceway, ...] = ("outer",) if there else ("outer", "inner")
     lacking: dict[Raceway, DirectLaw] = {
-        raceway: law for raceway in new if isinstance(law := made.get(raceway), DirectLaw) and law.spalls
+        raceway: law for raceway in _lacking(scene) if isinstance(law := made.get(raceway), DirectLaw) and law.spalls
     }
     if not lacking or not isinstance(scene.law, LawName):
         return ready
-    every = _phases(ready) if isinstance(scene.phase, PitchMean) else phases(ready)[0]
+    every = _phases(ready)
     edged: dict[Raceway, Law] = dict(made)
     for raceway, law in lacking.items():
         edged[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
@@ -175,8 +189,8 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: jax.Array) -> tu
     return jax.vmap(at)(phases)
 
 
-def _may_be_local(scene: Scene) -> bool:
-    """Whether to ask `_is_local`, which solves contacts: of several spalls, or one that is not surely deep."""
+def _may_meet_more(scene: Scene) -> bool:
+    """Whether to ask `_meet_more`, for which contacts are solved: of several spalls, or one that is not surely deep."""
     if len(scene.spalls) > 1:
         return True
     largest = expected_loads.largest_for_curves(scene)
@@ -184,8 +198,8 @@ def _may_be_local(scene: Scene) -> bool:
     return any(float(spall.depth) < deep for spall in scene.spalls)
 
 
-def _is_local(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
-    """Whether rollers may meet several of the scene's spalls at once, or a spall's bottom."""
+def _meet_more(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
+    """Whether rollers may meet several of the scene's spalls at once, or a spall's bottom, while the cage turns."""
     spalls = ring.spalls_on(scene.spalls, raceway)
     if any(isinstance(effect, Through) for effect in scene.effects) or not spalls:
         return False
@@ -194,16 +208,12 @@ def _is_local(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
         return True
     reach = np.sqrt(2.0 * float(base.contact.radius) * deepest)
     half = np.array([0.5 * float(spall.width) for spall in spalls]) + reach
-    if isinstance(scene.phase, PitchMean):
-        turn = 2.0 * np.pi * float(geometry.arc_radius(scene.bearing, raceway))
-        shares = np.array([float(spall.angle) % (2.0 * np.pi) for spall in spalls]) / (2.0 * np.pi)
-        order = np.argsort(shares)
-        places = np.sort(shares * turn)
-        apart = np.diff(places, append=places[0] + turn)
-        return bool(len(spalls) > 1 and np.any(apart < half[order] + np.roll(half[order], -1)))
-    angles = ring.roller_angles(scene.bearing, cast(Real, scene.phase))
-    away = np.asarray(ring.distances(scene.bearing, spalls, angles, raceway))
-    return bool(np.any(np.sum(np.abs(away) < half[:, None], axis=0) > 1))
+    turn = 2.0 * np.pi * float(geometry.arc_radius(scene.bearing, raceway))
+    shares = np.array([float(spall.angle) % (2.0 * np.pi) for spall in spalls]) / (2.0 * np.pi)
+    order = np.argsort(shares)
+    places = np.sort(shares * turn)
+    apart = np.diff(places, append=places[0] + turn)
+    return bool(len(spalls) > 1 and np.any(apart < half[order] + np.roll(half[order], -1)))
 
 
 def _local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progress | None) -> dict[Raceway, LocalLaw]:
@@ -253,7 +263,7 @@ def _at_rest(
     """What rollers carry on every raceway [N], and the spalls that they may meet there."""
     loads, away, approach = _rest(_holding(scene, made))
     rollers = scene.bearing.rollers * (2 if any(isinstance(effect, DoubleRow) for effect in scene.effects) else 1)
-    share = FARTHER * (ring.OWN if "inner" in made else 1.0)
+    share = FARTHER * (ring.OWN if len(_raceways(scene)) > 1 else 1.0)
     reached: dict[Raceway, list[Reached]] = {}
     for raceway, law in made.items():
         rest = Rest(float(law.contact.radius), share * approach, loads[raceway])
