@@ -1,4 +1,4 @@
-"""Solve the contacts of the package's atlas: `python -m experiments.build_of_atlas FOLDER`. An hour on two cores.
+"""Solve the contacts of the package's atlas: `python -m experiments.build_of_atlas FOLDER`. Above an hour on two cores.
 
 What was solved is kept in FOLDER, a file for every λ, so that a build that was broken off goes on. Then the atlas is
 compared with contacts between its nodes, and written to FOLDER/atlas.npz; to ship it, copy that to src/difftrb/law.
@@ -16,6 +16,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.polynomial.chebyshev import chebfit, chebvander
 
 from difftrb.contact import gap, solver
 from difftrb.core import storage
@@ -31,10 +32,15 @@ LENGTH, MODULUS, DESIGN_LOAD = 10.0, 1.0e5, 5000.0
 """Of the contacts that are solved [mm], [MPa], [N]: any would do."""
 NUMBERS = 1e-6, 3e-3
 LOADS = 1e-2, 3.0
+LIGHT, EDGE_LIGHT = 0.75, 0.5
+"""Powers of the load with which a solve counts for its curve and for its ramp. Where far land begins to carry, at light
+loads, both have a kink, which no polynomial follows; one through all solves alike sways for it at every load."""
 RIDGE = 5e-4
 """Noise of a solve's share by the size of s's coefficients."""
 CHECKED = 0.05, 2.5
 """Loads of healthy rollers at which the atlas is compared, by the design load."""
+EDGE_LENGTHS = 0.15, 1.0
+"""Variables of spalls' lengths between which ramps are solved; those of shorter ones are as there."""
 CHECKS = 80
 OVER_END = 3
 LIGHTEST = 0.01
@@ -45,16 +51,20 @@ WIDE = 1000.0
 
 
 class Size(NamedTuple):
-    """How many nodes the atlas has, and how exact its contacts are without and with a rolling edge in reach."""
+    """How many nodes the atlas has; at how many loads, lengths and levels more contacts are solved than it keeps; and
+    how exact they are without and with a rolling edge in reach."""
 
     numbers: int = 8
     loads: int = 12
+    solved_loads: int = 23
     lengths: int = 13
     asides: int = 7
     edge_numbers: int = 5
     edge_lengths: int = 7
+    solved_lengths: int = 9
     edge_asides: int = 5
-    levels: int = 6
+    levels: int = 5
+    solved_levels: int = 8
     places: int = 12
     accuracy: float = 1e-5
     edge_accuracy: float = 1e-4
@@ -114,7 +124,7 @@ def _blank(size: Size) -> Atlas:
         np.full((size.numbers, size.loads), nan), np.full((size.numbers, extents), nan),
         np.full((*places, size.loads), nan), np.full((*places, extents), nan),
         np.asarray(chebyshev_nodes(size.edge_numbers + 2, lowest, highest))[1:-1],  # beyond, shares are as there
-        np.asarray(chebyshev_nodes(size.edge_lengths, 0.15, 1.0)),
+        np.asarray(chebyshev_nodes(size.edge_lengths, *EDGE_LENGTHS)),
         np.asarray(chebyshev_nodes(size.edge_asides, 0.0, 1.0)),
         np.zeros((*edges, size.levels, edge_ramp.TERMS)), np.full(4, nan), np.asarray(nan),
     )  # fmt: skip
@@ -143,7 +153,8 @@ def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -
     """Contacts without an edge in reach at the k-th λ."""
     number = float(np.exp(built.log_numbers[k]))
     contact, unit = contact_at(number), float(gap.crown_scale(contact_at(number)))
-    loads, across = np.exp(built.log_loads), np.sqrt(2.0 * float(contact.radius) * unit)
+    log_loads = np.asarray(chebyshev_nodes(size.solved_loads, *np.log(LOADS)))
+    loads, across = np.exp(log_loads), np.sqrt(2.0 * float(contact.radius) * unit)
     places = [stand for stand in _stands(built.lengths, built.asides) if stand.i > 0 or stand.over_end]
     shapes = [stand.spall(number) for stand in places]
     cases = [Case(float(q) * DESIGN_LOAD, shape) for shape in (None, *shapes) for q in loads]
@@ -152,32 +163,48 @@ def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -
     approach = np.array([node.approach for node in nodes]).reshape(shape) / unit
     half = np.array([node.half_width for node in nodes[: loads.size]]) / across
     reach = np.array([node.reach for node in nodes]).reshape(shape) / across
-    healthy, full = np.log(approach[0]), np.zeros(built.full.shape[1:])
+    weight = np.minimum(loads, 1.0) ** LIGHT
+    kept = _nearest(log_loads, built.log_loads, np.log(approach), 1, weight)
+    healthy, full = kept[0], np.zeros(built.full.shape[1:])
     sunk = np.zeros(built.sunk.shape[1:])
     full[0, :-1] = healthy
     for row, (stand, spall) in enumerate(zip(places, shapes, strict=True), start=1):
         i, a = stand.i, stand.a
-        full[i, a] = np.log(approach[row])
-        rise = float(ramp_fit.rise_over(contact, spall)) / unit
-        # where land lifts the roller as far as it sinks there is no depth
-        depth = np.maximum(approach[row] - rise - reach[row] ** 2, ramp_fit.SHALLOWEST * approach[row])
-        sunk[i, a] = ramp_fit.extents(np.asarray(built.log_loads), depth / loads)
+        full[i, a] = kept[row]
+        risen = float(ramp_fit.rise_over(contact, spall)) / unit + reach[row] ** 2
+        sunk[i, a] = ramp_fit.extents(log_loads, ramp_fit.depth(approach[row], risen) / loads)
     x = built.lengths  # without a spall there is no middle to tell it
     sunk[0, :-1] = sunk[1, :-1] - (sunk[2, :-1] - sunk[1, :-1]) * (x[1] - x[0]) / (x[2] - x[1])
-    return {"healthy": healthy, "half_width": ramp_fit.extents(np.asarray(built.log_loads), half), "full": full,
+    return {"healthy": healthy, "half_width": ramp_fit.extents(log_loads, half), "full": full,
             "sunk": sunk}  # fmt: skip
 
 
+def _nearest(
+    x: np.ndarray, nodes: Numbers, values: np.ndarray, axis: int, weight: np.ndarray | None = None
+) -> np.ndarray:
+    """At `nodes` the polynomials with as many coefficients that are nearest to `values` at `x` along an axis."""
+    own, at = ((2.0 * np.asarray(each) - x[-1] - x[0]) / (x[-1] - x[0]) for each in (x, nodes))
+    coefficients = _fitted_series(own, np.moveaxis(values, axis, 0), len(nodes), weight)
+    return np.moveaxis(np.tensordot(chebvander(at, len(nodes) - 1), coefficients, 1), 0, axis)
+
+
+def _fitted_series(x: np.ndarray, values: np.ndarray, count: int, weight: np.ndarray | None) -> np.ndarray:
+    """So many coefficients of Chebyshev polynomials, nearest to `values` at `x` along the first axis."""
+    found = chebfit(x, values.reshape(x.size, -1), count - 1, w=weight)
+    return found.reshape(count, *values.shape[1:])
+
+
 def edges(size: Size, built: Atlas, k: int, progress: Progress | None = None) -> storage.Arrays:
-    """Ramps at the k-th λ of edges."""
+    """Ramps at the k-th λ of edges, as solved, shape (solved lengths, edge asides + 1, solved levels, terms)."""
     number = float(np.exp(built.edge_numbers[k]))
     contact = contact_at(number)
     law = law_of(built, contact)
-    share = np.zeros(built.share.shape[1:])
+    lengths = _solved_lengths(size)
+    share = np.zeros((lengths.size, size.edge_asides + 1, size.solved_levels, edge_ramp.TERMS))
     aims, cases = [], []
-    for stand in _stands(built.edge_lengths, built.edge_asides):
+    for stand in _stands(lengths, built.edge_asides):
         spall = stand.spall(number)
-        loads, places = map(np.asarray, _aims(law, spall, size.levels, size.places))
+        loads, places = map(np.asarray, _aims(law, spall, size.solved_levels, size.places))
         width = 4.0 * float(places.max())
         aims.append((stand, spall, loads, places))
         cases += [
@@ -185,10 +212,23 @@ def edges(size: Size, built: Atlas, k: int, progress: Progress | None = None) ->
             for q, edge in zip(loads.ravel(), places.ravel(), strict=True)
         ]
     nodes = solved(contact, cases, size.edge_accuracy, progress)
-    approach = np.array([node.approach for node in nodes]).reshape(len(aims), size.levels, -1)
+    approach = np.array([node.approach for node in nodes]).reshape(len(aims), size.solved_levels, -1)
     for (stand, spall, loads, places), own in zip(aims, approach, strict=True):
         share[stand.i, stand.a] = _fitted(law, spall, loads, places, own)
     return {"share": share}
+
+
+def _solved_lengths(size: Size) -> np.ndarray:
+    return np.asarray(chebyshev_nodes(size.solved_lengths, *EDGE_LENGTHS))
+
+
+def _kept_share(size: Size, built: Atlas, solved: np.ndarray) -> np.ndarray:
+    """`Atlas.share` at one λ, of ramps as `edges` solves them."""
+    levels = np.asarray(chebyshev_nodes(size.solved_levels, -1.0, 1.0))
+    loads = LOADS[1] * edge_ramp.LEAST ** (0.5 * (levels - 1.0))
+    at_levels = np.tensordot(chebvander(levels, size.solved_levels - 1), np.moveaxis(solved, 2, 0), 1)
+    fewer = _fitted_series(levels, at_levels, size.levels, np.minimum(loads, 1.0) ** EDGE_LIGHT)
+    return _nearest(_solved_lengths(size), built.edge_lengths, np.moveaxis(fewer, 0, 2), 0)
 
 
 @partial(jax.jit, static_argnums=(2, 3))
@@ -228,21 +268,21 @@ def build(folder: Path, size: Size) -> Atlas:
     """The atlas, from what is kept in `folder` and solves."""
     built = _blank(size)
 
-    def kept(name: str, make: Callable[[int, Progress | None], storage.Arrays], k: int) -> None:
+    def kept(name: str, make: Callable[[int, Progress | None], storage.Arrays], k: int) -> storage.Arrays:
         path = folder / f"{name}-{k}.npz"
         found = storage.read(path)
         if found is None:
             with terminal.bar(f"{name} {k + 1}") as bar:
                 found = make(k, bar)
             storage.write(path, found)
-        for field, value in found.items():
-            getattr(built, field)[k] = value
+        return found
 
     for k in range(size.numbers):
-        kept("levels", partial(levels, size, built), k)
+        for field, value in kept("levels", partial(levels, size, built), k).items():
+            getattr(built, field)[k] = value
     middle = size.edge_numbers // 2
     for k in sorted(range(size.edge_numbers), key=lambda k: abs(k - middle)):
-        kept("edges", partial(edges, size, built), k)
+        built.share[k] = _kept_share(size, built, kept("edges", partial(edges, size, built), k)["share"])
     return built
 
 

@@ -41,7 +41,7 @@ def q_over(law, spall, distance, delta):
 
 
 def test_nodes_solved_afresh() -> None:
-    """Without an edge in reach, at random ones of the atlas's own nodes."""
+    """Without an edge in reach, at random ones of the atlas's own nodes; light loads count less, as in its build."""
     shipped, rng, off = atlas.shipped(), np.random.default_rng(0), []
     for _ in range(AFRESH):
         k, i, a, q = (int(rng.integers(size)) for size in np.shape(shipped.full))
@@ -49,9 +49,10 @@ def test_nodes_solved_afresh() -> None:
         contact = build_of_atlas.contact_at(number)
         aside = 0.0 if over_end else float(shipped.asides[a])
         spall = build_of_atlas.spall_at(number, float(shipped.lengths[i]), aside, over_end)
-        load = float(np.exp(shipped.log_loads[q])) * build_of_atlas.DESIGN_LOAD
-        found = trb.solve_contact(contact, load, spall, accuracy=ACCURACY).check().approach
-        off.append(abs(float(found / gap.crown_scale(contact)) / float(np.exp(shipped.full[k, i, a, q])) - 1.0))
+        load = float(np.exp(shipped.log_loads[q]))
+        solved = trb.solve_contact(contact, load * build_of_atlas.DESIGN_LOAD, spall, accuracy=ACCURACY).check()
+        approach = float(solved.approach / gap.crown_scale(contact))
+        off.append(min(load, 1.0) ** build_of_atlas.LIGHT * abs(approach / np.exp(shipped.full[k, i, a, q]) - 1.0))
     assert np.median(off) < 0.5 * ACCURACY
     assert np.quantile(off, 0.9) < 3.0 * ACCURACY
     assert max(off) < 30.0 * ACCURACY
@@ -141,7 +142,7 @@ def test_scene_by_table_is_the_scene_by_direct(bearing: trb.TaperedBearing) -> N
     """Half a millimetre before the pitch between two rollers, where one stands on the ramp."""
 
     def solved(law: str) -> tuple[trb.Solution, trb.Scene]:
-        scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law, accuracy=1e-3, phase=0.1215)
+        scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law, accuracy=1e-4, phase=0.1215)
         return slopes(trb.prepare(scene))
 
     (ours, our_slopes), (theirs, their_slopes) = solved("table"), solved("direct")

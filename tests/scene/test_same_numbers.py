@@ -28,8 +28,8 @@ PINNED: dict[str, dict[str, float]] = {
         "by outer angle": -11869462.74633, "load by axial load": 0.1632036475224,
     },
     "table": {
-        "by angle": -6160554.117638, "by length": -4313.451499645, "by modulus": 15.37881285781,
-        "by width": -107469.0061866, "load of roller 0": 1584.707080748, "radial stiffness": 3489892.077269,
+        "by angle": -6153394.066181, "by length": -4282.160227244, "by modulus": 15.37895585957,
+        "by width": -107344.1012512, "load of roller 0": 1584.728530929, "radial stiffness": 3489927.171957,
     },
     "contact": {
         "approach": 0.008161755928812, "contact width": 0.2093452683384, "load": 2.225777737813e-06,
