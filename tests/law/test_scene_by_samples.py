@@ -11,7 +11,7 @@ import pytest
 import difftrb as trb
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import samples
-from tests import shapes
+from tests import closed_form, shapes
 
 pytestmark = pytest.mark.exact
 
@@ -62,6 +62,18 @@ def test_errors_of_solves_hardly_move_a_derivative(closed, bearing) -> None:
         moved = dataclasses.replace(scene.law, states=noisy)
         got = np.asarray(slopes(dataclasses.replace(scene, law=moved), jax.grad)[0])
         assert got[:2] == pytest.approx(wanted[:2], rel=2e-2)
+
+
+def test_an_edge_just_out_of_reach_tells_nothing(closed, bearing) -> None:
+    """At larger loads that the roller is solved at it is in reach, and the derivative by width was of these."""
+    wide = prepared(bearing, "direct", phase=0.0)
+    contact, load = wide.law.contact, trb.solve(wide).loads[0]
+    reach = float(closed_form.reach(contact, closed_form.approach(contact, load, SPALL, 0.0), SPALL))
+    beyond = dataclasses.replace(SPALL, width=2.0 * 1.1 * reach)
+    by, solution = slopes(prepared(bearing, "direct", phase=0.0, spalls=(beyond,)), jax.grad)
+    assert bool(solution.converged)
+    assert float(by[1]) == 0.0
+    assert float(by[0]) < 0.0
 
 
 @pytest.mark.parametrize(("accuracy", "at"), [(1e-2, 1e-2), (1e-3, 1e-3), (1e-4, 3e-5)])

@@ -39,8 +39,8 @@ apart, the curve does."""
 DEGREE = 3
 """Of a state's curve: with two, ramps bend more than it does, and stiffness is off by up to 5e-4."""
 NARROWER = 0.25
-"""Where the curve bends, as it does where a bottom is met, by what its loads are spread less. So close together they
-tell no more than a quadratic."""
+"""Where the curve bends, as it does where a bottom or an edge is just met, by what its loads are spread less. So close
+together they tell no more than a quadratic."""
 BENDS = 5e-4
 """Residual of a state's curve, in the logarithm of the load, beyond which it does."""
 TOGETHER = 4
@@ -203,7 +203,7 @@ def around(
     logs = np.log(loads)[:, None] + spread * way
     solved = _solved(base, spalls, reached, logs, progress)
     for k, own in enumerate(solved):
-        if found and _bend(logs[k], own) > BENDS:
+        if found and (_bend(logs[k], own) > BENDS or _touches_at_some(own, len(reached[k].under))):
             logs[k] = np.log(loads[k]) + NARROWER * spread * way
             (solved[k],) = _solved(base, spalls, reached[k : k + 1], logs[k : k + 1], progress)
     code = max(float(base.status_code), samples.worst_status([node for own in solved for node in own]))
@@ -231,6 +231,13 @@ def _bend(log_loads: np.ndarray, solved: Sequence[Node]) -> float:
     approaches = jnp.asarray([node.approach for node in solved])
     found, _ = load_curve.load(through(jnp.asarray(log_loads), approaches), approaches)
     return float(jnp.max(jnp.abs(jnp.log(found) - log_loads)))
+
+
+def _touches_at_some(solved: Sequence[Node], spalls: int) -> bool:
+    """Whether an edge of the spalls is in the contact at some of the loads, and at others not: there is a kink."""
+    by_away = np.array([node.slopes for node in solved])[:, -spalls:]
+    touches = by_away != 0.0
+    return bool(np.any(np.any(touches, axis=0) & ~np.all(touches, axis=0)))
 
 
 def _stacked(
