@@ -22,7 +22,7 @@ LENGTH = 13.66
 def random_cases() -> dict[str, np.ndarray]:
     """Loads over six decades; spalls of any size, depth and place, over the roller's end too; crowns from none up."""
     rng = np.random.default_rng(1)
-    n = 200
+    n = 120
     width = 10 ** rng.uniform(-1.5, 1.0, n)
     return {
         "load": 10 ** rng.uniform(-1, 5, n),

@@ -11,7 +11,7 @@ import difftrb as trb
 from difftrb.contact import gap
 from difftrb.core import status
 from difftrb.core.jax_config import jit_quickly
-from difftrb.law import atlas, axial_place, direct, edge_ramp, load_curve
+from difftrb.law import atlas, axial_place, direct, edge_ramp, load_curve, samples
 from difftrb.law.base import Rest, load_over
 from difftrb.scene import audit
 from experiments import build_of_atlas
@@ -50,8 +50,9 @@ def test_nodes_solved_afresh() -> None:
         aside = 0.0 if over_end else float(shipped.asides[a])
         spall = build_of_atlas.spall_at(number, float(shipped.lengths[i]), aside, over_end)
         load = float(np.exp(shipped.log_loads[q]))
-        solved = trb.solve_contact(contact, load * build_of_atlas.DESIGN_LOAD, spall, accuracy=ACCURACY).check()
-        approach = float(solved.approach / gap.crown_scale(contact))
+        solved = samples.solved(contact, samples.Case(load * build_of_atlas.DESIGN_LOAD, spall), ACCURACY)
+        assert solved.status_code == status.CONVERGED
+        approach = solved.approach / float(gap.crown_scale(contact))
         off.append(min(load, 1.0) ** build_of_atlas.LIGHT * abs(approach / np.exp(shipped.full[k, i, a, q]) - 1.0))
     assert np.median(off) < 0.5 * ACCURACY
     assert np.quantile(off, 0.9) < 3.0 * ACCURACY
