@@ -87,6 +87,43 @@ def _rates(function: Callable, parameters: Pytree, x: jax.Array) -> Pytree:
     return jax.jvp(lambda at: function(parameters, at), (x,), (jnp.ones_like(x),))[1]
 
 
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def multilinear(
+    function: Callable, weights: tuple[Callable, ...], parameters: Pytree, numbers: tuple[jax.Array, ...]
+) -> Pytree:
+    """y = `function(parameters, told)`, linear in each of what is told: `weights[k](parameters, numbers[k])`, pytrees.
+
+    For much y of few numbers, each of shape (): dy by each of these is computed once for however many changes.
+    """
+    return function(parameters, _told(weights, parameters, numbers))
+
+
+def _told(weights: tuple[Callable, ...], parameters: Pytree, numbers: tuple[jax.Array, ...]) -> list[Pytree]:
+    return [weigh(parameters, number) for weigh, number in zip(weights, numbers, strict=True)]
+
+
+def _multilinear_jvp(function: Callable, weights: tuple[Callable, ...], primals: tuple, tangents: tuple):
+    (parameters, numbers), (_, number_changes) = primals, tangents
+    told = _told(weights, parameters, numbers)
+    moving, changes, among = _moving(parameters, tangents[0])
+    parts = []
+    if moving:
+
+        def by_parameters(some: list) -> Pytree:
+            return function(among(some), _told(weights, among(some), numbers))
+
+        parts.append(jax.jvp(by_parameters, (moving,), (changes,))[1])
+    for k, change in enumerate(number_changes):
+        if not isinstance(change, SymbolicZero):
+            _, rate = jax.jvp(partial(weights[k], parameters), (numbers[k],), (jnp.ones_like(numbers[k]),))
+            by_one = function(parameters, [*told[:k], rate, *told[k + 1 :]])
+            parts.append(jax.tree.map(lambda of, change=change: of * change, by_one))
+    return function(parameters, told), jax.tree.map(lambda *of: sum(of[1:], of[0]), *parts)
+
+
+multilinear.defjvp(_multilinear_jvp, symbolic_zeros=True)
+
+
 def _moving(tree: Pytree, tangents: Pytree) -> tuple[list, list, Callable[[list], Pytree]]:
     """The leaves that change, their tangents, and what puts such leaves back among the others: XLA would compute with
     zeros what becomes of those that do not."""

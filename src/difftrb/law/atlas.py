@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap
-from difftrb.core import status, storage
+from difftrb.core import implicit, status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.law import axial_place, base, direct, edge_ramp, load_curve, ramp_fit
 from difftrb.law.axial_place import Place
@@ -88,11 +88,6 @@ def shipped() -> Atlas:
 def number_of(contact: LineContact) -> Real:
     """λ = Q_d R/(E'L³)."""
     return contact.design_load * contact.radius / (contact.modulus * contact.length**3)
-
-
-def _asides(nodes: Numbers, place: Place) -> jax.Array:
-    inside = load_curve.weights(nodes, place.aside)
-    return jnp.concatenate([jnp.where(place.over_end, 0.0, inside), jnp.where(place.over_end, 1.0, 0.0)[None]])
 
 
 @jax.tree_util.register_dataclass
@@ -170,13 +165,13 @@ class AtlasLaw:
 
     def healthy(self) -> Healthy:
         """The curve of a healthy roller."""
-        at, unit = _at_number(self.read.log_numbers, self.contact), gap.crown_scale(self.contact)
-        loads = jnp.asarray(self.read.log_loads) + jnp.log(self.contact.design_load)
-        own = load_curve.through(loads, unit * jnp.exp(at @ self.read.healthy), jnp.zeros(()))
+        atlas, unit, number = self.read, gap.crown_scale(self.contact), jnp.log(number_of(self.contact))
+        log_approaches, half_width = implicit.multilinear(_healthy_at, (_by_number,), (atlas, False), (number,))
+        loads = jnp.asarray(atlas.log_loads) + jnp.log(self.contact.design_load)
+        own = load_curve.through(loads, unit * jnp.exp(log_approaches), jnp.zeros(()))
         across = 0.5 * jnp.log(2.0 * self.contact.radius * unit)
         middle, reach = 0.5 * (loads[-1] + loads[0]), 0.5 * (loads[-1] - loads[0])
-        half_width = (at @ self.read.half_width).at[0].add(across)
-        return Healthy(own, half_width, jnp.stack([middle, reach]), self.contact.radius)
+        return Healthy(own, half_width.at[0].add(across), jnp.stack([middle, reach]), self.contact.radius)
 
     def beside(self, spall: Spall) -> Ramp:
         """The ramp of this spall's edge, which stands under the roller's middle."""
@@ -184,18 +179,13 @@ class AtlasLaw:
 
     def _beside(self, spall: Spall, healthy: Healthy) -> Ramp:
         atlas, contact, place = self.read, self.contact, _place(self.contact, spall)
-        at, unit = _at_number(atlas.log_numbers, contact), gap.crown_scale(contact)
-        along = jnp.outer(load_curve.weights(atlas.lengths, place.length), _asides(atlas.asides, place))
-        # by the contact's number first: where that is one for a batch, this is done once
-        log_full = jnp.tensordot(along, jnp.tensordot(at, jnp.asarray(atlas.full), 1), 2)
-        sunk = jnp.tensordot(along, jnp.tensordot(at, jnp.asarray(atlas.sunk), 1), 2)
+        unit, at = gap.crown_scale(contact), (jnp.log(number_of(contact)), place.length, place.aside)
+        weights = _by_number, _by_length, _by_aside
+        log_full, sunk, share = implicit.multilinear(_beside_at, weights, (atlas, place.over_end), at)
         shift = direct.shift_over(contact, spall)
         approaches = jnp.maximum(unit * jnp.exp(log_full), shift * (1.0 + 1e-9))
         loads = jnp.asarray(atlas.log_loads) + jnp.log(contact.design_load)
         full = load_curve.through(loads, approaches, shift)
-        there = load_curve.within(place.length, atlas.edge_lengths[0], 1.0)
-        along = jnp.outer(load_curve.weights(atlas.edge_lengths, there), _asides(atlas.edge_asides, place))
-        share = jnp.tensordot(along, jnp.tensordot(_at_number(atlas.edge_numbers, contact), atlas.share, 1), 2)
         by_load = jnp.log(unit / contact.design_load)
         rise = ramp_fit.rise_over(contact, spall)
         return healthy.beside(jnp.zeros(()), full, sunk.at[0].add(by_load), rise, share)
@@ -206,9 +196,44 @@ def _place(contact: LineContact, spall: Spall) -> Place:
     return axial_place.place_of(spall.length / length, spall.axial_offset / length, number_of(contact))
 
 
-def _at_number(nodes: Numbers, contact: LineContact) -> jax.Array:
-    """What the nodes of λ count for a contact."""
-    return load_curve.weights(nodes, load_curve.within(jnp.log(number_of(contact)), nodes[0], nodes[-1]))
+Read = tuple[Atlas, jax.Array | bool]
+"""What is read, and whether at a place over the roller's end."""
+Weights = tuple[jax.Array, ...]
+"""What nodes count, without and with an edge in reach."""
+
+
+def _by_number(read: Read, log_number: jax.Array) -> Weights:
+    both = read[0].log_numbers, read[0].edge_numbers
+    return tuple(load_curve.weights(nodes, load_curve.within(log_number, nodes[0], nodes[-1])) for nodes in both)
+
+
+def _by_length(read: Read, length: jax.Array) -> Weights:
+    nodes = read[0].edge_lengths
+    at_edges = load_curve.weights(nodes, load_curve.within(length, nodes[0], 1.0))
+    return load_curve.weights(read[0].lengths, length), at_edges
+
+
+def _by_aside(read: Read, aside: jax.Array) -> Weights:
+    """The last place aside stands for those over the roller's end."""
+    over_end = jnp.asarray(read[1])
+    inside = [load_curve.weights(nodes, aside) for nodes in (read[0].asides, read[0].edge_asides)]
+    last = jnp.where(over_end, 1.0, 0.0)[None]
+    return tuple(jnp.concatenate([jnp.where(over_end, 0.0, each), last]) for each in inside)
+
+
+def _healthy_at(read: Read, told: list[Weights]) -> tuple[jax.Array, jax.Array]:
+    """`Atlas.healthy` and `.half_width`."""
+    ((at, _),) = told
+    return at @ read[0].healthy, at @ read[0].half_width
+
+
+def _beside_at(read: Read, told: list[Weights]) -> tuple[jax.Array, ...]:
+    """`Atlas.full`, `.sunk` and `.share` at one place."""
+    (at, at_edges), (lengths, edge_lengths), (asides, edge_asides) = told
+    atlas, along, along_edges = read[0], jnp.outer(lengths, asides), jnp.outer(edge_lengths, edge_asides)
+    # by the contact's number first: where that is one for a batch, this is done once
+    log_full, sunk = (jnp.tensordot(along, jnp.tensordot(at, table, 1), 2) for table in (atlas.full, atlas.sunk))
+    return log_full, sunk, jnp.tensordot(along_edges, jnp.tensordot(at_edges, atlas.share, 1), 2)
 
 
 def _farthest(contact: LineContact) -> Real:
