@@ -1,13 +1,15 @@
 """What a sweep costs: time, memory, devices, processes, interruptions, and what larger machines would take.
 
-python experiments/sweep_at_scale.py scale [LAW] [--members N]   a tenth and all of N (1e6), 1 and 2 devices
-python experiments/sweep_at_scale.py batch [LAW]                 members computed at once, one core
+python experiments/sweep_at_scale.py scale [LAW] [--members N] [--over bearings]   a tenth and all of N (1e6), 1 and 2
+                                                                 devices
+python experiments/sweep_at_scale.py batch [LAW] [--over bearings]             members computed at once, one core
 python experiments/sweep_at_scale.py processes                   two processes over loopback: the same bytes as one
 python experiments/sweep_at_scale.py kills [TIMES]               kill -9 at random moments, resume: the same bytes
 python experiments/sweep_at_scale.py contacts [--out DIR]        Fig. 13 of the paper as a surface: 4096 solves
 
 `scale` sweeps length × width × phase × load, stiffness radial and axial with derivatives by length and width, into
-files; every figure is of a fresh process whose law and program are in the cache, and ends with the file of all results.
+files, or over bearings: length × width × a roller's diameter × crown, derivatives by all four; every figure is of a
+fresh process whose law and program are in the cache, and ends with the file of all results.
 Its last lines are the cost of larger sweeps and machines, from these measurements.
 """
 
@@ -56,23 +58,35 @@ load.axial = {{from = 2000.0, to = 6000.0, count = 20, spacing = "log"}}
 """
 
 
-def plan(members: int, law: str, batch: int | None = None) -> Plan:
-    """About `members` of them: 20 widths × 50 phases × 40 loads, and lengths to make up the number."""
+OVER: dict[str, dict[str, dict[str, float]]] = {
+    "loads": {
+        "stiffness.phase": {"from": 0.0, "to": 0.27, "count": 50},
+        "load.axial": {"from": 4000.0, "to": 6000.0, "count": 40},
+    },
+    "bearings": {
+        "bearing.roller_large_diameter": {"from": 6.82, "to": 6.87, "count": 50},
+        "contact.design_load": {"from": 5000.0, "to": 9000.0, "count": 40},
+    },
+}
+"""What is swept beside a spall's sizes."""
+
+
+def plan(members: int, law: str, batch: int | None = None, over: str = "loads") -> Plan:
+    """About `members` of them: 20 widths × 50 × 40 of what `OVER` says, and lengths to make up the number."""
     scene = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 6000.0), (trb.Spall(4.0, 7.0),), law=law)
     lengths = max(1, round(25 * members / 1e6))
     axes = {
         "spall.0.length": {"from": 0.5, "to": 8.0, "count": lengths} if lengths > 1 else [4.0],
-        "spall.0.width": {"from": 2.0, "to": 10.0, "count": 20},
-        "stiffness.phase": {"from": 0.0, "to": 0.27, "count": 50},
-        "load.axial": {"from": 4000.0, "to": 6000.0, "count": 40},
+        "spall.0.width": {"from": 3.0, "to": 10.0, "count": 20},
+        **OVER[over],
     }
-    return sweeping.planned(NAMES, scene, axes, SIZES, batch=batch)
+    return sweeping.planned(NAMES, scene, axes, SIZES if over == "loads" else tuple(axes), batch=batch)
 
 
-def child(members: int, law: str, devices: int) -> dict[str, float]:
+def child(members: int, law: str, devices: int, over: str = "loads") -> dict[str, float]:
     """Measured in this process: seconds of `chunks.run` in all and since the first chunk was there, megabytes."""
     jax_config.set_up_jax(cache=True)
-    made = plan(members, law)
+    made = plan(members, law, over=over)
     marks: list[tuple[float, float, int]] = []
 
     def mark(done: int, of: int, failed: int) -> None:
@@ -105,15 +119,15 @@ def fresh(*arguments: Any) -> dict[str, float]:
     return json.loads(subprocess.run(running, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
 
 
-def scale(law: str, members: int) -> None:
+def scale(law: str, members: int, over: str) -> None:
     """Time, memory, devices, and what follows for larger machines."""
-    fresh(max(members // 100, 1), law, 2)  # the law, into the cache
+    fresh(max(members // 100, 1), law, 2, over)  # the law, into the cache
     rows = {}
     for count, devices in ((members // 10, 2), (members, 2), (members, 1)):
-        fresh(count, law, devices)  # compiles
-        rows[count, devices] = row = fresh(count, law, devices)
+        fresh(count, law, devices, over)  # compiles
+        rows[count, devices] = row = fresh(count, law, devices, over)
         print(
-            f"{law}, {row['members']:,} members, {devices} devices: {row['seconds']:.2f} s, of which "
+            f"{law}, {row['members']:,} members over {over}, {devices} devices: {row['seconds']:.2f} s, of which "
             f"{row['gathering']:.2f} s for one file; {row['steady']:.2f} µs a member once running, "
             f"{row['processor']:.2f} µs of processor time; peak {row['peak']:.0f} MB ({row['before']:.0f} at the "
             f"start); {row['failed']:,} without a solution",
@@ -141,10 +155,10 @@ def larger(one: dict[str, float], members: float, cores: int = 64, gain: float =
     ]
 
 
-def batches(law: str) -> None:
+def batches(law: str, over: str) -> None:
     """Microseconds a member by members computed at once, on one core: pin it with taskset."""
-    for batch in (64, 256, 1024, 4096, 16384):
-        made = plan(40_000, law, batch)
+    for batch in (64, 128, 256, 1024, 4096):
+        made = plan(40_000, law, batch, over)
         program = Program(made, lanes_of(1))
         program.parts([0])
         times = []
@@ -244,15 +258,16 @@ def main() -> None:
     parser.add_argument("what", choices=("scale", "batch", "processes", "kills", "contacts", "child"))
     parser.add_argument("more", nargs="*")
     parser.add_argument("--members", type=float, default=1e6)
+    parser.add_argument("--over", choices=tuple(OVER), default="loads")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     more: list[str] = options.more
     if options.what == "child":
-        print(json.dumps(child(int(more[0]), more[1], int(more[2]))))
+        print(json.dumps(child(int(more[0]), more[1], int(more[2]), more[3])))
     elif options.what == "scale":
-        scale(more[0] if more else "liu2018", int(options.members))
+        scale(more[0] if more else "liu2018", int(options.members), options.over)
     elif options.what == "batch":
-        batches(more[0] if more else "liu2018")
+        batches(more[0] if more else "liu2018", options.over)
     elif options.what == "contacts":
         swept, compiling, seconds = contacts()
         print(f"{swept.status_code.size} contacts in {seconds:.2f} s ({compiling:.1f} s to compile); {swept.counts}")

@@ -32,7 +32,10 @@ from difftrb.sweeps.plan import AHEAD, MOST_MEMBERS, SHARE, Plan, Program
 
 BATCH = {"cpu": 1024, "gpu": 65536}
 """Members computed at once: on a busy CPU 240 to 4000 took the same time within noise (experiments/sweep_at_scale.py
---batch); a GPU wants more, how many was not measured."""
+batch); a GPU wants more, how many was not measured."""
+CONTACT_BATCH = 128
+"""The same on a CPU where the contact itself is swept: each member reads the atlas for itself, which a core's cache has
+to hold (2.2 times as long with 1024)."""
 MOST = 10**12
 """Members of a sweep, at most: at a microsecond each they take twelve days."""
 
@@ -100,7 +103,10 @@ def _batch(made: Sequence[Axis], batch: int | None) -> int:
     """Members of a block: small sweeps have small ones, so that there are enough to share among devices."""
     if batch is None:
         members = math.prod(axis.count for axis in made)
-        return min(BATCH.get(jax.default_backend(), BATCH["gpu"]), max(1, members // SHARE))
+        most = BATCH.get(jax.default_backend(), BATCH["gpu"])
+        if most == BATCH["cpu"] and any(key.startswith(("bearing.", "contact.")) for axis in made for key in axis.keys):
+            most = CONTACT_BATCH
+        return min(most, max(1, members // SHARE))
     if not isinstance(batch, int) or not 1 <= batch <= MOST_MEMBERS:
         raise SweepError(f"batch = {batch!r}: must be a whole number in 1 … {MOST_MEMBERS}")
     return batch
