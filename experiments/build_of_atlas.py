@@ -6,6 +6,7 @@ compared with contacts between its nodes, and written to FOLDER/atlas.npz; to sh
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import sys
 from collections.abc import Callable
@@ -23,7 +24,7 @@ from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots
 from difftrb.law import atlas, axial_place, edge_ramp, load_curve, ramp_fit, samples
-from difftrb.law.atlas import Atlas, AtlasLaw, Numbers
+from difftrb.law.atlas import Atlas, AtlasLaw
 from difftrb.law.base import load_over
 from difftrb.law.samples import Case, Progress
 from difftrb.report import terminal
@@ -83,7 +84,7 @@ def spall_at(number: float, length: float, aside: float, over_end: bool, width: 
 
 def law_of(built: Atlas, contact: LineContact) -> AtlasLaw:
     """The law that reads this atlas, for any spall."""
-    return AtlasLaw(contact, Atlas(*map(jnp.asarray, built)), 0.0)
+    return AtlasLaw(contact, 0.0, atlas=copy.deepcopy(built))  # programs hold what they read as it is now
 
 
 class Found(NamedTuple):
@@ -144,7 +145,7 @@ class Stand(NamedTuple):
         return spall_at(number, self.length, self.aside, self.over_end)
 
 
-def _stands(lengths: Numbers, asides: Numbers) -> list[Stand]:
+def _stands(lengths: np.ndarray, asides: np.ndarray) -> list[Stand]:
     beside = [(k, float(aside), False) for k, aside in enumerate(asides)] + [(len(asides), 0.0, True)]
     return [Stand(i, a, float(x), aside, over) for i, x in enumerate(lengths) for a, aside, over in beside]
 
@@ -180,7 +181,7 @@ def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -
 
 
 def _nearest(
-    x: np.ndarray, nodes: Numbers, values: np.ndarray, axis: int, weight: np.ndarray | None = None
+    x: np.ndarray, nodes: np.ndarray, values: np.ndarray, axis: int, weight: np.ndarray | None = None
 ) -> np.ndarray:
     """At `nodes` the polynomials with as many coefficients that are nearest to `values` at `x` along an axis."""
     own, at = ((2.0 * np.asarray(each) - x[-1] - x[0]) / (x[-1] - x[0]) for each in (x, nodes))
@@ -345,8 +346,8 @@ def main(arguments: list[str]) -> int:
         kept.append(np.quantile(off, 0.9))
         name = ("inner third", "middle third", "outer third", "over the end", "narrow")[region]
         print(f"{name}: median {np.median(off):.1e}, nine in ten {kept[-1]:.1e}, worst {off.max():.1e}")
-    built = built._replace(errors=np.array(kept[:4]), narrow_error=np.asarray(kept[4]))
-    storage.write(folder / atlas.FILE, {name: np.asarray(value) for name, value in built._asdict().items()})
+    built = dataclasses.replace(built, errors=np.array(kept[:4]), narrow_error=np.asarray(kept[4]))
+    storage.write(folder / atlas.FILE, {name: np.asarray(value) for name, value in dataclasses.asdict(built).items()})
     return 0
 
 

@@ -150,7 +150,8 @@ def load(contact: Contact, hole: Hole | None, approach: float) -> float:
         touched = np.flatnonzero(rough.any(axis))
         low, high = at.all[touched[0]] - at.step, at.all[touched[-1] + 1] + at.step
         ends.append((max(low, -limit), min(high, limit)))
-    x, y = lines(*ends[0], across, ACROSS), lines(*ends[1], along, ALONG)
+    (left, right), (low, high) = ends
+    x, y = lines(left, right, across, ACROSS), lines(low, high, along, ALONG)
     loads = [
         float(np.sum(pressed(contact, hole, approach, x.halved(k), y.halved(k)))) * x.step * y.step / 4.0**k
         for k in (LEVELS - 2, LEVELS - 1)

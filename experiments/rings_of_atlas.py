@@ -28,8 +28,8 @@ from difftrb.contact import gap
 from difftrb.core import geometry, status
 from difftrb.law import axial_place
 from difftrb.scene import scene_laws
+from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import named
-from difftrb.scene.solving import solve_prepared
 from experiments.audit_of_scenes import add_rows, arguments, bearing, load_at, radial_load
 
 BY = ("length", "width", "offset", "angle", "crown", "radius")

@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from difftrb.ring.ring import Load
     from difftrb.scene.audit import Audit, verify
     from difftrb.scene.edge_stress import EdgeStress, edge_stresses
+    from difftrb.scene.prepared import Assessment, Solution
     from difftrb.scene.scene import Scene, healthy
     from difftrb.scene.scene_file import load_scene
-    from difftrb.scene.solving import Assessment, Solution, assess, prepare, solve
+    from difftrb.scene.solving import assess, prepare, solve
     from difftrb.sweeps.chunks import write_sweep
     from difftrb.sweeps.gathered import Swept, load_sweep
     from difftrb.sweeps.sweeping import sweep
@@ -51,7 +52,8 @@ _HOMES = {
     "ring.ring": ("Load",),
     "scene.scene": ("Scene", "healthy"),
     "scene.scene_file": ("load_scene",),
-    "scene.solving": ("Assessment", "Solution", "assess", "prepare", "solve"),
+    "scene.prepared": ("Assessment", "Solution"),
+    "scene.solving": ("assess", "prepare", "solve"),
     "core.status": ("DifftrbError", "SceneError", "SolveError", "SweepError"),
     "sweeps.chunks": ("write_sweep",),
     "sweeps.gathered": ("Swept", "load_sweep"),

@@ -36,6 +36,7 @@ def _run(options: Any) -> int:
 
     from difftrb.report import remarks, run_report
     from difftrb.scene import scene_file, solving
+    from difftrb.scene.scene import is_plain
 
     file, path = _read(options)
     scene_file.check_ring(file, path)
@@ -44,12 +45,12 @@ def _run(options: Any) -> int:
     with terminal.bar("solving contacts for the roller law") as progress:
         scene = jax.block_until_ready(difftrb.prepare(file.scene(), progress))
     with terminal.busy("solving the ring"):
-        result = jax.block_until_ready(difftrb.assess(scene))
+        result = jax.device_get(difftrb.assess(scene))
         edges = difftrb.edge_stresses(scene, result.spalled)
     mean = None
-    if options.mean and bool(result.spalled.converged):
+    if (options.mean or is_plain(scene)) and bool(result.spalled.converged):
         with terminal.busy("solving the ring at all phases"):
-            mean = jax.block_until_ready(solving.assess_mean(scene))
+            mean = jax.device_get(solving.assess_mean(scene))
     checked = None
     if options.verify and bool(result.spalled.converged):
         with terminal.bar("solving the rollers' contacts afresh") as progress:
@@ -224,7 +225,7 @@ COMMANDS = (
             "Loads, stiffness, its loss by the spall and its gradients (no SCENE: 32008J, spall 4 × 7 mm).", (
         SCENE, *OUTPUT,
         _option("--mean", action="store_true",
-                help="also stiffness in the mean over the cage's turn, with its derivative by the spall's width"),
+                help="the mean over the cage's turn also where it takes seconds: with effects, or law direct"),
         _option("--verify", action="store_true",
                 help="solve the rollers' contacts afresh, and say how far off the law is"),
     )),

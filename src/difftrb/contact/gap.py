@@ -7,10 +7,13 @@ Every term of the gap is the mean over a cell [mm]; terms add. Lengths in mm, lo
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall
 
 
@@ -95,19 +98,19 @@ def crown(cells: Cells, contact: LineContact) -> jax.Array:
 
 def crown_scale(contact: LineContact) -> Real:
     """Q_d/(πE'l) [mm], the length that multiplies the crown's logarithm."""
-    return contact.design_load / (jnp.pi * contact.modulus * contact.length)  # Liu et al. 2018, eq. (2)
+    return contact.design_load / (np.pi * contact.modulus * contact.length)  # Liu et al. 2018, eq. (2)
 
 
-def log_crown(t: jax.Array, room: float) -> jax.Array:
+def log_crown(t: Real, room: float) -> Any:
     """ln(1/(1−t²)), the crown in its scale at t = 2y/length; beyond 1−t² = `room` it stays as it is there."""
-    return -jnp.log1p(-jnp.minimum(t * t, 1.0 - room))  # Liu et al. 2018, eq. (2)
+    return -xp.log1p(-xp.minimum(t * t, 1.0 - room))  # Liu et al. 2018, eq. (2)
 
 
-def crown_at(y: jax.Array, contact: LineContact) -> jax.Array:
+def crown_at(y: Real, contact: LineContact) -> Any:
     """Logarithmic crown at positions `y` [mm] along the roller; infinite at the roller's ends unless straight."""
     t = 2.0 * y / contact.length
-    inside = jnp.abs(t) < 1.0 - 1e-12
-    return jnp.where(inside, crown_scale(contact) * log_crown(jnp.where(inside, t, 0.0), 1e-13), jnp.inf)
+    inside = (t < 1.0 - 1e-12) & (t > 1e-12 - 1.0)
+    return xp.where(inside, crown_scale(contact) * log_crown(xp.where(inside, t, 0.0), 1e-13), np.inf)
 
 
 def _log_integral(t: jax.Array) -> jax.Array:
@@ -149,7 +152,7 @@ def depression(cells: Cells, spall: Spall, offset: Real) -> jax.Array:
 
 def line_half_width(line_load: Real, radius: Real, modulus: Real) -> Real:
     """Half width b of a line contact [mm] under `line_load` [N/mm]."""
-    return jnp.sqrt(4.0 * line_load * radius / (jnp.pi * modulus))  # Johnson 1985, eq. (4.43)
+    return xp.sqrt(4.0 * line_load * radius / (np.pi * modulus))  # Johnson 1985, eq. (4.43)
 
 
 def palmgren_approach(load: Real, length: Real) -> Real:

@@ -17,11 +17,11 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args
 
 import jax
 import jax.core
-import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
+from difftrb.core import arrays as xp
 from difftrb.core.messages import allowed, number_in, shown
 
 Class = TypeVar("Class", bound=type)
@@ -201,8 +201,8 @@ def traced(tree: Any) -> Iterator[tuple[Any, float, float]]:
                 yield each, low, high
 
 
-def all_within(numbers: Iterator[tuple[Any, float, float]]) -> jax.Array:
+def all_within(numbers: Iterator[tuple[Any, float, float]]) -> Any:
     """Whether all of some `traced` numbers are, shape ()."""
     values, lows, highs = zip(*numbers, strict=True)
-    every = jax.lax.stop_gradient(jnp.stack([jnp.asarray(value, float) for value in values]))
-    return jnp.all((every >= np.array(lows)) & (every <= np.array(highs)))
+    every = xp.fixed(xp.stack([xp.asarray(value) for value in values]))
+    return xp.of(every).all((every >= np.array(lows)) & (every <= np.array(highs)))

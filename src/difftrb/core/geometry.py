@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
+from difftrb.core import arrays as xp
 from difftrb.core.fields import SHRINKS, register, whole_to_float
 
 Tree = TypeVar("Tree")
@@ -21,8 +22,8 @@ DESIGN_LOAD = 6500.0
 """Q_d of the rollers' crown [N] with which Liu et al. 2018, Table 2 comes out."""
 Raceway = Literal["outer", "inner"]
 if TYPE_CHECKING:
-    Real = float | jax.Array
-    """A number: a float when it comes from a file, an array or a tracer when computed with."""
+    Real = Any
+    """A number: a float when it comes from a file; an array, a tracer or an expansion when computed with."""
 else:
     Real = float  # what a file may hold
 
@@ -145,10 +146,11 @@ def as_floats(tree: Tree) -> Tree:
     return jax.tree.map(as_float, tree)
 
 
-def spall_is_sound(spall: Spall) -> jax.Array:
+def spall_is_sound(spall: Spall) -> Any:
     """Whether all numbers of a spall are finite, and its sizes not negative."""
-    sizes = jnp.stack([jnp.asarray(v, float) for v in (spall.length, spall.width, spall.depth)])
-    return jnp.all(sizes >= 0.0) & jnp.isfinite(jnp.sum(sizes) + spall.angle + spall.axial_offset)
+    sizes = spall.length, spall.width, spall.depth
+    finite = xp.of(*sizes, spall.angle, spall.axial_offset).isfinite(sum(sizes) + spall.angle + spall.axial_offset)
+    return (spall.length >= 0.0) & (spall.width >= 0.0) & (spall.depth >= 0.0) & finite
 
 
 def contact_is_sound(contact: LineContact) -> jax.Array:
@@ -176,7 +178,7 @@ def apex_distance(bearing: TaperedBearing) -> Real:
 
 def slant_distance(bearing: TaperedBearing) -> Real:
     """Distance from the apex to the contact's middle along the raceway's generator [mm]."""
-    return apex_distance(bearing) * jnp.cos(bearing.roller_angle)  # foot of the normal from the roller's middle
+    return apex_distance(bearing) * xp.cos(bearing.roller_angle)  # foot of the normal from the roller's middle
 
 
 def roller_axis_angle(bearing: TaperedBearing) -> Real:
@@ -186,17 +188,17 @@ def roller_axis_angle(bearing: TaperedBearing) -> Real:
 
 def pitch_radius(bearing: TaperedBearing) -> Real:
     """Radius of the circle on which the rollers' middles run [mm]."""
-    return apex_distance(bearing) * jnp.sin(roller_axis_angle(bearing))
+    return apex_distance(bearing) * xp.sin(roller_axis_angle(bearing))
 
 
 def roller_normal_radius(bearing: TaperedBearing) -> Real:
     """Principal radius of the roller's cone at mid length, normal to its generator [mm]."""
-    return slant_distance(bearing) * jnp.tan(bearing.roller_angle)  # cone: ρ = s tan γ (Johnson 1985, §4.1)
+    return slant_distance(bearing) * xp.tan(bearing.roller_angle)  # cone: ρ = s tan γ (Johnson 1985, §4.1)
 
 
 def raceway_normal_radius(bearing: TaperedBearing, raceway: Raceway) -> Real:
     """Principal radius of a raceway's cone under the roller's middle, normal to its generator [mm], positive."""
-    return slant_distance(bearing) * jnp.tan(_cone_angle(bearing, raceway))  # ρ = s tan γ
+    return slant_distance(bearing) * xp.tan(_cone_angle(bearing, raceway))  # ρ = s tan γ
 
 
 def equivalent_radius(bearing: TaperedBearing, raceway: Raceway) -> Real:
@@ -209,7 +211,7 @@ def equivalent_radius(bearing: TaperedBearing, raceway: Raceway) -> Real:
 def outer_raceway_radius(bearing: TaperedBearing, along_roller: Real = 0.0) -> Real:
     """Radius of the outer raceway about the bearing's axis [mm], `along_roller` mm from the roller's middle
     towards its large end (range ± half the roller's length, default the middle)."""
-    return (slant_distance(bearing) + along_roller) * jnp.sin(bearing.outer_angle)
+    return (slant_distance(bearing) + along_roller) * xp.sin(bearing.outer_angle)
 
 
 def arc_radius(bearing: TaperedBearing, raceway: Raceway = "outer") -> Real:
@@ -218,9 +220,7 @@ def arc_radius(bearing: TaperedBearing, raceway: Raceway = "outer") -> Real:
     outer = bearing.arc_radius
     if outer is None:
         outer = outer_raceway_radius(bearing, -bearing.roller_length / 2.0)
-    return (
-        outer * jnp.sin(_cone_angle(bearing, raceway)) / jnp.sin(bearing.outer_angle) if raceway == "inner" else outer
-    )
+    return outer * xp.sin(_cone_angle(bearing, raceway)) / xp.sin(bearing.outer_angle) if raceway == "inner" else outer
 
 
 def flange_force_angle(bearing: TaperedBearing) -> Real:
@@ -229,24 +229,24 @@ def flange_force_angle(bearing: TaperedBearing) -> Real:
     Assumes that `flange_angle`, which Liu et al. 2018 print without a drawing, is the angle between the flange's face
     and the inner raceway's generator.
     """
-    return bearing.inner_angle + 0.5 * jnp.pi - bearing.flange_angle  # normal to the flange's face
+    return bearing.inner_angle + 0.5 * np.pi - bearing.flange_angle  # normal to the flange's face
 
 
 def roller_mass(bearing: TaperedBearing) -> Real:
     """Mass of one roller, a frustum of a cone without recesses [kg]."""
     d, D = bearing.roller_small_diameter, bearing.roller_large_diameter
-    volume = jnp.pi * bearing.roller_length / 12.0 * (d * d + d * D + D * D)
+    volume = np.pi * bearing.roller_length / 12.0 * (d * d + d * D + D * D)
     return bearing.density * volume
 
 
-def turned(angle: Real) -> jax.Array:
+def turned(angle: Any) -> Any:
     """The same angle within −π…π [rad], any shape."""
-    return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
+    return xp.mod(angle + np.pi, 2.0 * np.pi) - np.pi
 
 
 def roller_pitch(bearing: TaperedBearing) -> Real:
     """Angle between neighbouring rollers [rad]."""
-    return 2.0 * jnp.pi / bearing.rollers
+    return 2.0 * np.pi / bearing.rollers
 
 
 def _cone_angle(bearing: TaperedBearing, raceway: Raceway) -> Real:

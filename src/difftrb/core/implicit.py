@@ -14,7 +14,11 @@ from typing import Any
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
+import numpy as np
 from jax.custom_derivatives import SymbolicZero
+
+from difftrb.core import numeric, taylor
+from difftrb.core.taylor import Taylor
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # jaxopt announces at import that it is no longer developed
@@ -83,45 +87,93 @@ def _pointwise_jvp(function: Callable, rates: Callable | None, primals: tuple, t
 pointwise.defjvp(_pointwise_jvp, symbolic_zeros=True)
 
 
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def polynomial(order: int, coefficients: jax.Array, x: jax.Array) -> jax.Array:
+    """See `numeric.polynomial`. Its derivative by `x` is the one of the next order, and so are all further ones: of a
+    few operations, where differentiating these takes many."""
+    return numeric.polynomial(coefficients, x, order)
+
+
+def _polynomial_jvp(order: int, primals: tuple, tangents: tuple):
+    (coefficients, x), (change, x_change) = primals, tangents
+    found = polynomial(order, coefficients, x)
+    moved = jnp.zeros_like(found)
+    if not isinstance(change, SymbolicZero):
+        moved = moved + numeric.polynomial(change, x, order)
+    if not isinstance(x_change, SymbolicZero):
+        moved = moved + polynomial(order + 1, coefficients, x) * x_change
+    return found, moved
+
+
+polynomial.defjvp(_polynomial_jvp, symbolic_zeros=True)
+
+
 def _rates(function: Callable, parameters: Pytree, x: jax.Array) -> Pytree:
     return jax.jvp(lambda at: function(parameters, at), (x,), (jnp.ones_like(x),))[1]
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def multilinear(
-    function: Callable, weights: tuple[Callable, ...], parameters: Pytree, numbers: tuple[jax.Array, ...]
-) -> Pytree:
-    """y = `function(parameters, told)`, linear in each of what is told: `weights[k](parameters, numbers[k])`, pytrees.
+@jax.custom_jvp
+def with_slope(coefficients: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """See `numeric.with_slope`; differentiated as `polynomial`."""
+    return numeric.with_slope(coefficients, x)
 
-    For much y of few numbers, each of shape (): dy by each of these is computed once for however many changes.
+
+def _with_slope_jvp(primals: tuple, tangents: tuple):
+    (coefficients, x), (change, x_change) = primals, tangents
+    value, slope = with_slope(coefficients, x)
+    moved, turned = jnp.zeros_like(value), jnp.zeros_like(slope)
+    if not isinstance(change, SymbolicZero):
+        moved, turned = with_slope(change, x)
+    if not isinstance(x_change, SymbolicZero):
+        moved, turned = moved + slope * x_change, turned + polynomial(2, coefficients, x) * x_change
+    return (value, slope), (moved, turned)
+
+
+with_slope.defjvp(_with_slope_jvp, symbolic_zeros=True)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def chebyshev(count: int, x: jax.Array) -> jax.Array:
+    """See `numeric.chebyshev_row`: cosines, whose derivatives are sums of them, also at the ends."""
+    return numeric.chebyshev_row(count, x)
+
+
+@chebyshev.defjvp
+def _chebyshev_jvp(count: int, primals: tuple[jax.Array], tangents: tuple[jax.Array]):
+    rows = chebyshev(count, primals[0])
+    rates = jnp.matmul(numeric.chebyshev_rates(count), rows, precision=jax.lax.Precision.HIGHEST)
+    return rows, rates * tangents[0]
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def expanded(function: Callable[[Pytree], Pytree], parameters: Pytree) -> Pytree:
+    """`function(parameters)`, in which expansions may stand for numbers.
+
+    Its derivatives are those of one expansion by all numbers that change, whatever is asked of them: forward or
+    reverse, one change or many. Where arrays change, it is differentiated like any function.
     """
-    return function(parameters, _told(weights, parameters, numbers))
+    return taylor.values(function(parameters))
 
 
-def _told(weights: tuple[Callable, ...], parameters: Pytree, numbers: tuple[jax.Array, ...]) -> list[Pytree]:
-    return [weigh(parameters, number) for weigh, number in zip(weights, numbers, strict=True)]
-
-
-def _multilinear_jvp(function: Callable, weights: tuple[Callable, ...], primals: tuple, tangents: tuple):
-    (parameters, numbers), (_, number_changes) = primals, tangents
-    told = _told(weights, parameters, numbers)
+def _expanded_jvp(function: Callable[[Pytree], Pytree], primals: tuple, tangents: tuple):
+    (parameters,) = primals
     moving, changes, among = _moving(parameters, tangents[0])
-    parts = []
-    if moving:
+    if any(jnp.ndim(leaf) for leaf in moving):
+        return jax.jvp(lambda some: taylor.values(function(among(some))), (moving,), (changes,))
+    seeds = [Taylor(leaf, by=row) for leaf, row in zip(moving, np.eye(len(moving)), strict=True)]
+    leaves, form = jax.tree.flatten(function(among(seeds)), is_leaf=lambda leaf: isinstance(leaf, Taylor))
+    change = jnp.stack(changes) if changes else jnp.zeros(0)
 
-        def by_parameters(some: list) -> Pytree:
-            return function(among(some), _told(weights, among(some), numbers))
+    def moved(leaf: Any) -> Any:
+        if isinstance(leaf, Taylor) and leaf.by is not None:
+            return jnp.tensordot(change, jnp.asarray(leaf.by), 1, precision=jax.lax.Precision.HIGHEST)
+        return _zero_tangent(jnp.asarray(taylor.value(leaf)))
 
-        parts.append(jax.jvp(by_parameters, (moving,), (changes,))[1])
-    for k, change in enumerate(number_changes):
-        if not isinstance(change, SymbolicZero):
-            _, rate = jax.jvp(partial(weights[k], parameters), (numbers[k],), (jnp.ones_like(numbers[k]),))
-            by_one = function(parameters, [*told[:k], rate, *told[k + 1 :]])
-            parts.append(jax.tree.map(lambda of, change=change: of * change, by_one))
-    return function(parameters, told), jax.tree.map(lambda *of: sum(of[1:], of[0]), *parts)
+    found = [jnp.asarray(taylor.value(leaf)) for leaf in leaves]
+    return form.unflatten(found), form.unflatten([moved(leaf) for leaf in leaves])
 
 
-multilinear.defjvp(_multilinear_jvp, symbolic_zeros=True)
+expanded.defjvp(_expanded_jvp, symbolic_zeros=True)
 
 
 def _moving(tree: Pytree, tangents: Pytree) -> tuple[list, list, Callable[[list], Pytree]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -31,19 +33,46 @@ def chebyshev(x: jax.Array, degree: int) -> list[jax.Array]:
     return rows[: degree + 1]
 
 
-def horner(coefficients: Sequence[Any] | np.ndarray | jax.Array, x: jax.Array) -> jax.Array:
-    """Σ cₖ xᵏ; each coefficient a number, or of the shape of `x`."""
-    value = jnp.full_like(x, coefficients[-1])
+def chebyshev_row(count: int, x: Any) -> Any:
+    """The first `count` Chebyshev polynomials of one `x` in −1…1, shape (count,)."""
+    xp = jnp if isinstance(x, jax.Array) else np
+    return xp.cos(np.arange(count) * xp.arccos(xp.clip(x, -1.0, 1.0)))
+
+
+@functools.cache
+def chebyshev_rates(count: int) -> np.ndarray:
+    """The derivative of every Chebyshev polynomial, by what it has of the others, shape (count, count)."""
+    rows = [np.polynomial.chebyshev.chebder(row) for row in np.eye(count)]
+    return np.array([np.pad(row, (0, count))[:count] for row in rows])
+
+
+def horner(coefficients: Sequence[Any] | np.ndarray | jax.Array, x: Any) -> Any:
+    """Σ cₖ xᵏ of two or more coefficients; each a number, or of the shape of `x`."""
+    value = coefficients[-1]
     for c in coefficients[-2::-1]:
         value = value * x + c
     return value
 
 
-def horner_with_slope(coefficients: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Σ cₖ xᵏ, coefficients of shape (degree + 1, …), and its derivative by `x`, of shape (…)."""
-    value, slope = coefficients[-1], jnp.zeros_like(x)
-    for c in coefficients[-2::-1]:
-        value, slope = value * x + c, slope * x + value
+def polynomial(coefficients: Any, x: Any, order: int = 0) -> Any:
+    """The derivative of this order of Σ cₖ xᵏ, coefficients of shape (degree + 1, …), `x` of the shape behind."""
+    count = len(coefficients)
+    if order:
+        factors = np.array([math.perm(k, order) for k in range(order, count)], float)
+        if not factors.size:
+            return 0.0 * coefficients[0] * x
+        coefficients = factors.reshape(-1, *[1] * (coefficients.ndim - 1)) * coefficients[order:]
+    value = coefficients[-1]
+    for k in range(len(coefficients) - 2, -1, -1):
+        value = value * x + coefficients[k]
+    return value
+
+
+def with_slope(coefficients: Any, x: Any) -> tuple[Any, Any]:
+    """Σ cₖ xᵏ, as in `polynomial`, and its derivative by `x`."""
+    value, slope = coefficients[-1], 0.0
+    for k in range(len(coefficients) - 2, -1, -1):
+        value, slope = value * x + coefficients[k], slope * x + value
     return value, slope
 
 

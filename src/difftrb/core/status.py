@@ -5,7 +5,7 @@ JAX is imported by the functions that need it, so that errors can be named witho
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -104,8 +104,12 @@ class Judged:
         return self
 
 
-def worst(*codes: jax.Array) -> jax.Array:
+def worst(*codes: Any) -> Any:
     """The status that matters most of several: the largest code that is not `CONVERGED`."""
+    import jax
+
+    if not any(isinstance(code, jax.Array) for code in codes):
+        return np.max(np.stack([np.asarray(code) for code in codes]), axis=0)
     import jax.numpy as jnp
 
     return jnp.max(jnp.stack([jnp.asarray(c) for c in codes]), axis=0)

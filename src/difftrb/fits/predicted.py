@@ -24,6 +24,7 @@ from difftrb.fits.parameters import Parameter
 from difftrb.ring.ring import Load
 from difftrb.scene import solving
 from difftrb.scene.scene import Definition, PitchMean, Scene, healthy
+from difftrb.scene.scene import phases as phases_of
 
 Kind = tuple[Definition, bool]
 """Of stiffness, and whether it is the mean over phases."""
@@ -125,7 +126,7 @@ def _stiffness(scene: Scene, at: Conditions, loaded: Callable[[Load], Load]) -> 
         return dataclasses.replace(scene, load=load, phase=PitchMean() if mean else condition[2])
 
     def phases(condition: jax.Array, mean: bool) -> tuple[jax.Array, jax.Array]:
-        each, weights = solving.phases(under(condition, mean))
+        each, weights = phases_of(under(condition, mean))
         return jnp.stack([jnp.broadcast_to(v, each.shape) for v in (condition[0], condition[1], each)], 1), weights
 
     def one(condition: jax.Array, definition: Definition) -> tuple[jax.Array, jax.Array]:

@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.resources
-from functools import cache
-from typing import NamedTuple
+from functools import cache, cached_property
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap
-from difftrb.core import implicit, status, storage
+from difftrb.core import arrays as xp
+from difftrb.core import series, status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.law import axial_place, base, direct, edge_ramp, load_curve, ramp_fit
 from difftrb.law.axial_place import Place
@@ -34,10 +34,8 @@ NO_LAND = 1.0
 """Height of the crown [mm] that stands for what lies beyond the roller's end: no approach is as large."""
 
 
-Numbers = np.ndarray | jax.Array
-
-
-class Atlas(NamedTuple):
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Atlas:
     """Contacts in their own units: loads by Q_d, approaches by Q_d/(πE'L), across the contact by √(2R·that).
 
     A place of a spall is its `length` variable and its `aside` variable, see `axial_place`; the last place aside stands
@@ -56,20 +54,26 @@ class Atlas(NamedTuple):
       narrow_error: the same of spalls with both edges in reach.
     """
 
-    log_numbers: Numbers
-    log_loads: Numbers
-    lengths: Numbers
-    asides: Numbers
-    healthy: Numbers
-    half_width: Numbers
-    full: Numbers
-    sunk: Numbers
-    edge_numbers: Numbers
-    edge_lengths: Numbers
-    edge_asides: Numbers
-    share: Numbers
-    errors: Numbers
-    narrow_error: Numbers
+    log_numbers: np.ndarray
+    log_loads: np.ndarray
+    lengths: np.ndarray
+    asides: np.ndarray
+    healthy: np.ndarray
+    half_width: np.ndarray
+    full: np.ndarray
+    sunk: np.ndarray
+    edge_numbers: np.ndarray
+    edge_lengths: np.ndarray
+    edge_asides: np.ndarray
+    share: np.ndarray
+    errors: np.ndarray
+    narrow_error: np.ndarray
+
+    @cached_property
+    def share_in_powers(self) -> np.ndarray:
+        """As `Ramp` has it, shape (edge numbers, edge lengths, edge asides + 1, levels, terms)."""
+        powers = edge_ramp.in_powers(self.share)
+        return np.moveaxis(powers, (0, 1), (-2, -1))
 
 
 FILE = "atlas.npz"
@@ -79,7 +83,7 @@ FILE = "atlas.npz"
 def shipped() -> Atlas:
     """The atlas that comes with the package; `experiments/build_of_atlas.py` made it."""
     with importlib.resources.as_file(importlib.resources.files("difftrb.law") / FILE) as path:
-        arrays = storage.read(path, Atlas._fields)
+        arrays = storage.read(path, [field.name for field in dataclasses.fields(Atlas)])
     if arrays is None:
         raise status.SolveError(f"{FILE}: the package's file of contacts is damaged: install difftrb again")
     return Atlas(**arrays)
@@ -95,44 +99,35 @@ def number_of(contact: LineContact) -> Real:
 class AtlasLaw:
     """The law of every roller, read from an `Atlas` at this contact's number.
 
-    `atlas`: None is the package's, written into every program that reads it. `error`: see `Atlas`, of the spalls that
-    the law was made for.
+    `error`: see `Atlas`, of the spalls that the law was made for.
     `narrow`: whether spalls may have both edges in reach at once; programs that know only wide ones compile in a third
     of the time.
+    `atlas`: the package's. Its numbers are written into programs, for nothing is differentiated by them.
     """
 
     contact: LineContact
-    atlas: Atlas | None
     error: Real
     narrow: bool = dataclasses.field(default=True, metadata={"static": True})
+    atlas: Atlas = dataclasses.field(default_factory=shipped, metadata={"static": True})
     name = "table"
     hard = False
-
-    @property
-    def read(self) -> Atlas:
-        """The atlas that it reads."""
-        return _shipped() if self.atlas is None else self.atlas
-
-    @property
-    def light(self) -> AtlasLaw:
-        """The same law without the package's arrays, of which results hold no copies."""
-        return dataclasses.replace(self, atlas=None)
+    expands = True
 
     @property
     def load_range(self) -> tuple[Real, Real]:
         """Smallest and largest load of the most loaded roller [N]."""
-        return LIGHTEST * self.contact.design_load, jnp.exp(self.read.log_loads[-1]) * self.contact.design_load
+        return LIGHTEST * self.contact.design_load, np.exp(self.atlas.log_loads[-1]) * self.contact.design_load
 
     @property
     def status_code(self) -> Real:
         """All solves behind it converged."""
-        return jnp.asarray(status.CONVERGED)
+        return np.asarray(status.CONVERGED)
 
     def at(self, contact: LineContact) -> AtlasLaw:
         """The law of another contact."""
         return dataclasses.replace(self, contact=contact)
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
+    def curves(self, spalls: tuple[Spall, ...], distances: Any) -> RollerCurves:
         """See `Law`."""
         healthy = self.healthy()
         beside = [self._beside(spall, healthy) for spall in spalls]
@@ -144,51 +139,87 @@ class AtlasLaw:
         ]
         return ramp_fit.roller_curves(healthy, [one.full for one in beside], ramps, spalls, distances)
 
-    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
+    def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: deep spalls, one under a roller, that leave no slivers of land at the roller's end."""
-        number = jnp.log(number_of(self.contact))
-        inside = (number >= self.read.log_numbers[0]) & (number <= self.read.log_numbers[-1])
-        code = jnp.where(inside, status.CONVERGED, status.OTHER_CONTACT)
-        code = status.worst(code, within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest))
+        contact, spalls, distances, rest = xp.values((self.contact, spalls, distances, rest))
+        number, ends = xp.log(number_of(contact)), self.atlas.log_numbers[[0, -1]]
+        inside = (number >= ends[0]) & (number <= ends[1])
+        code = xp.of(number).where(inside, status.CONVERGED, status.OTHER_CONTACT)
+        load_range = dataclasses.replace(self, contact=contact).load_range
+        code = status.worst(code, within_range(load_range, rest), of_one_deep_spall(spalls, distances, rest))
         for spall in spalls:
-            known = _place(self.contact, spall).known | (spall.length <= 0.0)
-            code = status.worst(code, jnp.where(known, status.CONVERGED, status.SLIVER))
+            known = _place(contact, spall).known | (spall.length <= 0.0)
+            code = status.worst(code, xp.of(known).where(known, status.CONVERGED, status.SLIVER))
             if not self.narrow:
-                wide = 0.5 * spall.width > _farthest(self.contact)
-                code = status.worst(code, jnp.where(wide, status.CONVERGED, status.NARROW))
+                wide = 0.5 * spall.width > _farthest(contact)
+                code = status.worst(code, xp.of(wide).where(wide, status.CONVERGED, status.NARROW))
         return code
 
-    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:
         """See `Law`."""
-        low, high = edge_ramp.extent(self.beside(spall), approach)
-        return low, jnp.minimum(high, 0.5 * spall.width)
+        low, high = edge_ramp.extent(edge_ramp.spread(self.beside(spall), np.ndim(approach)), approach)
+        return low, xp.minimum(high, 0.5 * spall.width)
 
     def healthy(self) -> Healthy:
         """The curve of a healthy roller."""
-        atlas, unit, number = self.read, gap.crown_scale(self.contact), jnp.log(number_of(self.contact))
-        log_approaches, half_width = implicit.multilinear(_healthy_at, (_by_number,), (atlas, False), (number,))
-        loads = jnp.asarray(atlas.log_loads) + jnp.log(self.contact.design_load)
-        own = load_curve.through(loads, unit * jnp.exp(log_approaches), jnp.zeros(()))
-        across = 0.5 * jnp.log(2.0 * self.contact.radius * unit)
+        atlas, contact, unit = self.atlas, self.contact, gap.crown_scale(self.contact)
+        at = _weights(atlas.log_numbers, xp.log(number_of(contact)))
+        loads = atlas.log_loads + xp.log(contact.design_load)
+        own = load_curve.through(loads, unit * xp.exp(xp.einsum("n,nq->q", at, atlas.healthy)), np.zeros(()))
+        across = 0.5 * xp.log(2.0 * contact.radius * unit)
+        half_width = _plus(xp.einsum("n,nc->c", at, atlas.half_width), across)
         middle, reach = 0.5 * (loads[-1] + loads[0]), 0.5 * (loads[-1] - loads[0])
-        return Healthy(own, half_width.at[0].add(across), jnp.stack([middle, reach]), self.contact.radius)
+        return Healthy(own, half_width, xp.stack([middle, reach]), contact.radius)
 
     def beside(self, spall: Spall) -> Ramp:
         """The ramp of this spall's edge, which stands under the roller's middle."""
         return self._beside(spall, self.healthy())
 
     def _beside(self, spall: Spall, healthy: Healthy) -> Ramp:
-        atlas, contact, place = self.read, self.contact, _place(self.contact, spall)
-        unit, at = gap.crown_scale(contact), (jnp.log(number_of(contact)), place.length, place.aside)
-        weights = _by_number, _by_length, _by_aside
-        log_full, sunk, share = implicit.multilinear(_beside_at, weights, (atlas, place.over_end), at)
+        atlas, contact, place = self.atlas, self.contact, _place(self.contact, spall)
+        number, unit = xp.log(number_of(contact)), gap.crown_scale(contact)
+        at = _weights(atlas.log_numbers, number)
+        along = _at_place(atlas.lengths, atlas.asides, place)
+        # by the contact's number first: where that is one for a batch, this is done once
+        log_full, sunk = (
+            xp.einsum("ij,ij...->...", along, xp.einsum("n,n...->...", at, table)) for table in (atlas.full, atlas.sunk)
+        )
         shift = direct.shift_over(contact, spall)
-        approaches = jnp.maximum(unit * jnp.exp(log_full), shift * (1.0 + 1e-9))
-        loads = jnp.asarray(atlas.log_loads) + jnp.log(contact.design_load)
-        full = load_curve.through(loads, approaches, shift)
-        by_load = jnp.log(unit / contact.design_load)
+        approaches = xp.maximum(unit * xp.exp(log_full), (shift * (1.0 + 1e-9))[None])
+        full = load_curve.through(atlas.log_loads + xp.log(contact.design_load), approaches, shift)
+        at_edges = _weights(atlas.edge_numbers, number)
+        along_edges = _at_place(atlas.edge_lengths, atlas.edge_asides, place)
+        share = xp.einsum("ij,ij...->...", along_edges, xp.einsum("n,n...->...", at_edges, atlas.share_in_powers))
+        by_load = xp.log(unit / contact.design_load)
         rise = ramp_fit.rise_over(contact, spall)
-        return healthy.beside(jnp.zeros(()), full, sunk.at[0].add(by_load), rise, share)
+        return healthy.beside(np.zeros(()), full, _plus(sunk, by_load), rise, share)
+
+
+def _plus(coefficients: Any, first: Any) -> Any:
+    """Of a polynomial and a number."""
+    return coefficients + np.eye(1, len(coefficients))[0] * first
+
+
+def _weights(nodes: np.ndarray, x: Any) -> Any:
+    """What values at the nodes count at `x`, shape (nodes,); beyond the nodes as at the last ones."""
+    middle, reach = 0.5 * (nodes[-1] + nodes[0]), 0.5 * (nodes[-1] - nodes[0])
+    z = (xp.within(x, nodes[0], nodes[-1]) - middle) / reach
+    return xp.einsum("kn,k->n", _of_nodes(tuple((nodes - middle) / reach)), series.chebyshev(z, len(nodes)))
+
+
+@cache
+def _of_nodes(z: tuple[float, ...]) -> np.ndarray:
+    """By Chebyshev polynomials, what the values at `z` count, shape (polynomials, nodes)."""
+    return np.linalg.inv(np.polynomial.chebyshev.chebvander(np.array(z), len(z) - 1))
+
+
+def _at_place(lengths: np.ndarray, asides: np.ndarray, place: Place) -> Any:
+    """What values at the nodes count, shape (lengths, asides + 1): the last place aside stands for those over the
+    roller's end."""
+    over_end = place.over_end
+    inside = xp.where(over_end, 0.0, _weights(asides, place.aside))
+    aside = xp.concatenate([inside, xp.where(over_end, 1.0, 0.0)[None]])
+    return _weights(lengths, place.length)[:, None] * aside[None]
 
 
 def _place(contact: LineContact, spall: Spall) -> Place:
@@ -196,90 +227,45 @@ def _place(contact: LineContact, spall: Spall) -> Place:
     return axial_place.place_of(spall.length / length, spall.axial_offset / length, number_of(contact))
 
 
-Read = tuple[Atlas, jax.Array | bool]
-"""What is read, and whether at a place over the roller's end."""
-Weights = tuple[jax.Array, ...]
-"""What nodes count, without and with an edge in reach."""
-
-
-def _by_number(read: Read, log_number: jax.Array) -> Weights:
-    both = read[0].log_numbers, read[0].edge_numbers
-    return tuple(load_curve.weights(nodes, load_curve.within(log_number, nodes[0], nodes[-1])) for nodes in both)
-
-
-def _by_length(read: Read, length: jax.Array) -> Weights:
-    nodes = read[0].edge_lengths
-    at_edges = load_curve.weights(nodes, load_curve.within(length, nodes[0], 1.0))
-    return load_curve.weights(read[0].lengths, length), at_edges
-
-
-def _by_aside(read: Read, aside: jax.Array) -> Weights:
-    """The last place aside stands for those over the roller's end."""
-    over_end = jnp.asarray(read[1])
-    inside = [load_curve.weights(nodes, aside) for nodes in (read[0].asides, read[0].edge_asides)]
-    last = jnp.where(over_end, 1.0, 0.0)[None]
-    return tuple(jnp.concatenate([jnp.where(over_end, 0.0, each), last]) for each in inside)
-
-
-def _healthy_at(read: Read, told: list[Weights]) -> tuple[jax.Array, jax.Array]:
-    """`Atlas.healthy` and `.half_width`."""
-    ((at, _),) = told
-    return at @ read[0].healthy, at @ read[0].half_width
-
-
-def _beside_at(read: Read, told: list[Weights]) -> tuple[jax.Array, ...]:
-    """`Atlas.full`, `.sunk` and `.share` at one place."""
-    (at, at_edges), (lengths, edge_lengths), (asides, edge_asides) = told
-    atlas, along, along_edges = read[0], jnp.outer(lengths, asides), jnp.outer(edge_lengths, edge_asides)
-    # by the contact's number first: where that is one for a batch, this is done once
-    log_full, sunk = (jnp.tensordot(along, jnp.tensordot(at, table, 1), 2) for table in (atlas.full, atlas.sunk))
-    return log_full, sunk, jnp.tensordot(along_edges, jnp.tensordot(at_edges, atlas.share, 1), 2)
-
-
-def _farthest(contact: LineContact) -> Real:
+def _farthest(contact: LineContact) -> Any:
     """No edge farther than this from a roller's middle touches it [mm], under any load of the atlas."""
-    return jnp.sqrt(2.0 * contact.radius * DEEPEST * gap.crown_scale(contact))
+    return xp.sqrt(2.0 * contact.radius * DEEPEST * gap.crown_scale(contact))
 
 
 def _narrow(beside: Ramp, contact: LineContact, spall: Spall) -> Ramp:
     """The ramp for both edges of the spall."""
-    crown = gap.crown_at(spall.axial_offset + 0.5 * spall.length * jnp.asarray(edge_ramp.ALONG), contact)
-    width = jnp.asarray(spall.width, float)
-    return dataclasses.replace(beside, narrow=NarrowSpall(width, jnp.minimum(crown, NO_LAND)))
+    crown = gap.crown_at(spall.axial_offset + 0.5 * spall.length * np.asarray(edge_ramp.ALONG), contact)
+    width = xp.asarray(spall.width)
+    return dataclasses.replace(beside, narrow=NarrowSpall(width, xp.minimum(crown, NO_LAND)))
 
 
 def atlas_law(contact: LineContact, spalls: tuple[Spall, ...] | None = None) -> AtlasLaw:
     """The law of this contact, traced or not, for these spalls; None is for any."""
     narrow = spalls is None or not all(_is_wide(contact, spall) for spall in spalls)
-    atlas = _shipped()
-    return AtlasLaw(contact, atlas, _error(atlas, contact, spalls), narrow)
+    return AtlasLaw(contact, _error(contact, spalls), narrow)
 
 
-def _shipped() -> Atlas:
-    return Atlas(*(jnp.asarray(field) for field in shipped()))
-
-
-def _error(atlas: Atlas, contact: LineContact, spalls: tuple[Spall, ...] | None) -> jax.Array:
+def _error(contact: LineContact, spalls: tuple[Spall, ...] | None) -> Any:
     """The largest of what is known of these spalls' places; of any spalls, if they are not given."""
+    atlas = shipped()
     if spalls is None:
-        return jnp.maximum(jnp.max(atlas.errors), atlas.narrow_error)
-    error = jnp.asarray(atlas.errors[0])
-    for spall in spalls:
-        place = axial_place.place_of(
-            spall.length / contact.length, spall.axial_offset / contact.length, number_of(contact)
-        )
-        third = jnp.minimum(jnp.floor(3.0 * jnp.sqrt(place.aside)), 2.0).astype(int)
-        error = jnp.maximum(error, atlas.errors[jnp.where(place.over_end, 3, third)])
+        return max(np.max(atlas.errors), float(atlas.narrow_error))
+    error, contact = np.asarray(atlas.errors[0]), xp.fixed(contact)
+    for spall in xp.fixed(spalls):
+        place = _place(contact, spall)
+        thirds = 3.0 * xp.sqrt(place.aside)
+        own = xp.where(thirds < 1.0, atlas.errors[0], xp.where(thirds < 2.0, atlas.errors[1], atlas.errors[2]))
+        error = xp.maximum(error, xp.where(place.over_end, atlas.errors[3], own))
         wide = 0.5 * spall.width > _farthest(contact)
-        error = jnp.maximum(error, jnp.where(wide, 0.0, atlas.narrow_error))
-    return jax.lax.stop_gradient(error)
+        error = xp.maximum(error, xp.where(wide, 0.0, atlas.narrow_error))
+    return error
 
 
 def _is_wide(contact: LineContact, spall: Spall) -> bool:
     """Whether the spall is known to be so wide that no roller meets both its edges: what is traced by jit is not known,
     what is differentiated outside of it is."""
     try:
-        return bool(0.5 * spall.width > _farthest(contact))
+        return bool(xp.value(0.5 * spall.width > _farthest(contact)))
     except jax.errors.ConcretizationTypeError:
         return False
 

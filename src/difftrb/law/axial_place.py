@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core.geometry import Real
-from difftrb.law import load_curve
 
 INNER = 0.45
 """Both ends of a spall lie within this share of the roller's length from its middle, or one beyond the roller's end:
@@ -29,31 +27,31 @@ class Place(NamedTuple):
     holds it.
     """
 
-    length: jax.Array
-    aside: jax.Array
-    over_end: jax.Array
-    known: jax.Array
+    length: Any
+    aside: Any
+    over_end: Any
+    known: Any
 
 
-def shortest(number: Real) -> jax.Array:
+def shortest(number: Real) -> Any:
     """Width of a usual contact by the roller's length: spalls' lengths are told apart by their roots from there on."""
-    return jnp.sqrt(16.0 * USUAL_LOAD * number / jnp.pi)  # Johnson 1985, eq. (4.43)
+    return xp.sqrt(16.0 * USUAL_LOAD * number / np.pi)  # Johnson 1985, eq. (4.43)
 
 
 def place_of(length: Real, axial_offset: Real, number: Real) -> Place:
     """The place of a spall whose length and axial offset are by the roller's length."""
-    length, offset = jnp.asarray(length, float), jnp.asarray(axial_offset, float)
-    aside = jnp.where(offset < 0.0, -offset, offset)
+    length, offset = xp.asarray(length), xp.asarray(axial_offset)
+    aside = xp.magnitude(offset)
     over_end = aside + 0.5 * length >= 0.5 - 1e-9
     least = shortest(number)
-    inside = (jnp.sqrt(length + least) - jnp.sqrt(least)) / (jnp.sqrt(LONGEST + least) - jnp.sqrt(least))
-    share = (offset / jnp.maximum(INNER - 0.5 * length, 0.5 * (INNER - 0.5 * LONGEST))) ** 2
+    inside = (xp.sqrt(length + least) - xp.sqrt(least)) / (xp.sqrt(LONGEST + least) - xp.sqrt(least))
+    share = (offset / xp.maximum(INNER - 0.5 * length, 0.5 * (INNER - 0.5 * LONGEST))) ** 2
     taken = (0.5 - aside + 0.5 * length - AT_END[0]) / (AT_END[1] - AT_END[0])
     tiny = 1e-9
-    fits = jnp.where(over_end, taken, inside)
+    fits = xp.where(over_end, taken, inside)
     known = (fits >= -tiny) & (fits <= 1.0 + tiny) & (over_end | (share <= 1.0 + tiny))
-    within = load_curve.within
-    return Place(within(fits, 0.0, 1.0), within(jnp.where(over_end, 0.0, share), 0.0, 1.0), over_end, known)
+    within = xp.within
+    return Place(within(fits, 0.0, 1.0), within(xp.where(over_end, 0.0, share), 0.0, 1.0), over_end, known)
 
 
 def spall_at(length: float, aside: float, over_end: bool, number: float) -> tuple[float, float]:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.core
 import jax.numpy as jnp
+import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.core.messages import shown
@@ -50,7 +52,8 @@ class Rest(NamedTuple):
 
         Beyond √(2Rδ) from the contact's middle the gap exceeds the approach.
         """
-        beside = jnp.maximum(jnp.abs(distances) - 0.5 * spall.width, 0.0)
+        of = xp.of(distances, spall.width)
+        beside = of.maximum(of.abs(distances) - 0.5 * spall.width, 0.0)
         return (beside**2 < 2.0 * self.radius * self.approach) & (self.approach > 0.0) & (spall.length > 0.0)
 
 
@@ -91,7 +94,7 @@ class Law(Protocol):
 
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Interval of edge positions [mm], positive over the spall numbered `number`, over which the load drops at this
-        approach [mm]."""
+        approach [mm], of any shape."""
         ...
 
 
@@ -102,7 +105,7 @@ class HardWindow:
 
     def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
         """See `Law`: a step."""
-        return jnp.zeros(()), jnp.zeros(())
+        return xp.zeros_like(approach), xp.zeros_like(approach)
 
 
 def load_over(
@@ -116,23 +119,25 @@ def load_over(
     return load[0], slope[0]
 
 
-def spalls_under(spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
-    """Which spall every roller is over, counted from 1; 0 is none; shape (rollers,).
+def spalls_under(spalls: tuple[Spall, ...], distances: Any) -> Any:
+    """Which spall every roller is over, counted from 1; 0 is none; shape (…, rollers).
 
     A hard window: a roller is over a spall while the middle of its contact is, so width changes only the number of
     rollers inside. Of several spalls the longest counts. `distances` as in `Law`.
     """
-    over = jnp.zeros(distances.shape[1:], int)
-    longest = jnp.full(distances.shape[1:], -1.0)  # a spall of no length counts: its curve is healthy, its slope is not
+    away, spalls = xp.values((distances, spalls))
+    of = xp.of(away, *jax.tree.leaves(spalls))
+    over = of.zeros(away.shape[1:], int)
+    longest = of.full(away.shape[1:], -1.0)  # a spall of no length counts: its curve is healthy, its slope is not
     for i, spall in enumerate(spalls):
-        inside = (jnp.abs(distances[i]) < 0.5 * spall.width) & (spall.length > longest)  # Liu et al. 2018, eq. (7)
-        over, longest = jnp.where(inside, i + 1, over), jnp.where(inside, spall.length, longest)
+        inside = (of.abs(away[i]) < 0.5 * spall.width) & (spall.length > longest)  # Liu et al. 2018, eq. (7)
+        over, longest = of.where(inside, i + 1, over), of.where(inside, spall.length, longest)
     return over
 
 
-def lengths_of(spalls: tuple[Spall, ...]) -> jax.Array:
+def lengths_of(spalls: tuple[Spall, ...]) -> Any:
     """Lengths of no spall and of every spall [mm], shape (1 + spalls,)."""
-    return jnp.stack([jnp.zeros(()), *(jnp.asarray(spall.length, float) for spall in spalls)])
+    return xp.stack([0.0, *(spall.length for spall in spalls)])
 
 
 def in_window(curves: Curve, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
@@ -143,31 +148,33 @@ def in_window(curves: Curve, spalls: tuple[Spall, ...], distances: jax.Array) ->
 # ------------------------------------------------------------------------------------------------ judging
 
 
-def known_up_to(longest: Real, spalls: tuple[Spall, ...]) -> jax.Array:
+def known_up_to(longest: Any, spalls: tuple[Spall, ...]) -> Any:
     """Status: whether no spall is longer than `longest` [mm]."""
-    return jnp.where(jnp.asarray(longest) >= jnp.max(lengths_of(spalls)), status.CONVERGED, status.UNKNOWN_LENGTH)
+    of = xp.of(longest, *jax.tree.leaves(spalls))
+    return of.where(of.asarray(longest) >= of.max(lengths_of(spalls)), status.CONVERGED, status.UNKNOWN_LENGTH)
 
 
-def of_one_deep_spall(spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None) -> jax.Array:
+def of_one_deep_spall(spalls: tuple[Spall, ...], distances: Any, rest: Rest | None) -> Any:
     """Status: whether no roller meets several spalls, or may meet a spall's bottom."""
     if rest is None or not spalls:
-        return jnp.asarray(status.CONVERGED)
-    met = jnp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
-    depths = jnp.stack([jnp.asarray(spall.depth, float) for spall in spalls])
-    shallow = jnp.any(met & (depths[:, None] < rest.approach[None]))
-    code = jnp.where(shallow, status.BOTTOM, status.CONVERGED)
+        return np.asarray(status.CONVERGED)
+    of = xp.of(rest.approach, distances, *jax.tree.leaves(spalls))
+    met = of.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
+    shallow = [of.any(own & (spall.depth < rest.approach)) for spall, own in zip(spalls, met, strict=True)]
+    code = of.where(of.any(of.stack(shallow)), status.BOTTOM, status.CONVERGED)
     if len(spalls) < 2:
         return code
-    return jnp.where(jnp.any(jnp.sum(met, axis=0) > 1), status.SEVERAL, code)
+    return of.where(of.any(of.sum(met, axis=0) > 1), status.SEVERAL, code)
 
 
-def within_range(load_range: tuple[Real, Real], rest: Rest | None) -> jax.Array:
+def within_range(load_range: tuple[Any, Any], rest: Rest | None) -> Any:
     """Status: whether the most loaded roller is in the range of loads [N] that a law was made for."""
     if rest is None:
-        return jnp.asarray(status.CONVERGED)
-    largest = jnp.max(rest.loads)
+        return np.asarray(status.CONVERGED)
+    of = xp.of(rest.loads, *load_range)
+    largest = of.max(rest.loads, axis=-1)
     inside = (largest >= load_range[0]) & (largest <= load_range[1])
-    return jnp.where(inside | (largest <= 0.0), status.CONVERGED, status.OUTSIDE)
+    return of.max(of.where(inside | (largest <= 0.0), status.CONVERGED, status.OUTSIDE))
 
 
 # ------------------------------------------------------------------------------------------------ registry

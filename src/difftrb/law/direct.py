@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ import numpy as np
 
 from difftrb.contact import gap as gaps
 from difftrb.contact.solver import GRIDS
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats
 from difftrb.core.numeric import chebyshev_nodes
@@ -58,12 +59,12 @@ def accuracy_at_edges(accuracy: float) -> float:
     return max(FINER * accuracy, min(GRIDS)) if accuracy <= FINER_FROM else accuracy
 
 
-def shift_over(contact: LineContact, spall: Spall) -> jax.Array:
+def shift_over(contact: LineContact, spall: Spall) -> Any:
     """Approach [mm] from which a roller in the middle of a wide and deep spall carries load: the crown at the land."""
     ends = 0.5 * spall.length - spall.axial_offset, 0.5 * spall.length + spall.axial_offset
-    nearest = jnp.maximum(jnp.minimum(*ends), 0.0)  # no |…|: its slope at 0 would not be 0
+    nearest = xp.maximum(xp.minimum(*ends), 0.0)  # no |…|: its slope at 0 would not be 0
     half = 0.5 * contact.length
-    return gaps.crown_at(jnp.minimum(nearest, half * (1.0 - 1e-9)), contact)
+    return gaps.crown_at(xp.minimum(nearest, half * (1.0 - 1e-9)), contact)
 
 
 class Edges(NamedTuple):
@@ -169,7 +170,7 @@ class DirectLaw:
         healthy, full = self.levels(number, spall)
         rise = ramp_fit.rise_over(self.contact, spall)
         beside = healthy.beside(jnp.zeros(()), full, self.sunk[number], rise, edge_ramp.guess())
-        return edge_ramp.extent(beside, approach)
+        return edge_ramp.extent(edge_ramp.spread(beside, np.ndim(approach)), approach)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls; no

@@ -13,22 +13,21 @@ far by plane strain (`narrow_spall`), in the mean over rows along the spall; the
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core import implicit
+from difftrb.core import arrays as xp
+from difftrb.core import series
 from difftrb.core.geometry import Real
-from difftrb.core.numeric import chebyshev
+from difftrb.core.taylor import Taylor
 from difftrb.law import load_curve, narrow_spall
 from difftrb.law.load_curve import Curve
 
 TERMS = 9
-"""Of u = 1 − √(1 − t) in s: u times Chebyshev polynomials."""
+"""Of s: u = 1 − √(1 − t) times a polynomial in 2u − 1."""
 USUAL = 0.07, 0.23
 """Of W₀: measured at many rollers."""
 LEAST = 300.0
@@ -70,7 +69,7 @@ class Ramp:
       rise: of the crown where the spall is nearest to the roller's middle [mm].
       loads: middle and reach of that log Q [log N], shape (2,).
       radius: of the contact [mm].
-      share: coefficients of s: Chebyshev polynomials of log Qₕ by `terms` of t; shape (k, TERMS, …).
+      share: coefficients of s by u: powers of `level` by powers of 2u − 1; shape (k, TERMS, …).
       narrow: of a spall whose other edge may be in reach, too; None: it is not.
     """
 
@@ -91,7 +90,7 @@ class RollerCurves(NamedTuple):
 
     Attributes:
       each: the curve of every roller that is on no ramp, shape (rollers,).
-      ramps: stacked along a first axis of every field; None: there is none.
+      ramps: along an axis behind every field's own; None: there is none.
       at: which roller stands on which ramp: ones in zeros, shape (ramps, rollers).
     """
 
@@ -100,126 +99,151 @@ class RollerCurves(NamedTuple):
     at: jax.Array | None = None
 
 
-def roller_loads(curves: RollerCurves, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+def roller_loads(curves: RollerCurves, approach: Any) -> tuple[Any, Any]:
     """Load [N] and its slope [N/mm] of every roller at its approach [mm], all of shape (rollers,)."""
     loads, slopes = load_curve.load(curves.each, approach)
     if curves.ramps is None or curves.at is None:
         return loads, slopes
     # products of matrices, for what one of them takes is computed once and not for every roller
-    product = partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
-    # one after the other: then a batch is what a ramp's programs run along, not two edges
-    there = jax.lax.map(lambda ramp_at: load(*ramp_at), (curves.ramps, product(curves.at, approach)))
-    elsewhere = 1.0 - jnp.sum(curves.at, axis=0)
-    loads, slopes = (a * elsewhere + product(b, curves.at) for a, b in zip((loads, slopes), there, strict=True))
+    there = load(curves.ramps, xp.einsum("e...r,...r->e...", curves.at, approach))
+    elsewhere = 1.0 - curves.at.sum(axis=0)
+    loads, slopes = (
+        a * elsewhere + xp.einsum("e...,e...r->...r", b, curves.at) for a, b in zip((loads, slopes), there, strict=True)
+    )
     return loads, slopes
 
 
-def load(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+def expanded_loads(curves: RollerCurves, approach: Any) -> Taylor:
+    """Load of every roller [N] as an expansion by its approach, to the second order, and by parameters: `approach` [mm]
+    holds how it changes with these alone."""
+    variable = Taylor(xp.value(approach), xp.ones_like(approach), xp.zeros_like(approach), xp.by(approach))
+    loads = load_curve.carried(curves.each, variable)
+    if curves.ramps is None or curves.at is None:
+        return loads
+    there = carried(curves.ramps, xp.einsum("e...r,...r->e...", curves.at, variable))
+    return loads * (1.0 - curves.at.sum(axis=0)) + xp.einsum("e...,e...r->...r", there, curves.at)
+
+
+def load(ramp: Ramp, approach: Any) -> tuple[Any, Any]:
     """Q [N] and dQ/dδ [N/mm] at `approach` δ [mm], in the shape of the ramps."""
-    return jax.jvp(lambda delta: _load(ramp, delta), (approach,), (jnp.ones_like(approach),))
+    found = carried(ramp, Taylor(approach, xp.ones_like(approach)))
+    return found.value, found.slope
 
 
-def _load(ramp: Ramp, approach: jax.Array) -> jax.Array:
+def carried(ramp: Ramp, approach: Any) -> Any:
+    """Q [N] at `approach` δ [mm], in the shape of the ramps."""
     healthy, full, low, high = between(ramp, approach)
     t = place(ramp.edge if ramp.narrow is None else _worth(ramp, ramp.narrow, approach, low, high), low, high)
-    levels = chebyshev(level(ramp, healthy), ramp.share.shape[0] - 1)
-    return full + (healthy - full) * left(t, [_combined(ramp.share[:, k], levels) for k in range(TERMS)])
+    return full + (healthy - full) * left(t, shares_at(ramp.share, level(ramp, healthy)))
 
 
-def _worth(ramp: Ramp, across: NarrowSpall, approach: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
+def shares_at(share: Any, level: Any) -> Any:
+    """Coefficients of s by u in powers of 2u − 1 at a level, shape (TERMS, …)."""
+    return series.polynomial(share, level[None])
+
+
+def _worth(ramp: Ramp, across: NarrowSpall, approach: Any, low: Any, high: Any) -> Any:
     """The one edge over which the roller would sink as far, in the mean along the spall, as over both."""
-    left = jnp.maximum(1.0 - across.crown / jnp.maximum(approach, 1e-9)[None], SHUT)
-    weight = jnp.asarray(WEIGHTS).reshape(-1, *[1] * (left.ndim - 1)) * left ** (ROW - 1.0)
+    left = xp.maximum(1.0 - across.crown / xp.maximum(approach, 1e-9)[None], SHUT)
+    weight = np.asarray(WEIGHTS).reshape(-1, *[1] * (left.ndim - 1)) * left ** (ROW - 1.0)
     size = -low[None] * left ** (0.5 * ROW)  # of every row's contact without a spall, half its width
 
-    def nearer(_: int, edge: jax.Array) -> jax.Array:
+    def nearer(edge: Any) -> Any:
         # the share left decides how wide the contact is, and the edge the share
-        share = usual(place(edge, low, high))
-        own = size * jnp.sqrt(jnp.maximum(share, 1e-6))[None]
-        own = jnp.maximum(own, across.width[None] / narrow_spall.WIDEST)
-        sunk = jnp.sum(weight * narrow_spall.sinking(ramp.edge[None], across.width[None], own), axis=0)
+        share = xp.univariate(lambda t: xp.sqrt(xp.maximum(usual(t), 1e-6)), place(edge, low, high))
+        own = size * share[None]
+        own = xp.maximum(own, across.width[None] / narrow_spall.WIDEST)
+        sunk = xp.leading_total(weight * narrow_spall.sinking(ramp.edge[None], across.width[None], own))
         met = sunk > 1e-9
-        goal = across.width * jnp.sqrt(jnp.where(met, sunk, 1.0))
-        least = -jnp.max(own, axis=0) * (1.0 - 1e-6)
-        for _ in range(2):
-            square = jnp.where(met, jnp.sum(weight * narrow_spall.over_one(edge[None], own), axis=0), 1.0)
-            rate = jnp.where(met, jnp.sum(weight * narrow_spall.over_one_slope(edge[None], own), axis=0), 1.0)
-            root = jnp.sqrt(square)
-            edge = jnp.where(met, jnp.maximum(edge - (root - goal) * 2.0 * root / rate, least), ramp.edge)
-        return edge
+        goal = across.width * xp.sqrt(xp.where(met, sunk, 1.0))
+        least = -xp.largest(own) * (1.0 - 1e-6)
 
-    edge = jax.lax.fori_loop(0, SHARES, nearer, ramp.edge)  # a loop: rounds written out take a minute to compile
+        def closer(edge: Any) -> Any:
+            square = xp.where(met, xp.leading_total(weight * narrow_spall.over_one(edge[None], own)), 1.0)
+            rate = xp.where(met, xp.leading_total(weight * narrow_spall.over_one_slope(edge[None], own)), 1.0)
+            root = xp.sqrt(square)
+            return xp.where(met, xp.maximum(edge - (root - goal) * 2.0 * root / rate, least), ramp.edge)
+
+        return xp.repeated(2, closer, edge)
+
+    edge = xp.repeated(SHARES, nearer, ramp.edge)  # a loop: rounds written out take a minute to compile
     # a spall without width leaves the roller where it is: at the ramp's beginning
-    widest = jnp.max(size, axis=0)
+    widest = xp.largest(size)
     beside = ramp.edge <= -widest
-    stretch = (ramp.edge - low) / jnp.where(beside, 1.0, ramp.edge + widest)
-    return jnp.where(beside, ramp.edge, ramp.edge + (edge - ramp.edge) * stretch)
+    stretch = (ramp.edge - low) / xp.where(beside, 1.0, ramp.edge + widest)
+    return xp.where(beside, ramp.edge, ramp.edge + (edge - ramp.edge) * stretch)
 
 
-def left(t: jax.Array, coefficients: Sequence[jax.Array]) -> jax.Array:
-    """W for the coefficients of s."""
-    return usual(t) * (1.0 + implicit.pointwise(_series, None, coefficients, t))
+def left(t: Any, coefficients: Any) -> Any:
+    """W for the coefficients of s, shape (TERMS, …), in powers of 2u − 1."""
+    u = xp.univariate(beyond, t)
+    return xp.univariate(usual, t) * (1.0 + u * series.polynomial(coefficients, 2.0 * u - 1.0))
 
 
-def usual(t: jax.Array) -> jax.Array:
+def usual(t: Any) -> Any:
     """W₀ at t in 0…1, any shape."""
-    narrow = -jnp.log(load_curve.within(1.0 - t, 1e-12, 1.0))  # the contact left on the land is a narrow line
+    narrow = -xp.log(xp.within(1.0 - t, 1e-12, 1.0))  # the contact left on the land is a narrow line
     return (1.0 - t * t) / (1.0 + t * t * (USUAL[0] + USUAL[1] * narrow))
 
 
-def _series(coefficients: Sequence[jax.Array], t: jax.Array) -> jax.Array:
-    return _combined(coefficients, terms(t))
+def beyond(t: Any) -> Any:
+    """u = 1 − √(1 − t)."""
+    return 1.0 - xp.sqrt(xp.within(1.0 - t, 1e-12, 1.0))
 
 
-def _combined(coefficients: Sequence[jax.Array] | jax.Array, parts: list[jax.Array]) -> jax.Array:
-    total = coefficients[0] * parts[0]
-    for k in range(1, len(parts)):
-        total = total + coefficients[k] * parts[k]
-    return total
-
-
-def guessed(healthy: jax.Array, full: jax.Array, t: jax.Array) -> jax.Array:
+def guessed(healthy: Any, full: Any, t: Any) -> Any:
     """About the load [N], before any solve at the edge."""
     return full + (healthy - full) * usual(t)
 
 
-def between(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    healthy, _ = load_curve.load(ramp.healthy, approach)
-    full, _ = load_curve.load(ramp.full, approach)
-    half_width = jnp.exp(load_curve.straight(ramp.half_width, _of_load(ramp, healthy))[0])
+def between(ramp: Ramp, approach: Any) -> tuple[Any, Any, Any, Any]:
+    """Loads of a healthy roller and of one over the spall's middle [N], and where the ramp begins and ends [mm], as
+    `Ramp.edge`; all at this approach [mm]."""
+    healthy, full = load_curve.carried(ramp.healthy, approach), load_curve.carried(ramp.full, approach)
+    half_width = xp.exp(series.polynomial(ramp.half_width, _of_load(ramp, healthy), straight=True))
     # where the crown rises, the contact is narrower
-    pressed = jnp.where(approach > 0.0, approach, 1.0)
-    half_width = half_width * jnp.sqrt(load_curve.within(1.0 - ramp.rise / pressed, NARROWED, 1.0))
-    free = approach - ramp.rise - full * jnp.exp(load_curve.straight(ramp.sunk, _of_load(ramp, full))[0])
+    pressed = xp.where(approach > 0.0, approach, 1.0)
+    half_width = half_width * xp.sqrt(xp.within(1.0 - ramp.rise / pressed, NARROWED, 1.0))
+    free = approach - ramp.rise - full * xp.exp(series.polynomial(ramp.sunk, _of_load(ramp, full), straight=True))
     above = free > 0.0
-    return healthy, full, -half_width, jnp.where(above, jnp.sqrt(2.0 * ramp.radius * jnp.where(above, free, 1.0)), 0.0)
+    return healthy, full, -half_width, xp.where(above, xp.sqrt(2.0 * ramp.radius * xp.where(above, free, 1.0)), 0.0)
 
 
-def extent(ramp: Ramp, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+def extent(ramp: Ramp, approach: Any) -> tuple[Any, Any]:
     """Where a ramp begins and ends [mm], as `Ramp.edge`."""
     return between(ramp, approach)[2:]
 
 
-def place(edge: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array:
+def spread(ramp: Ramp, axes: int) -> Ramp:
+    """The ramp with so many axes behind all others, to go with as many approaches."""
+    return xp.tree_map(lambda leaf: xp.asarray(leaf)[(..., *[None] * axes)], ramp)
+
+
+def place(edge: Any, low: Any, high: Any) -> Any:
     """t in 0…1."""
-    return load_curve.within((edge - low) / (high - low), 0.0, 1.0)
+    return xp.within((edge - low) / (high - low), 0.0, 1.0)
 
 
-def _of_load(ramp: Ramp, load: jax.Array) -> jax.Array:
-    least = jnp.exp(ramp.loads[0] - ramp.loads[1])
-    return (jnp.log(load_curve.within(load, least, jnp.inf)) - ramp.loads[0]) / ramp.loads[1]
+def _of_load(ramp: Ramp, load: Any) -> Any:
+    least = xp.exp(ramp.loads[0] - ramp.loads[1])
+    return (xp.log(xp.within(load, least, np.inf)) - ramp.loads[0]) / ramp.loads[1]
 
 
-def level(ramp: Ramp, healthy: jax.Array) -> jax.Array:
+def level(ramp: Ramp, healthy: Any) -> Any:
     """log Qₕ, brought to −1…1."""
-    top = jnp.exp(jnp.sum(ramp.loads))
-    return 1.0 + 2.0 * jnp.log(load_curve.within(healthy, top / LEAST, top) / top) / np.log(LEAST)
+    top = xp.exp(ramp.loads[0] + ramp.loads[1])
+    return 1.0 + 2.0 * xp.log(xp.within(healthy, top / LEAST, top) / top) / np.log(LEAST)
 
 
-def terms(t: jax.Array) -> list[jax.Array]:
-    """The polynomials that s is made of, 0 at t = 0."""
-    place = 1.0 - jnp.sqrt(load_curve.within(1.0 - t, 1e-12, 1.0))
-    return [place * polynomial for polynomial in chebyshev(2.0 * place - 1.0, TERMS - 1)]
+def in_powers(share: Any) -> Any:
+    """`Ramp.share` of coefficients of Chebyshev polynomials, levels by terms behind all other axes; these in front."""
+    levels, terms = (_powers(count) for count in share.shape[-2:])
+    return xp.of(share).einsum("...lt,lm,tn->mn...", share, levels, terms)
+
+
+def _powers(count: int) -> np.ndarray:
+    """What every Chebyshev polynomial has of every power, shape (count, count)."""
+    return np.array([np.pad(np.polynomial.chebyshev.cheb2poly(row), (0, count))[:count] for row in np.eye(count)])
 
 
 def guess(degree: int = 0) -> jax.Array:

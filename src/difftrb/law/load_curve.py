@@ -7,14 +7,16 @@ on straight in these logarithms, so that Q, dQ/dδ are continuous for every δ a
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core import implicit
+from difftrb.core import arrays as xp
+from difftrb.core import implicit, series
 from difftrb.core.geometry import Real
-from difftrb.core.numeric import horner_with_slope
+from difftrb.core.taylor import Taylor
 
 
 @jax.tree_util.register_dataclass
@@ -58,33 +60,50 @@ def weights(places: jax.Array | np.ndarray, x: jax.Array | np.ndarray) -> jax.Ar
     return jax.lax.optimization_barrier(found)
 
 
-def through(log_loads: jax.Array, approaches: jax.Array, shift: jax.Array) -> Curve:
+def through(log_loads: Any, approaches: Any, shift: Any) -> Curve:
     """The curve through the `approaches` [mm] at `log_loads` (of loads in N), both of shape (n, …), n ≥ 2.
 
     Rising, best spaced like Chebyshev nodes. `shift` [mm], shape (…), below every approach. Divided differences:
     differentiable by everything, no iteration.
     """
-    x = jnp.log(approaches - shift[None])
+    x = xp.log(approaches - shift[None])
     middle, reach = 0.5 * (x[-1] + x[0]), 0.5 * (x[-1] - x[0])
     z = (x - middle[None]) / reach[None]
-    values = jnp.broadcast_to(
-        log_loads.reshape(-1, *[1] * (z.ndim - 1)) if log_loads.ndim < z.ndim else log_loads, z.shape
-    )
-    return Curve(implicit.interpolant(_coefficients, z, values), middle, reach, shift)
+    missing = z.ndim - log_loads.ndim
+    values = log_loads.reshape(-1, *[1] * missing) if missing > 0 else log_loads
+    return Curve(_interpolant(z, xp.broadcast_to(values, z.shape)), middle, reach, shift)
 
 
-def _coefficients(z: jax.Array, values: jax.Array) -> jax.Array:
+def _interpolant(z: Any, values: Any) -> Any:
+    """`_coefficients` with their derivatives."""
+    if not isinstance(z, Taylor) and not isinstance(values, Taylor):
+        return implicit.interpolant(_coefficients, z, values) if xp.of(z, values) is jnp else _coefficients(z, values)
+    # when places move by dz and values by dy, the polynomial P changes by the one through dy − P′ dz
+    places = xp.value(z)
+    found = _interpolant(places, xp.value(values))
+    change = None if not isinstance(values, Taylor) else values.by
+    if isinstance(z, Taylor) and z.by is not None:
+        moved = series.polynomial_at(found, places, 1)[None] * z.by
+        change = -moved if change is None else change - moved
+    if change is None:
+        return found
+    of = xp.of(change)
+    by = _interpolant(places.reshape(len(places), 1, *places.shape[1:]), of.moveaxis(change, 0, 1))
+    return Taylor(found, by=of.moveaxis(by, 1, 0))
+
+
+def _coefficients(z: Any, values: Any) -> Any:
     """Of the polynomials in powers of z through `values` at `z`, all of shape (n, …); linear in the values."""
-    order = np.array(_spread(len(z)))
+    of, order = xp.of(z, values), np.array(_spread(len(z)))
     places, differences = z[order], values[order]
     divided = [differences[0]]
-    for level in range(1, len(z)):  # whole rows at once: programs compile in proportion to their operations
+    for level in range(1, len(z)):
         differences = (differences[1:] - differences[:-1]) / (places[level:] - places[:-level])
         divided.append(differences[0])
     powers = divided[-1][None]
-    for place, first in zip(places[-2::-1], divided[-2::-1], strict=True):  # · (z − place) + first
-        within = powers[:-1] - place[None] * powers[1:]
-        powers = jnp.concatenate([(first - place * powers[0])[None], within, powers[-1:]])
+    for k in range(len(z) - 2, -1, -1):  # · (z − place) + difference
+        within = powers[:-1] - places[k] * powers[1:]
+        powers = of.concatenate([(divided[k] - places[k] * powers[0])[None], within, powers[-1:]])
     return powers
 
 
@@ -98,79 +117,61 @@ def _spread(count: int) -> list[int]:
     return order
 
 
-def load(curve: Curve, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+def load(curve: Curve, approach: Any) -> tuple[Any, Any]:
+    """Q [N] and dQ/dδ [N/mm] at an approach δ [mm], in the shape of the curves."""
+    found = carried(curve, Taylor(approach, xp.ones_like(approach)))
+    return found.value, found.slope
+
+
+def carried(curve: Curve, approach: Any) -> Any:
+    """Q [N] at an approach δ [mm], in the shape of the curves."""
     above = approach - curve.shift
     touching = above > 0.0
-    depth = jnp.where(touching, above, 1.0)
-    z = (jnp.log(depth) - curve.middle) / curve.reach
-    log_load, rate = straight(curve.coefficients, z)
-    Q = jnp.where(touching, jnp.exp(log_load), 0.0)
-    return Q, Q * rate / (curve.reach * depth)
+    z = (xp.log(xp.where(touching, above, 1.0)) - curve.middle) / curve.reach
+    return xp.where(touching, xp.exp(series.polynomial(curve.coefficients, z, straight=True)), 0.0)
 
 
-def within(x: jax.Array, low: Real, high: Real) -> jax.Array:
-    """As `jnp.clip`, whose derivative, a half at either end, costs divisions."""
-    return jnp.where(x > low, jnp.where(x < high, x, high), low)
-
-
-def straight(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Σ cₖ zᵏ, coefficients of shape (degree + 1, …), and its derivative by z; straight outside −1…1."""
-    return implicit.pointwise(_straight, _bending, coefficients, z)
-
-
-def _straight(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
-    inside = within(z, -1.0, 1.0) if coefficients.shape[0] > 2 else z
-    value, rate = horner_with_slope(coefficients, inside)
-    return value + rate * (z - inside), rate
-
-
-def _bending(coefficients: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The first two derivatives by z."""
-    _, rate = straight(coefficients, z)
-    if coefficients.shape[0] <= 2:
-        return rate, jnp.zeros_like(rate)
-    powers = jnp.arange(1.0, coefficients.shape[0]).reshape(-1, *[1] * (coefficients.ndim - 1))
-    _, bend = straight(powers * coefficients[1:], z)
-    return rate, jnp.where(jnp.abs(z) < 1.0, bend, 0.0)
-
-
-def approach(curve: Curve, loads: jax.Array) -> jax.Array:
+def approach(curve: Curve, loads: Any) -> Any:
     """δ [mm] at which the curves carry `loads` [N] > 0, by Newton's method on logarithms: a start value, to about
     1e-6, that carries no derivative."""
-    goal = jnp.log(loads)
+    curve, loads = xp.fixed((curve, loads))
+    goal = xp.log(loads)
 
-    def step(_: int, z: jax.Array) -> jax.Array:
-        value, rate = straight(curve.coefficients, z)
-        return z + (goal - value) / rate
+    def step(z: Any) -> Any:
+        found = series.polynomial(curve.coefficients, Taylor(z, xp.ones_like(z)), straight=True)
+        return z + (goal - found.value) / found.slope
 
-    z = jax.lax.fori_loop(0, 6, step, jnp.zeros_like(curve.middle + goal))
-    return jax.lax.stop_gradient(jnp.exp(curve.middle + curve.reach * z) + curve.shift)
+    z = xp.repeated(6, step, xp.zeros_like(curve.middle + goal))
+    return xp.exp(curve.middle + curve.reach * z) + curve.shift
 
 
-def chosen(curves: Curve, index: jax.Array) -> Curve:
+def chosen(curves: Curve, index: Any) -> Curve:
     """The same as `of` for few curves and many an index: by comparing, which in a batch is faster than gathering."""
 
-    def field(values: jax.Array) -> jax.Array:
-        taken = values[..., :1]
+    def field(values: Any) -> Any:
+        lead = values.shape[:-1]
+
+        def column(k: int) -> Any:
+            return values[..., k].reshape(*lead, *[1] * index.ndim)
+
+        taken = column(0)
         for k in range(1, values.shape[-1]):
-            taken = jnp.where(
-                (index == k).reshape((1,) * (values.ndim - 1) + index.shape), values[..., k : k + 1], taken
-            )
-        return jnp.broadcast_to(taken, (*values.shape[:-1], *index.shape))
+            taken = xp.where((index == k).reshape((1,) * len(lead) + index.shape), column(k), taken)
+        return xp.broadcast_to(taken, (*lead, *index.shape))
 
-    return jax.tree.map(field, curves)
+    return xp.tree_map(field, curves)
 
 
-def of(curves: Curve, index: jax.Array | int) -> Curve:
+def of(curves: Curve, index: Any) -> Curve:
     """The curves at `index` (any shape) along the last axis of `curves`."""
-    return jax.tree.map(lambda field: field[..., index], curves)
+    return xp.tree_map(lambda field: field[..., index], curves)
 
 
 def joined(*curves: Curve) -> Curve:
     """Several curves, each of shape () or (n,), one behind the other along a last axis."""
 
     def columns(fields: list[jax.Array], rank: int) -> jax.Array:
-        return jnp.concatenate([f if f.ndim > rank else f[..., None] for f in fields], axis=-1)
+        return xp.concatenate([f if f.ndim > rank else f[..., None] for f in fields], axis=-1)
 
     return Curve(
         columns([c.coefficients for c in curves], 1),

@@ -12,13 +12,13 @@ k = (√(e² + 3) − e)/3 and e in half-widths.
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core.numeric import bisected, chebyshev_roots, horner
+from difftrb.core import arrays as xp
+from difftrb.core import series
+from difftrb.core.numeric import bisected, chebyshev_roots
 
 MIDDLE = 1.0 / 8.0
 """Of the width's square, by which the roller sinks over the spall's middle, by R."""
@@ -36,7 +36,7 @@ PLACES = 12
 POINTS = 400
 
 
-def sinking(near: jax.Array, width: jax.Array, half_width: jax.Array) -> jax.Array:
+def sinking(near: Any, width: Any, half_width: Any) -> Any:
     """How far a roller sinks over both edges of a spall, by the width's square and times R: 1/8 in its middle.
 
     Args:
@@ -46,36 +46,68 @@ def sinking(near: jax.Array, width: jax.Array, half_width: jax.Array) -> jax.Arr
 
     0 where the spall is beside the contact. Continuous; smooth but where the far land begins to touch.
     """
-    unit = jnp.maximum(half_width, width / WIDEST)
-    width = jnp.maximum(width, NARROWEST * unit)
+    near, width, half_width = map(xp.asarray, (near, width, half_width))
+    unit = xp.maximum(half_width, width / WIDEST)
+    width = xp.maximum(width, NARROWEST * unit)
     x = width / unit
-    end, inside = _polynomials()
-    w = 2.0 * x / (x + HALF) * ((WIDEST + HALF) / WIDEST) - 1.0
-    farthest = 1.0 + x * (0.5 - horner(end, w))
-    place = jnp.minimum(((0.5 * x - near / unit) / farthest) ** 2, 1.0)
-    last = over_one(0.5 * width - unit * farthest, unit) / width**2
-    rest = horner([horner(row, w) for row in inside], 2.0 * place - 1.0)
+    farthest = xp.univariate(_farthest, x)
+    place = xp.minimum(((0.5 * x - near / unit) / farthest) ** 2, 1.0)
+    # over one land alone, by the width's square
+    last = xp.univariate(lambda x: _sunk_over_one(0.5 * x - _farthest(x) + 1.0) / (x * x), x)
+    rest = series.polynomial(_in_both(x), 2.0 * place - 1.0)
     share = MIDDLE + place * (last - MIDDLE + (1.0 - place) * rest)
-    return jnp.where(place < 1.0, share, over_one(near, unit) / width**2)
+    return xp.where(place < 1.0, share, over_one(near, unit) / (width * width))
 
 
-def over_one(edge: jax.Array, half_width: jax.Array) -> jax.Array:
+def _variable(x: Any) -> Any:
+    """In −1…1, of a width in half-widths."""
+    return 2.0 * x / (x + HALF) * ((WIDEST + HALF) / WIDEST) - 1.0
+
+
+def _farthest(x: Any) -> Any:
+    """How far the spall's middle is from the roller's, in half-widths, where the far land begins to touch."""
+    w = _variable(x)
+    return 1.0 + x * (0.5 - series.polynomial(_lifted(_polynomials().end, w), w))
+
+
+def _lifted(coefficients: np.ndarray, x: Any) -> np.ndarray:
+    """Of a polynomial, to go with `x`."""
+    return coefficients.reshape(*coefficients.shape, *[1] * x.ndim)
+
+
+def _in_both(x: Any) -> Any:
+    """Of the polynomial in the place for a width in half-widths, shape (places, …)."""
+    inside = _polynomials().inside.T
+    return xp.univariate(lambda x: series.polynomial(_lifted(inside, x), _variable(x)[None]), x)
+
+
+def over_one(edge: Any, half_width: Any) -> Any:
     """How far a roller sinks over one edge, times R [mm²]; 0 where it is beside the contact."""
-    s = jnp.maximum(edge / half_width + 1.0, 0.0)
-    short = _less(s)
-    rest = jnp.log1p(-short) + short + 0.5 * short * short
-    return half_width**2 * (0.5 * s * s + short * short - s * short - 0.5 * rest)
+    return half_width * half_width * xp.univariate(_sunk_over_one, edge / half_width + 1.0)
 
 
-def over_one_slope(edge: jax.Array, half_width: jax.Array) -> jax.Array:
+def over_one_slope(edge: Any, half_width: Any) -> Any:
     """Its derivative by the edge [mm]."""
-    s = jnp.maximum(edge / half_width + 1.0, 0.0)
-    return half_width * (s - _less(s))
+    return half_width * xp.univariate(_sunk_rate, edge / half_width + 1.0)
 
 
-def _less(s: jax.Array) -> jax.Array:
+def _sunk_over_one(s: Any) -> Any:
+    """g at the edge s − 1."""
+    s = xp.maximum(s, 0.0)
+    short = _less(s)
+    rest = xp.log1p(-short) + short + 0.5 * short * short
+    return 0.5 * s * s + short * short - s * short - 0.5 * rest
+
+
+def _sunk_rate(s: Any) -> Any:
+    """Its derivative."""
+    s = xp.maximum(s, 0.0)
+    return s - _less(s)
+
+
+def _less(s: Any) -> Any:
     """1 − k at the edge s − 1: k is half the width of the contact on the one land."""
-    return (s + (2.0 * s - s * s) / (2.0 + jnp.sqrt(4.0 - 2.0 * s + s * s))) / 3.0
+    return (s + (2.0 * s - s * s) / (2.0 + xp.sqrt(4.0 - 2.0 * s + s * s))) / 3.0
 
 
 class Polynomials(NamedTuple):

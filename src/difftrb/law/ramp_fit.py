@@ -5,14 +5,16 @@ Also who stands on which ramp (`roller_curves`).
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap
+from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev
 from difftrb.law import edge_ramp, load_curve
@@ -35,7 +37,7 @@ class Healthy(NamedTuple):
     loads: jax.Array
     radius: Real
 
-    def beside(self, edge: jax.Array, full: Curve, sunk: jax.Array, rise: jax.Array, share: jax.Array) -> Ramp:
+    def beside(self, edge: Any, full: Curve, sunk: Any, rise: Any, share: Any) -> Ramp:
         """The ramp from here to a curve over the middle of a spall."""
         return Ramp(edge, self.curve, full, self.half_width, sunk, rise, self.loads, self.radius, share)
 
@@ -73,47 +75,61 @@ def depth(approach: np.ndarray, risen: np.ndarray) -> np.ndarray:
     return np.maximum(approach - risen, SHALLOWEST * approach)
 
 
-def rise_over(contact: LineContact, spall: Spall) -> jax.Array:
+def rise_over(contact: LineContact, spall: Spall) -> Any:
     """The crown [mm] where the spall is nearest to the roller's middle."""
-    offset = jnp.asarray(spall.axial_offset, float)
-    nearest = jnp.where(offset < 0.0, -offset, offset) - 0.5 * spall.length
-    return gap.crown_at(load_curve.within(nearest, 0.0, 0.5 * contact.length * (1.0 - 1e-9)), contact)
+    nearest = xp.magnitude(xp.asarray(spall.axial_offset)) - 0.5 * spall.length
+    return gap.crown_at(xp.within(nearest, 0.0, 0.5 * contact.length * (1.0 - 1e-9)), contact)
 
 
 def roller_curves(
     healthy: Healthy, fulls: Sequence[Curve], ramps: Sequence[Sequence[Ramp]], spalls: tuple[Spall, ...],
-    distances: jax.Array,
+    distances: Any,
 ) -> RollerCurves:  # fmt: skip
-    """Q(δ) of rollers at `distances` [mm] from `spalls`, shape (spalls, rollers): `fulls` are curves over the middle of
-    each spall, `ramps` of each those of the two rollers `next_to` its edges."""
+    """Q(δ) of rollers at `distances` [mm] from `spalls`, shape (spalls, …, rollers): `fulls` are curves over the middle
+    of each spall, `ramps` of each those of the two rollers `next_to` its edges."""
     under = spalls_under(spalls, distances)
     each = load_curve.chosen(load_curve.joined(healthy.curve, *fulls), under)
     if not spalls:
         return RollerCurves(each)
-    at: list[jax.Array] = []
+    at: list[Any] = []
     for i, spall in enumerate(spalls):
         for side in (1.0, -1.0):
             here = next_to(spall, distances[i], side) & ((under == 0) | (under == i + 1))
             for taken in at:  # no roller twice: it may be the nearest to both edges
                 here = here & ~taken
             at.append(here)
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[ramp for pair in ramps for ramp in pair])
-    return RollerCurves(each, stacked, jnp.stack(at).astype(float))
+    every = [ramp for pair in ramps for ramp in pair]
+    phases = under.ndim - 1
+
+    def stacked(*leaves: Any) -> Any:
+        found = xp.stack([xp.asarray(leaf) for leaf in leaves], axis=-1)
+        return found.reshape(*found.shape, *[1] * phases)
+
+    edges = xp.stack([ramp.edge for ramp in every])
+    alike = xp.tree_map(stacked, *[dataclasses.replace(ramp, edge=0.0) for ramp in every])
+    return RollerCurves(each, dataclasses.replace(alike, edge=edges), xp.of(under).stack(at).astype(float))
 
 
-def next_to(spall: Spall, distances: jax.Array, side: float) -> jax.Array:
-    """Which roller, of those at `distances` [mm] from the spall's middle, is nearest to its edge on one `side` (±1).
+def next_to(spall: Spall, distances: Any, side: float) -> Any:
+    """Which roller, of those at `distances` [mm] from the spall's middle, is nearest to its edge on one `side` (±1);
+    shape (…, rollers).
 
     Only that one can stand on the ramp: rollers are farther apart than it is long.
     """
-    apart = jnp.abs(distances - side * 0.5 * spall.width)
-    return jnp.argmin(apart) == jnp.arange(distances.size)
+    away, width = xp.value(distances), xp.value(spall.width)
+    of = xp.of(away, width)
+    nearest = of.argmin(of.abs(away - side * 0.5 * width), axis=-1)
+    return (
+        nearest[..., None] == np.arange(away.shape[-1])
+        if of is np
+        else nearest[..., None] == jnp.arange(away.shape[-1]).reshape((1,) * nearest.ndim + (-1,))
+    )
 
 
-def over(spall: Spall, distances: jax.Array, side: float) -> jax.Array:
-    """How far the edge stands beyond that roller's middle [mm], positive over the spall."""
-    beyond = 0.5 * spall.width - jnp.abs(distances)
-    return jnp.sum(jnp.where(next_to(spall, distances, side), beyond, 0.0))  # no gather: slow in a batch
+def over(spall: Spall, distances: Any, side: float) -> Any:
+    """How far the edge stands beyond that roller's middle [mm], positive over the spall; shape (…)."""
+    beyond = 0.5 * spall.width - xp.magnitude(distances)
+    return xp.total(xp.where(next_to(spall, distances, side), beyond, 0.0))  # no gather: slow in a batch
 
 
 def through(ramp: Ramp, approach: jax.Array, load: jax.Array, ridge: float, levels: int = 1) -> jax.Array:
@@ -126,9 +142,11 @@ def through(ramp: Ramp, approach: jax.Array, load: jax.Array, ridge: float, leve
     t, loss = edge_ramp.place(ramp.edge, low, high), healthy - full
     first, weight = edge_ramp.usual(t), jax.lax.stop_gradient(loss / healthy)
     by_level = jnp.stack(chebyshev(edge_ramp.level(ramp, healthy), levels - 1), axis=1)
-    basis = (by_level[:, :, None] * jnp.stack(edge_ramp.terms(t), axis=1)[:, None]).reshape(t.size, -1)
+    u = edge_ramp.beyond(t)
+    terms = u[:, None] * jnp.stack(chebyshev(2.0 * u - 1.0, edge_ramp.TERMS - 1), axis=1)
+    basis = (by_level[:, :, None] * terms[:, None]).reshape(t.size, -1)
     found = least_squares((weight * first)[:, None] * basis, weight * ((load - full) / loss - first), ridge)
-    return found.reshape(levels, edge_ramp.TERMS)
+    return edge_ramp.in_powers(found.reshape(levels, edge_ramp.TERMS))
 
 
 def least_squares(matrix: jax.Array, right: jax.Array, ridge: float) -> jax.Array:

@@ -9,7 +9,6 @@ import matplotlib
 
 matplotlib.use("Agg")
 
-import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,8 +20,8 @@ from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import solve_contact
 from difftrb.core.geometry import arc_radius
 from difftrb.ring import ring
+from difftrb.scene.prepared import Assessment, Solution
 from difftrb.scene.scene import COARSEST, Scene, raceway_contact
-from difftrb.scene.solving import Assessment, Solution
 
 HEALTHY, SPALLED, ACCENT = "#4477AA", "#EE6677", "#BBBBBB"  # colour-blind safe (Tol, bright)
 
@@ -62,11 +61,11 @@ def load_distribution(result: Assessment, scene: Scene, ax: Any = None) -> Any:
 def contact_under_spall(scene: Scene, solution: Solution) -> ContactSolution:
     """The outer contact of the roller nearest to the first spall met there (of the most loaded roller if there is none,
     or the nearest carries nothing), with the load and the offset it has in `solution`."""
-    roller, offset = int(jnp.argmax(solution.loads)), 0.0
+    roller, offset = int(np.argmax(solution.loads)), 0.0
     spall = next(iter(ring.spalls_on(scene.spalls, "outer")), None)
     if spall is not None:
         away = ring.distances(scene.bearing, (spall,), solution.angles)[0]
-        nearest = int(jnp.argmin(jnp.abs(away)))
+        nearest = int(np.argmin(np.abs(away)))
         roller = nearest if float(solution.loads[nearest]) > 0.0 else roller
         offset = -float(away[roller])
     contact, accuracy = raceway_contact(scene, "outer"), min(scene.accuracy, COARSEST)

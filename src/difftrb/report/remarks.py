@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import effect, effects, life, ring
 from difftrb.ring.effects import Through
+from difftrb.scene.prepared import Solution
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
 from difftrb.scene.scene_file import SceneFile
-from difftrb.scene.solving import Solution
 
 LEAST = 0.02
 """Equivalent load by load rating under which a maker's tapered rollers may slide instead of roll: SKF, Rolling
@@ -50,8 +47,7 @@ def light_measured_load(bearing: TaperedBearing, rows: Sequence[Any]) -> str | N
     return _light(f"row {k + 1}: radial = {rows[k].radial:g} N, axial = {rows[k].axial:g} N", shares[k])
 
 
-@partial(jax.jit, static_argnames="rows")
-def _share(bearing: TaperedBearing, radial: Real, axial: Real, rows: int = 1) -> jax.Array:
+def _share(bearing: TaperedBearing, radial: Real, axial: Real, rows: int = 1) -> Any:
     """Dynamic equivalent load by basic dynamic load rating, both ISO 281."""
     return life.equivalent_load(bearing, radial, axial, rows) / life.load_rating(bearing, rows)
 
@@ -91,7 +87,7 @@ def _rollers_on_edges(scene: Scene, found: Solution) -> int:
     if effect.among(scene.effects, Through) is not None:
         return 0
     contact, loads = raceway_contact(scene, "outer"), np.asarray(found.loads)
-    line_loads = jnp.maximum(found.loads, 0.0) / contact.length
+    line_loads = np.maximum(loads, 0.0) / contact.length
     half = np.asarray(gap.line_half_width(line_loads, contact.radius, contact.modulus))
     on_edge = np.zeros(loads.size, bool)
     for spall in ring.spalls_on(scene.spalls, "outer"):

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from rich import box
 from rich.console import Group, RenderableType
@@ -26,8 +25,8 @@ from difftrb.ring import effect
 from difftrb.ring.effects import Raceways
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
+from difftrb.scene.prepared import Assessment, Solution
 from difftrb.scene.scene import Picked, PitchMean, Scene, raceway_contact
-from difftrb.scene.solving import Assessment, Solution
 
 BAR = 28
 DIRECTIONS = ("radial", "lateral", "axial", "about_radial", "about_lateral")
@@ -173,7 +172,7 @@ def _load_table(scene: Scene, result: Assessment) -> Table:
         table.add_column(heading, justify="right")
     if not more:
         table.add_column("", no_wrap=True)
-    top = float(jnp.max(spalled.loads))
+    top = float(np.max(spalled.loads))
     for j, (angle, load, sound) in enumerate(zip(spalled.angles, spalled.loads, result.healthy.loads, strict=True)):
         bar = "█" * round(BAR * float(load) / top) if top > 0.0 else ""
         last = [f"{values[j]:.1f}" for values in more.values()] if more else [Text(bar, style="cyan")]
@@ -184,7 +183,7 @@ def _load_table(scene: Scene, result: Assessment) -> Table:
 def _raceways_line(scene: Scene, solution: Solution) -> str:
     """What the stiffness is of, and about what is left of it where the inner raceway gives way, too: by the compliances
     of two long cylinders under the most loaded roller."""
-    load, compliance = float(jnp.max(solution.loads)), []
+    load, compliance = float(np.max(solution.loads)), []
     for raceway in ("outer", "inner"):
         contact = raceway_contact(scene, raceway)
         half_width = float(gap.line_half_width(load / contact.length, contact.radius, contact.modulus))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
+from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import roller_balance
@@ -20,33 +21,33 @@ QUALITY = 1.1
 """b_m of tapered roller bearings of today's steel (ISO 281)."""
 
 
-def gamma(bearing: TaperedBearing) -> jax.Array:
+def gamma(bearing: TaperedBearing) -> Any:
     """D_we cosα/D_pw."""
-    return geometry.mean_roller_radius(bearing) * jnp.cos(bearing.outer_angle) / geometry.pitch_radius(bearing)
+    return geometry.mean_roller_radius(bearing) * xp.cos(bearing.outer_angle) / geometry.pitch_radius(bearing)
 
 
-def load_factor(ratio: Real) -> jax.Array:
+def load_factor(ratio: Real) -> Any:
     """f_c of radial roller bearings by D_we cosα/D_pw, 0.01…0.3: the formula behind the table of ISO 281."""
     raceways = (1.0 + (1.04 * _slower(ratio)) ** 4.5) ** (-2.0 / 9.0)
     size = ratio ** (2.0 / 9.0) * (1.0 - ratio) ** (29.0 / 27.0) / (1.0 + ratio) ** 0.25
     return 0.83 * 207.9 * size * raceways  # ISO/TR 1281-1, λν = 0.83
 
 
-def load_rating(bearing: TaperedBearing, rows: int = 1) -> jax.Array:
+def load_rating(bearing: TaperedBearing, rows: int = 1) -> Any:
     """Basic dynamic load rating C of a bearing of one row, or of two [N]."""
     diameter = 2.0 * geometry.mean_roller_radius(bearing)
-    length = rows * bearing.roller_length * jnp.cos(bearing.outer_angle)
+    length = rows * bearing.roller_length * xp.cos(bearing.outer_angle)
     f_c = load_factor(gamma(bearing))
     return QUALITY * f_c * length ** (7 / 9) * bearing.rollers**0.75 * diameter ** (29 / 27)  # ISO 281
 
 
-def equivalent_load(bearing: TaperedBearing, radial: Real, axial: Real, rows: int = 1) -> jax.Array:
+def equivalent_load(bearing: TaperedBearing, radial: Real, axial: Real, rows: int = 1) -> Any:
     """Dynamic equivalent radial load P [N] of one row, or of two back to back or face to face."""
-    tan, axial = jnp.tan(bearing.outer_angle), jnp.abs(axial) if rows == 2 else axial
+    tan, axial = xp.tan(bearing.outer_angle), xp.magnitude(axial) if rows == 2 else axial
     light = axial <= 1.5 * tan * radial  # e, X and Y of ISO 281
     if rows == 2:
-        return jnp.where(light, radial + 0.45 / tan * axial, 0.67 * radial + 0.67 / tan * axial)
-    return jnp.where(light, radial, 0.4 * radial + 0.4 / tan * axial)
+        return xp.where(light, radial + 0.45 / tan * axial, 0.67 * radial + 0.67 / tan * axial)
+    return xp.where(light, radial, 0.4 * radial + 0.4 / tan * axial)
 
 
 def basic(bearing: TaperedBearing, rating: Real, radial: Real, axial: Real, rows: int = 1) -> jax.Array:

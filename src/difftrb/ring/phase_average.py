@@ -7,12 +7,13 @@ hold what the kinks' motion adds: of a hard window that is all there is by width
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Raceway, Spall, TaperedBearing
 from difftrb.law import load_curve
@@ -33,46 +34,51 @@ class Met(NamedTuple):
 
 
 def phases(
-    bearing: TaperedBearing, load: Load, met: tuple[Met, ...], terms: ring.Terms = ring.PLAIN
-) -> tuple[jax.Array, jax.Array]:
+    bearing: TaperedBearing, load: Load, met: tuple[Met, ...], terms: ring.Terms = ring.PLAIN,
+    rest: ring.Equilibrium | None = None,
+) -> tuple[Any, Any]:  # fmt: skip
     """Angles of roller 0 [rad] over one pitch and their weights, which add up to 1; both of shape (phases,).
 
     The laws met, the outer raceway's first, say how far their edges reach; where the load zone ends is taken from the
-    healthy bearing, at rest with `terms`.
+    healthy bearing, at `rest` with `terms` at phase 0; None: not known yet.
     """
-    rest = ring.equilibrium(bearing, load, (), met[0].law, 0.0, terms)
-    rest = jax.tree.map(jnp.nan_to_num, rest)  # without an equilibrium any phases will do: each of them will say so
+    if rest is None:
+        rest = ring.equilibrium(bearing, load, (), met[0].law, 0.0, terms)
+    # without an equilibrium any phases will do: each of them will say so
+    displacement = xp.where(xp.of(rest.displacement).isfinite(xp.value(rest.displacement)), rest.displacement, 0.0)
     alpha = bearing.outer_angle
-    rows = (rest.displacement,) if terms.pair is None else terms.pair.rows(rest.displacement, alpha)
-    kinks: list[jax.Array] = []
+    rows = (displacement,) if terms.pair is None else terms.pair.rows(displacement, alpha)
+    kinks: list[Any] = []
     for u in rows:
-        cos_end = -u[2] * jnp.tan(alpha) / jnp.where(u[0] > 0.0, u[0], 1.0)
-        partly = (jnp.abs(cos_end) < 1.0) & (u[0] > 0.0)
-        zone = jnp.where(partly, jnp.arccos(jnp.where(partly, cos_end, 0.0)), 0.0)
+        radial = u[0] > 0.0
+        cos_end = -u[2] * xp.tan(alpha) / xp.where(radial, u[0], 1.0)
+        partly = (cos_end > -1.0) & (cos_end < 1.0) & radial
+        zone = xp.where(partly, xp.arccos(xp.where(partly, cos_end, 0.0)), 0.0)
         kinks += [zone, -zone]
     u = rows[0]  # whose rollers meet the spalls
     for raceway, spalls, law in met:
         radius = geometry.arc_radius(bearing, raceway)
         for i, spall in enumerate(spalls):
-            for side in (1.0, -1.0):
-                edge = jnp.asarray(spall.angle + side * 0.5 * spall.width / radius)
-                if law.hard:
-                    kinks.append(jnp.asarray(edge))
-                    continue
-                normal = ring.directions(bearing, jnp.reshape(edge, (1,)))[0]
-                approach = jnp.dot(normal, u[:3], precision=jax.lax.Precision.HIGHEST)
-                if terms.seat is not None:
-                    approach = approach * _share(law, rest)
-                for end in law.ramp(i, spall, approach):
-                    kinks.append(jnp.asarray(edge - side * end / radius))
+            sides = np.array([1.0, -1.0])
+            edges = spall.angle + sides * (0.5 * spall.width / radius)
+            if law.hard:
+                kinks += [edges[0], edges[1]]
+                continue
+            approach = xp.einsum("si,i->s", ring.directions(bearing, edges), u[:3])
+            if terms.seat is not None:
+                approach = approach * _share(law, rest)
+            for end in law.ramp(i, spall, approach):
+                moved = edges - sides * end / radius
+                kinks += [moved[0], moved[1]]
     whole = geometry.roller_pitch(bearing)
-    starts = jnp.sort(jnp.stack([jnp.mod(kink, whole) for kink in kinks]))
-    ends = jnp.concatenate([starts[1:], starts[:1] + whole])
+    kink = xp.stack([xp.mod(kink, whole) for kink in kinks])
+    starts = kink[xp.of(kink).argsort(xp.value(kink))]
+    ends = xp.concatenate([starts[1:], starts[:1] + whole])
     points, weights = np.polynomial.legendre.leggauss(POINTS)
     length = ends - starts
     at = starts[:, None] + length[:, None] * (0.5 + 0.5 * points)[None, :]
     share = (length / whole)[:, None] * (0.5 * weights)[None, :]
-    return at.ravel(), share.ravel()
+    return at.reshape(-1), share.reshape(-1)
 
 
 def _share(law: Law, rest: ring.Equilibrium) -> jax.Array:

@@ -8,12 +8,14 @@ on) and axial (pressing the rings together). One contact per roller, the outer r
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from annotated_types import Interval, Unit
 
+from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, status
 from difftrb.core.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
 from difftrb.law.base import Law, Rest
@@ -70,7 +72,7 @@ class Equilibrium:
     tangent: Float[Array, "axes axes"]
     residual: Float[Array, ""]
     iterations: Int[Array, ""]
-    status_code: Int[Array, ""]
+    status_code: Any
     second_loads: jax.Array | None = None
 
 
@@ -82,16 +84,18 @@ def axial_force(rest: Equilibrium, bearing: TaperedBearing) -> jax.Array:
     return pressed * jnp.sin(bearing.outer_angle)
 
 
-def roller_angles(bearing: TaperedBearing, phase: Real) -> jax.Array:
-    """Angle of every roller from the load line [rad], shape (rollers,); roller 0 stands at `phase`."""
-    return phase + geometry.roller_pitch(bearing) * jnp.arange(bearing.rollers)
+def roller_angles(bearing: TaperedBearing, phase: Any) -> Any:
+    """Angle of every roller from the load line [rad], shape (…, rollers); roller 0 stands at `phase`, shape (…)."""
+    phase = xp.asarray(phase)
+    count = np.arange(bearing.rollers).reshape((1,) * phase.ndim + (-1,))
+    return phase[..., None] + geometry.roller_pitch(bearing) * count
 
 
-def directions(bearing: TaperedBearing, angles: jax.Array) -> jax.Array:
-    """Unit normals of the rollers' contacts in (radial, lateral, axial), shape (rollers, 3)."""
-    cos, sin = jnp.cos(bearing.outer_angle), jnp.sin(bearing.outer_angle)
-    axial = jnp.broadcast_to(sin, angles.shape)
-    return jnp.stack([cos * jnp.cos(angles), cos * jnp.sin(angles), axial], axis=-1)  # Liu et al. 2018, eq. (5)
+def directions(bearing: TaperedBearing, angles: Any) -> Any:
+    """Unit normals of the rollers' contacts in (radial, lateral, axial), shape (…, rollers, 3)."""
+    cos, sin = xp.cos(bearing.outer_angle), xp.sin(bearing.outer_angle)
+    axial = sin * xp.ones_like(angles)
+    return xp.stack([cos * xp.cos(angles), cos * xp.sin(angles), axial], axis=-1)  # Liu et al. 2018, eq. (5)
 
 
 def spalls_on(spalls: tuple[Spall, ...], raceway: Raceway) -> tuple[Spall, ...]:
@@ -99,27 +103,22 @@ def spalls_on(spalls: tuple[Spall, ...], raceway: Raceway) -> tuple[Spall, ...]:
     return tuple(spall for spall in spalls if spall.surface in (raceway, "roller"))
 
 
-def distances(
-    bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: jax.Array, raceway: Raceway = "outer"
-) -> jax.Array:
+def distances(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: Any, raceway: Raceway = "outer") -> Any:
     """From the centre of every spall met on a raceway to every roller's contact with it, along the raceway [mm], shape
-    (spalls, rollers). A spall on a roller is on roller 0, its angle counted from the outer contact; to the others it is
-    as far as can be."""
-    met = [spall for spall in spalls if spall.surface != "roller"]
-    centres = jnp.stack([jnp.asarray(spall.angle, float) for spall in met]) if met else jnp.zeros(0)
-    away = geometry.arc_radius(bearing, raceway) * geometry.turned(angles[None, :] - centres[:, None])
-    if len(met) == len(spalls):
-        return away
-    rows = iter(away)
-    facing = jnp.pi if raceway == "inner" else 0.0
-    return jnp.stack([
-        jnp.where(
-            jnp.arange(angles.size) == 0,
-            geometry.mean_roller_radius(bearing) * geometry.turned(facing - spall.angle),
-            jnp.pi * geometry.arc_radius(bearing, raceway),
-        ) if spall.surface == "roller" else next(rows)
-        for spall in spalls
-    ])  # fmt: skip
+    (spalls, …, rollers). A spall on a roller is on roller 0, its angle counted from the outer contact; to the others it
+    is as far as can be."""
+    if not spalls:
+        return np.zeros((0, *angles.shape))
+    radius, facing = geometry.arc_radius(bearing, raceway), np.pi if raceway == "inner" else 0.0
+    first = np.arange(bearing.rollers) == 0
+
+    def away(spall: Spall) -> Any:
+        if spall.surface != "roller":
+            return radius * geometry.turned(angles - spall.angle)
+        own = geometry.mean_roller_radius(bearing) * geometry.turned(facing - spall.angle)
+        return xp.where(first, own, np.pi * radius) + 0.0 * angles
+
+    return xp.stack([away(spall) for spall in spalls])
 
 
 def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Tilting | None = None) -> jax.Array:
@@ -133,8 +132,8 @@ def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Ti
     half = 0.5 * geometry.roller_pitch(bearing)
     edges = roller_angles(bearing, phase) + half
     if tilting is None:
-        reach = jnp.max(jnp.cos(edges)) / jnp.cos(half)
-        return radial * jnp.tan(bearing.outer_angle) * reach
+        reach = xp.of(edges).max(xp.cos(edges), axis=-1) / np.cos(half)
+        return radial * xp.tan(bearing.outer_angle) * reach
     low, high = jnp.min(tilting.levers), jnp.max(tilting.levers)
     about_radial, about_lateral = tilting.moments
     force = jnp.stack([radial / jnp.cos(bearing.outer_angle), jnp.zeros(())])
@@ -146,10 +145,10 @@ def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Ti
 
 def largest_load(bearing: TaperedBearing, load: Load) -> Real:
     """A first estimate of the most loaded roller's load [N]."""
-    half_zone = 4.08 * load.radial / (bearing.rollers * jnp.cos(bearing.outer_angle))  # NSK E728g, line contact
-    shared = load.axial / (bearing.rollers * jnp.sin(bearing.outer_angle))
-    all_loaded = shared + 2.0 * load.radial / (bearing.rollers * jnp.cos(bearing.outer_angle))  # a cosine on a mean
-    return jnp.maximum(half_zone, all_loaded)
+    half_zone = 4.08 * load.radial / (bearing.rollers * xp.cos(bearing.outer_angle))  # NSK E728g, line contact
+    shared = load.axial / (bearing.rollers * xp.sin(bearing.outer_angle))
+    all_loaded = shared + 2.0 * load.radial / (bearing.rollers * xp.cos(bearing.outer_angle))  # a cosine on a mean
+    return xp.maximum(half_zone, all_loaded)
 
 
 OWN = 0.75
@@ -167,7 +166,7 @@ def equilibrium(
     """
     angles = roller_angles(bearing, phase)
     normals = directions(bearing, angles)
-    valid, held = _is_valid(load, spalls, phase), _is_held(bearing, load, phase, terms)
+    valid, held = is_valid(load, spalls, phase), _is_held(bearing, load, phase, terms)
     force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
     if terms.extra is not None:
         force = force + terms.extra
@@ -188,9 +187,10 @@ def equilibrium(
     return dataclasses.replace(rest, approach=rest.approach[: first.size], loads=first, second_loads=second)
 
 
-def _is_valid(load: Load, spalls: tuple[Spall, ...], phase: Real) -> jax.Array:
+def is_valid(load: Load, spalls: tuple[Spall, ...], phase: Any) -> Any:
     """Whether loads, phase and spalls are what they may be."""
-    valid = (load.radial >= 0.0) & (load.axial >= 0.0) & jnp.isfinite(load.radial + load.axial + phase)
+    finite = xp.of(load.radial, load.axial, phase).isfinite(load.radial + load.axial + phase)
+    valid = (load.radial >= 0.0) & (load.axial >= 0.0) & finite
     for spall in spalls:
         valid = valid & geometry.spall_is_sound(spall)
     return valid

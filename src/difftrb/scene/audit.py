@@ -28,8 +28,8 @@ from difftrb.ring import ring, roller_balance
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import checks, solving
 from difftrb.scene.audit_states import AtPhase, Key, State, at_phase, solve_contacts
-from difftrb.scene.scene import LawName, PitchMean, Scene, raceway_contact
-from difftrb.scene.solving import Solution
+from difftrb.scene.prepared import Solution, solve_prepared
+from difftrb.scene.scene import LawName, PitchMean, Scene, phases, raceway_contact
 
 PHASES = 7
 """Of a mean over phases so many are audited, spread over all of them."""
@@ -132,7 +132,7 @@ def verify(scene: Scene, found: Solution | None = None, progress: Progress | Non
     so. Raises SolveError for a solution that did not converge. Outside jit only; not differentiable.
     """
     scene = checks.checked(scene)
-    found = (solving.solve_prepared(solving.prepare(scene)) if found is None else found).check()
+    found = (solve_prepared(solving.prepare(scene)) if found is None else found).check()
     if any(isinstance(effect, Tilt) for effect in scene.effects):
         return _nothing("effects.tilt goes by slices, which have no contact to compare with")
     ready = _ready(scene, found)
@@ -173,7 +173,7 @@ def _phases(scene: Scene) -> list[float]:
     """Cage phases to audit [rad]."""
     if not isinstance(scene.phase, PitchMean):
         return [float(cast(float, scene.phase))]
-    every = np.unique(np.asarray(solving.phases(scene)[0]))  # kinks that coincide leave the same phase many times
+    every = np.unique(np.asarray(phases(scene)[0]))  # kinks that coincide leave the same phase many times
     return [float(every[k]) for k in np.unique(np.linspace(0, every.size - 1, PHASES).astype(int))]
 
 

@@ -13,10 +13,10 @@ from typing import Any, cast, get_args
 
 import jax
 import jax.core
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact.height_map import HeightMap
+from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, status
 from difftrb.core.bearing_checks import across, as_numbers, first
 from difftrb.core.geometry import Spall, TaperedBearing
@@ -228,10 +228,10 @@ def _of_effects(scene: Scene) -> str | None:
 # ------------------------------------------------------------------------------------------------ inside jit
 
 
-def code(scene: Scene) -> jax.Array:
+def code(scene: Scene) -> Any:
     """Status inside jit: whether every number of the scene is within its range, and rollers taper the right way."""
     owners = [scene, *(owner for _, owner, _ in _owners(scene))]
     within = fields.all_within(number for owner in owners for number in fields.traced(owner))
-    bearing = jax.lax.stop_gradient(scene.bearing)
+    bearing = xp.fixed(scene.bearing)
     within = within & (bearing.roller_large_diameter > bearing.roller_small_diameter)
-    return jnp.where(within, status.CONVERGED, status.BAD_INPUT)
+    return xp.of(within).where(within, status.CONVERGED, status.BAD_INPUT)

@@ -10,7 +10,6 @@ import dataclasses
 import math
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap
@@ -19,8 +18,9 @@ from difftrb.core import status
 from difftrb.core.geometry import Raceway
 from difftrb.ring import ring
 from difftrb.ring.effects import Life, SeriesRaceways, Through
+from difftrb.scene.prepared import Solution
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
-from difftrb.scene.solving import Solution, solve
+from difftrb.scene.solving import solve
 
 STATIC_LIMIT = 4000.0
 """Contact stress of roller bearings under their basic static load rating [MPa] (ISO 76): from there on raceways yield
@@ -92,14 +92,14 @@ def _met(scene: Scene, number: int, raceway: Raceway, at: Solution) -> EdgeStres
     spall, contact = scene.spalls[number], raceway_contact(scene, raceway)
     loads = np.asarray(at.loads if raceway == "outer" else at.effects["inner_loads"])
     away = np.asarray(ring.distances(scene.bearing, (spall,), at.angles, raceway))[0]
-    half = np.asarray(gap.line_half_width(jnp.maximum(loads, 0.0) / contact.length, contact.radius, contact.modulus))
+    half = np.asarray(gap.line_half_width(np.maximum(loads, 0.0) / contact.length, contact.radius, contact.modulus))
     over = (loads > 0.0) & (np.abs(away) < 0.5 * float(spall.width) + half)
     if not over.any():
         return None
     roller = int(np.argmax(np.where(over, loads, 0.0)))
     solved = edge_intensity(contact, loads[roller], spall, float(away[roller]))
     known = int(solved.status_code) == status.CONVERGED
-    intensity = float(jnp.maximum(jnp.max(solved.low), jnp.max(solved.high))) if known else math.nan
+    intensity = float(max(np.max(solved.low), np.max(solved.high))) if known else math.nan
     ends = np.clip(float(spall.axial_offset) + 0.5 * float(spall.length) * np.array([-1.0, 1.0]),
                    *(0.5 * float(contact.length) * np.array([-1.0, 1.0])))  # fmt: skip
     left = 1.0 - float(np.diff(ends)[0]) / float(contact.length)

@@ -6,10 +6,11 @@ import dataclasses
 from typing import Annotated, Any, Literal, cast
 
 import jax
-import jax.numpy as jnp
+import numpy as np
 from annotated_types import Interval, Unit
 
 from difftrb.contact.height_map import HeightMap
+from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.messages import shown
@@ -17,7 +18,7 @@ from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import power
 from difftrb.law.base import Law
-from difftrb.ring import effect, effects, phase_average, ring
+from difftrb.ring import effect, effects, phase_average, plain_ring, ring
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load
 
@@ -162,17 +163,28 @@ def law_in_effect(scene: Scene, law: Law) -> Law:
     return power.Through(law) if effect.among(scene.effects, effects.Through) is not None else law
 
 
-def phases(scene: Scene) -> tuple[jax.Array, jax.Array]:
+def is_plain(scene: Scene) -> bool:
+    """Whether a prepared scene is a ring for `plain_ring`: no effects, and a law in any arithmetic."""
+    return not scene.effects and getattr(scene.law, "expands", False)
+
+
+def phases(scene: Scene) -> tuple[Any, Any]:
     """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
     if not isinstance(scene.phase, PitchMean):
-        return jnp.reshape(jnp.asarray(cast(Real, scene.phase), float), (1,)), jnp.ones(1)
+        return xp.asarray(scene.phase)[None], np.ones(1)
+    if is_plain(scene) and xp.are_numbers(scene):
+        scene = xp.numbers(scene)
     acting, contact = law_in_effect(scene, outer_law(scene)), raceway_contact(scene, "outer")
     met = [phase_average.Met("outer", ring.spalls_on(scene.spalls, "outer"), acting)]
     series = effect.among(scene.effects, effects.SeriesRaceways)
     if series is not None:
         met.append(phase_average.Met("inner", ring.spalls_on(scene.spalls, "inner"), cast(Law, series.law)))
-    healthy_ring = effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0)
-    return phase_average.phases(scene.bearing, scene.load, tuple(met), effects.terms(scene.effects, healthy_ring))
+    terms, rest = ring.PLAIN, None
+    if is_plain(scene) and (xp.are_numbers(scene) or xp.expands(scene)):
+        rest = plain_ring.equilibrium(scene.bearing, scene.load, (), acting, 0.0)
+    else:
+        terms = effects.terms(scene.effects, effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0))
+    return phase_average.phases(scene.bearing, scene.load, tuple(met), terms, rest)
 
 
 def is_auto(scene: Scene) -> bool:

@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import jax.numpy as jnp
+import numpy as np
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
@@ -283,13 +283,15 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
         )
     if row is not None:  # one of both rows is pressed by any load
         return
-    phases, tilting = jnp.asarray(file.stiffness.phase) if file.stiffness.phase != "mean" else None, None
+    tilting = None
     if tilt is not None and tilt.rings == "free":
         tilting = tilt.of_one_row(file.bearing, LineContact.of(file.bearing), tilt.reach)
-    if phases is None:  # without moments the worst has the load line in the middle between two rollers
-        shares = jnp.array([0.5]) if tilting is None else jnp.arange(PHASES) / PHASES
+    if file.stiffness.phase == "mean":  # without moments the worst has the load line in the middle between two rollers
+        shares = np.array([0.5]) if tilting is None else np.arange(PHASES) / PHASES
         phases = shares * geometry.roller_pitch(file.bearing)
-    needed = max(float(needed_axial(file.bearing, load.radial, phase, tilting)) for phase in jnp.atleast_1d(phases))
+    else:
+        phases = np.array([file.stiffness.phase])
+    needed = max(float(needed_axial(file.bearing, load.radial, phase, tilting)) for phase in phases)
     if load.axial <= needed * (1.0 + 1e-6) or load.axial == 0.0:
         beside = " and the moments of effects.tilt" if any(moments) else ""
         raise NoEquilibriumError(

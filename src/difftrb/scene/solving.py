@@ -5,39 +5,20 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core import geometry, status
-from difftrb.core.geometry import Real, Spall
+from difftrb.core import status
+from difftrb.core.geometry import Real
 from difftrb.law.base import LAWS, Law
 from difftrb.law.samples import Progress
-from difftrb.ring import effects, ring
-from difftrb.ring.effects import Raceways, Results
-from difftrb.ring.ring import Load
+from difftrb.ring.effects import Raceways
 from difftrb.scene import checks, scene_laws
-from difftrb.scene.scene import (
-    Definition,
-    Finer,
-    LawName,
-    Picked,
-    PitchMean,
-    Scene,
-    healthy,
-    is_auto,
-    law_in_effect,
-    named,
-    outer_law,
-    phases,
-    raceway_contact,
-)
-
-if TYPE_CHECKING:
-    from jax import Array
-    from jaxtyping import Float, Int
+from difftrb.scene.prepared import Assessment, Solution, assess_prepared, solve_prepared
+from difftrb.scene.scene import Finer, LawName, Picked, PitchMean, Scene, is_auto, named
 
 LADDER = (1e-2, 1e-3, 1e-4)
 """Accuracies of the contact solves of "auto", the cheapest first."""
@@ -47,79 +28,6 @@ PREPARED = 1e-3
 """`accuracy` of every scene that "auto" has prepared. It no longer matters; one value is one program for all."""
 DELICATE = 0.1
 """Share of the larger displacement of two below which the other's stiffness is judged by two accuracies."""
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Solution(status.Judged):
-    """A solved scene.
-
-    Attributes:
-      angles: of the rollers from the load line [rad], shape (rollers,); with phase "mean" at its middle, half a pitch
-        on. All else is then the mean over the phases: of one roller as it rolls on to the next one's place.
-      displacement: radial, lateral, axial [mm], shape (3,); with the effect `Tilt` also about the radial and the
-        lateral axis [rad], shape (5,), and stiffness of shape (5, 5).
-      approach: of every roller [mm], shape (rollers,). loads: on the outer raceway [N], shape (rollers,).
-      stiffness: [N/mm], shape (3, 3) over radial, lateral, axial: dF/du if `definition` is "tangent"; the diagonal of
-        F/u if "secant" (0 for the lateral direction, which has no load; NaN for a direction without load).
-      load_span, stiffness_span: least and largest over the phases, shapes (2, rollers) and (2, 3, 3); the same twice
-        at one phase.
-      law: the roller law that was used, with its range and error.
-      residual: largest unbalanced force relative to the load. iterations: Newton steps.
-      status_code: see `difftrb.status`; `status` is its sentence.
-      effects: what the scene's effects add, by name; empty without.
-      picked: what the law "auto" became; None if the law was named.
-      definition: "tangent" or "secant".
-      remarks: what is to be said of these numbers, in sentences; mostly none.
-    """
-
-    angles: Float[Array, " rollers"]
-    displacement: Float[Array, " axes"]
-    approach: Float[Array, " rollers"]
-    loads: Float[Array, " rollers"]
-    stiffness: Float[Array, "axes axes"]
-    load_span: Float[Array, "2 rollers"]
-    stiffness_span: Float[Array, "2 axes axes"]
-    law: Law
-    residual: Float[Array, ""]
-    iterations: Int[Array, ""]
-    status_code: Int[Array, ""]
-    effects: Results
-    picked: Picked | None
-    definition: Definition = dataclasses.field(metadata={"static": True})
-    remarks: tuple[str, ...] = dataclasses.field(default=(), metadata={"static": True})
-
-    @property
-    def radial_stiffness(self) -> jax.Array:
-        """Radial force per radial displacement [N/mm]."""
-        return self.stiffness[0, 0]
-
-    @property
-    def axial_stiffness(self) -> jax.Array:
-        """Axial force per axial displacement [N/mm]."""
-        return self.stiffness[2, 2]
-
-    @property
-    def both_stiffnesses(self) -> jax.Array:
-        """Radial and axial [N/mm], shape (2,)."""
-        return jnp.stack([self.radial_stiffness, self.axial_stiffness])
-
-
-class Assessment(NamedTuple):
-    """A spalled bearing beside its healthy self.
-
-    Attributes:
-      spalled, healthy: the two solutions.
-      loss: of radial and axial stiffness by the spalls [%], shape (2,).
-      by_length, by_width: derivatives of radial and axial stiffness by every spall's length and width, the roller law
-        held as prepared [N/mm per mm], shape (2, number of spalls); NaN where the stiffness is.
-    """
-
-    spalled: Solution
-    healthy: Solution
-    loss: Float[Array, " directions"]
-    by_length: Float[Array, "directions spalls"]
-    by_width: Float[Array, "directions spalls"]
 
 
 def prepare(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
@@ -171,7 +79,7 @@ def assess(scene: Scene) -> Assessment:
 
     As differentiable as `solve`, and the same errors.
     """
-    return _assess(prepare(scene))
+    return assess_prepared(prepare(scene))
 
 
 def assess_mean(scene: Scene) -> Assessment | None:
@@ -182,80 +90,9 @@ def assess_mean(scene: Scene) -> Assessment | None:
     if isinstance(scene.phase, PitchMean) or not scene.spalls or (kind is not None and kind.one_scene):
         return None
     try:
-        return _assess(checks.checked(dataclasses.replace(scene, phase="mean")))
+        return assess_prepared(checks.checked(dataclasses.replace(scene, phase="mean")))
     except status.SceneError:
         return None
-
-
-@jax.jit
-def _assess(scene: Scene) -> Assessment:
-    sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
-
-    def sized(sizes: jax.Array) -> tuple[jax.Array, Solution]:
-        spalls = (dataclasses.replace(s, length=v[0], width=v[1]) for s, v in zip(scene.spalls, sizes, strict=True))
-        solution = solve_prepared(dataclasses.replace(scene, spalls=tuple(spalls)))
-        return solution.both_stiffnesses, solution
-
-    slopes, spalled = jax.jacfwd(sized, has_aux=True)(sizes)
-    slopes = jnp.where(jnp.isnan(spalled.both_stiffnesses)[:, None, None], jnp.nan, slopes)
-    whole = solve_prepared(healthy(scene))
-    loss = 1.0 - spalled.both_stiffnesses / whole.both_stiffnesses
-    return Assessment(spalled, whole, 100.0 * loss, slopes[..., 0], slopes[..., 1])
-
-
-@jax.jit
-def solve_prepared(scene: Scene) -> Solution:
-    """The solution of a scene whose laws are built."""
-    law = outer_law(scene)
-    acting = law_in_effect(scene, law)
-    within = checks.code(scene)
-
-    def at(phase: Real) -> tuple[ring.Equilibrium, jax.Array, Results]:
-        here = _ring(scene, acting, scene.spalls, phase)
-        terms = effects.terms(scene.effects, here)
-        terms = terms._replace(known=within if terms.known is None else status.worst(within, terms.known))
-        rest = here.equilibrium(terms)
-        more = effects.results(scene.effects, rest, terms, here)
-        if scene.definition == "tangent":
-            return rest, rest.tangent, more
-        axial = more["axial_force"] if terms.axial is not None else scene.load.axial
-        return rest, _secant(dataclasses.replace(scene.load, axial=axial), rest.displacement), more
-
-    if not isinstance(scene.phase, PitchMean):
-        rest, stiffness, more = at(cast(Real, scene.phase))
-        load_span, stiffness_span = jnp.stack([rest.loads] * 2), jnp.stack([stiffness] * 2)
-        angles = ring.roller_angles(scene.bearing, cast(Real, scene.phase))
-    else:
-        each, weights = phases(scene)
-        every, stiffness, more = jax.vmap(at)(each)
-        load_span, stiffness_span = (jnp.stack([jnp.min(v, 0), jnp.max(v, 0)]) for v in (every.loads, stiffness))
-        rest = ring.Equilibrium(
-            *(jnp.tensordot(weights, v, 1) for v in (every.displacement, every.approach, every.loads, every.tangent)),
-            residual=jnp.max(every.residual),
-            iterations=jnp.max(every.iterations),
-            status_code=jnp.max(every.status_code),
-        )
-        stiffness, more = jax.tree.map(lambda v: jnp.tensordot(weights, v, 1), (stiffness, more))
-        angles = ring.roller_angles(scene.bearing, 0.5 * geometry.roller_pitch(scene.bearing))
-    told = getattr(law, "light", law)
-    return Solution(
-        angles, rest.displacement, rest.approach, rest.loads, stiffness, load_span, stiffness_span, told,
-        rest.residual, rest.iterations, rest.status_code, more, scene.picked, scene.definition,
-        effects.remarks(scene.effects, scene.spalls),
-    )  # fmt: skip
-
-
-def _ring(scene: Scene, acting: Law, spalls: tuple[Spall, ...], phase: Real) -> effects.Ring:
-    return effects.Ring(scene.bearing, scene.load, spalls, acting, raceway_contact(scene, "outer"), phase)
-
-
-def _secant(load: Load, displacement: jax.Array) -> jax.Array:
-    """Force over displacement [N/mm] on a diagonal of the displacement's size; 0 and NaN as in `Solution`."""
-    force = jnp.zeros_like(displacement).at[0].set(load.radial).at[2].set(load.axial)
-    loaded = jnp.arange(displacement.size) % 2 == 0
-    defined = loaded & (force > 0.0) & (displacement != 0.0)
-    secant = force / jnp.where(defined, displacement, 1.0)
-    return jnp.diag(jnp.where(defined, secant, jnp.where(jnp.arange(displacement.size) == 1, 0.0, jnp.nan)))
 
 
 def refined(scene: Scene, progress: Progress | None = None) -> Scene:

@@ -1,0 +1,304 @@
+"""The functions that formulas of law and ring are written in: of numpy's arrays by numpy, of JAX's by JAX.
+
+So one scene of numbers is solved at once, by numpy, and what is traced goes into a program, from the same lines. Both
+may be the parts of a `Taylor` expansion, which then goes through with its derivatives.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.core.taylor import Taylor, bends, chained, summed, value, values, whole
+
+__all__ = ["Taylor", "value", "values"]
+PRECISE = jax.lax.Precision.HIGHEST
+pi, inf, nan = math.pi, math.inf, math.nan
+
+
+def of(*arguments: Any) -> Any:
+    """`jax.numpy` if there is an array of JAX among these (or in a list of them), else `numpy`."""
+    for one in arguments:
+        if isinstance(one, jax.Array):
+            return jnp
+        if isinstance(one, Taylor):
+            if of(one.value, one.slope, one.by) is jnp:
+                return jnp
+        elif isinstance(one, list | tuple) and of(*one) is jnp:
+            return jnp
+    return np
+
+
+def _function(name: str, rates: Callable[[Any, Any, Any], tuple[Any, Any]]) -> Callable[[Any], Any]:
+    """A function of one array; `rates(xp, x, f)` are its first two derivatives."""
+
+    def function(x: Any) -> Any:
+        xp = of(x)
+        if not isinstance(x, Taylor):
+            return getattr(xp, name)(x)
+        f = getattr(xp, name)(x.value)
+        return chained(x, f, *rates(xp, x.value, f))
+
+    function.__name__, function.__doc__ = name, f"As numpy's, of arrays and expansions: `{name}`."
+    return function
+
+
+sin = _function("sin", lambda xp, x, f: (xp.cos(x), -f))
+cos = _function("cos", lambda xp, x, f: (-xp.sin(x), -f))
+tan = _function("tan", lambda xp, x, f: (1.0 + f * f, 2.0 * f * (1.0 + f * f)))
+exp = _function("exp", lambda xp, x, f: (f, f))
+log = _function("log", lambda xp, x, f: (1.0 / x, -1.0 / (x * x)))
+log1p = _function("log1p", lambda xp, x, f: (1.0 / (1.0 + x), -1.0 / ((1.0 + x) * (1.0 + x))))
+sqrt = _function("sqrt", lambda xp, x, f: (0.5 / f, -0.25 / (f * x)))
+arccos = _function("arccos", lambda xp, x, f: (-1.0 / xp.sqrt(1.0 - x * x), -x / (1.0 - x * x) ** 1.5))
+
+
+def univariate(function: Callable[[Any], Any], x: Any) -> Any:
+    """`function(x)`, entry by entry; more axes may come in front. Of an expansion it takes the function's own two
+    derivatives first, by one variable, which is less than to carry all through each of its steps."""
+    if not isinstance(x, Taylor) or x.by is None:
+        return function(x)
+    own = function(Taylor(x.value, of(x).ones_like(x.value), of(x).zeros_like(x.value)))
+    return chained(x[(None,) * (own.ndim - x.ndim)], own.value, own.slope, own.bend)
+
+
+def asarray(x: Any) -> Any:
+    """In floats."""
+    return dataclasses.replace(x, value=asarray(x.value)) if isinstance(x, Taylor) else of(x).asarray(x, float)
+
+
+def where(condition: Any, a: Any, b: Any) -> Any:
+    """As numpy's; what is not chosen leaves nothing in the derivatives."""
+    xp = of(condition, a, b)
+    if not isinstance(a, Taylor) and not isinstance(b, Taylor):
+        return xp.where(condition, a, b)
+    a, b = (x if isinstance(x, Taylor) else Taylor(x) for x in (a, b))
+    rank = max(np.ndim(condition), a.ndim, b.ndim)
+
+    def spread(part: Any, own: int) -> Any:
+        return part if part is None else part.reshape(part.shape[:1] + (1,) * (rank - own) + part.shape[1:])
+
+    def chosen(p: Any, q: Any, mask: Any) -> Any:
+        if p is None and q is None:
+            return None
+        return xp.where(mask, 0.0 if p is None else p, 0.0 if q is None else q)
+
+    shape = np.shape(condition)
+    up = condition if not shape else condition.reshape((1,) * (rank + 1 - len(shape)) + shape)
+    return whole(
+        chosen(a.value, b.value, condition),
+        chosen(a.slope, b.slope, condition),
+        chosen(a.bend, b.bend, condition) if bends(a, b) else None,
+        chosen(spread(a.by, a.ndim), spread(b.by, b.ndim), up),
+        chosen(spread(a.slope_by, a.ndim), spread(b.slope_by, b.ndim), up),
+    )
+
+
+def maximum(a: Any, b: Any) -> Any:
+    """As numpy's; of equals the second one has the derivatives."""
+    return where(a > b, a, b) if isinstance(a, Taylor) or isinstance(b, Taylor) else of(a, b).maximum(a, b)
+
+
+def minimum(a: Any, b: Any) -> Any:
+    """As numpy's; of equals the second one has the derivatives."""
+    return where(a < b, a, b) if isinstance(a, Taylor) or isinstance(b, Taylor) else of(a, b).minimum(a, b)
+
+
+def within(x: Any, low: Any, high: Any) -> Any:
+    """As clip, whose derivative in JAX, a half at either end, costs divisions."""
+    return where(x > low, where(x < high, x, high), low)
+
+
+def magnitude(x: Any) -> Any:
+    """|x|, of which the derivative at 0 is 0."""
+    size = where(x < 0.0, -x, x)
+    return size if not isinstance(size, Taylor) else where(value(x) == 0.0, value(size), size)
+
+
+def mod(x: Any, period: float) -> Any:
+    """The rest in 0 … period."""
+    if not isinstance(x, Taylor):
+        return of(x).mod(x, period)
+    return x + (of(x).mod(x.value, period) - x.value)
+
+
+def stack(parts: Sequence[Any], axis: int = 0) -> Any:
+    """As numpy's, of equal shapes; numbers may be among the arrays. `axis` is 0 or −1."""
+    return _joined("stack", list(parts), axis)
+
+
+def concatenate(parts: Sequence[Any], axis: int = 0) -> Any:
+    """As numpy's. `axis` is 0 or −1."""
+    return _joined("concatenate", list(parts), axis)
+
+
+def _joined(name: str, parts: list[Any], axis: int) -> Any:
+    xp = of(parts)
+    join = getattr(xp, name)
+    if not any(isinstance(part, Taylor) for part in parts):
+        return join([xp.asarray(part, float) if isinstance(part, float | int) else part for part in parts], axis=axis)
+    every = [part if isinstance(part, Taylor) else Taylor(xp.asarray(part, float)) for part in parts]
+
+    def joined(field: str) -> Any:
+        own = [getattr(part, field) for part in every]
+        if all(part is None for part in own) or (field == "bend" and not bends(*every)):
+            return None
+        by = field in ("by", "slope_by")
+        first = next(part for part in own if part is not None).shape[:1] if by else ()
+        filled = [xp.zeros(first + part.shape) if one is None else one for one, part in zip(own, every, strict=True)]
+        return join(filled, axis=axis + 1 if by and axis >= 0 else axis)
+
+    return Taylor(*(joined(field) for field in ("value", "slope", "bend", "by", "slope_by")))
+
+
+def total(x: Any, axis: int = -1) -> Any:
+    """Sum over an axis counted from behind."""
+    xp = of(x)
+    if not isinstance(x, Taylor):
+        return xp.sum(x, axis=axis)
+    return x.mapped(lambda part: xp.sum(part, axis=axis), lambda part: xp.sum(part, axis=axis))
+
+
+def leading_total(x: Any) -> Any:
+    """Sum over the first axis."""
+    return (
+        x.mapped(lambda part: part.sum(axis=0), lambda part: part.sum(axis=1))
+        if isinstance(x, Taylor)
+        else x.sum(axis=0)
+    )
+
+
+def largest(x: Any) -> Any:
+    """Of every entry along the first axis."""
+    if not isinstance(x, Taylor):
+        return of(x).max(x, axis=0)
+    found = x[0]
+    for k in range(1, len(x)):
+        found = maximum(found, x[k])
+    return found
+
+
+def taken(x: Any, index: Any) -> Any:
+    """Of the first axis the entry at `index`, whose shape is that behind it."""
+    xp = of(x, index)
+    if not isinstance(x, Taylor):
+        return xp.take_along_axis(x, index[None], 0)[0]
+    return x.mapped(
+        lambda part: xp.take_along_axis(part, index[None], 0)[0],
+        lambda part: xp.take_along_axis(part, xp.broadcast_to(index[None, None], (len(part), 1, *index.shape)), 1)[
+            :, 0
+        ],
+    )
+
+
+def broadcast_to(x: Any, shape: tuple[int, ...]) -> Any:
+    """As numpy's, of an `x` of the same rank."""
+    xp = of(x)
+    if not isinstance(x, Taylor):
+        return xp.broadcast_to(x, shape)
+    return x.mapped(
+        lambda part: xp.broadcast_to(part, shape), lambda part: xp.broadcast_to(part, part.shape[:1] + shape)
+    )
+
+
+def einsum(form: str, a: Any, b: Any) -> Any:
+    """As numpy's, of two arrays, precisely; without the letter z."""
+    xp = of(a, b)
+    more = {"precision": PRECISE} if xp is jnp else {}
+    if not isinstance(a, Taylor) and not isinstance(b, Taylor):
+        return xp.einsum(form, a, b, **more)
+    inputs, out = form.split("->")
+    one, other = inputs.split(",")
+    a, b = (x if isinstance(x, Taylor) else Taylor(x) for x in (a, b))
+
+    def product(p: Any, q: Any) -> Any:
+        p_up, q_up = p.ndim > a.ndim, q.ndim > b.ndim
+        own = f"{'z' * p_up}{one},{'z' * q_up}{other}->{'z' * (p_up or q_up)}{out}"
+        return xp.einsum(own, p, q, **more)
+
+    return _bilinear_apart(product, a, b)
+
+
+def _bilinear_apart(product: Callable[[Any, Any], Any], a: Taylor, b: Taylor) -> Taylor:
+    """As `taylor.bilinear`, of a product that looks after shapes itself."""
+
+    twice = None if a.slope is None else 2.0 * a.slope
+    return Taylor(
+        product(a.value, b.value),
+        summed((a.slope, b.value), (a.value, b.slope), product=product),
+        summed((a.bend, b.value), (twice, b.slope), (a.value, b.bend), product=product) if bends(a, b) else None,
+        summed((a.by, b.value), (a.value, b.by), product=product),
+        summed((a.slope_by, b.value), (a.value, b.slope_by), (a.slope, b.by), (a.by, b.slope), product=product),
+    )
+
+
+def ones_like(x: Any) -> Any:
+    """Of the shape of `x`'s value."""
+    return of(x).ones_like(value(x))
+
+
+def zeros_like(x: Any) -> Any:
+    """Of the shape of `x`'s value."""
+    return of(x).zeros_like(value(x))
+
+
+def are_numbers(tree: Any) -> bool:
+    """Whether nothing in a pytree is traced."""
+    return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def expands(tree: Any) -> bool:
+    """Whether there is an expansion in a pytree."""
+    leaves = jax.tree.leaves(tree, is_leaf=lambda leaf: isinstance(leaf, Taylor))
+    return any(isinstance(leaf, Taylor) for leaf in leaves)
+
+
+def numbers(tree: Any) -> Any:
+    """A pytree that is not traced, in numpy's arrays."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, tree)
+
+
+def by(x: Any) -> Any:
+    """Derivatives by parameters, None without."""
+    return x.by if isinstance(x, Taylor) else None
+
+
+def fixed(x: Any) -> Any:
+    """A pytree of values, without expansions, that JAX does not differentiate."""
+    plain = values(x)
+    return jax.lax.stop_gradient(plain) if of(*jax.tree.leaves(plain)) is jnp else plain
+
+
+def repeated(count: int, function: Callable[[Any], Any], start: Any) -> Any:
+    """`function` of what it returned, so many times: by a loop in the program, if there is one."""
+    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(start)):
+        for _ in range(3):  # derivatives that the first rounds bring in
+            start = _filled(start, jax.eval_shape(function, start))
+        return jax.lax.fori_loop(0, count, lambda _, x: function(x), start)
+    for _ in range(count):
+        start = function(start)
+    return start
+
+
+def _filled(x: Any, like: Any) -> Any:
+    """With zeros for derivatives that `like` has and `x` has not."""
+    if not isinstance(like, Taylor):
+        return x
+    x = x if isinstance(x, Taylor) else Taylor(x)
+    parts = [getattr(x, name) for name in Taylor.__slots__]
+    others = [getattr(like, name) for name in Taylor.__slots__]
+    return Taylor(
+        *(jnp.zeros(b.shape) if a is None and b is not None else a for a, b in zip(parts, others, strict=True))
+    )
+
+
+def tree_map(function: Callable[..., Any], *trees: Any) -> Any:
+    """As `jax.tree.map`, to which expansions are leaves."""
+    return jax.tree.map(function, *trees, is_leaf=lambda leaf: isinstance(leaf, Taylor))

@@ -1,0 +1,103 @@
+"""The plain ring in any arithmetic: of numbers at once, without a program; of expansions with all their derivatives.
+
+As `ring.equilibrium` without effects, and its equal to rounding. All cage phases are solved together: arrays have
+phases, if there are several, before rollers. A scene of numbers takes milliseconds, where compiling takes seconds; and
+the derivatives of a traced one come from one expansion, where differentiating its program would make it many times as
+large.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from difftrb.core import arrays as xp
+from difftrb.core import geometry, status
+from difftrb.core.geometry import Spall, TaperedBearing
+from difftrb.core.taylor import Taylor, by_product, plus, summed
+from difftrb.law import edge_ramp, load_curve
+from difftrb.law.base import Law, Rest
+from difftrb.law.edge_ramp import RollerCurves
+from difftrb.ring import newton, ring
+from difftrb.ring.newton import TOLERANCE, Rollers, System
+from difftrb.ring.ring import Equilibrium, Load
+
+
+def equilibrium(bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], law: Law, phase: Any) -> Equilibrium:
+    """See `ring.equilibrium`; `phase` may have any shape, which is then in front of all else. The status is the
+    worst."""
+    at = xp.fixed((bearing, load, spalls, phase))
+    valid = _all(ring.is_valid(*at[1:]))
+    held = _all(at[1].axial > ring.needed_axial(at[0], at[1].radial, at[3]) * (1.0 + 1e-6))
+    force = xp.stack([xp.asarray(load.radial), 0.0, xp.asarray(load.axial)])
+    force = xp.where(valid & held, force, np.array([0.0, 0.0, 1.0]))
+    angles = ring.roller_angles(bearing, phase)
+    away, normals = ring.distances(bearing, spalls, angles), ring.directions(bearing, angles)
+    healthy = xp.fixed(law).curves((), np.zeros((0, *angles.shape)))
+    curves = law.curves(spalls, away)
+    plain = xp.fixed(force)
+    start = _start(xp.fixed(normals), xp.fixed(curves), healthy, plain)
+    system = System(Rollers(xp.values(normals), None, xp.values(curves)), xp.values(force), start, _size(plain))
+    u, _, (residual, iterations) = newton.found(system)
+    parts = _expanded(normals, curves, force / system.size, system.size, u)
+    rest = Equilibrium(*parts, residual, iterations, np.asarray(status.CONVERGED))
+    state = Rest(geometry.equivalent_radius(at[0], "outer"), xp.fixed(rest.approach), xp.fixed(rest.loads))
+    return _judged(rest, valid, held, law.judge(at[2], xp.fixed(away), state), law)
+
+
+def _all(condition: Any) -> Any:
+    return xp.of(condition).all(condition)
+
+
+def _size(force: Any) -> Any:
+    """Of a force."""
+    return xp.sqrt(xp.total(force * force))
+
+
+def _start(normals: Any, curves: RollerCurves, healthy: RollerCurves, force: Any) -> Any:
+    """See `newton.start`."""
+    one = load_curve.of(healthy.each, 0)
+    while one.middle.ndim:  # the same at all phases
+        one = load_curve.of(one, 0)
+    axial = normals.reshape(-1, 3)[0, 2]
+    largest, narrow = newton.in_load_zone(one, force, normals.shape[-2], axial)
+    clear = xp.of(curves.each.shift).min(curves.each.shift, axis=-1)
+    return newton.pressed(one, largest, narrow, axial, xp.maximum(clear, 0.0))
+
+
+def _expanded(normals: Any, curves: RollerCurves, force: Any, size: Any, u: Any) -> tuple[Any, Any, Any, Any]:
+    """Displacement, approach, loads and tangent stiffness with derivatives: the conditions of rest are linearised
+    (implicit function theorem). `force` is by `size`."""
+    approach = _approach(normals, u)  # as parameters move, at this displacement
+    loads = edge_ramp.expanded_loads(curves, approach)
+    opposed = force.reshape(*[1] * (u.ndim - 1), 3)
+    unbalanced = xp.einsum("...r,...ri->...i", Taylor(loads.value, by=loads.by), normals) / size - opposed
+    moved = Taylor(u)
+    if xp.by(unbalanced) is not None:
+        jacobian = newton.tangent(xp.value(normals), loads.slope) / size
+        moved = Taylor(u, by=-newton.solve(jacobian[None], unbalanced.by))
+    # and as the displacement follows
+    further = _approach(xp.value(normals), moved).by
+    held = Taylor(loads.value, by=plus(loads.by, summed((further, loads.slope), product=by_product)))
+    slopes = Taylor(loads.slope, by=plus(loads.slope_by, summed((further, loads.bend), product=by_product)))
+    return moved, _approach(normals, moved), held, newton.tangent(normals, slopes)
+
+
+def _approach(normals: Any, u: Any) -> Any:
+    return xp.einsum("...ri,...i->...r", normals, u)
+
+
+def _judged(rest: Equilibrium, valid: Any, held: Any, known: Any, law: Law) -> Equilibrium:
+    """See `ring.equilibrium`: the status, and NaN for numbers that nothing stands for."""
+    of = xp.of(rest.residual, known, valid, held)
+    converged = (rest.residual <= TOLERANCE) & of.all(of.isfinite(xp.value(rest.displacement)))
+    code = of.where(converged, status.CONVERGED, status.NOT_CONVERGED)
+    code = of.where(known == status.CONVERGED, code, known)
+    code = of.where(held, code, status.NO_EQUILIBRIUM)
+    code = of.where(valid, code, status.BAD_INPUT)
+    code = status.worst(code, of.asarray(xp.value(law.status_code)).astype(int))
+    usable = valid & held & (known == status.CONVERGED)
+    numbers = rest.displacement, rest.approach, rest.loads, rest.tangent, rest.residual
+    u, approach, loads, stiffness, residual = (xp.where(usable, value, np.nan) for value in numbers)
+    return Equilibrium(u, approach, loads, stiffness, residual, rest.iterations, code)
