@@ -25,9 +25,12 @@ def test_horner() -> None:
     power = np.polynomial.Polynomial(coefficients)
     np.testing.assert_allclose(numeric.horner(coefficients, x), power(np.asarray(x)), rtol=1e-14)
     columns = jnp.asarray(np.tile(coefficients[:, None], 11))
-    value, slope = numeric.horner_with_slope(columns, x)
+    value, slope = numeric.with_slope(columns, x)
     np.testing.assert_allclose(value, power(np.asarray(x)), rtol=1e-14)
     np.testing.assert_allclose(slope, power.deriv()(np.asarray(x)), rtol=1e-13)
+    for order in range(6):
+        found = numeric.polynomial(np.asarray(columns), np.asarray(x), order)
+        np.testing.assert_allclose(found, power.deriv(order)(np.asarray(x)), rtol=1e-13)
 
 
 def test_bisection_of_arrays_of_either_kind() -> None:

@@ -10,9 +10,8 @@ import pytest
 import difftrb as trb
 from difftrb.contact import contact_extent, gap
 from difftrb.contact.height_map import HeightMap, height_at
-from difftrb.core import geometry, implicit
+from difftrb.core import geometry, series
 from difftrb.core.geometry import LineContact, Spall
-from difftrb.law import load_curve
 from difftrb.ring import ring
 
 pytestmark = pytest.mark.gradient
@@ -41,21 +40,15 @@ def bearing(v: jax.Array) -> trb.TaperedBearing:
 
 def polynomial(v: jax.Array) -> jax.Array:
     """A curve's logarithm, its slope and the change of that, within and beyond the nodes."""
-    value, rate = load_curve.straight(v[:4], v[4:])
-    bend = jax.grad(lambda z: jnp.sum(load_curve.straight(v[:4], z)[1]))(v[4:])
+
+    def straight(z: jax.Array) -> jax.Array:
+        return series.polynomial(jnp.tile(v[:4, None], z.size), z, straight=True)
+
+    def rates(z: jax.Array) -> jax.Array:
+        return jax.grad(lambda z: jnp.sum(straight(z)))(z)
+
+    value, rate, bend = straight(v[4:]), rates(v[4:]), jax.grad(lambda z: jnp.sum(rates(z)))(v[4:])
     return jnp.vdot(jnp.concatenate([value, rate, bend]), jnp.arange(1.0, 13.0))
-
-
-def table(v: jax.Array) -> jax.Array:
-    """Read at two numbers from a table that itself changes."""
-
-    def weigh(table: jax.Array, number: jax.Array) -> jax.Array:
-        return jnp.stack([1.0 - number, jnp.sin(number)]) * table[0, 0]
-
-    def of(table: jax.Array, told: list[jax.Array]) -> jax.Array:
-        return jnp.einsum("ij,i,j->", table, *told)
-
-    return implicit.multilinear(of, (weigh, weigh), v[2:].reshape(2, 2), (v[0], v[1]))
 
 
 SMOOTH: dict[str, tuple[Function, list[float]]] = {
@@ -63,8 +56,6 @@ SMOOTH: dict[str, tuple[Function, list[float]]] = {
     "crown_scale": (lambda v: jnp.asarray(gap.crown_scale(roller(v))), [3.6, 13.66, 1.1e5, 6500.0]),
     "crown_at": (lambda v: gap.crown_at(v[4], roller(v)), [3.6, 13.66, 1.1e5, 6500.0, 6.2]),
     "crown_at, straight": (lambda v: gap.crown_at(v[1], LineContact(3.6, v[0], 1.1e5, v[2])), [13.66, 6.2, 10.0]),
-    "multilinear": (table, [0.3, 0.7, 1.2, -0.4, 0.8, 2.1]),
-    "slope of multilinear": (lambda v: jax.grad(table)(v) @ jnp.arange(1.0, 7.0), [0.3, 0.7, 1.2, -0.4, 0.8, 2.1]),
     "straight": (polynomial, [5.3, 2.9, -0.14, 0.05, -1.3, -0.4, 0.7, 1.2]),
     "needed_axial": (lambda v: ring.needed_axial(bearing(v[0]), v[1], v[2]), [0.25, 9000.0, 0.09]),
     "largest_load, part loaded": (

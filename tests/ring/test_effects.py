@@ -320,11 +320,11 @@ def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
 def test_absent_effects_leave_no_trace(bearing, monkeypatch: pytest.MonkeyPatch) -> None:
     """The traced program is the one of a package in which effects do nothing at all."""
     prepared = trb.prepare(plain(bearing))
-    ours = str(jax.make_jaxpr(prepared_scene._by_program.__wrapped__)(prepared))
+    ours = str(jax.make_jaxpr(prepared_scene._traced)(prepared))
     monkeypatch.setattr(effects, "terms", lambda *_: ring.PLAIN)
     monkeypatch.setattr(effects, "results", lambda *_: {})
     monkeypatch.setattr(prepared_scene, "law_in_effect", lambda _, roller_law: roller_law)
-    assert str(jax.make_jaxpr(prepared_scene._by_program.__wrapped__)(prepared)) == ours
+    assert str(jax.make_jaxpr(prepared_scene._traced)(prepared)) == ours
     assert trb.solve(plain(bearing)).effects == {}
 
 

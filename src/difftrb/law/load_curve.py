@@ -102,7 +102,7 @@ def _coefficients(z: Any, values: Any) -> Any:
         divided.append(differences[0])
     powers = divided[-1][None]
     for k in range(len(z) - 2, -1, -1):  # · (z − place) + difference
-        within = powers[:-1] - places[k] * powers[1:]
+        within = powers[:-1] - places[k : k + 1] * powers[1:]
         powers = of.concatenate([(divided[k] - places[k] * powers[0])[None], within, powers[-1:]])
     return powers
 
