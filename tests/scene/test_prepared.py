@@ -120,6 +120,13 @@ def test_gradient_of_the_program_is_that_of_differences_of_numbers(name: str, ph
 
 
 @pytest.mark.gradient
+def test_a_spall_in_the_middle_has_no_slope_by_its_axial_offset() -> None:
+    """Stiffness is as large for either side."""
+    scene = dataclasses.replace(scene_of("wide"), spalls=(trb.Spall(8.0, 7.0),))
+    assert abs(float(gradient(scene).spalls[0].axial_offset)) < 1e-6
+
+
+@pytest.mark.gradient
 @pytest.mark.parametrize("name", ["wide", "narrow"])
 def test_assessment_of_numbers_is_that_of_the_program(name: str) -> None:
     for phase in (0.0, "mean"):

@@ -118,8 +118,9 @@ def within(x: Any, low: Any, high: Any) -> Any:
 
 def magnitude(x: Any) -> Any:
     """|x|, of which the derivative at 0 is 0."""
-    size = where(x < 0.0, -x, x)
-    return size if not isinstance(size, Taylor) else where(value(x) == 0.0, value(size), size)
+    if not isinstance(x, Taylor):
+        return of(x).abs(x)
+    return x * of(x).sign(x.value)
 
 
 def mod(x: Any, period: float) -> Any:

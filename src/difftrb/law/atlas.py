@@ -141,12 +141,11 @@ class AtlasLaw:
 
     def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: deep spalls, one under a roller, that leave no slivers of land at the roller's end."""
-        contact, spalls, distances, rest = xp.values((self.contact, spalls, distances, rest))
+        contact = self.contact
         number, ends = xp.log(number_of(contact)), self.atlas.log_numbers[[0, -1]]
         inside = (number >= ends[0]) & (number <= ends[1])
         code = xp.of(number).where(inside, status.CONVERGED, status.OTHER_CONTACT)
-        load_range = dataclasses.replace(self, contact=contact).load_range
-        code = status.worst(code, within_range(load_range, rest), of_one_deep_spall(spalls, distances, rest))
+        code = status.worst(code, within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest))
         for spall in spalls:
             known = _place(contact, spall).known | (spall.length <= 0.0)
             code = status.worst(code, xp.of(known).where(known, status.CONVERGED, status.SLIVER))

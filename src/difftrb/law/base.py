@@ -67,6 +67,8 @@ class Law(Protocol):
       load_range: smallest and largest load that the law was made for [N].
       error: largest relative error of Q in that range against what the law was fitted to; NaN if unknown.
       status_code: worst status of the contact solves behind the law.
+      expands: optional; whether its formulas are over `core.arrays`, so that numbers are solved by numpy, and
+        derivatives come from one expansion. Others go by JAX.
     """
 
     @property

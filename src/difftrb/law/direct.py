@@ -61,8 +61,7 @@ def accuracy_at_edges(accuracy: float) -> float:
 
 def shift_over(contact: LineContact, spall: Spall) -> Any:
     """Approach [mm] from which a roller in the middle of a wide and deep spall carries load: the crown at the land."""
-    ends = 0.5 * spall.length - spall.axial_offset, 0.5 * spall.length + spall.axial_offset
-    nearest = xp.maximum(xp.minimum(*ends), 0.0)  # no |…|: its slope at 0 would not be 0
+    nearest = xp.maximum(0.5 * spall.length - xp.magnitude(spall.axial_offset), 0.0)
     half = 0.5 * contact.length
     return gaps.crown_at(xp.minimum(nearest, half * (1.0 - 1e-9)), contact)
 

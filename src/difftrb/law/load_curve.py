@@ -39,25 +39,22 @@ class Curve:
 
 def power(stiffness: Real, exponent: Real) -> Curve:
     """Q = K δⁿ with K [N/mmⁿ] and n, any one shape."""
-    K, n = jnp.asarray(stiffness, float), jnp.asarray(exponent, float)
-    return Curve(jnp.stack([jnp.log(K), n]), jnp.zeros_like(n), jnp.ones_like(n), jnp.zeros_like(n))
+    K, n = xp.asarray(stiffness), xp.asarray(exponent)
+    return Curve(xp.stack([xp.log(K), n]), xp.zeros_like(n), xp.ones_like(n), xp.zeros_like(n))
 
 
-def weights(places: jax.Array | np.ndarray, x: jax.Array | np.ndarray) -> jax.Array:
+def weights(places: Any, x: Any) -> Any:
     """What the values at `places`, shape (n,), count at `x`, any shape, on the polynomial through all of them; shape
     x.shape + (n,)."""
-    count = len(places)
-    gaps = jnp.where(np.eye(count, dtype=bool), 1.0, places[:, None] - places[None, :])
-    scale = 1.0 / jnp.prod(gaps, axis=1)
-    x = jnp.asarray(x)
+    count, x = len(places), xp.asarray(x)
+    gaps = xp.where(np.eye(count, dtype=bool), 1.0, places[:, None] - places[None, :])
+    scale = 1.0 / xp.of(gaps).prod(gaps, axis=1)
     away = [x - places[k] for k in range(count)]
-    below, above = [jnp.ones_like(x)], [jnp.ones_like(x)]  # products of all before and of all behind
+    below, above = [xp.ones_like(x)], [xp.ones_like(x)]  # products of all before and of all behind
     for k in range(count - 1):
         below.append(below[-1] * away[k])
         above.append(above[-1] * away[count - 1 - k])
-    found = jnp.stack([scale[k] * below[k] * above[count - 1 - k] for k in range(count)], axis=-1)
-    # or else XLA writes out products with them, a sum of so many, wherever the result is used
-    return jax.lax.optimization_barrier(found)
+    return xp.stack([scale[k] * below[k] * above[count - 1 - k] for k in range(count)], axis=-1)
 
 
 def through(log_loads: Any, approaches: Any, shift: Any) -> Curve:

@@ -13,6 +13,7 @@ import numpy as np
 
 from difftrb.contact import contact_solution, gap
 from difftrb.contact import solver as contacts
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.law import base, load_curve
@@ -67,30 +68,35 @@ class PowerLaw(HardWindow):
     fitted: tuple[LineContact, Real] | None = None
     contact: LineContact | None = None
 
-    def coefficients(self, spall_length: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """K [N/mmⁿ] and n for spalls of `spall_length` [mm], any shape, up to the longest node."""
-        nodes = jnp.stack([self.log_stiffness, self.exponent], axis=-1)
-        values = load_curve.weights(self.lengths, jnp.asarray(spall_length)) @ nodes
-        return jnp.exp(values[..., 0]), values[..., 1]
+    expands = True
+
+    def coefficients(self, spall_length: Any) -> tuple[Any, Any]:
+        """K [N/mmⁿ] and n for spalls of `spall_length` [mm], shape (n,), up to the longest node."""
+        at = load_curve.weights(self.lengths, spall_length)
+        K, n = (xp.einsum("...m,m->...", at, nodes) for nodes in (self.log_stiffness, self.exponent))
+        return xp.exp(K), n
 
     def at(self, contact: LineContact) -> PowerLaw:
         """See `Law`: frozen; the contact is only judged."""
         return dataclasses.replace(self, contact=contact)
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
+    def curves(self, spalls: tuple[Spall, ...], distances: Any) -> RollerCurves:
         """See `Law`."""
         return base.in_window(load_curve.power(*self.coefficients(base.lengths_of(spalls))), spalls, distances)
 
-    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
+    def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: a contact within `ALIKE` of the one fitted."""
         code = status.worst(base.known_up_to(self.lengths[-1], spalls), base.of_one_deep_spall(spalls, distances, rest))
         if self.fitted is None or self.contact is None:
             return code
-        fitted, offset = jax.lax.stop_gradient(self.fitted)
-        pairs = zip(jax.tree.leaves(fitted), jax.tree.leaves(jax.lax.stop_gradient(self.contact)), strict=True)
-        alike = jnp.stack([jnp.abs(now - own) <= ALIKE * own for own, now in pairs])
-        moved = [jnp.abs(spall.axial_offset - offset) <= ALIKE * fitted.length for spall in spalls]
-        return jnp.where(jnp.all(alike) & jnp.all(jnp.stack([jnp.asarray(True), *moved])), code, status.OTHER_SCENE)
+        (fitted, offset), contact = xp.fixed((self.fitted, self.contact))
+        pairs = zip(jax.tree.leaves(fitted), jax.tree.leaves(contact), strict=True)
+        alike = np.asarray(True)
+        for own, now in pairs:
+            alike = alike & (xp.magnitude(now - own) <= ALIKE * own)
+        for spall in spalls:
+            alike = alike & (xp.magnitude(spall.axial_offset - offset) <= ALIKE * fitted.length)
+        return xp.where(alike, code, status.OTHER_SCENE)
 
 
 @jax.tree_util.register_dataclass
@@ -104,6 +110,7 @@ class Palmgren(HardWindow):
 
     length: Real
     name = "palmgren"
+    expands = True
     load_range = (0.0, np.inf)
     error = np.nan
     status_code = float(status.CONVERGED)
@@ -116,7 +123,7 @@ class Palmgren(HardWindow):
         """See `Law`."""
         n = 10.0 / 9.0
         K = gap.palmgren_approach(1.0, self.length - base.lengths_of(spalls)) ** -n
-        return base.in_window(load_curve.power(K, jnp.full_like(K, n)), spalls, distances)
+        return base.in_window(load_curve.power(K, n * xp.ones_like(K)), spalls, distances)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`: up to 99 % of the roller."""

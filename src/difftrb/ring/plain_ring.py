@@ -34,7 +34,8 @@ def equilibrium(bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], 
     force = xp.where(valid & held, force, np.array([0.0, 0.0, 1.0]))
     angles = ring.roller_angles(bearing, phase)
     away, normals = ring.distances(bearing, spalls, angles), ring.directions(bearing, angles)
-    healthy = xp.fixed(law).curves((), np.zeros((0, *angles.shape)))
+    still = xp.fixed(law)
+    healthy = still.curves((), np.zeros((0, *angles.shape)))
     curves = law.curves(spalls, away)
     plain = xp.fixed(force)
     start = _start(xp.fixed(normals), xp.fixed(curves), healthy, plain)
@@ -43,7 +44,7 @@ def equilibrium(bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], 
     parts = _expanded(normals, curves, force / system.size, system.size, u)
     rest = Equilibrium(*parts, residual, iterations, np.asarray(status.CONVERGED))
     state = Rest(geometry.equivalent_radius(at[0], "outer"), xp.fixed(rest.approach), xp.fixed(rest.loads))
-    return _judged(rest, valid, held, law.judge(at[2], xp.fixed(away), state), law)
+    return _judged(rest, valid, held, still.judge(at[2], xp.fixed(away), state), still)
 
 
 def _all(condition: Any) -> Any:
@@ -96,7 +97,7 @@ def _judged(rest: Equilibrium, valid: Any, held: Any, known: Any, law: Law) -> E
     code = of.where(known == status.CONVERGED, code, known)
     code = of.where(held, code, status.NO_EQUILIBRIUM)
     code = of.where(valid, code, status.BAD_INPUT)
-    code = status.worst(code, of.asarray(xp.value(law.status_code)).astype(int))
+    code = status.worst(code, of.asarray(law.status_code).astype(int))
     usable = valid & held & (known == status.CONVERGED)
     numbers = rest.displacement, rest.approach, rest.loads, rest.tangent, rest.residual
     u, approach, loads, stiffness, residual = (xp.where(usable, value, np.nan) for value in numbers)

@@ -8,7 +8,6 @@ import time
 from typing import cast
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import status
@@ -129,7 +128,7 @@ def _is_delicate(solution: Solution) -> bool:
 
 def main_values(solution: Solution) -> np.ndarray:
     """Radial stiffness, axial stiffness [N/mm] and the largest roller load [N], shape (3,); NaN without a solution."""
-    values = np.array([solution.radial_stiffness, solution.axial_stiffness, jnp.max(solution.loads)], float)
+    values = np.array([solution.radial_stiffness, solution.axial_stiffness, np.max(solution.loads)], float)
     return values if bool(solution.converged) else np.full(3, np.nan)
 
 
