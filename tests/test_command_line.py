@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import subprocess
 import sys
 from importlib import metadata
@@ -355,6 +356,15 @@ def test_programs_are_kept_only_where_one_may_write(monkeypatch, tmp_path: Path)
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert jax_config.cache_folder() is None
+
+
+def test_library_users_keep_programs_by_one_call(tmp_path: Path) -> None:
+    script = "import difftrb as trb, jax; f = trb.keep_compiled(); jax.jit(lambda x: x + 1)(1.0); print(f)"
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True, env=environment)
+    folder = Path(run.stdout.strip())
+    assert folder.is_relative_to(tmp_path)
+    assert list(folder.iterdir())
 
 
 @pytest.mark.portable

@@ -33,10 +33,24 @@ def set_up_jax(cache: bool) -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    if cache and (folder := cache_folder()) is not None:
+    if cache:
+        keep_compiled()
+
+
+def keep_compiled() -> Path | None:
+    """Keep what JAX compiles from now on in the user's cache folder, and take from there what is kept.
+
+    For programs of one's own, before the first solve: the command line does so by itself. JAX tells its releases apart,
+    the folder processors. Returns the folder; None where none can be written, and nothing is kept.
+    """
+    import jax
+
+    folder = cache_folder()
+    if folder is not None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+    return folder
 
 
 def cache_folder() -> Path | None:

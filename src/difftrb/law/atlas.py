@@ -142,7 +142,7 @@ class AtlasLaw:
     def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: deep spalls, one under a roller, that leave no slivers of land at the roller's end."""
         contact = self.contact
-        number, ends = xp.log(number_of(contact)), self.atlas.log_numbers[[0, -1]]
+        number, ends = number_of(contact), np.exp(self.atlas.log_numbers[[0, -1]])
         inside = (number >= ends[0]) & (number <= ends[1])
         code = xp.of(number).where(inside, status.CONVERGED, status.OTHER_CONTACT)
         code = status.worst(code, within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest))
