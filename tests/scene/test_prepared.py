@@ -167,6 +167,23 @@ print(len(count))
     return int(run.stdout.splitlines()[-1])
 
 
+def test_gradients_of_numbers_outside_jit_compile_next_to_nothing() -> None:
+    """What contracts an expansion with changes, forward and backward."""
+    count: list[str] = []
+
+    def listen(name: str, *_: object, **__: object) -> None:
+        count.append(name)
+
+    scene = scene_of("wide")
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        found = jax.grad(stiffness)(scene)
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+    assert sum(name == "/jax/core/compile/backend_compile_duration" for name in count) < 25
+    np.testing.assert_allclose(found.spalls[0].length, gradient(scene).spalls[0].length, rtol=1e-11)
+
+
 @pytest.mark.parametrize("command", [("run",), ("run", "--mean", "--json"), ("check", "{scene}")])
 def test_commands_on_numbers_compile_nothing(command: tuple[str, ...], tmp_path) -> None:
     (tmp_path / "scene.toml").write_text('bearing = "32008J"\n[load]\nradial = 9000\naxial = 4500\n', encoding="utf-8")

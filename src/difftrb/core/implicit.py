@@ -162,15 +162,19 @@ def _expanded_jvp(function: Callable[[Pytree], Pytree], primals: tuple, tangents
         return jax.jvp(lambda some: taylor.values(function(among(some))), (moving,), (changes,))
     seeds = [Taylor(leaf, by=row) for leaf, row in zip(moving, np.eye(len(moving)), strict=True)]
     leaves, form = jax.tree.flatten(function(among(seeds)), is_leaf=lambda leaf: isinstance(leaf, Taylor))
-    change = jnp.stack(changes) if changes else jnp.zeros(0)
-
-    def moved(leaf: Any) -> Any:
-        if isinstance(leaf, Taylor) and leaf.by is not None:
-            return jnp.tensordot(change, jnp.asarray(leaf.by), 1, precision=jax.lax.Precision.HIGHEST)
-        return _zero_tangent(jnp.asarray(taylor.value(leaf)))
-
     found = [jnp.asarray(taylor.value(leaf)) for leaf in leaves]
-    return form.unflatten(found), form.unflatten([moved(leaf) for leaf in leaves])
+    rates = {k: leaf.by for k, leaf in enumerate(leaves) if isinstance(leaf, Taylor) and leaf.by is not None}
+    moved = [_zero_tangent(leaf) for leaf in found]
+    for k, change in zip(rates, _moved(changes, list(rates.values())), strict=True):
+        moved[k] = change
+    return form.unflatten(found), form.unflatten(moved)
+
+
+@jax.jit
+def _moved(changes: list[jax.Array], rates: list[jax.Array]) -> list[jax.Array]:
+    """What the derivatives by parameters, shapes (parameters, …), make of their changes."""
+    change = jnp.stack(changes) if changes else jnp.zeros(0)
+    return [jnp.tensordot(change, rate, 1, precision=jax.lax.Precision.HIGHEST) for rate in rates]
 
 
 expanded.defjvp(_expanded_jvp, symbolic_zeros=True)

@@ -24,9 +24,11 @@ from difftrb.ring.newton import TOLERANCE, Rollers, System
 from difftrb.ring.ring import Equilibrium, Load
 
 
-def equilibrium(bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], law: Law, phase: Any) -> Equilibrium:
-    """See `ring.equilibrium`; `phase` may have any shape, which is then in front of all else. The status is the
-    worst."""
+def equilibrium(
+    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], law: Law, phase: Any, known: Any = status.CONVERGED
+) -> Equilibrium:
+    """See `ring.equilibrium`; `phase` may have any shape, which is then in front of all else. `known` is the status of
+    what else is known of the scene; the worst is returned."""
     at = xp.fixed((bearing, load, spalls, phase))
     valid = _all(ring.is_valid(*at[1:]))
     held = _all(at[1].axial > ring.needed_axial(at[0], at[1].radial, at[3]) * (1.0 + 1e-6))
@@ -44,7 +46,8 @@ def equilibrium(bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], 
     parts = _expanded(normals, curves, force / system.size, system.size, u)
     rest = Equilibrium(*parts, residual, iterations, np.asarray(status.CONVERGED))
     state = Rest(geometry.equivalent_radius(at[0], "outer"), xp.fixed(rest.approach), xp.fixed(rest.loads))
-    return _judged(rest, valid, held, still.judge(at[2], xp.fixed(away), state), still)
+    known = status.worst(known, still.judge(at[2], xp.fixed(away), state))
+    return _judged(rest, valid, held, known, still)
 
 
 def _all(condition: Any) -> Any:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import operator
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax
@@ -161,29 +163,46 @@ def assess_by_program(scene: Scene) -> Assessment:
 
 def solve_prepared(scene: Scene) -> Solution:
     """The solution of a scene whose laws are built: of a plain ring's numbers at once, else by a program."""
-    if is_plain(scene) and xp.are_numbers(scene):
-        with np.errstate(all="ignore"):
-            return jax.device_put(xp.values(_expanded(xp.numbers(scene))))
-    return _by_program(scene)
+    return solve_plain(_as_it_is, scene) if is_plain(scene) else _by_program(_as_it_is, scene)
 
 
-@jax.jit
-def _by_program(scene: Scene) -> Solution:
-    """A traced scene, or one that needs a program. The derivatives of a plain ring are those of its expansion."""
-    return implicit.expanded(_solved, scene) if is_plain(scene) else _traced(scene)
+def _as_it_is(scene: Scene) -> Scene:
+    return scene
 
 
-def _solved(scene: Scene) -> Solution:
-    return _expanded(scene) if xp.expands(scene) else _traced(scene)
+Build = Callable[[Scene], Scene]
+"""What builds a scene's laws, in any arithmetic."""
+
+
+def solve_plain(build: Build, scene: Scene) -> Solution:
+    """A plain ring: numbers at once, also those that `jax.grad` differentiates outside `jit`; else by a program. Its
+    derivatives are those of its expansion."""
+    solution = implicit.expanded(partial(_at_once_or_by_program, build), scene)
+    return jax.device_put(solution) if xp.are_numbers(solution) else solution
+
+
+def _at_once_or_by_program(build: Build, scene: Scene) -> Solution:
+    if not xp.are_numbers(scene):
+        return _by_program(build, scene)
+    with np.errstate(all="ignore"):
+        return _solution(build, xp.numbers(scene))
+
+
+def _solution(build: Build, scene: Scene) -> Solution:
+    ready = build(scene)
+    at_once = is_plain(ready) and (xp.are_numbers(ready) or xp.expands(ready))
+    return _expanded(ready) if at_once else _traced(ready)
+
+
+_by_program = jax.jit(_solution, static_argnums=0)
 
 
 def _expanded(scene: Scene) -> Solution:
     """A plain ring's solution in any arithmetic."""
     acting = outer_law(scene)
     each, weights = phases(scene)
-    rest = plain_ring.equilibrium(scene.bearing, scene.load, scene.spalls, acting, each)
-    code = status.worst(rest.status_code, checks.code(xp.fixed(scene)))
-    rest = dataclasses.replace(rest, status_code=code)
+    within = checks.code(xp.fixed(scene))
+    rest = plain_ring.equilibrium(scene.bearing, scene.load, scene.spalls, acting, each, within)
     stiffness = rest.tangent if scene.definition == "tangent" else _secant(scene.load, rest.displacement)
     return _of_phases(scene, rest, stiffness, weights, {})
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from difftrb.core import status
 from difftrb.core.geometry import Real
-from difftrb.law.base import LAWS, Law
+from difftrb.law.base import AUTO, LAWS, Law
 from difftrb.law.samples import Progress
 from difftrb.ring.effects import Raceways
 from difftrb.scene import checks, scene_laws
-from difftrb.scene.prepared import Assessment, Solution, assess_prepared, solve_prepared
+from difftrb.scene.prepared import Assessment, Solution, assess_prepared, solve_plain, solve_prepared
 from difftrb.scene.scene import Finer, LawName, Picked, PitchMean, Scene, is_auto, named
 
 LADDER = (1e-2, 1e-3, 1e-4)
@@ -55,9 +55,17 @@ def prepare(scene: Scene, progress: Progress | None = None, least: Real | None =
 
 def by_table(scene: Scene) -> Scene:
     """A scene with law "auto" prepared by "table", traced or not. Errors as in `solve`."""
-    ready = scene_laws.with_laws(named(checks.checked(scene), "table", PREPARED))
-    picked = Picked("table", PREPARED, scene.accuracy, cast(Law, ready.law).error, None)
-    return dataclasses.replace(ready, picked=picked)
+    return _tabled(checks.checked(scene))
+
+
+def _tabled(scene: Scene) -> Scene:
+    """A checked scene with the table of its contact, in any arithmetic."""
+    ready = scene_laws.with_laws(named(scene, "table", PREPARED))
+    if not is_auto(scene):
+        return dataclasses.replace(ready, accuracy=scene.accuracy)
+    return dataclasses.replace(
+        ready, picked=Picked("table", PREPARED, scene.accuracy, cast(Law, ready.law).error, None)
+    )
 
 
 def solve(scene: Scene) -> Solution:
@@ -68,6 +76,10 @@ def solve(scene: Scene) -> Solution:
     scene file would refuse, see `Scene`, and for a law that needs `prepare` first; everything else ends as a status in
     the result.
     """
+    if isinstance(scene.law, LawName) and scene.law.name in (AUTO, "table") and not scene.effects:
+        scene = checks.checked(scene)
+        if scene_laws.is_traced(scene):
+            return solve_plain(_tabled, scene)
     if isinstance(scene.law, LawName) or any(isinstance(effect, Raceways) for effect in scene.effects):
         return solve_prepared(prepare(scene))
     return solve_prepared(checks.checked(scene))  # the law is carried to the bearing in the compiled program: faster
