@@ -254,7 +254,7 @@ def _aims(law: AtlasLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Ar
 
 @jax.jit
 def _fitted(law: AtlasLaw, spall: Spall, loads: jax.Array, edges: jax.Array, approaches: jax.Array) -> jax.Array:
-    """`Ramp.share` of one spall, shape (levels, terms)."""
+    """`Atlas.share` of one spall, shape (levels, terms)."""
     beside = law.beside(spall)
     # the levels that edges join, as these solves have them and as the curves do
     first = load_curve.approach(beside.healthy, loads[:, :1]) / approaches[:, :1]

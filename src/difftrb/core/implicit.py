@@ -62,26 +62,25 @@ def _root_jvp(
 root.defjvp(_root_jvp, symbolic_zeros=True)
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def pointwise(function: Callable, rates: Callable | None, parameters: Pytree, x: jax.Array) -> Pytree:
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def pointwise(function: Callable, parameters: Pytree, x: jax.Array) -> Pytree:
     """y = `function(parameters, x)`, a pytree whose leaves have the shape of x and know x entry by entry.
 
-    dy/dx is then as large as y, and is computed once for however many changes of x; so is its own derivative. `rates`
-    is a function that returns it for less than differentiating `function` takes; None: there is none.
+    dy/dx is then as large as y, and is computed once for however many changes of x; so is its own derivative.
     """
     return function(parameters, x)
 
 
-def _pointwise_jvp(function: Callable, rates: Callable | None, primals: tuple, tangents: tuple):
+def _pointwise_jvp(function: Callable, primals: tuple, tangents: tuple):
     (parameters, x), (_, x_change) = primals, tangents
     moving, changes, among = _moving(parameters, tangents[0])
     parts = []
     if moving:
         parts.append(jax.jvp(lambda some: function(among(some), x), (moving,), (changes,))[1])
     if not isinstance(x_change, SymbolicZero):
-        by_x = rates(parameters, x) if rates else pointwise(partial(_rates, function), None, parameters, x)
+        by_x = pointwise(partial(_rates, function), parameters, x)
         parts.append(jax.tree.map(lambda rate: rate * x_change, by_x))
-    return pointwise(function, rates, parameters, x), jax.tree.map(lambda *of: sum(of[1:], of[0]), *parts)
+    return pointwise(function, parameters, x), jax.tree.map(lambda *of: sum(of[1:], of[0]), *parts)
 
 
 pointwise.defjvp(_pointwise_jvp, symbolic_zeros=True)

@@ -48,7 +48,7 @@ class Atlas:
       full: log δ over a spall's middle, shape (numbers, lengths, asides + 1, loads).
       sunk: see `Ramp`, shape (numbers, lengths, asides + 1, coefficients).
       edge_numbers, edge_lengths, edge_asides: nodes at which ramps are solved.
-      share: see `Ramp`, shape (edge numbers, edge lengths, edge asides + 1, levels, terms).
+      share: as `edge_ramp.in_powers` takes it, shape (edge numbers, edge lengths, edge asides + 1, levels, terms).
       errors: of a load by a healthy roller's, against contact solves between the nodes: what nine in ten keep, of
         spalls in the inner, the middle and the outer third of the places aside, and over the roller's end, shape (4,).
       narrow_error: the same of spalls with both edges in reach.

@@ -142,7 +142,8 @@ class DirectLaw:
         apart = jnp.clip(distance - chosen.given[AT.distance], -ASIDE, ASIDE)
         now = samples.inputs(self.contact, spall, chosen.given[AT.distance] + apart)
         approaches = chosen.approaches + chosen.slopes @ (now - chosen.given)
-        return dataclasses.replace(blank, share=ramp_fit.through(blank, approaches, chosen.loads, NEAR_RIDGE))
+        share = ramp_fit.through(blank, approaches, chosen.loads, NEAR_RIDGE)
+        return dataclasses.replace(blank, share=edge_ramp.in_powers(share))
 
     def levels(self, i: int, spall: Spall) -> tuple[Healthy, Curve]:
         """A healthy roller and the curve over the middle of the `i`-th spall."""

@@ -118,12 +118,8 @@ def next_to(spall: Spall, distances: Any, side: float) -> Any:
     """
     away, width = xp.value(distances), xp.value(spall.width)
     of = xp.of(away, width)
-    nearest = of.argmin(of.abs(away - side * 0.5 * width), axis=-1)
-    return (
-        nearest[..., None] == np.arange(away.shape[-1])
-        if of is np
-        else nearest[..., None] == jnp.arange(away.shape[-1]).reshape((1,) * nearest.ndim + (-1,))
-    )
+    nearest = of.argmin(of.abs(away - side * 0.5 * width), axis=-1)[..., None]
+    return nearest == np.arange(away.shape[-1]).reshape((1,) * (nearest.ndim - 1) + (-1,))
 
 
 def over(spall: Spall, distances: Any, side: float) -> Any:
@@ -133,7 +129,8 @@ def over(spall: Spall, distances: Any, side: float) -> Any:
 
 
 def through(ramp: Ramp, approach: jax.Array, load: jax.Array, ridge: float, levels: int = 1) -> jax.Array:
-    """`Ramp.share` for contact solves with edges at `ramp.edge`, through all of them, nearly; shape (levels, TERMS).
+    """What `edge_ramp.in_powers` takes, for contact solves with edges at `ramp.edge`, through all of them, nearly;
+    shape (levels, TERMS).
 
     `approach` [mm], `load` [N] of the solves, shape (n,). `ridge`: noise of a share by the size of coefficients. What
     the solves do not tell stays small.
@@ -146,7 +143,7 @@ def through(ramp: Ramp, approach: jax.Array, load: jax.Array, ridge: float, leve
     terms = u[:, None] * jnp.stack(chebyshev(2.0 * u - 1.0, edge_ramp.TERMS - 1), axis=1)
     basis = (by_level[:, :, None] * terms[:, None]).reshape(t.size, -1)
     found = least_squares((weight * first)[:, None] * basis, weight * ((load - full) / loss - first), ridge)
-    return edge_ramp.in_powers(found.reshape(levels, edge_ramp.TERMS))
+    return found.reshape(levels, edge_ramp.TERMS)
 
 
 def least_squares(matrix: jax.Array, right: jax.Array, ridge: float) -> jax.Array:

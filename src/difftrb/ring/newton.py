@@ -37,10 +37,6 @@ NARROWEST = 0.98
 DEGREE = 8
 
 
-def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
-    return jnp.matmul(a, b, precision=jax.lax.Precision.HIGHEST)
-
-
 RollerLoads = tuple[jax.Array, jax.Array]
 """Load [N] and its slope [N/mm] of every roller, both of shape (rollers,)."""
 
@@ -67,7 +63,7 @@ class Rollers(NamedTuple):
     def carried(self, approach: Any) -> RollerLoads:
         """What every roller carries at that."""
         held = self.seat, self.curves
-        return implicit.pointwise(_each, None, held, approach) if xp.of(approach) is jnp else _each(held, approach)
+        return implicit.pointwise(_each, held, approach) if xp.of(approach) is jnp else _each(held, approach)
 
 
 def tangent(normals: Any, slopes: Any) -> Any:
