@@ -6,7 +6,6 @@ compared with contacts between its nodes, and written to FOLDER/atlas.npz; to sh
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import sys
 from collections.abc import Callable
@@ -83,8 +82,12 @@ def spall_at(number: float, length: float, aside: float, over_end: bool, width: 
 
 
 def law_of(built: Atlas, contact: LineContact) -> AtlasLaw:
-    """The law that reads this atlas, for any spall."""
-    return AtlasLaw(contact, 0.0, atlas=copy.deepcopy(built))  # programs hold what they read as it is now
+    """The law that reads this atlas, for any spall.
+
+    Programs hold the numbers that they have read: ramps are solved when all levels are there, and read in what `build`
+    returns.
+    """
+    return AtlasLaw(contact, 0.0, atlas=built)
 
 
 class Found(NamedTuple):
@@ -284,7 +287,7 @@ def build(folder: Path, size: Size) -> Atlas:
     middle = size.edge_numbers // 2
     for k in sorted(range(size.edge_numbers), key=lambda k: abs(k - middle)):
         built.share[k] = _kept_share(size, built, kept("edges", partial(edges, size, built), k)["share"])
-    return built
+    return dataclasses.replace(built)  # another one to programs, which hold shares of 0
 
 
 # ------------------------------------------------------------------------------------------------ how far off it is
