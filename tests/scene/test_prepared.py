@@ -13,6 +13,7 @@ import pytest
 import difftrb as trb
 from difftrb.core import status
 from difftrb.scene import prepared
+from difftrb.scene.scene import phases
 
 SCENES = {
     "wide": (9000.0, 4500.0, (trb.Spall(4.0, 7.0),)),
@@ -55,6 +56,14 @@ def test_numbers_are_those_of_the_program(name: str, phase: float | str) -> None
     assert ours.converged
     assert ours.residual < 1e-12
     assert_same(ours, theirs)
+
+
+def test_phases_of_numbers_are_numbers_that_add_up() -> None:
+    """As the audit of a mean takes them."""
+    every, weights = phases(trb.prepare(scene_of("on the edge", "mean")))
+    assert isinstance(every, np.ndarray)
+    assert every.shape == weights.shape == (60,)
+    assert weights.sum() == pytest.approx(1.0, rel=1e-14)
 
 
 def test_secant_stiffness_is_that_of_the_program() -> None:

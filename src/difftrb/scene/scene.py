@@ -184,7 +184,8 @@ def phases(scene: Scene) -> tuple[Any, Any]:
         rest = plain_ring.equilibrium(scene.bearing, scene.load, (), acting, 0.0)
     else:
         terms = effects.terms(scene.effects, effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0))
-    return phase_average.phases(scene.bearing, scene.load, tuple(met), terms, rest)
+    found = phase_average.phases(scene.bearing, scene.load, tuple(met), terms, rest)
+    return found if xp.expands(scene) else xp.values(found)
 
 
 def is_auto(scene: Scene) -> bool:
