@@ -1,7 +1,9 @@
 """A plain ring's numbers are solved at once, by numpy; a traced one by a program, and differentiated by one expansion.
 Both are the same, and the programs stay small."""
 
+import copy
 import dataclasses
+import pickle
 import subprocess
 import sys
 
@@ -129,10 +131,33 @@ def test_gradient_of_the_program_is_that_of_differences_of_numbers(name: str, ph
 
 
 @pytest.mark.gradient
-def test_a_spall_in_the_middle_has_no_slope_by_its_axial_offset() -> None:
+@pytest.mark.parametrize("spall", [trb.Spall(8.0, 7.0), trb.Spall(4.0, 0.3), trb.Spall(4.0, 0.1, angle=0.002)])
+def test_a_spall_in_the_middle_has_no_slope_by_its_axial_offset(spall: trb.Spall) -> None:
     """Stiffness is as large for either side."""
-    scene = dataclasses.replace(scene_of("wide"), spalls=(trb.Spall(8.0, 7.0),))
-    assert abs(float(gradient(scene).spalls[0].axial_offset)) < 1e-6
+    found = jax.grad(stiffness)(dataclasses.replace(scene_of("wide"), spalls=(spall,)))
+    assert abs(float(found.spalls[0].axial_offset)) < 1e-6
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize("phase", [0.0, "mean"])
+def test_a_roller_without_crown_is_for_the_status(phase: float | str) -> None:
+    scene = dataclasses.replace(scene_of("wide", phase), design_load=0.0)
+    assert int(trb.solve(scene).status_code) == status.OTHER_CONTACT
+    assert int(trb.assess(scene).spalled.status_code) == status.OTHER_CONTACT
+    assert int(trb.solve(dataclasses.replace(scene, spalls=(trb.Spall(-np.inf, 7.0),))).status_code) != status.CONVERGED
+
+
+def test_copies_of_a_solution_match_it() -> None:
+    solution = trb.solve(scene_of("wide"))
+    for other in (copy.deepcopy(solution), pickle.loads(pickle.dumps(solution))):
+        apart = jax.tree.map(lambda a, b: a - b, solution, other)
+        assert not np.any(np.asarray(apart.loads))
+
+
+def test_a_program_may_close_over_numbers() -> None:
+    scene = scene_of("wide")
+    found = jax.jit(lambda x: x * trb.solve(scene).stiffness[0, 0])(2.0)
+    assert float(found) == pytest.approx(2.0 * float(stiffness(scene)), rel=1e-15)
 
 
 @pytest.mark.gradient

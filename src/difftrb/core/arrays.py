@@ -7,7 +7,6 @@ may be the parts of a `Taylor` expansion, which then goes through with its deriv
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -20,7 +19,6 @@ from difftrb.core.taylor import Taylor, bends, chained, summed, value, values, w
 
 __all__ = ["Taylor", "value", "values"]
 PRECISE = jax.lax.Precision.HIGHEST
-pi, inf, nan = math.pi, math.inf, math.nan
 
 
 def of(*arguments: Any) -> Any:
@@ -102,13 +100,17 @@ def where(condition: Any, a: Any, b: Any) -> Any:
 
 
 def maximum(a: Any, b: Any) -> Any:
-    """As numpy's; of equals the second one has the derivatives."""
-    return where(a > b, a, b) if isinstance(a, Taylor) or isinstance(b, Taylor) else of(a, b).maximum(a, b)
+    """As numpy's; of equals it has half the derivatives of either, so that mirror images leave none."""
+    if not isinstance(a, Taylor) and not isinstance(b, Taylor):
+        return of(a, b).maximum(a, b)
+    return where(a > b, a, where(value(a) == value(b), 0.5 * (a + b), b))
 
 
 def minimum(a: Any, b: Any) -> Any:
-    """As numpy's; of equals the second one has the derivatives."""
-    return where(a < b, a, b) if isinstance(a, Taylor) or isinstance(b, Taylor) else of(a, b).minimum(a, b)
+    """As numpy's; of equals as `maximum`."""
+    if not isinstance(a, Taylor) and not isinstance(b, Taylor):
+        return of(a, b).minimum(a, b)
+    return -maximum(-a, -b)
 
 
 def within(x: Any, low: Any, high: Any) -> Any:
@@ -228,7 +230,7 @@ def einsum(form: str, a: Any, b: Any) -> Any:
 
 
 def _bilinear_apart(product: Callable[[Any, Any], Any], a: Taylor, b: Taylor) -> Taylor:
-    """As `taylor.bilinear`, of a product that looks after shapes itself."""
+    """As a product of expansions, of one that looks after shapes itself."""
 
     twice = None if a.slope is None else 2.0 * a.slope
     return Taylor(
@@ -262,8 +264,14 @@ def expands(tree: Any) -> bool:
 
 
 def numbers(tree: Any) -> Any:
-    """A pytree that is not traced, in numpy's arrays."""
-    return jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, tree)
+    """A pytree that is not traced, in numpy's numbers and arrays: 0/0 of Python's raises."""
+
+    def number(leaf: Any) -> Any:
+        return (
+            np.float64(leaf) if isinstance(leaf, float) else np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf
+        )
+
+    return jax.tree.map(number, tree)
 
 
 def by(x: Any) -> Any:

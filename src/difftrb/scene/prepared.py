@@ -177,8 +177,11 @@ Build = Callable[[Scene], Scene]
 def solve_plain(build: Build, scene: Scene) -> Solution:
     """A plain ring: numbers at once, also those that `jax.grad` differentiates outside `jit`; else by a program. Its
     derivatives are those of its expansion."""
-    solution = implicit.expanded(partial(_at_once_or_by_program, build), scene)
-    return jax.device_put(solution) if xp.are_numbers(solution) else solution
+    if not xp.are_numbers(scene):
+        return implicit.expanded(partial(_at_once_or_by_program, build), scene)
+    solution = xp.values(_at_once_or_by_program(build, scene))
+    with jax.ensure_compile_time_eval():  # numbers stay numbers where a program closes over them
+        return jax.device_put(solution)
 
 
 def _at_once_or_by_program(build: Build, scene: Scene) -> Solution:

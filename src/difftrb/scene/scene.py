@@ -168,6 +168,7 @@ def is_plain(scene: Scene) -> bool:
     return not scene.effects and getattr(scene.law, "expands", False)
 
 
+@np.errstate(all="ignore")
 def phases(scene: Scene) -> tuple[Any, Any]:
     """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
     if not isinstance(scene.phase, PitchMean):
