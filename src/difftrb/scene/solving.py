@@ -30,7 +30,8 @@ DELICATE = 0.1
 
 
 def prepare(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
-    """The scene with its laws built, so that solving it again costs milliseconds, or microseconds in a jitted batch. Errors as in `solve`.
+    """The scene with its laws built, so that solving it again costs milliseconds, or microseconds in a jitted batch.
+    Errors as in `solve`.
 
     A prepared "power" law is frozen: bearing, crown, and a spall's width, depth and axial offset no longer act through
     it. For complete derivatives by those, differentiate the scene with its law by name. "table" needs no preparing.
