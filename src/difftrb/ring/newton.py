@@ -115,7 +115,7 @@ def in_load_zone(healthy: Curve, force: Any, rollers: int, axial: Any) -> tuple[
     roller's load along the axis."""
     radial = xp.sqrt(1.0 - axial**2)
     # less than that holds no load; thrown rollers may take it
-    push = xp.maximum(force[2], axial * xp.sqrt(xp.total(force * force)))
+    push = xp.maximum(force[2], axial * norm(force))
     share = push / (rollers * axial)
     at_share = load_curve.approach(healthy, share)
     load, slope = load_curve.load(healthy, at_share)
@@ -130,9 +130,10 @@ def pressed(healthy: Curve, largest: Any, narrow: Any, axial: Any, clear: Any) -
     return xp.stack([deep * (narrow / radial), xp.zeros_like(deep), deep * ((1.0 - narrow) / axial)], axis=-1)
 
 
-def norm(force: jax.Array) -> jax.Array:
+def norm(force: Any) -> Any:
     """Of a force or of moments, as a number that is not differentiated."""
-    return jnp.linalg.norm(jax.lax.stop_gradient(force))
+    force = xp.fixed(force)
+    return xp.sqrt(xp.total(force * force))
 
 
 def start(rollers: Rollers, healthy: RollerCurves, force: jax.Array, terms: Terms) -> jax.Array:

@@ -72,9 +72,8 @@ def phases(
                 kinks += [moved[0], moved[1]]
     whole = geometry.roller_pitch(bearing)
     kink = xp.stack([xp.mod(kink, whole) for kink in kinks])
-    kink = xp.where(
-        xp.of(kink).isfinite(xp.value(kink)), kink, 0.0
-    )  # a law that does not know its ramps says so itself
+    # a law that does not know its ramps says so itself
+    kink = xp.where(xp.of(kink).isfinite(xp.value(kink)), kink, 0.0)
     starts = kink[xp.of(kink).argsort(xp.value(kink))]
     ends = xp.concatenate([starts[1:], starts[:1] + whole])
     points, weights = np.polynomial.legendre.leggauss(POINTS)

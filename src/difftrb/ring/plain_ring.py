@@ -39,9 +39,8 @@ def equilibrium(
     still = xp.fixed(law)
     healthy = still.curves((), np.zeros((0, *angles.shape)))
     curves = law.curves(spalls, away)
-    plain = xp.fixed(force)
-    start = _start(xp.fixed(normals), xp.fixed(curves), healthy, plain)
-    system = System(Rollers(xp.values(normals), None, xp.values(curves)), xp.values(force), start, _size(plain))
+    start = _start(xp.fixed(normals), xp.fixed(curves), healthy, xp.fixed(force))
+    system = System(Rollers(xp.values(normals), None, xp.values(curves)), xp.values(force), start, newton.norm(force))
     u, _, (residual, iterations) = newton.found(system)
     parts = _expanded(normals, curves, force / system.size, system.size, u)
     rest = Equilibrium(*parts, residual, iterations, np.asarray(status.CONVERGED))
@@ -52,11 +51,6 @@ def equilibrium(
 
 def _all(condition: Any) -> Any:
     return xp.of(condition).all(condition)
-
-
-def _size(force: Any) -> Any:
-    """Of a force."""
-    return xp.sqrt(xp.total(force * force))
 
 
 def _start(normals: Any, curves: RollerCurves, healthy: RollerCurves, force: Any) -> Any:
