@@ -5,7 +5,7 @@ python experiments/accuracy_of_strips.py [CASES] [ACCURACIES …]   (default 24 
 
 Random contacts of 32008J: loads of 0.3 … 9 kN, spalls 1 … 9 mm long. `edge`: one edge anywhere from the beginning of
 its ramp to where the roller no longer meets the land beyond; `sliver`: in the last 0.4 of that, where only a sliver of
-land is left; `both`: two edges less apart than that. Times are medians of single solves, compiled.
+land is left; `both`: two edges less apart than that. Times are medians of single solves, by numpy.
 """
 
 from __future__ import annotations
@@ -18,23 +18,24 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.contact import contact_cells, strip_model
 from difftrb.contact import solver as contacts
+from difftrb.contact import strip_model
 from difftrb.contact.contact_solution import Inputs
-from difftrb.contact.strip_fourier import Frequencies
-from difftrb.contact.strip_model import Fineness
-from difftrb.core import jax_config
+from difftrb.contact.strip_model import Way
+from difftrb.contact.strip_plan import Fineness
+from difftrb.contact.strip_waves import Frequencies
+from difftrb.core import arrays as xp
+from difftrb.core.geometry import as_floats
 from difftrb.law import samples
 from difftrb.law.direct import wide
 
-FINEST = Fineness(36, 14, 5, 2, 3, Frequencies(6, 18, 32, 32.0), Frequencies(6, 18, 200, 300.0))
+FINEST = Fineness(36, 12, 3, 2, 30, Frequencies(6, 18, 32, 32.0), Frequencies(6, 18, 180, 320.0), 20)
 KINDS = {"edge": (0.0, 1.0), "sliver": (0.6, 0.985), "both": (0.1, 1.0)}
 """Where the edge stands on its ramp; of `both`, how wide a spall is, by twice the ramp's end."""
 WIDTH = 4.0
@@ -59,27 +60,19 @@ def random_cases(kind: str, count: int, contact: trb.LineContact) -> np.ndarray:
 
 
 def approaches(
-    fineness: Fineness, contact: trb.LineContact, cases: np.ndarray, edges: int
+    fineness: Fineness, accuracy: float, contact: trb.LineContact, cases: np.ndarray, edges: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Approach of every case [mm], whether it converged, and milliseconds of one."""
-    cells = contacts.GRIDS[1e-2].cells  # pressure is laid on them, and not asked for
-
-    @jax.jit
-    def one(case: jax.Array) -> tuple[jax.Array, jax.Array]:
-        spall = trb.Spall(case[1], case[2])
-        inputs = Inputs(contact, case[0], spall, case[3])
-        under = contact_cells.stage(inputs, cells, True).cells
-        found = strip_model.solve(inputs, True, edges, fineness, under, 1e-2)
-        return found.approach, found.residual < strip_model.SETTLED
-
-    solve = one.lower(jnp.asarray(cases[0])).compile(compiler_options=jax_config.quick())
+    """Approach of every case [mm], whether it converged, and milliseconds of one, by numpy."""
+    way = Way(True, edges, fineness, strip_model.SETTLED * accuracy)
     results, times = [], []
-    for case in cases:
+    for load, length, width, offset in cases:
+        inputs = xp.numbers(Inputs(as_floats(contact), load, trb.Spall(float(length), float(width)), offset))
         started = time.perf_counter()
-        results.append(jax.block_until_ready(solve(jnp.asarray(case))))
+        found = strip_model.solve_numbers(inputs, way)
         times.append(time.perf_counter() - started)
-    found, settled = map(np.array, zip(*results, strict=True))
-    return found, settled, 1e3 * float(np.median(times))
+        results.append((float(found.approach), bool(found.still) and float(found.settled.error) <= way.tolerance))
+    approach, settled = map(np.array, zip(*results, strict=True))
+    return approach, settled, 1e3 * float(np.median(times))
 
 
 def compare(count: int, accuracies: Sequence[float], finest: Fineness = FINEST) -> Table:
@@ -88,9 +81,10 @@ def compare(count: int, accuracies: Sequence[float], finest: Fineness = FINEST) 
     table = Table("contacts", "accuracy", "median", "90 %", "worst", "not converged", "ms")
     for kind in track(KINDS, "kinds", transient=True):
         cases, edges = random_cases(kind, count, contact), 1 + (kind == "both")
-        truth, known, _ = approaches(finest, contact, cases, edges)
+        truth, known, _ = approaches(finest, 1e-5, contact, cases, edges)
         for accuracy in accuracies:
-            found, settled, milliseconds = approaches(contacts.grid_for(accuracy).strips, contact, cases, edges)
+            strips = contacts.grid_for(accuracy).strips
+            found, settled, milliseconds = approaches(strips, accuracy, contact, cases, edges)
             error = np.abs(found / truth - 1.0)[known & settled]
             figures = [f"{np.quantile(error, q):.1e}" for q in (0.5, 0.9, 1.0)]
             table.add_row(kind, f"{accuracy:g}", *figures, f"{np.sum(~settled)} of {count}", f"{milliseconds:.1f}")

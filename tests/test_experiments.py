@@ -46,7 +46,7 @@ def test_accuracy_of_strips(contact: trb.LineContact) -> None:
     experiment = script("accuracy_of_strips")
     cases = experiment.random_cases("sliver", 2, contact)
     (coarse, settled, milliseconds), (fine, _, _) = (
-        experiment.approaches(GRIDS[accuracy].strips, contact, cases, 1) for accuracy in (1e-2, 1e-3)
+        experiment.approaches(GRIDS[accuracy].strips, accuracy, contact, cases, 1) for accuracy in (1e-2, 1e-3)
     )
     np.testing.assert_allclose(coarse, fine, rtol=1e-2)
     assert settled.all()

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import difftrb as trb
-from difftrb.contact import halfspace, strip_model
+from difftrb.contact import halfspace, strip_reach
 from difftrb.contact.contact_solution import Inputs
 from difftrb.core import status
 from difftrb.law import base
@@ -138,5 +138,5 @@ def over_load_and_length(
 
 def _suited(numbers: jax.Array) -> jax.Array:
     load, length = numbers
-    _, suited = strip_model.outlook(Inputs(CONTACT, load, trb.Spall(length, 7.0), jnp.zeros(())))
+    _, suited = strip_reach.outlook(Inputs(CONTACT, load, trb.Spall(length, 7.0), jnp.zeros(())))
     return suited.astype(float)

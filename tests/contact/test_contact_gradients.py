@@ -171,7 +171,7 @@ def test_width_and_offset_of_a_spall_that_covers_the_contact_do_not_matter(conta
 
 def test_peak_pressure_and_forces_are_differentiable(contact: LineContact) -> None:
     def peak(load: jax.Array) -> jax.Array:
-        return trb.solve_contact(contact, load, None, accuracy=1e-2).peak_pressure
+        return trb.solve_contact(contact, load, None, accuracy=1e-2, method="cells").peak_pressure
 
     load, h = jnp.asarray(1500.0), 1e-3
     difference = (peak(load + h) - peak(load - h)) / (2 * h)

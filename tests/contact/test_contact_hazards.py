@@ -160,7 +160,7 @@ def test_a_domain_that_cuts_the_contact_is_noticed(contact: trb.LineContact, mon
     """Forced to half its size, as in the source paper, the domain is reported, not believed."""
     whole = contact_cells.domain
     monkeypatch.setattr(contact_cells, "domain", lambda *a: (0.4 * whole(*a)[0], *whole(*a)[1:]))
-    programs = contacts._by_cells, contacts._alone
+    programs = contacts._by_cells, contacts._compiled
     for program in programs:
         program.clear_cache()
     try:

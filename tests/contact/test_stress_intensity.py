@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import projected_gradient, stress_intensity, strip_basis
+from difftrb.contact import projected_gradient, stress_intensity, strip_rows
 from difftrb.contact.gap import Cells
 from difftrb.contact.halfspace import EDGE_SHIFT
 
@@ -18,7 +18,7 @@ MODULUS = 113794.0
 def test_strip_punch() -> None:
     """p = q/(π√(a²−y²)): K = q/√(πa); its compliance 2/(πE') ln(…/a) falls by 2/(πE'a) per da, at two edges."""
     line_load, half = 250.0, 0.8
-    s = np.asarray(strip_basis.graded(jnp.zeros(()), jnp.asarray(half), 48, 3.0, 2.0))
+    s = np.asarray(strip_rows.graded(jnp.zeros(()), jnp.asarray(half), 48, 3.0, 2.0))
     loads = line_load / np.pi * np.diff(np.arcsin(s / half - 1.0))
     squared = stress_intensity.intensity_squared(jnp.asarray(s), jnp.asarray(loads)[:, None], jnp.asarray(0.2))
     assert float(squared[0]) == pytest.approx(line_load**2 / (np.pi * half), rel=1e-4)
@@ -30,7 +30,7 @@ def test_long_punch() -> None:
     """Solved in three dimensions: in the middle of a punch 40 long and 1 wide K is that of its line load there."""
     half, columns = 0.5, 24
     pitch = 40.0 / (columns - 2.0 * EDGE_SHIFT)
-    s = strip_basis.graded(jnp.zeros(()), jnp.asarray(half), 32, 3.0, 1.0)
+    s = strip_rows.graded(jnp.zeros(()), jnp.asarray(half), 32, 3.0, 1.0)
     lines = (half - s[::-1]).at[-1].add(EDGE_SHIFT * s[1])
     x = pitch * (jnp.arange(columns) + 0.5 - 0.5 * columns)
     cells = Cells(jnp.asarray(pitch), x, lines, True)

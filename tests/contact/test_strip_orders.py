@@ -1,13 +1,10 @@
 """Strips: what 16 rows of land buy over 6."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import difftrb as trb
 from difftrb.contact import solver as contacts
-from difftrb.contact.contact_solution import Inputs
 
 pytestmark = pytest.mark.order
 
@@ -30,20 +27,17 @@ WIDTH = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("cases", "edges"), [(SMOOTH, None), (LENGTH, 0), (WIDTH, 1)], ids=["smooth", "length", "width"]
-)
-def test_strips_converge_faster_than_first_order(cases: list[tuple[float, ...]], edges: int | None) -> None:
+@pytest.mark.parametrize("cases", [SMOOTH, LENGTH, WIDTH], ids=["smooth", "length", "width"])
+def test_strips_converge_faster_than_first_order(cases: list[tuple[float, ...]]) -> None:
     contact = trb.LineContact(3.623, 13.66, 2.1e5 / (2.0 * (1.0 - 0.278**2)), 3000.0)
-    rows = jnp.array(cases)
 
     def error(accuracy: float) -> float:
-        def approach(case: jax.Array) -> jax.Array:
-            spall = None if edges is None else trb.Spall(case[1], case[2])
-            return contacts._by_strips(Inputs(contact, case[0], spall, case[3]), True, edges or 0, accuracy).approach
-
-        found = np.asarray(jax.jit(lambda c: jax.lax.map(approach, c))(rows))
-        return float(np.sqrt(np.mean((found / np.asarray(rows[:, 4]) - 1.0) ** 2)))
+        off = []
+        for load, length, width, offset, truth in cases:
+            spall = trb.Spall(length, width) if length else None
+            found = trb.solve_contact(contact, load, spall, offset, accuracy, "strips").check().approach
+            off.append(float(found) / truth - 1.0)
+        return float(np.sqrt(np.mean(np.square(off))))
 
     coarse, fine = (contacts.GRIDS[accuracy].strips.land for accuracy in (1e-2, 1e-4))
     assert error(1e-2) / error(1e-4) > (fine / coarse) ** 1.5

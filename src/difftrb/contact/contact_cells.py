@@ -12,7 +12,7 @@ fall with the first power of a cell. It takes height maps, and is a second opini
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ from difftrb.contact.contact_extent import depth_at, domain, domain_of_any, edge
 from difftrb.contact.contact_solution import Inputs, listed
 from difftrb.contact.gap import Cells, Uneven
 from difftrb.contact.halfspace import EDGE_SHIFT
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
 
@@ -69,57 +70,58 @@ def stage(inputs: Inputs, resolution: Resolution, mirrored: bool) -> Stage:
         cells, depression, code = _several(inputs, spall, resolution, mirrored)
     else:
         cells, code = _single(inputs, spall, resolution, mirrored)
-        depression = jnp.zeros((1, 1)) if spall is None else gaps.depression(cells, spall, inputs.offset)
+        depression = np.zeros((1, 1)) if spall is None else gaps.depression(cells, spall, inputs.offset)
     return Stage(cells, gaps.undeformed(cells, contact, inputs.tilt) + depression, code)
 
 
-def _single(inputs: Inputs, spall: Spall | None, resolution: Resolution, mirrored: bool) -> tuple[Cells, jax.Array]:
+def _single(inputs: Inputs, spall: Spall | None, resolution: Resolution, mirrored: bool) -> tuple[Cells, Any]:
     """Cells for one spall or none, and their status."""
     contact, load, _, offset, tilt = inputs
-    spalls, offsets = ((), jnp.zeros(0)) if spall is None else ((spall,), offset[None])
+    spalls, offsets = ((), np.zeros(0)) if spall is None else ((spall,), offset[None])
     reach_x, bottom, top = domain(contact, load, spalls, offsets, tilt)
     reach_y = 0.5 * (top - bottom)
     reach_x = reach_x * (1.0 + 2.0 / resolution.columns)  # the lattice may slide by half a cell, borders stay unloaded
     if spall is None:
-        nowhere = jnp.asarray(jnp.inf)
+        nowhere = np.inf
         pitch, x = halfspace.lattice(reach_x, resolution.columns, -nowhere, nowhere)
-        half = halfspace.graded(jnp.zeros(()), reach_y, resolution.land, at_start=False, at_end=True)
-        lines = half if mirrored else 0.5 * (bottom + top) + jnp.concatenate([-half[:0:-1], half])
-        return Cells(pitch, x, lines, mirrored), jnp.asarray(status.CONVERGED)
+        half = halfspace.graded(np.zeros(()), reach_y, resolution.land, at_start=False, at_end=True)
+        lines = half if mirrored else 0.5 * (bottom + top) + xp.concatenate([-half[:0:-1], half])
+        return Cells(pitch, x, lines, mirrored), np.asarray(status.CONVERGED)
 
     pitch, x = halfspace.lattice(reach_x, resolution.columns, offset - 0.5 * spall.width, offset + 0.5 * spall.width)
     sliver = 2e-3 * reach_y  # no segment of the grid is thinner
     ends = spall.axial_offset - 0.5 * spall.length, spall.axial_offset + 0.5 * spall.length
-    high = jnp.clip(ends[1], bottom + 2.0 * sliver, top - sliver)
-    whole = halfspace.graded(jnp.zeros(()), reach_y, resolution.land + resolution.spall, at_start=False, at_end=True)
+    high = xp.clip(ends[1], bottom + 2.0 * sliver, top - sliver)
+    whole = halfspace.graded(np.zeros(()), reach_y, resolution.land + resolution.spall, at_start=False, at_end=True)
     if mirrored:
-        edge = jnp.maximum(high, sliver)
+        edge = xp.maximum(high, sliver)
         land = _beyond_edge(halfspace.graded(edge, top, resolution.land, at_start=True, at_end=True), edge)
-        hollow = halfspace.graded(jnp.zeros(()), land[0], resolution.spall, at_start=False, at_end=True)
-        lines = jnp.concatenate([hollow, land[1:]])
+        hollow = halfspace.graded(np.zeros(()), land[0], resolution.spall, at_start=False, at_end=True)
+        lines = xp.concatenate([hollow, land[1:]])
     else:
-        low = jnp.clip(ends[0], bottom + sliver, high - sliver)
+        low = xp.clip(ends[0], bottom + sliver, high - sliver)
         upper = halfspace.graded(high, top, resolution.land, at_start=True, at_end=True)
         lower = halfspace.graded(-low, -bottom, resolution.land, at_start=True, at_end=True)
         upper, lower = _beyond_edge(upper, 0.5 * (high - low)), -_beyond_edge(lower, 0.5 * (high - low))[::-1]
         hollow = halfspace.graded(lower[-1], upper[0], 2 * resolution.spall, at_start=True, at_end=True)
-        lines = jnp.concatenate([lower, hollow[1:-1], upper])
-        whole = 0.5 * (bottom + top) + jnp.concatenate([-whole[:0:-1], whole])
-    lines = jnp.where((ends[0] <= bottom) & (ends[1] >= top), whole, lines)  # over a spall all along there is no edge
+        lines = xp.concatenate([lower, hollow[1:-1], upper])
+        whole = 0.5 * (bottom + top) + xp.concatenate([-whole[:0:-1], whole])
+    lines = xp.where((ends[0] <= bottom) & (ends[1] >= top), whole, lines)  # over a spall all along there is no edge
     narrow = _is_narrow(spall, offset, reach_x, resolution)
-    return Cells(pitch, x, lines, mirrored), jnp.where(narrow, status.UNRESOLVED, status.CONVERGED)
+    return Cells(pitch, x, lines, mirrored), xp.where(narrow, status.UNRESOLVED, status.CONVERGED)
 
 
 def _is_narrow(spall: Spall, offset: jax.Array, reach: jax.Array, resolution: Resolution) -> jax.Array:
     """Whether both edges are on the cells, and nearer to each other than a cell."""
-    inside = jnp.abs(offset) + 0.5 * spall.width < reach
+    inside = xp.abs(offset) + 0.5 * spall.width < reach
     return inside & (spall.width > 0.0) & (spall.width < 2.0 * reach / resolution.columns)
 
 
 def _beyond_edge(land: jax.Array, room: jax.Array) -> jax.Array:
     """Land lines with the first one drawn into the spall, where the discrete edge acts as the true one, by at most half
     the `room` [mm]."""
-    return land.at[0].add(-jnp.minimum(halfspace.EDGE_SHIFT * (land[1] - land[0]), 0.5 * room))
+    drawn = xp.minimum(halfspace.EDGE_SHIFT * (land[1] - land[0]), 0.5 * room)
+    return land - drawn * np.eye(1, land.shape[0])[0]
 
 
 # ------------------------------------------------------------------------------------------ several spalls

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast, get_args
 
 import jax
 import jax.core
 import jax.numpy as jnp
+import numpy as np
 
 from difftrb.contact import gap as gaps
 from difftrb.contact.gap import Cells
 from difftrb.contact.height_map import HeightMap, height_map_is_sound
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
 
@@ -33,10 +35,10 @@ class Inputs(NamedTuple):
     None where it is known to be 0."""
 
     contact: LineContact
-    load: jax.Array
+    load: Real
     spall: Defect
-    offset: jax.Array
-    tilt: jax.Array | None = None
+    offset: Real
+    tilt: Real | None = None
 
 
 def given(
@@ -49,24 +51,24 @@ def given(
     status.require_float64()
     if method not in get_args(Method):
         raise status.SceneError(f"method = {method!r} is unknown; use {', '.join(map(repr, get_args(Method)))}")
-    place = jnp.asarray(offset, float)
+    place = xp.stack([xp.asarray(each) for each in offset]) if isinstance(offset, list | tuple) else xp.asarray(offset)
     if isinstance(spall, tuple):
         if place.shape not in ((), (len(spall),)):
             raise status.SceneError(
                 f"offset has shape {place.shape} for {len(spall)} spalls; give one number, or one for each"
             )
-        place = jnp.broadcast_to(place, (len(spall),))
+        place = xp.of(place).broadcast_to(place, (len(spall),))
         if len(spall) < 2:
-            spall, place = (spall[0], place[0]) if spall else (None, jnp.zeros(()))
+            spall, place = (spall[0], place[0]) if spall else (None, np.zeros(()))
     elif place.ndim:
         raise status.SceneError(
             f"offset has shape {place.shape}: one spall has one offset; give a tuple of spalls for several"
         )
     straight = is_zero(tilt)
     inputs = Inputs(
-        as_floats(contact), jnp.asarray(load, float), as_floats(spall), place,
-        None if straight else jnp.asarray(tilt, float),
-    )  # fmt: skip
+        as_floats(contact), xp.asarray(load), as_floats(spall), place, None if straight else xp.asarray(tilt)
+    )
+    inputs = xp.numbers(inputs) if xp.are_numbers(inputs) else jax.tree.map(jnp.asarray, inputs)
     return inputs, straight and is_symmetric(spall), _method_for(spall, straight, method)
 
 
@@ -155,36 +157,36 @@ class ContactSolution(status.Judged):
     def spalls(self) -> tuple[tuple[Spall | HeightMap, jax.Array], ...]:
         """Every spall or height map, and its offset [mm]."""
         spalls = listed(self.spall)
-        return tuple(zip(spalls, jnp.broadcast_to(self.offset, (len(spalls),)), strict=True))
+        return tuple(zip(spalls, xp.of(self.offset).broadcast_to(self.offset, (len(spalls),)), strict=True))
 
     @property
     def peak_pressure(self) -> jax.Array:
         """Largest cell pressure [N/mm²]. Singular at a spall's sharp edge: there it depends on the cell size."""
-        return jnp.max(self.pressure)
+        return xp.max(self.pressure)
 
 
 class Found(NamedTuple):
     """What one way of solving finds: approach [mm], force of every cell [N], width of the contact [mm]; the rest as in
     `ContactSolution`, `status_code` not yet of the inputs."""
 
-    approach: jax.Array
-    force: jax.Array
-    width: jax.Array
-    residual: jax.Array
-    iterations: jax.Array
+    approach: Any
+    force: Any
+    width: Any
+    residual: Any
+    iterations: Any
     unknowns: int
-    status_code: jax.Array
+    status_code: Any
 
 
 def assembled(inputs: Inputs, cells: Cells, gap: jax.Array, accuracy: float, found: Found) -> ContactSolution:
     """The solution, whichever way found it."""
     force = found.force
-    rows = jnp.where(jnp.any(force > 0.0, axis=1), jnp.sum(cells.area, axis=1), 0.0)
-    fraction = jnp.sum(rows) / (jnp.sum(cells.widths) * inputs.contact.length)
-    width, fraction, residual = jax.lax.stop_gradient((found.width, fraction, found.residual))
+    rows = xp.where(xp.any(force > 0.0, axis=1), xp.sum(cells.area, axis=1), 0.0)
+    fraction = xp.sum(rows) / (xp.sum(cells.widths) * inputs.contact.length)
+    width, fraction, residual = xp.fixed((found.width, fraction, found.residual))
     return ContactSolution(
         found.approach, force, cells, *inputs[1:], gap, width, fraction, residual, found.iterations.astype(int),
-        jnp.asarray(found.unknowns), checked(inputs, found.status_code), accuracy,
+        cast(Any, np.asarray(found.unknowns)), checked(inputs, found.status_code), accuracy,
     )  # fmt: skip
 
 
@@ -193,11 +195,11 @@ def gradient_by_name(by: Inputs) -> dict[str, Real | None]:
 
     def by_size(name: str) -> Real | None:
         if isinstance(by.spall, tuple):
-            return jnp.stack([jnp.asarray(getattr(each, name, jnp.nan)) for each in by.spall])
+            return xp.stack([xp.asarray(getattr(each, name, np.nan)) for each in by.spall])
         return getattr(by.spall, name, None)
 
     if isinstance(by.spall, tuple):
-        offset = jnp.where(jnp.array([isinstance(each, Spall) for each in by.spall]), by.offset, jnp.nan)
+        offset = xp.where(np.array([isinstance(each, Spall) for each in by.spall]), by.offset, np.nan)
     else:
         offset = by.offset if isinstance(by.spall, Spall) else None
     return {
@@ -211,35 +213,35 @@ def gradient_by_name(by: Inputs) -> dict[str, Real | None]:
 
 def settled(residual: jax.Array, tolerance: float) -> jax.Array:
     """The status that an iteration's last `residual` earns."""
-    return jnp.where(residual <= tolerance, status.CONVERGED, status.NOT_CONVERGED)
+    return xp.where(residual <= tolerance, status.CONVERGED, status.NOT_CONVERGED)
 
 
 def verdict(approach: jax.Array, residual: jax.Array, tolerance: float) -> jax.Array:
     """`settled`; an approach that is no number comes from an input that is none."""
-    return jnp.where(jnp.isfinite(approach), settled(residual, tolerance), status.BAD_INPUT)
+    return xp.where(xp.isfinite(approach), settled(residual, tolerance), status.BAD_INPUT)
 
 
 def checked(inputs: Inputs, code: jax.Array, suited: jax.Array | bool = True) -> jax.Array:
     """A solve's status `code`, where inputs are finite and within what can be and the way of solving is `suited`."""
-    sound = contact_is_sound(inputs.contact) & (inputs.load > 0.0) & jnp.all(jnp.isfinite(inputs.offset))
+    sound = contact_is_sound(inputs.contact) & (inputs.load > 0.0) & xp.all(xp.isfinite(inputs.offset))
     for each in listed(inputs.spall):
         sound = sound & (height_map_is_sound(each) if isinstance(each, HeightMap) else spall_is_sound(each))
     if inputs.tilt is not None:
-        sound = sound & jnp.isfinite(inputs.tilt)
-    return jnp.where(sound, jnp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
+        sound = sound & xp.isfinite(inputs.tilt)
+    return xp.where(sound, xp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
 
 
 def width_of(cells: Cells, force: jax.Array) -> jax.Array:
     """From the first to the last loaded column [mm]."""
-    loaded, borders = jnp.any(force > 0.0, axis=0), cells.borders
-    return jnp.max(jnp.where(loaded, borders[1:], -jnp.inf)) - jnp.min(jnp.where(loaded, borders[:-1], jnp.inf))
+    loaded, borders = xp.any(force > 0.0, axis=0), cells.borders
+    return xp.max(xp.where(loaded, borders[1:], -np.inf)) - xp.min(xp.where(loaded, borders[:-1], np.inf))
 
 
 def cut_off(cells: Cells, loaded: jax.Array, approach: jax.Array, gap: jax.Array, contact: LineContact) -> jax.Array:
     """The status `TOUCHES_BORDER` where the domain's border cuts pressure off: not at a roller's end, nor where the gap
     there, the crown's beyond the mean of the last row, exceeds the approach."""
-    ends = jnp.array([0, -1])
+    ends = np.array([0, -1])
     rise = gaps.crown_at(cells.lines, contact)[ends] - gaps.crown(cells, contact)[ends, 0]
     at_ends = loaded[ends] & (gap[ends] + rise[:, None] < approach)
-    touched = jnp.any(loaded[:, 0] | loaded[:, -1]) | jnp.any(at_ends[1 if cells.mirrored else 0 :])
-    return jnp.where(touched, status.TOUCHES_BORDER, status.CONVERGED)
+    touched = xp.any(loaded[:, 0] | loaded[:, -1]) | xp.any(at_ends[1 if cells.mirrored else 0 :])
+    return xp.where(touched, status.TOUCHES_BORDER, status.CONVERGED)

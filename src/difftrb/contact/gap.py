@@ -10,7 +10,6 @@ import dataclasses
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
@@ -60,17 +59,17 @@ class Cells:
         """Cell boundaries in x [mm], shape (columns + 1,)."""
         if self.uneven is not None:
             return self.uneven.borders
-        return jnp.concatenate([self.x - 0.5 * self.pitch, self.x[-1:] + 0.5 * self.pitch])
+        return xp.concatenate([self.x - 0.5 * self.pitch, self.x[-1:] + 0.5 * self.pitch])
 
     @property
     def widths(self) -> jax.Array:
         """Of the columns [mm], shape (columns,)."""
-        return jnp.broadcast_to(self.pitch, self.x.shape) if self.uneven is None else jnp.diff(self.uneven.borders)
+        return xp.broadcast_to(self.pitch, self.x.shape) if self.uneven is None else xp.diff(self.uneven.borders)
 
     @property
     def area(self) -> jax.Array:
         """Of the cells (of both mirror images) [mm²], shape (rows, columns)."""
-        return (2.0 if self.mirrored else 1.0) * jnp.diff(self.lines)[:, None] * self.widths[None, :]
+        return (2.0 if self.mirrored else 1.0) * xp.diff(self.lines)[:, None] * self.widths[None, :]
 
 
 def curvature(cells: Cells, radius: Real) -> jax.Array:
@@ -80,7 +79,7 @@ def curvature(cells: Cells, radius: Real) -> jax.Array:
 
 def first_level(cells: Cells, radius: Real) -> jax.Array:
     """The gap up to which a first guess puts pressure [mm]: 0.4 of the largest curvature gap."""
-    return jax.lax.stop_gradient(0.4 * jnp.max(curvature(cells, radius)))
+    return xp.fixed(0.4 * xp.max(curvature(cells, radius)))
 
 
 def tilt(cells: Cells, slope: Real) -> jax.Array:
@@ -90,9 +89,9 @@ def tilt(cells: Cells, slope: Real) -> jax.Array:
 
 def crown(cells: Cells, contact: LineContact) -> jax.Array:
     """Logarithmic crown of the roller, shape (rows, 1); integrable where it is infinite, at the roller's ends."""
-    t = jnp.clip(2.0 * cells.lines / contact.length, -1.0, 1.0)
-    inside = jnp.diff(t)
-    mean = jnp.diff(_log_integral(t)) / jnp.where(inside > 0.0, inside, 1.0)
+    t = xp.clip(2.0 * cells.lines / contact.length, -1.0, 1.0)
+    inside = xp.diff(t)
+    mean = xp.diff(_log_integral(t)) / xp.where(inside > 0.0, inside, 1.0)
     return (crown_scale(contact) * mean)[:, None]
 
 
@@ -120,7 +119,7 @@ def _log_integral(t: jax.Array) -> jax.Array:
 
 def xlogx(v: jax.Array) -> jax.Array:
     """v ln v, 0 at 0."""
-    return v * jnp.log(jnp.where(v > 0.0, v, 1.0))
+    return v * xp.log(xp.where(v > 0.0, v, 1.0))
 
 
 def undeformed(cells: Cells, contact: LineContact, slope: Real | None) -> jax.Array:
@@ -140,11 +139,18 @@ def depression(cells: Cells, spall: Spall, offset: Real) -> jax.Array:
     `offset` is the distance of the spall's centre from the contact's in the rolling direction [mm]. Walls are
     vertical; cells follow the edges, so the mask is exact and has no derivative of its own.
     """
-    across = jnp.abs(cells.x - offset) < 0.5 * spall.width
-    along = jnp.abs(cells.y - spall.axial_offset) < 0.5 * spall.length
+    across = xp.abs(cells.x - offset) < 0.5 * spall.width
+    along = xp.abs(cells.y - spall.axial_offset) < 0.5 * spall.length
     if cells.mirrored:
-        along = jnp.abs(cells.y) < 0.5 * spall.length
+        along = xp.abs(cells.y) < 0.5 * spall.length
     return spall.depth * (along[:, None] & across[None, :])  # Liu et al. 2018, eq. (3)
+
+
+def rest_slope(y: Real, contact: LineContact, slope: Real | None) -> Real:
+    """The derivative of `rest_at` by `y`, between the roller's ends."""
+    t = 2.0 * y / contact.length
+    rise = crown_scale(contact) * 4.0 * t / ((1.0 - t * t) * contact.length)
+    return rise if slope is None else rise + slope
 
 
 # ------------------------------------------------------------------------------------------ closed forms

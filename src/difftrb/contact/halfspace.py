@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from difftrb.contact.gap import Cells, Uneven
+from difftrb.core import arrays as xp
 
 # A sharp edge with a pressure that is singular there acts as if it stood this part of a cell inside the last loaded
 # cell (uniform Galerkin cells, half-plane problem); cells are therefore drawn that much beyond the true edge.
@@ -145,24 +147,24 @@ class Convolution:
         return Convolution(1.0 / self.spectrum, 1.0 / self.diagonal).displacement
 
 
-def graded(start: jax.Array, end: jax.Array, count: int, at_start: bool, at_end: bool, even: float = 0.05) -> jax.Array:
+def graded(start: Any, end: Any, count: int, at_start: bool, at_end: bool, even: float = 0.05) -> Any:
     """`count` + 1 lines from `start` to `end`, gathered like a cosine at the ends asked for.
 
     `even` (0…1) is the share of even spacing mixed in; it bounds the ratio of largest to smallest cell.
     """
-    s = jnp.linspace(0.0, 1.0, count + 1)
+    s = np.linspace(0.0, 1.0, count + 1)
     if at_start and at_end:
-        c = 0.5 * (1.0 - jnp.cos(jnp.pi * s))
+        c = 0.5 * (1.0 - np.cos(np.pi * s))
     elif at_end:
-        c = jnp.sin(0.5 * jnp.pi * s)
+        c = np.sin(0.5 * np.pi * s)
     elif at_start:
-        c = 1.0 - jnp.cos(0.5 * jnp.pi * s)
+        c = 1.0 - np.cos(0.5 * np.pi * s)
     else:
         c = s
     return start + (end - start) * (even * s + (1.0 - even) * c)
 
 
-def lattice(half_width: jax.Array, columns: int, left: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array]:
+def lattice(half_width: Any, columns: int, left: Any, right: Any) -> tuple[Any, Any]:
     """Pitch and cell centres in x, with a cell boundary on each spall edge inside ± `half_width`.
 
     `left` and `right` are the spall's edges [mm]. The pitch divides the spall when both edges are inside; an edge that
@@ -172,14 +174,14 @@ def lattice(half_width: jax.Array, columns: int, left: jax.Array, right: jax.Arr
     their place in a cell, are in opposite phase and cancel.
     """
     even_pitch = 2.0 * half_width / columns
-    left_in, right_in = jnp.abs(left) < half_width, jnp.abs(right) < half_width
+    left_in, right_in = xp.abs(left) < half_width, xp.abs(right) < half_width
     both = left_in & right_in & (right - left >= even_pitch)
-    width = jnp.where(both, right - left, 4.0 * half_width)
-    count = jnp.maximum(jnp.floor(jax.lax.stop_gradient(width) / even_pitch - 2.0 * EDGE_SHIFT), 1.0)
-    pitch = jnp.where(both, width / (count + 2.0 * EDGE_SHIFT), even_pitch)
-    line = jnp.where(left_in, left + EDGE_SHIFT * pitch, jnp.where(right_in, right - EDGE_SHIFT * pitch, 0.25 * pitch))
-    first = jnp.round(jax.lax.stop_gradient((line + 0.5 * columns * pitch) / pitch))
-    return pitch, line + (jnp.arange(columns) - first + 0.5) * pitch
+    width = xp.where(both, right - left, 4.0 * half_width)
+    count = xp.maximum(xp.floor(xp.fixed(width) / even_pitch - 2.0 * EDGE_SHIFT), 1.0)
+    pitch = xp.where(both, width / (count + 2.0 * EDGE_SHIFT), even_pitch)
+    line = xp.where(left_in, left + EDGE_SHIFT * pitch, xp.where(right_in, right - EDGE_SHIFT * pitch, 0.25 * pitch))
+    first = xp.round(xp.fixed((line + 0.5 * columns * pitch) / pitch))
+    return pitch, line + (np.arange(columns) - first + 0.5) * pitch
 
 
 @jax.custom_jvp

@@ -13,10 +13,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import jax
-import jax.core
 import jax.numpy as jnp
+import numpy as np
 
-from difftrb.contact import contact_cells, halfspace, strip_model
+from difftrb.contact import contact_cells, halfspace, strip_model, strip_reach
 from difftrb.contact import gap as gaps
 from difftrb.contact.contact_cells import Resolution, Stage
 from difftrb.contact.contact_solution import (
@@ -33,8 +33,10 @@ from difftrb.contact.contact_solution import (
     width_of,
 )  # fmt: skip
 from difftrb.contact.projected_gradient import TOLERANCE, press_by
-from difftrb.contact.strip_fourier import Frequencies
-from difftrb.contact.strip_model import Fineness
+from difftrb.contact.strip_model import Way
+from difftrb.contact.strip_plan import Fineness
+from difftrb.contact.strip_waves import Frequencies
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real
 from difftrb.core.jax_config import jit_quickly
@@ -50,15 +52,16 @@ class Grid:
 
 
 # Relative accuracy of the approach, and the grids measured to meet it: experiments/accuracy_of_contact.py and
-# accuracy_of_strips.py. Columns: accuracy; cells; strips, their frequencies without and with rolling edges; lattice.
+# accuracy_of_strips.py. Columns: accuracy; cells; strips, their frequencies without and with rolling edges, nodes of
+# their kernel; lattice.
 GRIDS = {
-    accuracy: Grid(Resolution(*cells), Fineness(*strips, Frequencies(*inner), Frequencies(*edges)), lattice)
-    for accuracy, cells, strips, inner, edges, lattice in (
-        (1e-2, (16, 12, 6), (6, 4, 2, 2, 3), (4, 8, 10, 9.0), (4, 8, 20, 30.0), (256, 32)),
-        (1e-3, (32, 20, 8), (11, 5, 3, 2, 3), (4, 12, 12, 12.0), (4, 10, 36, 60.0), (512, 48)),
-        (1e-4, (64, 64, 16), (20, 6, 3, 2, 3), (6, 16, 16, 16.0), (5, 14, 64, 120.0), (1024, 64)),
-        (3e-5, (64, 64, 16), (26, 9, 4, 2, 3), (6, 16, 16, 16.0), (5, 14, 110, 200.0), (1024, 64)),
-        (1e-5, (64, 64, 16), (32, 12, 5, 2, 3), (6, 18, 26, 25.0), (6, 18, 160, 250.0), (1024, 64)),
+    accuracy: Grid(Resolution(*cells), Fineness(*strips, Frequencies(*inner), Frequencies(*edges), nodes), lattice)
+    for accuracy, cells, strips, inner, edges, nodes, lattice in (
+        (1e-2, (16, 12, 6), (7, 3, 2, 1, 6), (4, 8, 10, 9.0), (4, 8, 26, 38.0), 10, (256, 32)),
+        (1e-3, (32, 20, 8), (11, 4, 2, 2, 8), (4, 8, 12, 12.0), (4, 10, 42, 76.0), 12, (512, 48)),
+        (1e-4, (64, 64, 16), (18, 5, 2, 2, 10), (4, 12, 12, 12.0), (4, 10, 60, 112.0), 14, (1024, 64)),
+        (3e-5, (64, 64, 16), (24, 7, 2, 2, 12), (4, 14, 18, 16.0), (5, 12, 72, 132.0), 15, (1024, 64)),
+        (1e-5, (64, 64, 16), (32, 8, 3, 2, 12), (6, 18, 26, 25.0), (5, 14, 88, 150.0), 16, (1024, 64)),
     )
 }
 
@@ -95,21 +98,21 @@ def solve_contact(
         Any size at which the roller still meets the raceway as a line, ± 0.01 or so. Default 0.
 
     A contact of which every `axial_offset` and the tilt are 0, and not being traced, is solved on half the roller.
-    Differentiable by every number in `contact`, `spall`, `load`, `offset` and `tilt`, forward and reverse; `jit` and
-    `vmap` as you like (`lax.map` is faster for batches on a CPU). With numbers, "auto" compiles what this case needs;
-    inside `jit`, `grad` or `vmap` it compiles strips of this accuracy and cells and chooses as it runs. Raises
+    The approach is differentiable by every number in `contact`, `spall`, `load`, `offset` and `tilt`, forward and
+    reverse; pressures are by cells, while those of strips count as constant. `jit` and `vmap` as you like (`lax.map` is
+    faster for batches on a CPU). Of numbers, strips are solved by numpy and compile nothing; inside `jit`, `grad` or
+    `vmap`, "auto" compiles strips of this accuracy and cells and chooses as it runs. Raises
     `SceneError` for an accuracy out of range, a method that cannot take the case, or offsets that are not as many as
     spalls; SolveError without float64; everything else ends as a status in the result.
     """
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
-    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(inputs))
-    if traced and method == "auto":
+    if xp.are_numbers(inputs):
+        found = _first_that_does(method, inputs, accuracy, lambda way, *a: (_alone(way, inputs, mirrored, *a),))[0]
+        return jax.device_put(found)
+    if method == "auto":
         return _by_either(inputs, mirrored, accuracy)
-    if traced and method == "strips":
-        return _by(method, inputs, mirrored, 2, accuracy)
-    solve = _by if traced else _alone
-    return _first_that_does(method, inputs, accuracy, lambda way, *a: (solve(way, inputs, mirrored, *a),))[0]
+    return _by(method, inputs, mirrored, 2, accuracy)
 
 
 def on_lattice(
@@ -137,7 +140,7 @@ def approach_slopes(
     of a height map, whose steep walls stand still on the lattice until they cross a line; of several spalls, shape
     (spalls,), where those are NaN. Arguments as `solve_contact`.
     """
-    return approach_and_slopes(contact, load, spall, offset, accuracy, method, tilt)[1]
+    return jax.device_put(approach_and_slopes(contact, load, spall, offset, accuracy, method, tilt)[1])
 
 
 def approach_and_slopes(
@@ -154,7 +157,8 @@ def approach_and_gradient(
     accuracy: float = 1e-3, method: Method = "auto", tilt: Real = 0.0,
 ) -> tuple[ContactSolution, Inputs]:  # fmt: skip
     """The solved contact and, from the same solve, the gradient of its approach: by contact, load, spall, offset and
-    tilt, each in the form of the input itself (None where that is None, or a tilt of 0). For numbers, not tracers."""
+    tilt, each in the form of the input itself (None where that is None, or a tilt of 0). For numbers, not tracers;
+    by strips in numpy's."""
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
     return _first_that_does(method, inputs, accuracy, lambda way, *a: _slopes(way, inputs, mirrored, *a))
@@ -187,20 +191,18 @@ def _first_that_does(
     """
     if method in ("cells", "lattice"):
         return by(method, 0, accuracy)
-    edges, suited = _outlook(inputs)
-    if method == "strips":
-        return by("strips", int(edges), accuracy)
-    for own in (accuracy, *_others(accuracy)) if suited else ():
-        result = by("strips", int(edges), own)
-        code = int(result[0].status_code)
-        if code == status.CONVERGED:
-            return result
-        if code != status.NOT_CONVERGED:  # finer ones say the same
-            break
+    with np.errstate(all="ignore"):  # what comes of bad inputs has a status
+        edges, suited = strip_reach.outlook(inputs)
+        if method == "strips":
+            return by("strips", int(edges), accuracy)
+        for own in (accuracy, *_others(accuracy)) if suited else ():
+            result = by("strips", int(edges), own)
+            code = int(result[0].status_code)
+            if code == status.CONVERGED:
+                return result
+            if code != status.NOT_CONVERGED:  # finer ones say the same
+                break
     return by("cells", 0, accuracy)
-
-
-_outlook = jax.jit(strip_model.outlook)
 
 
 def _others(accuracy: float) -> list[float]:
@@ -212,9 +214,9 @@ def _others(accuracy: float) -> list[float]:
 @partial(jax.jit, static_argnames=("mirrored", "accuracy"))
 def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSolution:
     """By strips and, where they do not do, by cells; chosen as it runs."""
-    edges, _ = strip_model.outlook(inputs)
+    edges, _ = strip_reach.outlook(inputs)
     counts = range(1 if inputs.spall is None else 3)
-    branches = [partial(_by_strips, mirrored=mirrored, edges=count, accuracy=accuracy) for count in counts]
+    branches = [partial(_by_strips, way=_way(inputs, mirrored, count, accuracy), accuracy=accuracy) for count in counts]
     first = jax.lax.switch(edges, branches, inputs)
     cells = grid_for(accuracy).cells
     return jax.lax.cond(
@@ -238,34 +240,63 @@ def _by(method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: fl
     return _by_cells(inputs, grid.cells, mirrored, accuracy)
 
 
-@jit_quickly(static_argnums=(0, 2, 3, 4))
 def _alone(method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
-    """`_by`, outside any other `jit`."""
-    return _by(method, inputs, mirrored, edges, accuracy)
+    """`_by`, of numbers: strips by numpy, which has nothing to compile."""
+    if method == "strips":
+        return _strips_of_numbers(inputs, mirrored, edges, accuracy)[0]
+    return _compiled(method, inputs, mirrored, accuracy)
 
 
-@jit_quickly(static_argnums=(0, 2, 3, 4))
 def _slopes(
     method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: float
 ) -> tuple[ContactSolution, Inputs]:
-    """The solved contact and the derivatives of its approach by the inputs."""
+    """The solved contact and the derivatives of its approach by the inputs, of numbers."""
+    if method == "strips":
+        solution, found, way = _strips_of_numbers(inputs, mirrored, edges, accuracy)
+        return solution, strip_model.gradient(found, inputs, way)
+    return _compiled_slopes(method, inputs, mirrored, accuracy)
 
+
+@jit_quickly(static_argnums=(0, 2, 3))
+def _compiled(method: Method, inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSolution:
+    return _by(method, inputs, mirrored, 0, accuracy)
+
+
+@jit_quickly(static_argnums=(0, 2, 3))
+def _compiled_slopes(method: Method, inputs: Inputs, mirrored: bool, accuracy: float) -> tuple[ContactSolution, Inputs]:
     def approach(inputs: Inputs) -> tuple[jax.Array, ContactSolution]:
-        solution = _by(method, inputs, mirrored, edges, accuracy)
+        solution = _by(method, inputs, mirrored, 0, accuracy)
         return solution.approach, solution
 
     (_, solution), slopes = jax.value_and_grad(approach, has_aux=True)(inputs)
     return solution, slopes
 
 
+def _way(inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> Way:
+    """Of strips, with so many rolling edges in reach."""
+    edges = edges if inputs.spall is not None else 0
+    return Way(mirrored, edges, grid_for(accuracy).strips, strip_model.SETTLED * accuracy)
+
+
+def _strips_of_numbers(
+    inputs: Inputs, mirrored: bool, edges: int, accuracy: float
+) -> tuple[ContactSolution, strip_model.Strips, Way]:
+    way = _way(inputs, mirrored, edges, accuracy)
+    found = strip_model.solve_numbers(inputs, way)
+    return _laid_out(inputs, found, way, accuracy), found, way
+
+
 @partial(jax.jit, static_argnames=("mirrored", "edges", "accuracy"))
 def _by_strips(inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
-    """By strips; `edges` says how many rolling edges may be in reach. The pressure is laid on the accuracy's cells."""
-    grid = grid_for(accuracy)
-    cells, gap, _ = contact_cells.stage(inputs, grid.cells, mirrored)
-    edges = edges if inputs.spall is not None else 0
-    found = strip_model.solve(inputs, mirrored, edges, grid.strips, cells, accuracy)
-    return assembled(inputs, cells, gap, accuracy, found)
+    """By strips, of tracers; `edges` says how many rolling edges may be in reach."""
+    way = _way(inputs, mirrored, edges, accuracy)
+    return _laid_out(inputs, strip_model.solve(inputs, way), way, accuracy)
+
+
+def _laid_out(inputs: Inputs, found: strip_model.Strips, way: Way, accuracy: float) -> ContactSolution:
+    """The solution by strips; the pressure is laid on the accuracy's cells."""
+    cells, gap, _ = contact_cells.stage(inputs, grid_for(accuracy).cells, way.mirrored)
+    return assembled(inputs, cells, gap, accuracy, strip_model.on_cells(found, inputs, way, cells, accuracy))
 
 
 @partial(jax.jit, static_argnames=("resolution", "mirrored", "accuracy"))

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap as gaps
-from difftrb.contact import halfspace, projected_gradient, strip_basis
+from difftrb.contact import halfspace, projected_gradient, strip_rows
 from difftrb.contact.contact_extent import clear_of_spall, domain
 from difftrb.contact.contact_solution import Inputs, checked, is_symmetric, settled
 from difftrb.contact.gap import Cells
@@ -89,7 +89,7 @@ def _solve(inputs: Inputs, mirrored: bool, land: int, columns: int) -> EdgeInten
     least = 2e-3 * tip
     high = jnp.clip(ends[1], (0.0 if mirrored else -tip + 2.0 * least), tip - least)
     low = -high if mirrored else jnp.clip(ends[0], -tip + least, high - least)
-    lands = [strip_basis.graded(end, tip, land, 3.0, 2.0) for end in ((high,) if mirrored else (-low, high))]
+    lands = [strip_rows.graded(end, tip, land, 3.0, 2.0) for end in ((high,) if mirrored else (-low, high))]
     drawn = [  # the discrete edge acts as the true one
         lines.at[0].add(-jnp.minimum(EDGE_SHIFT * (lines[1] - lines[0]), 0.25 * (high - low))) for lines in lands
     ]

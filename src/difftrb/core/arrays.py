@@ -19,6 +19,7 @@ from difftrb.core.taylor import Taylor, bends, chained, summed, value, values, w
 
 __all__ = ["Taylor", "value", "values"]
 PRECISE = jax.lax.Precision.HIGHEST
+LARGE = 2000  # entries from which numpy's sums of products are worth its thinking about how
 
 
 def of(*arguments: Any) -> Any:
@@ -65,6 +66,17 @@ def univariate(function: Callable[[Any], Any], x: Any) -> Any:
         return function(x)
     own = function(Taylor(x.value, of(x).ones_like(x.value), of(x).zeros_like(x.value)))
     return chained(x[(None,) * (own.ndim - x.ndim)], own.value, own.slope, own.bend)
+
+
+def __getattr__(name: str) -> Callable[..., Any]:
+    """Any other function of numpy's that JAX has, too: by whichever its arguments are of. Not for expansions."""
+    if name.startswith("_") or not hasattr(np, name):
+        raise AttributeError(name)
+
+    def function(*arguments: Any, **options: Any) -> Any:
+        return getattr(of(*arguments), name)(*arguments, **options)
+
+    return function
 
 
 def asarray(x: Any) -> Any:
@@ -133,7 +145,7 @@ def mod(x: Any, period: float) -> Any:
 
 
 def stack(parts: Sequence[Any], axis: int = 0) -> Any:
-    """As numpy's, of equal shapes; numbers may be among the arrays. `axis` is 0 or −1."""
+    """As numpy's, of equal shapes; numbers may be among the arrays. `axis` is not negative, or −1."""
     return _joined("stack", list(parts), axis)
 
 
@@ -214,7 +226,7 @@ def broadcast_to(x: Any, shape: tuple[int, ...]) -> Any:
 def einsum(form: str, a: Any, b: Any) -> Any:
     """As numpy's, of two arrays, precisely; without the letter z."""
     xp = of(a, b)
-    more = {"precision": PRECISE} if xp is jnp else {}
+    more = {"precision": PRECISE} if xp is jnp else {"optimize": True} if np.size(value(a)) > LARGE else {}
     if not isinstance(a, Taylor) and not isinstance(b, Taylor):
         return xp.einsum(form, a, b, **more)
     inputs, out = form.split("->")
@@ -240,6 +252,52 @@ def _bilinear_apart(product: Callable[[Any, Any], Any], a: Taylor, b: Taylor) ->
         summed((a.by, b.value), (a.value, b.by), product=product),
         summed((a.slope_by, b.value), (a.value, b.slope_by), (a.slope, b.by), (a.by, b.slope), product=product),
     )
+
+
+def block_diagonal(blocks: Sequence[Any]) -> Any:
+    """The matrix with these blocks on its diagonal."""
+    widths, rows, before = [block.shape[1] for block in blocks], [], 0
+    for block, width in zip(blocks, widths, strict=True):
+        sides = (np.zeros((block.shape[0], n)) for n in (before, sum(widths) - before - width))
+        rows.append(concatenate([next(sides), block, next(sides)], axis=-1))
+        before += width
+    return concatenate(rows)
+
+
+def moved_last(x: Any) -> Any:
+    """The first axis behind all others."""
+    if not isinstance(x, Taylor):
+        return of(x).moveaxis(x, 0, -1)
+    xp = of(x)
+    return x.mapped(lambda part: xp.moveaxis(part, 0, -1), lambda part: xp.moveaxis(part, 1, -1))
+
+
+def in_few(function: Callable[..., Any], *scalars: Any) -> Any:
+    """`function(*scalars)`, an array or a pytree of such. Where these are expanded by more parameters than there are
+    scalars, it is expanded by the scalars first, and then by what they depend on."""
+    moving = [k for k, x in enumerate(scalars) if by(x) is not None]
+    if not moving or len(moving) >= len(by(scalars[moving[0]])):
+        return function(*scalars)
+    seeds = list(scalars)
+    for row, k in zip(np.eye(len(moving)), moving, strict=True):
+        seeds[k] = Taylor(scalars[k].value, by=row)
+    rates = [by(scalars[k]) for k in moving]
+    every = of(list(scalars)).stack(rates)  # (scalars, parameters)
+
+    def chained_on(x: Any) -> Any:
+        if by(x) is None:
+            return x
+        return Taylor(x.value, by=of(x, every).tensordot(every.T, x.by, 1))
+
+    return tree_map(chained_on, function(*seeds))
+
+
+def solved(matrix: Any, right: Any) -> Any:
+    """x with `matrix` x = `right`; NaN where there is none."""
+    try:
+        return of(matrix, right).linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return np.full(right.shape, np.nan)
 
 
 def ones_like(x: Any) -> Any:
@@ -306,6 +364,15 @@ def _filled(x: Any, like: Any) -> Any:
     return Taylor(
         *(jnp.zeros(b.shape) if a is None and b is not None else a for a, b in zip(parts, others, strict=True))
     )
+
+
+def repeated_while(going: Callable[[Any], Any], function: Callable[[Any], Any], start: Any) -> Any:
+    """`function` of what it returned, as long as `going`."""
+    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(start)):
+        return jax.lax.while_loop(going, function, start)
+    while going(start):
+        start = function(start)
+    return start
 
 
 def tree_map(function: Callable[..., Any], *trees: Any) -> Any:

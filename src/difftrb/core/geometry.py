@@ -153,11 +153,11 @@ def spall_is_sound(spall: Spall) -> Any:
     return (spall.length >= 0.0) & (spall.width >= 0.0) & (spall.depth >= 0.0) & finite
 
 
-def contact_is_sound(contact: LineContact) -> jax.Array:
+def contact_is_sound(contact: LineContact) -> Any:
     """Whether all numbers of a contact are finite and positive, its design load at least zero."""
-    sizes = jnp.stack([jnp.asarray(v, float) for v in (contact.radius, contact.length, contact.modulus)])
-    crown = jnp.asarray(contact.design_load, float)
-    return jnp.all(sizes > 0.0) & (crown >= 0.0) & jnp.isfinite(jnp.sum(sizes) + crown)
+    sizes = contact.radius, contact.length, contact.modulus
+    positive = (contact.radius > 0.0) & (contact.length > 0.0) & (contact.modulus > 0.0)
+    return positive & (contact.design_load >= 0.0) & xp.isfinite(sum(sizes) + contact.design_load)
 
 
 def contact_modulus(modulus: Real, poisson: Real) -> Real:

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
+from difftrb.core import arrays as xp
 from difftrb.core import numeric, taylor
 from difftrb.core.taylor import Taylor
 
@@ -240,27 +241,31 @@ def _pressed_jvp(apply: Callable, solver: Callable, respond: Callable, primals: 
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def factored_root(residual: Callable, solver: Callable, parameters: Pytree, start: jax.Array) -> tuple[Pytree, Pytree]:
-    """x with `residual(x, choice, parameters)` = 0, by a solver that factors the Jacobian itself.
+def stationary(moved: Callable, solver: Callable, parameters: Pytree) -> tuple[jax.Array, Pytree]:
+    """A number that is stationary in all that `solver(parameters)` finds beside it; both.
 
-    `solver(parameters, start, exact)` returns x (a pytree), choice (which of the alternatives hold at x), the LU
-    factors of the Jacobian by the raveled x (at x only if `exact`), and a report. Returns x and (choice, *report),
-    which carry no derivative.
+    `moved(found, parameters)` tells by an expansion how it changes with the parameters, all scalars, while the rest
+    stays as found; the rest itself carries no derivative.
     """
-    x, choice, _, report = solver(parameters, start, False)
-    return x, (choice, *report)
+    return solver(parameters)
 
 
-@factored_root.defjvp
-def _factored_root_jvp(residual: Callable, solver: Callable, primals: tuple, tangents: tuple):
-    parameters, start = primals
-    x, choice, factors, report = solver(parameters, start, True)
-    x, choice, factors = jax.lax.stop_gradient((x, choice, factors))
-    _, change = jax.jvp(lambda p: residual(x, choice, p), (parameters,), (tangents[0],))
-    _, unravel = jax.flatten_util.ravel_pytree(x)
-    x_change = unravel(-jax.scipy.linalg.lu_solve(factors, change))
-    auxiliary = (choice, *report)
-    return (x, auxiliary), (x_change, jax.tree.map(_zero_tangent, auxiliary))
+def _stationary_jvp(moved: Callable, solver: Callable, primals: tuple, tangents: tuple):
+    (parameters,) = primals
+    value, found = stationary(moved, solver, parameters)
+    moving, changes, among = _moving(parameters, tangents[0])
+    by = rates(lambda some: moved(jax.lax.stop_gradient(found), among(some)), moving)
+    change = jnp.zeros_like(value) if by is None else _moved(changes, [by])[0]
+    return (value, found), (change, jax.tree.map(_zero_tangent, found))
+
+
+stationary.defjvp(_stationary_jvp, symbolic_zeros=True)
+
+
+def rates(function: Callable[[list], Any], scalars: list) -> Any:
+    """Derivatives of `function(scalars)` by all of them, shape (scalars, …), from one expansion; None if there are
+    none."""
+    return xp.by(function([Taylor(x, by=row) for x, row in zip(scalars, np.eye(len(scalars)), strict=True)]))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))

@@ -5,10 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from threadpoolctl import threadpool_limits
 
@@ -16,6 +14,7 @@ from difftrb.contact import gap
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_solution import is_symmetric, listed
 from difftrb.contact.solver import ContactSolution
+from difftrb.core import arrays as xp
 from difftrb.core import machine, status
 from difftrb.core.geometry import LineContact, Real, Spall
 
@@ -81,22 +80,17 @@ class Node:
     reach: float
 
 
-def inputs(
-    contact: LineContact, spall: Spall | tuple[Spall, ...] | None, distance: Real | Sequence[Real]
-) -> jnp.ndarray:
+def inputs(contact: LineContact, spall: Spall | tuple[Spall, ...] | None, distance: Real | Sequence[Real]) -> Any:
     """`Inputs` as a vector, shape (INPUTS,); no spall counts as zeros. Of several spalls all sizes, then all distances:
     shape (count(spalls),)."""
     spalls = spall if isinstance(spall, tuple) else (spall,)
     of_spalls = [0.0 if each is None else getattr(each, name) for each in spalls for name in OF_SPALL]
-    values = (*(getattr(contact, name) for name in OF_CONTACT), *of_spalls)
-    away = jnp.broadcast_to(jnp.asarray(distance, float), (len(spalls),))
-    return jnp.concatenate([jnp.stack([jnp.asarray(value, float) for value in values]), away])
+    away = distance if isinstance(distance, Sequence) or np.ndim(distance) else [distance] * len(spalls)
+    of_spalls += [away[i] for i in range(len(spalls))]
+    return xp.stack([xp.asarray(x) for x in (*(getattr(contact, name) for name in OF_CONTACT), *of_spalls)])
 
 
-_inputs = jax.jit(inputs)  # twenty times as fast, of numbers
-
-
-def contact_of(values: jnp.ndarray) -> LineContact:
+def contact_of(values: Any) -> LineContact:
     """The contact in a vector of `inputs`."""
     return LineContact(*(values[i] for i in AT[: AT.spall_length]))
 
@@ -119,7 +113,7 @@ def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
     solution, (by_contact, by_load, by_spall, by_distance, _) = contacts.approach_and_gradient(
         contact, case.load, case.spall, case.distance, accuracy
     )
-    slopes = np.array(_inputs(by_contact, by_spall, by_distance if case.spall is not None else 0.0))
+    slopes = np.array(inputs(by_contact, cast(Any, by_spall), by_distance if case.spall is not None else 0.0))
     if is_symmetric(case.spall):  # half the roller was solved
         sizes = len(OF_SPALL)
         slopes[AT.spall_axial_offset : len(OF_CONTACT) + sizes * len(listed(case.spall)) : sizes] = 0.0
@@ -145,7 +139,7 @@ def reach(contact: LineContact, solution: ContactSolution) -> float:
     ends = (float(spall.axial_offset) + side * 0.5 * float(spall.length) for side in (-1.0, 1.0))
     low, high = (min(max(end, -half), half) for end in ends)
     along = low + (high - low) * (np.arange(ALONG) + 0.5) / ALONG
-    crown = np.asarray(gap.crown_at(jnp.asarray(along), contact))
+    crown = np.asarray(gap.crown_at(along, contact))
     rows, columns = np.nonzero(force > 0.0)
     pressed, x, y = force[rows, columns], x[columns], y[rows]
     radius, approach = float(contact.radius), float(solution.approach)

@@ -1,35 +1,37 @@
-"""Rows of a contact by bands: where they lie, which of them share free boundaries, how they see one another."""
+"""What is fixed before strips are solved: how fine, where rows lie, and which strips share free boundaries."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from typing import NamedTuple
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import strip_basis
-from difftrb.contact.strip_basis import Rows
-from difftrb.contact.strip_fourier import LAND, LEFT, MIDDLE, RIGHT, Frequencies
+from difftrb.contact import strip_kernel, strip_rows
+from difftrb.contact.strip_rows import Rows
+from difftrb.contact.strip_waves import Frequencies
+from difftrb.core import arrays as xp
 from difftrb.core.numeric import chebyshev_roots
 
+LAND, RIGHT, LEFT, MIDDLE = 0, 1, -1, 2
 THIN = 2  # rows of land at a spall's end that share an outline
+BESIDE = 3  # rows of land at a spall's end that are cut by its rolling edges
 NEAR_HOLLOW = 2  # rows of the hollow at a spall's end that share an outline
 GATHERED, HOLLOW = 3.0, 2.0  # powers with which rows of land and of the hollow grow from their ends
+LEAST_ROWS = 1e-3  # length of land or spall by the contact's that there are rows for at least
 
 
 @dataclasses.dataclass(frozen=True)
 class Fineness:
-    """How fine a contact by bands is.
+    """How fine strips are.
 
     Attributes:
       land: panels of rows on each land. hollow: on half a spall.
       bands: on each row. centred: solves of bands, each about the free boundaries of the one before.
       settled: at most so many solves by smooth modes after them, which move the boundaries to where pressure vanishes.
       frequencies, edge_frequencies: the quadrature without and with rolling edges in reach.
-      tolerance: what further such solves may be worth, by the approach.
       nodes: frequencies from which the rows' kernel is interpolated to those of the waves.
     """
 
@@ -38,15 +40,18 @@ class Fineness:
     bands: int
     centred: int
     settled: int
-    tolerance: float
     frequencies: Frequencies
     edge_frequencies: Frequencies
     nodes: int
 
+    def frequencies_for(self, edges: int) -> Frequencies:
+        """With so many rolling edges in reach."""
+        return self.edge_frequencies if edges else self.frequencies
+
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What is static of a contact by bands.
+    """What is static of strips.
 
     Attributes:
       families: bands stand on (row, side): over all of a row of land (LAND), on what is RIGHT or LEFT of the spall's
@@ -54,33 +59,50 @@ class Plan:
       outlines: (side, rows) of every pair of free boundaries. Rows beside a spall's end have three: MIDDLE, between its
         rolling edges, where only there pressure is singular along the roller, and one beyond each edge in reach.
       even: strips are symmetric about x = 0.
+      frequencies: the quadrature.
     """
 
     families: tuple[tuple[int, int], ...]
     outlines: tuple[tuple[int, tuple[int, ...]], ...]
     even: bool
+    frequencies: Frequencies
 
-    @property
+    @cached_property
     def rows(self) -> np.ndarray:
         """Of every strip, (strips,)."""
         return np.array([row for _, rows in self.outlines for row in rows])
 
-    @property
+    @cached_property
     def outline_of(self) -> np.ndarray:
         """Of every strip, (strips,)."""
         return np.array([i for i, (_, rows) in enumerate(self.outlines) for _ in rows])
 
-    @property
+    @cached_property
     def sides(self) -> np.ndarray:
         """Of every outline, (outlines,)."""
         return np.array([side for side, _ in self.outlines])
+
+    @cached_property
+    def family_sides(self) -> np.ndarray:
+        """Of every family, (families,)."""
+        return np.array([side for _, side in self.families])
+
+    @cached_property
+    def family_rows(self) -> np.ndarray:
+        """Of every family, (families,)."""
+        return np.array([row for row, _ in self.families])
 
     @property
     def orders(self) -> tuple[int, ...]:
         """Of the modes of a strip."""
         return (0, 2) if self.even else (0, 1, 2)
 
-    @property
+    @cached_property
+    def member(self) -> np.ndarray:
+        """Which strip has which outline, as ones, (strips, outlines)."""
+        return np.eye(len(self.outlines))[self.outline_of]
+
+    @cached_property
     def begun_by(self) -> np.ndarray:
         """Which families tell where an outline is at first, as shares, (outlines, families)."""
         shares = np.zeros((len(self.outlines), len(self.families)))
@@ -92,24 +114,29 @@ class Plan:
         return shares
 
 
-def plan_of(groups: tuple[Rows, ...], hollow: int | None, edges: int, mirrored: bool, beside: int = 3) -> Plan:
+def plan_of(groups: tuple[Rows, ...], hollow: int | None, edges: int, mirrored: bool, fine: Fineness) -> Plan:
     """The plan of `groups`, of which that of number `hollow` lies over the spall (None: none does)."""
-    firsts = np.cumsum([0, *(group.count for group in groups)])
+    return _plan(tuple(group.count for group in groups), hollow, edges, mirrored, fine.frequencies_for(edges))
+
+
+@lru_cache
+def _plan(counts: tuple[int, ...], hollow: int | None, edges: int, mirrored: bool, frequencies: Frequencies) -> Plan:
+    firsts = np.cumsum([0, *counts])
     numbers = [list(range(a, b)) for a, b in itertools.pairwise(firsts)]
     inside = numbers.pop(hollow) if hollow is not None else []
     families = [(row, LAND) for land in numbers for row in land]
     sides = [LEFT, RIGHT][:edges]
     families += [(row, side) for side in sides for row in inside]
     if not inside:
-        return Plan(tuple(families), tuple((LAND, (row,)) for land in numbers for row in land), True)
+        return Plan(tuple(families), tuple((LAND, (row,)) for land in numbers for row in land), True, frequencies)
     lands = [land if mirrored or land is numbers[-1] else land[::-1] for land in numbers]  # outwards from the spall
-    thin = [part for land in lands for part in _parts(land[:beside], THIN)]
+    thin = [part for land in lands for part in _parts(land[:BESIDE], THIN)]
     near = [inside[-NEAR_HOLLOW:]] if mirrored else [inside[:NEAR_HOLLOW], inside[-NEAR_HOLLOW:]]
     rest = [row for row in inside if not any(row in part for part in near)]
     beyond = thin + [tuple(part) for part in near] + [(row,) for row in rest]
-    outlines = [(LAND, (row,)) for land in lands for row in land[beside:]]
+    outlines = [(LAND, (row,)) for land in lands for row in land[BESIDE:]]
     outlines += [(MIDDLE, part) for part in thin] + [(side, part) for side in sides for part in beyond]
-    return Plan(tuple(families), tuple(outlines), False)
+    return Plan(tuple(families), tuple(outlines), False, frequencies)
 
 
 def _parts(rows: list[int], together: int) -> list[tuple[int, ...]]:
@@ -117,24 +144,24 @@ def _parts(rows: list[int], together: int) -> list[tuple[int, ...]]:
 
 
 def groups_of(
-    low: jax.Array, high: jax.Array, tips: tuple[jax.Array, jax.Array], mirrored: bool, spalled: bool, edges: int,
-    fine: Fineness,
-) -> tuple[tuple[Rows, ...], int | None]:  # fmt: skip
-    """Rows of a contact from −`tips[0]` to `tips[1]` with a spall from `low` to `high`; and which group is over it."""
-    bottom, tip = -tips[0], tips[1]
+    ends: tuple[Any, ...], mirrored: bool, spalled: bool, edges: int, fine: Fineness
+) -> tuple[tuple[Rows, ...], int | None]:
+    """The rows, and which group of them is over the spall. `ends`: where the spall begins and ends, where the contact
+    does."""
+    low, high, bottom, top = ends
     if not spalled:
         if mirrored:
-            return (Rows(strip_basis.graded(jnp.zeros(()), tip, fine.land, 1.0, GATHERED), True, "none"),), None
-        return (Rows(strip_basis.graded(bottom, tip, 2 * fine.land, GATHERED, GATHERED), False, "none"),), None
-    least = 1e-3 * tip  # also of a spall without length: panels of none would make NaN of derivatives
-    high = jnp.clip(high, least if mirrored else bottom + 2.0 * least, tip - least)
-    upper = Rows(strip_basis.graded(high, tip, fine.land, GATHERED, GATHERED), False, "low")
+            return (Rows(strip_rows.graded(0.0 * top, top, fine.land, 1.0, GATHERED), True, "none"),), None
+        return (Rows(strip_rows.graded(bottom, top, 2 * fine.land, GATHERED, GATHERED), False, "none"),), None
+    least = LEAST_ROWS * top  # also of a spall without length: panels of none would make NaN of derivatives
+    high = xp.within(high, least if mirrored else bottom + 2.0 * least, top - least)
+    upper = Rows(strip_rows.graded(high, top, fine.land, GATHERED, GATHERED), False, "low")
     if mirrored:
-        hollow = Rows(strip_basis.graded(jnp.zeros(()), high, fine.hollow, 1.0, HOLLOW), True, "high")
+        hollow = Rows(strip_rows.graded(0.0 * top, high, fine.hollow, 1.0, HOLLOW), True, "high")
         return ((upper, hollow), 1) if edges else ((upper,), None)
-    low = jnp.clip(low, bottom + least, high - least)
-    lower = Rows(-strip_basis.graded(-low, tips[0], fine.land, GATHERED, GATHERED)[::-1], False, "high")
-    hollow = Rows(strip_basis.graded(low, high, 2 * fine.hollow, HOLLOW, HOLLOW), False, "both")
+    low = xp.within(low, bottom + least, high - least)
+    lower = Rows(-strip_rows.graded(-low, -bottom, fine.land, GATHERED, GATHERED)[::-1], False, "high")
+    hollow = Rows(strip_rows.graded(low, high, 2 * fine.hollow, HOLLOW, HOLLOW), False, "both")
     return ((lower, hollow, upper), 1) if edges else ((lower, upper), None)
 
 
@@ -142,14 +169,23 @@ class Kernel(NamedTuple):
     """How rows see one another: ∬ hat hat' K₀(κ|y−y'|) dy dy' at every frequency times its weight, (rows, rows, κ);
     ∫ hat hat' dy, (rows, rows); ∫ hat dy and ∫ hat y dy, (rows,)."""
 
-    products: jax.Array
-    mass: jax.Array
-    weight: jax.Array
-    arm: jax.Array
+    products: Any
+    mass: Any
+    weight: Any
+    arm: Any
 
 
 def kernel_of(groups: tuple[Rows, ...], mirrored: bool, frequencies: Frequencies, nodes: int) -> Kernel:
     """The rows' kernel. In ln κ it is smooth: at the waves' frequencies it is interpolated from `nodes` of them."""
+    at, through = _through(frequencies, nodes)
+    products = xp.einsum("ijn,nk->ijk", strip_kernel.products(groups, at, mirrored), through)
+    arm = xp.concatenate([strip_rows.integrals(rows, lambda y: y) for rows in groups])
+    return Kernel(products, strip_rows.mass(groups), strip_rows.weights(groups), arm)
+
+
+@lru_cache
+def _through(frequencies: Frequencies, nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies at which the kernel is computed, and what takes it to all of them, times their weights."""
     kappa, weights = frequencies.rule()
     waves = frequencies.waves
     at, through = kappa, np.eye(kappa.size)
@@ -165,6 +201,4 @@ def kernel_of(groups: tuple[Rows, ...], mirrored: bool, frequencies: Frequencies
         through = np.zeros((at.size, kappa.size))
         through[:-nodes, :-waves] = np.eye(kappa.size - waves)
         through[-nodes:, -waves:] = share
-    products = strip_basis.products(groups, at, mirrored) @ jnp.asarray(through * (2.0 / np.pi * weights)[None])
-    arm = jnp.concatenate([strip_basis.integrals(rows, lambda y: y) for rows in groups])
-    return Kernel(products, strip_basis.mass(groups), strip_basis.weights(groups), arm)
+    return at, through * (2.0 / np.pi * weights)[None]

@@ -8,10 +8,11 @@ Hintermüller, Ito & Kunisch 2003), and ends at the fixed point itself when the 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
+import numpy as np
+
+from difftrb.core import arrays as xp
 
 TOUCHING = 1e-9  # overlap by the approach that an unknown without load may have
 
@@ -19,52 +20,60 @@ TOUCHING = 1e-9  # overlap by the approach that an unknown without load may have
 class Quadratic(NamedTuple):
     """½ w·A w + g·w on m·w = load: `matrix` (n, n), `gap` (n,), `weight` (n,), `load`."""
 
-    matrix: jax.Array
-    gap: jax.Array
-    weight: jax.Array
-    load: jax.Array
+    matrix: Any
+    gap: Any
+    weight: Any
+    load: Any
 
 
 class Response(NamedTuple):
     """Loads (n,), their change by load (n,), the approach and its change by load."""
 
-    loads: jax.Array
-    by_load: jax.Array
-    approach: jax.Array
-    compliance: jax.Array
+    loads: Any
+    by_load: Any
+    approach: Any
+    compliance: Any
 
 
-def on_set(problem: Quadratic, active: jax.Array) -> Response:
+def on_set(problem: Quadratic, active: Any) -> Response:
     """The minimum where only `active` unknowns, (n,), may carry load, of either sign."""
     matrix, gap, weight, load = problem
-    scale = jnp.where(active, 1.0 / jnp.sqrt(jnp.maximum(jnp.abs(jnp.diagonal(matrix)), 1e-300)), 0.0)
-    scaled = scale[:, None] * matrix * scale[None] + jnp.diag(jnp.where(active, 0.0, 1.0))
-    right = scale[:, None] * jnp.stack([weight, -gap], axis=1)
-    by_weight, by_gap = (scale[:, None] * jnp.linalg.solve(scaled, right)).T
-    compliance = 1.0 / jnp.vdot(weight, by_weight)
-    approach = (load - jnp.vdot(weight, by_gap)) * compliance
+    np_ = xp.of(matrix, gap, load)
+    if np_ is np:  # only these: a large part is often not
+        chosen = np.flatnonzero(active)
+        right = np.stack([weight[chosen], -gap[chosen]], axis=1)
+        by_weight, by_gap = np.zeros((2, gap.size))
+        by_weight[chosen], by_gap[chosen] = xp.solved(matrix[np.ix_(chosen, chosen)], right).T
+    else:
+        scale = np_.where(active, 1.0 / np_.sqrt(np_.maximum(np_.abs(np_.diagonal(matrix)), 1e-300)), 0.0)
+        scaled = scale[:, None] * matrix * scale[None] + np_.diag(np_.where(active, 0.0, 1.0))
+        right = scale[:, None] * np_.stack([weight, -gap], axis=1)
+        by_weight, by_gap = (scale[:, None] * np_.linalg.solve(scaled, right)).T
+    compliance = 1.0 / np_.vdot(weight, by_weight)
+    approach = (load - np_.vdot(weight, by_gap)) * compliance
     return Response(approach * by_weight + by_gap, compliance * by_weight, approach, compliance)
 
 
-def solve(problem: Quadratic, active: jax.Array, rounds: int) -> tuple[Response, jax.Array, jax.Array]:
+def solve(problem: Quadratic, active: Any, rounds: int) -> tuple[Response, Any, Any]:
     """The fixed point from a first guess of the `active` set, (n,); the set; and whether it stood still.
 
     At most `rounds` steps.
     """
     matrix, gap, weight, _ = problem
+    np_ = xp.of(matrix, gap)
 
     def step(state: tuple) -> tuple:
         active, _, count, _ = state
         found = on_set(problem, active)
         residual = matrix @ found.loads + gap - found.approach * weight
         # sign of w − M∇E: on the set the gradient vanishes, off it w does
-        chosen = jnp.where(active, found.loads > 0.0, residual < -TOUCHING * found.approach * weight)
-        return chosen, found, count + 1, jnp.all(chosen == active)
+        chosen = np_.where(active, found.loads > 0.0, residual < -TOUCHING * found.approach * weight)
+        return chosen, found, count + 1, np_.all(chosen == active)
 
-    def going(state: tuple) -> jax.Array:
+    def going(state: tuple) -> Any:
         return ~state[3] & (state[2] < rounds)
 
-    zero = jnp.zeros_like(gap)
-    nothing = Response(zero, zero, jnp.zeros(()), jnp.zeros(()))
-    active, found, _, still = jax.lax.while_loop(going, step, (active, nothing, 0, jnp.asarray(False)))
+    zero, none = np_.zeros(gap.shape), np_.zeros(())
+    begun = active, Response(zero, zero, none, none), 0, np_.asarray(False)
+    active, found, _, still = xp.repeated_while(going, step, begun)
     return found, active, still

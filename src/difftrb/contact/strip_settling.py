@@ -1,0 +1,241 @@
+"""Smooth pressure between free boundaries, which move to where it vanishes.
+
+On every interval pressure is a sum of Chebyshev modes over √(1−t²). One linear solve finds them for given boundaries;
+what is singular at a free one is by how much it is misplaced. The energy errs by the third power of that and the
+approach by the second, so that two or three solves are enough and no boundary needs an equation of its own.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from difftrb.contact import active_set, strip_waves
+from difftrb.contact.active_set import Quadratic
+from difftrb.contact.strip_plan import LEFT, MIDDLE, RIGHT, Kernel, Plan
+from difftrb.core import arrays as xp
+
+FARTHEST = 3.0  # an edge farther out stands there; the gap there is larger than any approach
+LEAST = 1e-3  # width of the narrowest interval
+OVERLAP, CALLS = 1e-5, 4  # overlap by the approach at which an outline is loaded again, in the first passes
+NARROW = 2.0  # width of the narrowest interval beyond an edge by 1/κ of the last wave: below, it cannot tell its own
+FAR = 50.0  # stands for no bound
+
+
+class Problem(NamedTuple):
+    """The contact without units: x in b₀, y in b₀, line load in q₀, displacement in q₀/(πE').
+
+    Attributes:
+      kernel: of the rows. gap: mean initial gap of the rows beside curvature, (rows,). bend: curvature's gap by 2x².
+      left, right: the spall's rolling edges. load: Σ weight q. push: takes [mm] to the unit of displacement.
+    """
+
+    kernel: Kernel
+    gap: Any
+    bend: Any
+    left: Any
+    right: Any
+    load: Any
+    push: Any
+
+
+class Settled(NamedTuple):
+    """Mode loads of the strips, (strips, modes), and their change by the load; approach and its change by load;
+    boundaries (outlines, 2), which of them are held at an edge, which outlines are loaded, (outlines,); last change of
+    a boundary, and what it may leave in the approach, as a share of it."""
+
+    loads: Any
+    by_load: Any
+    approach: Any
+    compliance: Any
+    ends: Any
+    held: Any
+    active: Any
+    change: Any
+    error: Any
+
+
+def bounds(plan: Plan, problem: Problem) -> Any:
+    """How far boundaries may go, (outlines, 2)."""
+    sides = plan.sides
+    low = xp.where(sides == RIGHT, problem.right, xp.where(sides == MIDDLE, problem.left, -FAR))
+    high = xp.where(sides == LEFT, problem.left, xp.where(sides == MIDDLE, problem.right, FAR))
+    return xp.stack([low, high], axis=1)
+
+
+def settle(plan: Plan, problem: Problem, size: Any, on: Any, passes: int, tolerance: float) -> Settled:
+    """Pressure and boundaries, from guesses of their distance from the middle, (outlines,), of which those with `on`
+    > 0 are loaded; at most `passes` solves, until moving on is worth less than `tolerance` of the approach."""
+    bound = bounds(plan, problem)
+    ends = xp.stack([xp.maximum(-size, bound[:, 0]), xp.minimum(size, bound[:, 1])], axis=1)
+    table = spread(plan.even, problem.kernel.products, plan.rows)
+    none, zero = np.zeros((plan.rows.size, len(plan.orders))), np.zeros(())
+    active = (on > 0.0) & (ends[:, 1] - ends[:, 0] > LEAST)
+    ends = _waiting(plan, bound, ends, active)
+    first = Settled(none, none, zero, zero, ends, ends == bound, active, zero, zero)
+
+    def solve(last: tuple) -> tuple:
+        _, ends, held, active, count, _ = last
+        found, overlap = _pressed(plan, problem, table, ends, held, active)
+        new, held_next, active_next, error = _moved(plan, problem, found, bound)
+        change = xp.max(xp.where(active[:, None], xp.abs(new - ends), 0.0))
+        called = ~active & (overlap > OVERLAP * found.approach) & (ends[:, 1] - ends[:, 0] > LEAST) & (count < CALLS)
+        new = _waiting(plan, bound, new, active_next)
+        new = xp.where((called & (plan.sides**2 == 1))[:, None], _met(plan, problem, bound, overlap), new)
+        active_next = active_next | called
+        done = (error < tolerance) & xp.all(active_next == active)
+        return found._replace(change=change, error=error), new, held_next, active_next, count + 1, done
+
+    begun = (first, first.ends, first.held, first.active, 0, np.asarray(False))
+    return xp.repeated_while(lambda last: ~last[5] & (last[4] < passes), solve, begun)[0]
+
+
+def _waiting(plan: Plan, bound: Any, ends: Any, active: Any) -> Any:
+    """The boundaries; those of outlines beyond an edge that are not loaded keep close to it, to feel the other body."""
+    sides, least = plan.sides, NARROW / plan.frequencies.last
+    low = xp.where(sides == LEFT, bound[:, 1] - least, bound[:, 0])
+    high = xp.where(sides == RIGHT, bound[:, 0] + least, bound[:, 1])
+    return xp.where(((sides**2 == 1) & ~active)[:, None], xp.stack([low, high], axis=1), ends)
+
+
+def _met(plan: Plan, problem: Problem, bound: Any, overlap: Any) -> Any:
+    """About where the contact ends of an outline beyond an edge that overlaps the other body there: where curvature has
+    taken the overlap away."""
+    low, high = bound[:, 0], bound[:, 1]
+    edge = xp.maximum(xp.where(plan.sides == RIGHT, low, -high), 0.3)
+    width = xp.clip(1.5 * overlap / (4.0 * problem.bend * edge), NARROW / plan.frequencies.last, 0.5)
+    return xp.stack([
+        xp.where(plan.sides == LEFT, high - width, low), xp.where(plan.sides == RIGHT, low + width, high)
+    ], axis=1)  # fmt: skip
+
+
+def _strengths(plan: Plan, low: Any, high: Any) -> Any:
+    """Of the modes' singularities at both ends, (strips, modes, 2)."""
+    orders = np.array(plan.orders)
+    signs = np.stack([(-1.0) ** orders, np.ones(orders.size)], axis=1)
+    return strip_waves.tail_of(0.5 * (high - low), plan.frequencies.last)[:, None, None] * signs[None]
+
+
+def _intervals(plan: Plan, ends: Any) -> tuple[Any, Any]:
+    """Low and high ends of the strips."""
+    low, high = ends[:, 0][plan.outline_of], ends[:, 1][plan.outline_of]
+    return low, xp.maximum(high, low + LEAST)  # those that have vanished carry nothing, but must be numbers
+
+
+def _same(plan: Plan, held: Any) -> Any:
+    """Whether two strips end at the same place, (strips, strips, 2)."""
+    sides, own = plan.sides, np.eye(plan.sides.size, dtype=bool)
+    left = np.stack([sides == MIDDLE, sides == LEFT], axis=1)
+    right = np.stack([sides == RIGHT, sides == MIDDLE], axis=1)
+    shared = [(held & part)[:, None, :] & (held & part)[None] for part in (left, right)]
+    every = own[:, :, None] | shared[0] | shared[1]
+    return every[plan.outline_of][:, plan.outline_of].astype(float)
+
+
+def _tails(plan: Plan, problem: Problem, held: Any) -> Any:
+    """∫ hat hat dy of strips that end at the same place, (2, strips, strips)."""
+    mass = problem.kernel.mass[plan.rows][:, plan.rows]
+    return mass[None] * xp.moveaxis(_same(plan, held), -1, 0)
+
+
+def _terms(plan: Plan, problem: Problem, curved: Any) -> tuple[Any, Any]:
+    """∫ gap and the load of every mode, both (strips, modes)."""
+    rows, first = plan.rows, np.eye(1, len(plan.orders))
+    weight = problem.kernel.weight[rows][:, None]
+    return weight * (problem.bend * curved + problem.gap[rows][:, None] * first), weight * first
+
+
+def _pressed(plan: Plan, problem: Problem, table: Any, ends: Any, held: Any, active: Any) -> tuple[Settled, Any]:
+    """The pressure for these boundaries, and by how much outlines overlap the other body, on the mean."""
+    low, high = _intervals(plan, ends)
+    matrix = coupled(table, strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0]))
+    strength, tails = _strengths(plan, low, high), _tails(plan, problem, held)
+    for end in (0, 1):
+        at = strength[..., end]
+        matrix = matrix + tails[end][:, None, :, None] * at[:, :, None, None] * at[None, None]
+    gap, weight = _terms(plan, problem, strip_waves.gap_integrals(plan.orders, low, high))
+    n = gap.size
+    quadratic = Quadratic(matrix.reshape(n, n), gap.ravel(), weight.ravel(), problem.load)
+    found = active_set.on_set(quadratic, xp.repeat(active[plan.outline_of], len(plan.orders)))
+    zero, first = xp.zeros(()), len(plan.orders) * np.arange(plan.rows.size)
+    residual = quadratic.matrix[first] @ found.loads + gap[:, 0] - found.approach * weight[:, 0]
+    overlap = -(plan.member.T @ (residual / weight[:, 0])) / np.sum(plan.member, axis=0)
+    return Settled(
+        found.loads.reshape(gap.shape), found.by_load.reshape(gap.shape), found.approach, found.compliance, ends, held,
+        active, zero, zero,
+    ), overlap  # fmt: skip
+
+
+def spread(even: bool, products: Any, rows: np.ndarray) -> Any:
+    """The kernel of `rows`, which may repeat, at every entry z of their waves, (rows, z, rows): real parts and, unless
+    `even`, imaginary ones."""
+    table = products[rows][:, rows].transpose(0, 2, 1)
+    return table if even else xp.concatenate([table, table], axis=1)
+
+
+def coupled(table: Any, wave: Any) -> Any:
+    """Σ over z of the `spread` kernel and waves (rows, k, z): shape (rows, k, rows, k)."""
+    n, k, z = wave.shape
+    pushed = (table[..., None] * wave.transpose(2, 0, 1)[None]).reshape(n, z, n * k)
+    return xp.matmul(wave, pushed).reshape(n, k, n, k)
+
+
+def _moved(plan: Plan, problem: Problem, found: Settled, bound: Any) -> tuple[Any, Any, Any, Any]:
+    """New boundaries, which of them are held and which outlines loaded; and about what the move is worth in δ."""
+    orders, out = np.array(plan.orders), np.array([[-1.0, 1.0]])
+    weight = plan.member.T * problem.kernel.weight[plan.rows][None]
+    load, by_load = weight @ found.loads, weight @ found.by_load
+    signs = np.stack([(-1.0) ** orders, np.ones(orders.size)])
+    tip, slope = load @ signs.T, (load * orders[None] ** 2) @ signs.T  # P and its outward derivative at the ends
+    half = 0.5 * (found.ends[:, 1:] - found.ends[:, :1])
+    move = xp.where(slope < 0.0, -2.0 * tip / xp.where(slope < 0.0, slope, -1.0), 0.3 * xp.sign(tip))
+    move = half * xp.clip(move, -0.4, 0.5)
+    stays = (found.held & (tip >= 0.0)) | ~found.active[:, None]
+    new = xp.where(stays, found.ends, found.ends + out * move)
+    held = xp.where(stays, found.held, (new - bound) * out >= 0.0)
+    new = xp.where(held & ~stays, bound, new)
+    sides, least = plan.sides, NARROW / plan.frequencies.last
+    low = xp.where(sides == LEFT, xp.minimum(new[:, 0], new[:, 1] - least), new[:, 0])
+    high = xp.where(sides == RIGHT, xp.maximum(new[:, 1], new[:, 0] + least), new[:, 1])
+    new = xp.stack([low, high], axis=1)
+    active = found.active & (load[:, 0] > 0.0) & (new[:, 1] - new[:, 0] > LEAST)
+    worth = 0.5 * tip * (by_load @ signs.T) * (new - found.ends) * out / half
+    return new, held, active, xp.abs(xp.sum(worth)) / found.approach
+
+
+def shift(plan: Plan, problem: Problem, found: Settled) -> Any:
+    """What the approach is off by, to first order in a change of the problem: 0 for the one that was solved.
+
+    With W w + g = δ m, m·w = load and v = ∂w/∂load: dδ = v·(dW w + dg − δ dm) + ∂δ/∂load (dload − dm·w). Boundaries
+    that are free do not matter, those held by an edge move with it.
+    """
+    kernel = problem.kernel
+    on = found.active[plan.outline_of][:, None]
+    loads, by_load = xp.where(on, found.loads, 0.0), xp.where(on, found.by_load, 0.0)
+
+    def ended(left: Any, right: Any) -> tuple[Any, Any, Any]:
+        """Σ waves of virtual and found loads at the same frequency, by pairs of rows; that of ends; ∫ gap of both."""
+        ends = xp.where(found.held, bounds(plan, problem._replace(left=left, right=right)), found.ends)
+        low, high = _intervals(plan, ends)
+        wave = strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0])
+        strength = _strengths(plan, low, high)
+        curved = strip_waves.gap_integrals(plan.orders, low, high)
+        of_row = np.eye(kernel.weight.shape[0])[plan.rows].T
+        here, there = (xp.einsum("rs,sk->rk", of_row, xp.einsum("sm,smk->sk", part, wave)) for part in (by_load, loads))
+        count = here.shape[1] if plan.even else here.shape[1] // 2
+        pairs = sum(
+            here[:, None, k : k + count] * there[None, :, k : k + count] for k in range(0, here.shape[1], count)
+        )
+        tails = xp.einsum("sm,sme->es", by_load, strength), xp.einsum("sm,sme->es", loads, strength)
+        same = xp.moveaxis(_same(plan, found.held), -1, 0)
+        tails = tails[0][:, :, None] * tails[1][:, None, :] * same
+        return pairs, tails, xp.total(by_load * curved)
+
+    pairs, tails, curved = xp.in_few(ended, problem.left, problem.right)
+    work = xp.total((kernel.products * pairs).reshape(-1))
+    work = work + xp.total((kernel.mass[plan.rows][:, plan.rows][None] * tails).reshape(-1))
+    weight = kernel.weight[plan.rows]
+    virtual, real = by_load[:, 0], loads[:, 0]
+    work = work + xp.total(weight * (problem.bend * curved + virtual * (problem.gap[plan.rows] - found.approach)))
+    return work + found.compliance * (problem.load - xp.total(weight * real))
