@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
+
+jax.config.update("jax_enable_x64", True)
+
 import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial.chebyshev import chebfit, chebvander

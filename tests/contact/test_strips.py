@@ -11,7 +11,7 @@ from scipy.special import k0
 import difftrb as trb
 from difftrb.contact import strip_kernel, strip_plan
 from difftrb.contact.bickley import integrals_k0
-from difftrb.contact.solver import GRIDS
+from difftrb.contact.solver import GRIDS, approach_and_gradient
 from difftrb.contact.strip_rows import Rows
 from difftrb.core.taylor import Taylor
 
@@ -186,3 +186,35 @@ def test_inside_jit_the_choice_is_the_same(contact: trb.LineContact) -> None:
     for (offset, depth), found in zip(np.asarray(cases), together, strict=True):
         one = trb.solve_contact(contact, 2500.0, trb.Spall(4.0, 7.0, float(depth)), float(offset), 1e-2)
         assert float(found) == pytest.approx(float(one.approach), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("spall", "offset", "tilt"),
+    [(None, 0.0, 3e-4), (trb.Spall(4.0, 7.0, axial_offset=1.5), 0.0, -4e-4), (trb.Spall(3.0, 1.0), 0.52, 2e-4)],
+)
+def test_tilted_strips_and_cells_agree(
+    contact: trb.LineContact, spall: trb.Spall | None, offset: float, tilt: float
+) -> None:
+    strips, cells = (
+        trb.solve_contact(contact, 2500.0, spall, offset, accuracy, method, tilt).check()
+        for accuracy, method in ((1e-4, "strips"), (1e-3, "cells"))
+    )
+    assert float(strips.approach) == pytest.approx(float(cells.approach), rel=5e-4)
+    assert float(strips.moment) == pytest.approx(float(cells.moment), rel=1e-2)
+    assert float(strips.moment) * tilt < 0.0  # the end where the gap is less carries more
+
+
+def test_moment_and_approach_are_of_one_energy(contact: trb.LineContact) -> None:
+    """∂M/∂load = ∂δ/∂tilt, both second derivatives of it; and that is what differences of the approach say."""
+    spall, tilt, h = trb.Spall(3.0, 1.0), 2e-4, 1e-5
+
+    def solved(load: float, tilt: float) -> trb.ContactSolution:
+        return trb.solve_contact(contact, load, spall, 0.52, 1e-4, "strips", tilt).check()
+
+    _, by = approach_and_gradient(contact, 2500.0, spall, 0.52, 1e-4, "strips", tilt)
+    assert by.tilt is not None
+    by_tilt = float(by.tilt)
+    ahead, behind = (float(solved(2500.0, tilt + side * h).approach) for side in (1.0, -1.0))
+    assert by_tilt == pytest.approx((ahead - behind) / (2.0 * h), rel=2e-2)
+    more, less = (float(solved(2500.0 + side * 25.0, tilt).moment) for side in (1.0, -1.0))
+    assert by_tilt == pytest.approx((more - less) / 50.0, rel=2e-2)

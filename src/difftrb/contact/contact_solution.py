@@ -69,20 +69,18 @@ def given(
         as_floats(contact), xp.asarray(load), as_floats(spall), place, None if straight else xp.asarray(tilt)
     )
     inputs = xp.numbers(inputs) if xp.are_numbers(inputs) else jax.tree.map(jnp.asarray, inputs)
-    return inputs, straight and is_symmetric(spall), _method_for(spall, straight, method)
+    return inputs, straight and is_symmetric(spall), _method_for(spall, method)
 
 
-def _method_for(spall: Defect, straight: bool, method: Method) -> Method:
+def _method_for(spall: Defect, method: Method) -> Method:
     """`method`, or the only one that takes the case; refuses a named one that does not."""
     if any(isinstance(each, HeightMap) for each in listed(spall)):
         if method not in ("auto", "lattice"):
             raise status.SceneError(f"method = {method!r} does not take height maps; use 'lattice'")
         return "lattice"
-    if (isinstance(spall, tuple) or not straight) and method != "lattice":
+    if isinstance(spall, tuple) and method != "lattice":
         if method == "strips":
-            raise status.SceneError(
-                "method = 'strips' takes at most one spall and a roller that is not tilted; use 'cells'"
-            )
+            raise status.SceneError("method = 'strips' takes at most one spall; use 'cells'")
         return "cells"
     return method
 
@@ -121,6 +119,7 @@ class ContactSolution(status.Judged):
       cells: the grid: `cells.x`, `cells.y` centres [mm].
       load: [N]. spall, offset, tilt: as given; `offset` one per spall of several, `tilt` None where it is 0.
       gap: initial gap [mm], shape of `force`.
+      moment: Σ f·y of the forces about the roller's middle [N mm]; 0 where half the roller was solved.
       contact_width: longest extent of the contact in the rolling direction [mm].
       loaded_fraction: share of the roller's length on which some cell is loaded [-].
       residual: by cells, the largest violation of the contact conditions relative to the approach; by strips, the last
@@ -140,6 +139,7 @@ class ContactSolution(status.Judged):
     offset: Float[Array, "*spalls"]
     tilt: jax.Array | None
     gap: Float[Array, "rows columns"]
+    moment: Float[Array, ""]
     contact_width: Float[Array, ""]
     loaded_fraction: Float[Array, ""]
     residual: Float[Array, ""]
@@ -166,11 +166,12 @@ class ContactSolution(status.Judged):
 
 
 class Found(NamedTuple):
-    """What one way of solving finds: approach [mm], force of every cell [N], width of the contact [mm]; the rest as in
-    `ContactSolution`, `status_code` not yet of the inputs."""
+    """What one way of solving finds: approach [mm], force of every cell [N], moment [N mm], width of the contact [mm];
+    the rest as in `ContactSolution`, `status_code` not yet of the inputs."""
 
     approach: Any
     force: Any
+    moment: Any
     width: Any
     residual: Any
     iterations: Any
@@ -184,9 +185,10 @@ def assembled(inputs: Inputs, cells: Cells, gap: jax.Array, accuracy: float, fou
     rows = xp.where(xp.any(force > 0.0, axis=1), xp.sum(cells.area, axis=1), 0.0)
     fraction = xp.sum(rows) / (xp.sum(cells.widths) * inputs.contact.length)
     width, fraction, residual = xp.fixed((found.width, fraction, found.residual))
+    passes, unknowns = found.iterations.astype(int), cast(Any, np.asarray(found.unknowns))
     return ContactSolution(
-        found.approach, force, cells, *inputs[1:], gap, width, fraction, residual, found.iterations.astype(int),
-        cast(Any, np.asarray(found.unknowns)), checked(inputs, found.status_code), accuracy,
+        found.approach, force, cells, *inputs[1:], gap, found.moment, width, fraction, residual, passes,
+        unknowns, checked(inputs, found.status_code), accuracy,
     )  # fmt: skip
 
 
@@ -229,6 +231,11 @@ def checked(inputs: Inputs, code: jax.Array, suited: jax.Array | bool = True) ->
     if inputs.tilt is not None:
         sound = sound & xp.isfinite(inputs.tilt)
     return xp.where(sound, xp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
+
+
+def moment_of(cells: Cells, force: Any) -> Any:
+    """Of the cells' forces about the roller's middle [N mm]."""
+    return 0.0 * xp.sum(force) if cells.mirrored else xp.sum(force * cells.y[:, None])
 
 
 def width_of(cells: Cells, force: jax.Array) -> jax.Array:

@@ -29,6 +29,7 @@ from difftrb.contact.contact_solution import (
     cut_off,
     given,
     gradient_by_name,
+    moment_of,
     verdict,
     width_of,
 )  # fmt: skip
@@ -324,5 +325,7 @@ def _pressed(inputs: Inputs, stage: Stage, matrix: halfspace.Operator, accuracy:
     approach = approach + lowest
     touched = cut_off(cells, force > 0.0, approach, gap, contact)
     code = status.worst(code, verdict(approach, residual, TOLERANCE), touched)
-    found = Found(approach, force, width_of(cells, force), residual, iterations, force.size, code)
+    found = Found(
+        approach, force, moment_of(cells, force), width_of(cells, force), residual, iterations, force.size, code
+    )
     return assembled(inputs, cells, gap, accuracy, found)

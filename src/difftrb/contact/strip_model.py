@@ -180,7 +180,7 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     code = xp.where(fits, code, status.UNSUITED)
     width = reach.unit * _width(plan, on, ends)
     passes = np.asarray(way.fine.centred + way.fine.settled)
-    return Found(found.approach, force, width, settled.error, passes, loads.size, code)
+    return Found(found.approach, force, found.moment, width, settled.error, passes, loads.size, code)
 
 
 def _width(plan: Plan, on: Any, ends: Any) -> Any:

@@ -153,7 +153,7 @@ def groups_of(
         if mirrored:
             return (Rows(strip_rows.graded(0.0 * top, top, fine.land, 1.0, GATHERED), True, "none"),), None
         return (Rows(strip_rows.graded(bottom, top, 2 * fine.land, GATHERED, GATHERED), False, "none"),), None
-    least = LEAST_ROWS * top  # also of a spall without length: panels of none would make NaN of derivatives
+    least = 0.5 * LEAST_ROWS * (top - bottom)  # of a spall without length, too: panels of none make NaN of derivatives
     high = xp.within(high, least if mirrored else bottom + 2.0 * least, top - least)
     upper = Rows(strip_rows.graded(high, top, fine.land, GATHERED, GATHERED), False, "low")
     if mirrored:

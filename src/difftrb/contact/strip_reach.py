@@ -53,7 +53,7 @@ def outlook(inputs: Inputs) -> tuple[Any, Any]:
     fits = suited(inputs, reach, reach.approach)
     if spall is None:
         return np.asarray(0), fits
-    certain = xp.sqrt(2.0 * contact.radius * ABOVE * reach.approach)  # beyond it the gap exceeds the approach
+    certain = xp.sqrt(2.0 * contact.radius * ABOVE * _interference(inputs, reach.approach))  # the gap exceeds it beyond
     near, far = 0.5 * spall.width - xp.abs(inputs.offset), 0.5 * spall.width + xp.abs(inputs.offset)
     edges = xp.where(near < certain, 1, 0) + xp.where(far < certain, 1, 0)
     return edges, fits & ((edges == 0) | ends_within(inputs, reach))
@@ -63,9 +63,16 @@ def suited(inputs: Inputs, reach: Reach, approach: Any) -> Any:
     """Whether strips can describe a contact of so large an approach [mm]."""
     contact, spall = inputs.contact, cast(Any, inputs.spall)
     low, high = spall_edges(inputs)
-    land = (2.0 * reach.tip - (high - low)) / reach.unit
-    fits = (gaps.crown_scale(contact) > LEAST_CROWN * approach) & (land > LEAST_LAND)
-    return fits if spall is None else fits & (spall.depth > approach)
+    land = (
+        2.0 * reach.tip - (xp.clip(high, reach.bottom, reach.top) - xp.clip(low, reach.bottom, reach.top))
+    ) / reach.unit
+    fits = (gaps.crown_scale(contact) > LEAST_CROWN * _interference(inputs, approach)) & (land > LEAST_LAND)
+    return fits if spall is None else fits & (spall.depth > _interference(inputs, approach))
+
+
+def _interference(inputs: Inputs, approach: Any) -> Any:
+    """By how much the undeformed bodies overlap at most [mm]."""
+    return approach if inputs.tilt is None else approach - contact_extent.least_rest(inputs.contact, inputs.tilt)
 
 
 def ends_within(inputs: Inputs, reach: Reach) -> Any:
@@ -165,10 +172,11 @@ def gone(groups: tuple[Rows, ...], ends: tuple[Any, ...]) -> Any:
     """By how much, in approaches, rows are clear that stand for land of which a spall leaves none, shape (rows,);
     `ends` of the spall and of the rows."""
     low, high, bottom, top = xp.fixed(ends)
-    beside = {"high": low / bottom, "low": high / top}  # land below a spall ends with its high end
+    left = {"high": low - bottom, "low": top - high}  # land below a spall ends with its high end
+    least = 0.5 * LEAST_ROWS * (top - bottom)
 
     def clear(group: Rows) -> Any:
-        land = group.edge in beside and not group.middle
-        return xp.where(beside[group.edge] > 1.0 - LEAST_ROWS, CLEAR, 0.0) if land else 0.0
+        land = group.edge in left and not group.middle
+        return xp.where(left[group.edge] < least, CLEAR, 0.0) if land else 0.0
 
     return xp.concatenate([clear(group) * np.ones(group.count) for group in groups])
