@@ -61,7 +61,7 @@ def test_a_bottom_carries(shallow: trb.Scene, bearing: trb.TaperedBearing) -> No
     assert audit.stiffness_error.max() < 5e-3
     assert -9e3 < float(found.by_length[0, 0]) < -2e3
     deep = trb.solve(direct(bearing, (trb.Spall(6.3, 9.0),), trb.Load(12000.0, 7000.0)))
-    assert float(found.spalled.loads[0]) > 1.05 * float(deep.loads[0])
+    assert float(found.spalled.loads[0]) > 1.04 * float(deep.loads[0])
 
 
 def test_the_local_law_by_two_routes(two: trb.Scene) -> None:

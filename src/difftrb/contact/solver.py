@@ -217,7 +217,7 @@ def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSoluti
     """By strips and, where they do not do, by cells; chosen as it runs."""
     edges, _ = strip_reach.outlook(inputs)
     counts = range(1 if inputs.spall is None else 3)
-    branches = [partial(_by_strips, way=_way(inputs, mirrored, count, accuracy), accuracy=accuracy) for count in counts]
+    branches = [partial(_by_strips, mirrored=mirrored, edges=count, accuracy=accuracy) for count in counts]
     first = jax.lax.switch(edges, branches, inputs)
     cells = grid_for(accuracy).cells
     return jax.lax.cond(

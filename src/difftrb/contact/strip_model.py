@@ -27,7 +27,7 @@ from difftrb.contact.strip_settling import FARTHEST, Problem, Settled
 from difftrb.core import arrays as xp
 from difftrb.core import implicit, status
 
-SETTLED = 0.2  # share of the asked-for accuracy that misplaced boundaries may take
+SETTLED = 0.05  # share of the asked-for accuracy that misplaced boundaries may take
 TENSION = 10.0  # share of the load that strips may take as tension, by the accuracy: more, and they are too coarse
 
 

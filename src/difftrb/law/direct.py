@@ -217,7 +217,7 @@ def without_edges(
         [ramp_fit.sunk(contact, spall, level, loads) for spall, level in zip(spalls, levels[1:], strict=True)]
     )
     return DirectLaw(
-        contact, jnp.asarray(loads), spalls, samples.inputs(contact, None, 0.0), approaches[0], slopes[0],
+        contact, jnp.asarray(loads), spalls, jnp.asarray(samples.inputs(contact, None, 0.0)), approaches[0], slopes[0],
         jnp.asarray(half_width), approaches[1:], slopes[1:], sunk.reshape(len(spalls), ramp_fit.EXTENT_DEGREE + 1),
         tuple(_edges(contact, spall, [], np.zeros((0, EDGE_LOADS)), []) for spall in spalls), accuracy,
         samples.worst_status([node for level in levels for node in level]),
