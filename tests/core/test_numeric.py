@@ -28,6 +28,9 @@ def test_horner() -> None:
     value, slope = numeric.with_slope(columns, x)
     np.testing.assert_allclose(value, power(np.asarray(x)), rtol=1e-14)
     np.testing.assert_allclose(slope, power.deriv()(np.asarray(x)), rtol=1e-13)
+    alone = jax.jvp(numeric.with_slope, (columns[:1], x), (columns[1:2], x))  # once a slope without the value's shape
+    np.testing.assert_allclose(alone[0], [columns[0], np.zeros(11)])
+    np.testing.assert_allclose(alone[1], [columns[1], np.zeros(11)])
     for order in range(6):
         found = numeric.polynomial(np.asarray(columns), np.asarray(x), order)
         np.testing.assert_allclose(found, power.deriv(order)(np.asarray(x)), rtol=1e-13)

@@ -70,6 +70,9 @@ def polynomial(coefficients: Any, x: Any, order: int = 0) -> Any:
 
 def with_slope(coefficients: Any, x: Any) -> tuple[Any, Any]:
     """Σ cₖ xᵏ, as in `polynomial`, and its derivative by `x`."""
+    if len(coefficients) < 2:
+        none = 0.0 * (coefficients[0] * x)
+        return coefficients[0] + none, none
     value, slope = coefficients[-1], 0.0
     for k in range(len(coefficients) - 2, -1, -1):
         value, slope = value * x + coefficients[k], slope * x + value

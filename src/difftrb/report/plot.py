@@ -9,6 +9,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+import jax
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
@@ -69,7 +70,7 @@ def contact_under_spall(scene: Scene, solution: Solution) -> ContactSolution:
         roller = nearest if float(solution.loads[nearest]) > 0.0 else roller
         offset = -float(away[roller])
     contact, accuracy = raceway_contact(scene, "outer"), min(scene.accuracy, COARSEST)
-    return solve_contact(contact, solution.loads[roller], spall, offset, accuracy)
+    return jax.device_get(solve_contact(contact, solution.loads[roller], spall, offset, accuracy))
 
 
 def pressure_map(solution: ContactSolution, ax: Axes | None = None) -> Axes:
@@ -79,6 +80,7 @@ def pressure_map(solution: ContactSolution, ax: Axes | None = None) -> Axes:
     """
     if ax is None:
         _, ax = plt.subplots(figsize=(7.0, 3.2), layout="constrained")
+    solution = jax.device_get(solution)
     cells = solution.cells
     x_lines, lines, pressure = np.asarray(cells.borders), np.asarray(cells.lines), np.asarray(solution.pressure)
     if cells.mirrored:
