@@ -12,7 +12,7 @@ import numpy as np
 
 from difftrb.contact import active_set, strip_settling, strip_waves
 from difftrb.contact.active_set import Quadratic
-from difftrb.contact.strip_plan import LAND, LEFT, RIGHT, Plan
+from difftrb.contact.strip_plan import LAND, LEFT, RIGHT, Kernel, Plan
 from difftrb.contact.strip_settling import Problem
 from difftrb.core import arrays as xp
 
@@ -22,7 +22,7 @@ FIRST = {2: (0.85, 1.2), 3: (0.7, 0.95, 1.25), 4: (0.6, 0.88, 1.06, 1.35)}
 LATER = {2: (0.9, 1.15), 3: (0.75, 1.0, 1.25), 4: (0.6, 0.85, 1.0, 1.2)}
 
 
-def chosen(plan: Plan, problem: Problem, estimate: Any, count: int, times: int) -> tuple[Any, Any, Any]:
+def chosen(plan: Plan, problem: Problem, kernel: Kernel, estimate: Any, count: int, times: int) -> tuple[Any, Any, Any]:
     """The distance of every family's free boundary from the middle, (families,), 1 where it is loaded, and whether the
     last active set stood still.
 
@@ -31,10 +31,10 @@ def chosen(plan: Plan, problem: Problem, estimate: Any, count: int, times: int) 
     sides, rows = plan.family_sides, plan.family_rows
     edge = xp.where(sides == RIGHT, problem.right, xp.where(sides == LEFT, -problem.left, 0.0))
     nearest = xp.maximum(xp.where(sides == LAND, 0.0, edge), 0.0)
-    table = strip_settling.spread(plan.even, problem.kernel.products, rows)
+    table = strip_settling.spread(plan.even, kernel.products, rows)
     same = (sides[:, None] == sides[None]) & (sides != LAND)[None]
-    tail = problem.kernel.mass[rows][:, rows] * same
-    weight, gap_of_rows = problem.kernel.weight[rows], problem.gap[rows]
+    tail = kernel.mass[rows][:, rows] * same
+    weight, gap_of_rows = problem.weight[rows], problem.gap[rows]
     places = np.array([FIRST[count]] + [LATER[count]] * (times - 1))
     left = np.broadcast_to((sides == LEFT)[:, None], (sides.size, count))
 

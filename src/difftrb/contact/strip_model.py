@@ -85,27 +85,21 @@ def _groups(inputs: Inputs, reach: Reach, way: Way) -> tuple[tuple[Rows, ...], i
     return groups, hollow, ends
 
 
-def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[Problem, Plan, tuple[Rows, ...]]:
-    """The contact without units, its plan and its rows."""
+def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[Problem, Plan, tuple[Any, ...]]:
+    """The contact without units, its plan, and what its rows are made of."""
     contact, load, _, _, tilt = inputs
     mirrored, edges, fine, _ = way
     groups, hollow, ends = _groups(inputs, reach, way)
-    frequencies = fine.frequencies_for(edges)
-
-    def kernel_of(*ends: Any) -> strip_plan.Kernel:
-        groups, _ = strip_plan.groups_of(ends, mirrored, inputs.spall is not None, edges, fine)
-        return strip_plan.kernel_of(groups, mirrored, frequencies, fine.nodes)
-
-    kernel = xp.in_few(kernel_of, *ends)
     push = np.pi * contact.modulus / reach.line_load  # from [mm] to the unit of displacement
+    weight = strip_rows.weights(groups)
     gap = xp.concatenate([
         strip_rows.integrals(group, lambda y: push * gaps.rest_at(y * reach.unit, contact, tilt)) for group in groups
-    ]) / kernel.weight  # fmt: skip
+    ]) / weight  # fmt: skip
     gap = gap + gone(groups, ends) * xp.fixed(push * reach.approach)
     left, right = _rolling_edges(inputs, edges, reach.unit)
     images = 2.0 if mirrored else 1.0
     problem = Problem(
-        kernel=kernel,
+        weight=weight,
         gap=gap,
         bend=push * reach.unit**2 / (4.0 * contact.radius),  # x²/(2R) in units of 2x²
         left=left,
@@ -113,7 +107,13 @@ def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[Problem, Plan, tup
         load=load / (images * reach.line_load * reach.unit),
         push=push,
     )
-    return problem, strip_plan.plan_of(groups, hollow, edges, mirrored, fine), groups
+    return problem, strip_plan.plan_of(groups, hollow, edges, mirrored, fine), ends
+
+
+def _kernel(way: Way, spalled: bool, *ends: Any) -> strip_plan.Kernel:
+    """Of the rows between these ends of a spall and of the contact."""
+    groups, _ = strip_plan.groups_of(ends, way.mirrored, spalled, way.edges, way.fine)
+    return strip_plan.kernel_of(groups, way.mirrored, way.fine.frequencies_for(way.edges), way.fine.nodes)
 
 
 def _rolling_edges(inputs: Inputs, edges: int, unit: Any) -> tuple[Any, Any]:
@@ -132,20 +132,21 @@ def _shifted(way: Way, found: Strips, inputs: Inputs) -> Any:
     Rows and boundaries grow with the units: what they are misplaced by does then not enter.
     """
     reach = carried_along(found.reach, inputs, way.edges)
-    problem, plan, _ = _problem(inputs, way, reach)
-    return (found.settled.approach + strip_settling.shift(plan, problem, found.settled)) / problem.push
+    problem, plan, ends = _problem(inputs, way, reach)
+    kernel_of = partial(_kernel, way, inputs.spall is not None)
+    return (found.settled.approach + strip_settling.shift(plan, problem, kernel_of, ends, found.settled)) / problem.push
 
 
 def _search(way: Way, inputs: Inputs) -> tuple[Any, Strips]:
     reach = xp.fixed(reach_of(inputs, way.edges))
-    problem, plan, _ = _problem(inputs, way, reach)
-    fine = way.fine
-    size, on, still = strip_bands.chosen(plan, problem, problem.push * reach.approach, fine.bands, fine.centred)
-    settled = strip_settling.settle(
-        plan, problem, plan.begun_by @ size, plan.begun_by @ on, fine.settled, way.tolerance
-    )
+    problem, plan, ends = _problem(inputs, way, reach)
+    kernel, fine = _kernel(way, inputs.spall is not None, *ends), way.fine
+    estimate = problem.push * reach.approach
+    size, on, still = strip_bands.chosen(plan, problem, kernel, estimate, fine.bands, fine.centred)
+    begin = plan.begun_by @ size, plan.begun_by @ on
+    settled = strip_settling.settle(plan, problem, kernel, *begin, fine.settled, way.tolerance)
     approach = settled.approach / problem.push
-    turning = settled.loads[:, 0] * problem.kernel.arm[plan.rows]
+    turning = settled.loads[:, 0] * kernel.arm[plan.rows]
     moment = reach.line_load * reach.unit**2 * xp.sum(turning) * (0.0 if way.mirrored else 1.0)
     compliance = settled.compliance * problem.load / (inputs.load * problem.push)
     return approach, Strips(approach, compliance, moment, settled, reach, still)

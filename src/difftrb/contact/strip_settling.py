@@ -7,6 +7,7 @@ approach by the second, so that two or three solves are enough and no boundary n
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,11 +28,12 @@ class Problem(NamedTuple):
     """The contact without units: x in b₀, y in b₀, line load in q₀, displacement in q₀/(πE').
 
     Attributes:
-      kernel: of the rows. gap: mean initial gap of the rows beside curvature, (rows,). bend: curvature's gap by 2x².
+      weight: ∫ hat dy of the rows, (rows,). gap: their mean initial gap beside curvature, (rows,). bend: curvature's
+        gap by 2x².
       left, right: the spall's rolling edges. load: Σ weight q. push: takes [mm] to the unit of displacement.
     """
 
-    kernel: Kernel
+    weight: Any
     gap: Any
     bend: Any
     left: Any
@@ -64,12 +66,12 @@ def bounds(plan: Plan, problem: Problem) -> Any:
     return xp.stack([low, high], axis=1)
 
 
-def settle(plan: Plan, problem: Problem, size: Any, on: Any, passes: int, tolerance: float) -> Settled:
+def settle(plan: Plan, problem: Problem, kernel: Kernel, size: Any, on: Any, passes: int, tolerance: float) -> Settled:
     """Pressure and boundaries, from guesses of their distance from the middle, (outlines,), of which those with `on`
     > 0 are loaded; at most `passes` solves, until moving on is worth less than `tolerance` of the approach."""
     bound = bounds(plan, problem)
     ends = xp.stack([xp.maximum(-size, bound[:, 0]), xp.minimum(size, bound[:, 1])], axis=1)
-    table = spread(plan.even, problem.kernel.products, plan.rows)
+    table, mass = spread(plan.even, kernel.products, plan.rows), kernel.mass[plan.rows][:, plan.rows]
     none, zero = np.zeros((plan.rows.size, len(plan.orders))), np.zeros(())
     active = (on > 0.0) & (ends[:, 1] - ends[:, 0] > LEAST)
     ends = _waiting(plan, bound, ends, active)
@@ -77,7 +79,7 @@ def settle(plan: Plan, problem: Problem, size: Any, on: Any, passes: int, tolera
 
     def solve(last: tuple) -> tuple:
         _, ends, held, active, count, _ = last
-        found, overlap = _pressed(plan, problem, table, ends, held, active)
+        found, overlap = _pressed(plan, problem, table, mass, ends, held, active)
         new, held_next, active_next, error = _moved(plan, problem, found, bound)
         change = xp.max(xp.where(active[:, None], xp.abs(new - ends), 0.0))
         called = ~active & (overlap > OVERLAP * found.approach) & (ends[:, 1] - ends[:, 0] > LEAST) & (count < CALLS)
@@ -133,24 +135,20 @@ def _same(plan: Plan, held: Any) -> Any:
     return every[plan.outline_of][:, plan.outline_of].astype(float)
 
 
-def _tails(plan: Plan, problem: Problem, held: Any) -> Any:
-    """∫ hat hat dy of strips that end at the same place, (2, strips, strips)."""
-    mass = problem.kernel.mass[plan.rows][:, plan.rows]
-    return mass[None] * xp.moveaxis(_same(plan, held), -1, 0)
-
-
 def _terms(plan: Plan, problem: Problem, curved: Any) -> tuple[Any, Any]:
     """∫ gap and the load of every mode, both (strips, modes)."""
     rows, first = plan.rows, np.eye(1, len(plan.orders))
-    weight = problem.kernel.weight[rows][:, None]
+    weight = problem.weight[rows][:, None]
     return weight * (problem.bend * curved + problem.gap[rows][:, None] * first), weight * first
 
 
-def _pressed(plan: Plan, problem: Problem, table: Any, ends: Any, held: Any, active: Any) -> tuple[Settled, Any]:
+def _pressed(
+    plan: Plan, problem: Problem, table: Any, mass: Any, ends: Any, held: Any, active: Any
+) -> tuple[Settled, Any]:
     """The pressure for these boundaries, and by how much outlines overlap the other body, on the mean."""
     low, high = _intervals(plan, ends)
     matrix = coupled(table, strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0]))
-    strength, tails = _strengths(plan, low, high), _tails(plan, problem, held)
+    strength, tails = _strengths(plan, low, high), mass[None] * xp.moveaxis(_same(plan, held), -1, 0)
     for end in (0, 1):
         at = strength[..., end]
         matrix = matrix + tails[end][:, None, :, None] * at[:, :, None, None] * at[None, None]
@@ -184,7 +182,7 @@ def coupled(table: Any, wave: Any) -> Any:
 def _moved(plan: Plan, problem: Problem, found: Settled, bound: Any) -> tuple[Any, Any, Any, Any]:
     """New boundaries, which of them are held and which outlines loaded; and about what the move is worth in δ."""
     orders, out = np.array(plan.orders), np.array([[-1.0, 1.0]])
-    weight = plan.member.T * problem.kernel.weight[plan.rows][None]
+    weight = plan.member.T * problem.weight[plan.rows][None]
     load, by_load = weight @ found.loads, weight @ found.by_load
     signs = np.stack([(-1.0) ** orders, np.ones(orders.size)])
     tip, slope = load @ signs.T, (load * orders[None] ** 2) @ signs.T  # P and its outward derivative at the ends
@@ -204,38 +202,53 @@ def _moved(plan: Plan, problem: Problem, found: Settled, bound: Any) -> tuple[An
     return new, held, active, xp.abs(xp.sum(worth)) / found.approach
 
 
-def shift(plan: Plan, problem: Problem, found: Settled) -> Any:
+def shift(plan: Plan, problem: Problem, kernel_of: Callable[..., Kernel], ends: tuple[Any, ...], found: Settled) -> Any:
     """What the approach is off by, to first order in a change of the problem: 0 for the one that was solved.
 
     With W w + g = δ m, m·w = load and v = ∂w/∂load: dδ = v·(dW w + dg − δ dm) + ∂δ/∂load (dload − dm·w). Boundaries
-    that are free do not matter, those held by an edge move with it.
+    that are free do not matter, those held by an edge move with it. W changes with the rows, whose kernel is
+    `kernel_of(*ends)`, and with the rolling edges: each is expanded alone, for there are few of either.
     """
-    kernel = problem.kernel
     on = found.active[plan.outline_of][:, None]
     loads, by_load = xp.where(on, found.loads, 0.0), xp.where(on, found.by_load, 0.0)
+    of_row = np.eye(problem.gap.shape[0])[plan.rows].T
+    same = xp.moveaxis(_same(plan, found.held), -1, 0)
 
-    def ended(left: Any, right: Any) -> tuple[Any, Any, Any]:
-        """Σ waves of virtual and found loads at the same frequency, by pairs of rows; that of ends; ∫ gap of both."""
-        ends = xp.where(found.held, bounds(plan, problem._replace(left=left, right=right)), found.ends)
-        low, high = _intervals(plan, ends)
+    def pairs_of(left: Any, right: Any) -> tuple[Any, Any, Any]:
+        """Virtual by found loads at the same frequency, of pairs of rows; at the same end, of pairs of strips; ∫ gap of
+        the virtual ones."""
+        at = xp.where(found.held, bounds(plan, problem._replace(left=left, right=right)), found.ends)
+        low, high = _intervals(plan, at)
         wave = strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0])
         strength = _strengths(plan, low, high)
         curved = strip_waves.gap_integrals(plan.orders, low, high)
-        of_row = np.eye(kernel.weight.shape[0])[plan.rows].T
         here, there = (xp.einsum("rs,sk->rk", of_row, xp.einsum("sm,smk->sk", part, wave)) for part in (by_load, loads))
         count = here.shape[1] if plan.even else here.shape[1] // 2
         pairs = sum(
             here[:, None, k : k + count] * there[None, :, k : k + count] for k in range(0, here.shape[1], count)
         )
         tails = xp.einsum("sm,sme->es", by_load, strength), xp.einsum("sm,sme->es", loads, strength)
-        same = xp.moveaxis(_same(plan, found.held), -1, 0)
-        tails = tails[0][:, :, None] * tails[1][:, None, :] * same
-        return pairs, tails, xp.total(by_load * curved)
+        return pairs, tails[0][:, :, None] * tails[1][:, None, :] * same, xp.total(by_load * curved)
 
-    pairs, tails, curved = xp.in_few(ended, problem.left, problem.right)
-    work = xp.total((kernel.products * pairs).reshape(-1))
-    work = work + xp.total((kernel.mass[plan.rows][:, plan.rows][None] * tails).reshape(-1))
-    weight = kernel.weight[plan.rows]
+    def work(products: Any, mass: Any, pairs: Any, tails: Any) -> Any:
+        own = mass[plan.rows][:, plan.rows]
+        return xp.einsum("ijk,ijk->", products, pairs) + xp.einsum("ij,eij->", own, tails)
+
+    still = pairs_of(*xp.fixed((problem.left, problem.right)))[:2]
+
+    def as_rows_move(*ends: Any) -> tuple[Any, Any, Any]:
+        kernel = kernel_of(*ends)
+        return work(kernel.products, kernel.mass, *still), xp.fixed(kernel.products), xp.fixed(kernel.mass)
+
+    by_rows, products, mass = xp.in_few(as_rows_move, *ends)
+
+    def as_edges_move(left: Any, right: Any) -> tuple[Any, Any]:
+        *pairs, curved = pairs_of(left, right)
+        return work(products, mass, *pairs), curved
+
+    by_edges, curved = xp.in_few(as_edges_move, problem.left, problem.right)
+    weight = problem.weight[plan.rows]
     virtual, real = by_load[:, 0], loads[:, 0]
-    work = work + xp.total(weight * (problem.bend * curved + virtual * (problem.gap[plan.rows] - found.approach)))
-    return work + found.compliance * (problem.load - xp.total(weight * real))
+    change = by_rows + by_edges - xp.fixed(by_rows)
+    change = change + xp.total(weight * (problem.bend * curved + virtual * (problem.gap[plan.rows] - found.approach)))
+    return change + found.compliance * (problem.load - xp.total(weight * real))

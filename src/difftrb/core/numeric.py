@@ -25,9 +25,9 @@ def chebyshev_roots(count: int) -> np.ndarray:
     return np.cos(np.pi * (np.arange(count) + 0.5) / count)
 
 
-def chebyshev(x: jax.Array, degree: int) -> list[jax.Array]:
-    """Chebyshev polynomials T₀ … of `x`, any shape, up to `degree`."""
-    rows = [jnp.ones_like(x), x]
+def chebyshev(x: Any, degree: int) -> list[Any]:
+    """Chebyshev polynomials T₀ … of `x`, an array of any shape or an expansion, up to `degree`."""
+    rows = [0.0 * x + 1.0, x]
     for _ in range(degree - 1):
         rows.append(2.0 * x * rows[-1] - rows[-2])
     return rows[: degree + 1]

@@ -107,17 +107,18 @@ class DirectLaw:
     status_code: Real
     name = "direct"
     hard = False
+    expands = True
 
     @property
     def load_range(self) -> tuple[Real, Real]:
         """Smallest and largest load of the solves [N]."""
-        return jnp.exp(self.log_loads[0]), jnp.exp(self.log_loads[-1])
+        return xp.exp(self.log_loads[0]), xp.exp(self.log_loads[-1])
 
     def at(self, contact: LineContact) -> DirectLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
+    def curves(self, spalls: tuple[Spall, ...], distances: Any) -> RollerCurves:
         """See `Law`. Spalls beyond those it was prepared for are for `judge` to refuse."""
         spalls, distances = spalls[: len(self.spalls)], distances[: len(self.spalls)]
         healthy = self._level()
@@ -128,21 +129,25 @@ class DirectLaw:
         ]
         return ramp_fit.roller_curves(healthy, fulls, ramps, spalls, distances)
 
-    def _ramp(self, i: int, spall: Spall, healthy: Healthy, full: Curve, distances: jax.Array, side: float) -> Ramp:
-        """Of the place nearest to where the roller is now."""
+    def _ramp(self, i: int, spall: Spall, healthy: Healthy, full: Curve, distances: Any, side: float) -> Ramp:
+        """Of the place nearest to where the roller is now; `distances` [mm] of shape (…, rollers)."""
         edges, edge = self.edges[i], ramp_fit.over(spall, distances, side)
-        distance = jnp.sum(jnp.where(ramp_fit.next_to(spall, distances, side), jnp.abs(distances), 0.0))
+        distance = xp.total(xp.where(ramp_fit.next_to(spall, distances, side), xp.magnitude(distances), 0.0))
         rise = ramp_fit.rise_over(self.contact, spall)
         blank = healthy.beside(edge, full, self.sunk[i], rise, edge_ramp.guess())
-        if not edges.loads.shape[0]:
+        count = edges.loads.shape[0]
+        if not count:
             return blank
-        here = jnp.argmin(jnp.abs(edges.given[:, AT.distance] - distance)) == jnp.arange(edges.given.shape[0])
-        chosen = jax.tree.map(lambda leaf: jnp.tensordot(here.astype(float), leaf, 1), edges)
+        away = xp.abs(xp.fixed(distance)[..., None] - edges.given[:, AT.distance])
+        here = (xp.argmin(away, axis=-1)[..., None] == np.arange(count)).astype(float)
+        given, loads, approaches, slopes = (xp.tensordot(here, leaf, 1) for leaf in edges)
         # beyond this distance another ramp applies, or none
-        apart = jnp.clip(distance - chosen.given[AT.distance], -ASIDE, ASIDE)
-        now = samples.inputs(self.contact, spall, chosen.given[AT.distance] + apart)
-        approaches = chosen.approaches + chosen.slopes @ (now - chosen.given)
-        share = ramp_fit.through(blank, approaches, chosen.loads, NEAR_RIDGE)
+        apart = xp.within(distance - given[..., AT.distance], -ASIDE, ASIDE)
+        now = samples.inputs(self.contact, spall, 0.0)[: AT.distance]
+        moved = xp.einsum("...li,...i->...l", slopes[..., : AT.distance], now - given[..., : AT.distance])
+        approaches = approaches + moved + slopes[..., AT.distance] * apart[..., None]
+        at = edge_ramp.spread(dataclasses.replace(blank, edge=0.0), approaches.ndim)
+        share = ramp_fit.through(dataclasses.replace(at, edge=edge[..., None]), approaches, loads, NEAR_RIDGE)
         return dataclasses.replace(blank, share=edge_ramp.in_powers(share))
 
     def levels(self, i: int, spall: Spall) -> tuple[Healthy, Curve]:
@@ -156,40 +161,42 @@ class DirectLaw:
     def _over(self, i: int, spall: Spall) -> Curve:
         return load_curve.through(self.log_loads, self._full(i, spall), shift_over(self.contact, spall))
 
-    def _healthy(self) -> jax.Array:
-        return self.healthy + self.healthy_slopes @ (samples.inputs(self.contact, None, 0.0) - self.given)
+    def _healthy(self) -> Any:
+        change = samples.inputs(self.contact, None, 0.0) - self.given
+        return self.healthy + xp.einsum("li,i->l", self.healthy_slopes, change)
 
-    def _full(self, i: int, spall: Spall) -> jax.Array:
+    def _full(self, i: int, spall: Spall) -> Any:
         change = samples.inputs(self.contact, wide(spall), 0.0) - samples.inputs(
             samples.contact_of(self.given), wide(self.spalls[i]), 0.0
         )
-        return self.full[i] + self.full_slopes[i] @ change
+        return self.full[i] + xp.einsum("li,i->l", self.full_slopes[i], change)
 
-    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:
         """See `Law`."""
         healthy, full = self.levels(number, spall)
         rise = ramp_fit.rise_over(self.contact, spall)
-        beside = healthy.beside(jnp.zeros(()), full, self.sunk[number], rise, edge_ramp.guess())
+        beside = healthy.beside(np.zeros(()), full, self.sunk[number], rise, edge_ramp.guess())
         return edge_ramp.extent(edge_ramp.spread(beside, np.ndim(approach)), approach)
 
-    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
+    def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls; no
         roller over several spalls or on a bottom: that is `local.LocalLaw`'s."""
-        same = jnp.max(jnp.abs(self._healthy() / self.healthy - 1.0)) < MOVED
+        same = xp.max(xp.abs(self._healthy() / self.healthy - 1.0)) < MOVED
         if len(spalls) not in (0, len(self.spalls)):
-            return jnp.asarray(status.OTHER_SCENE)
+            return np.asarray(status.OTHER_SCENE)
         for i, spall in enumerate(spalls):
-            same = same & (jnp.max(jnp.abs(self._full(i, spall) / self.full[i] - 1.0)) < MOVED)
+            same = same & (xp.max(xp.abs(self._full(i, spall) / self.full[i] - 1.0)) < MOVED)
             low, high = self.ramp(i, spall, self.full[i, -1])
             for side in (1.0, -1.0):
                 edge = ramp_fit.over(spall, distances[i], side)
-                apart = jnp.abs(self.edges[i].given[:, AT.distance] - (0.5 * spall.width - edge))
-                same = same & ((jnp.min(apart, initial=jnp.inf) < ASIDE) | (edge < low) | (edge > high))
+                apart = xp.abs(self.edges[i].given[:, AT.distance] - (0.5 * spall.width - edge)[..., None])
+                near = xp.min(apart, axis=-1, initial=np.inf) < ASIDE
+                same = same & xp.all(near | (edge < low) | (edge > high))
         code = status.worst(
             within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest),
             known_up_to(LENGTH_SHARE * self.contact.length, spalls),
         )  # fmt: skip
-        return jnp.where(same, code, status.OTHER_SCENE)
+        return xp.where(same, code, status.OTHER_SCENE)
 
 
 def without_edges(

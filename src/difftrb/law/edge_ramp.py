@@ -16,7 +16,6 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
@@ -238,7 +237,7 @@ def level(ramp: Ramp, healthy: Any) -> Any:
 def in_powers(share: Any) -> Any:
     """`Ramp.share` of coefficients of Chebyshev polynomials, levels by terms behind all other axes; these in front."""
     levels, terms = (_powers(count) for count in share.shape[-2:])
-    return xp.of(share).einsum("...lt,lm,tn->mn...", share, levels, terms)
+    return xp.einsum("...lt,lmtn->mn...", share, np.einsum("lm,tn->lmtn", levels, terms))
 
 
 def _powers(count: int) -> np.ndarray:
@@ -246,6 +245,6 @@ def _powers(count: int) -> np.ndarray:
     return np.array([np.pad(np.polynomial.chebyshev.cheb2poly(row), (0, count))[:count] for row in np.eye(count)])
 
 
-def guess(degree: int = 0) -> jax.Array:
+def guess(degree: int = 0) -> np.ndarray:
     """`Ramp.share` of any roller."""
-    return jnp.zeros((degree + 1, TERMS))
+    return np.zeros((degree + 1, TERMS))

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev_nodes
-from difftrb.law import load_curve, samples
+from difftrb.law import load_curve, ramp_fit, samples
 from difftrb.law.base import Rest
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw, accuracy_at_edges
 from difftrb.law.edge_ramp import RollerCurves
@@ -46,8 +46,8 @@ BENDS = 5e-4
 TOGETHER = 4
 """States are filled up to a multiple of this: every number of them would be a program of its own."""
 
-HIGHEST = jax.lax.Precision.HIGHEST
-_product = partial(jnp.matmul, precision=HIGHEST)
+NOTHING = 1e-12
+"""Of a coefficient, where solves do not tell it: so that it is 0."""
 
 
 class Reached(NamedTuple):
@@ -95,6 +95,7 @@ class LocalLaw:
     settling: bool = dataclasses.field(default=False, metadata={"static": True})
     name = "direct"
     hard = False
+    expands = True
 
     @property
     def contact(self) -> LineContact:
@@ -120,73 +121,88 @@ class LocalLaw:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, base=self.base.at(contact))
 
-    def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
-        """See `Law`. Other spalls than it was made for are for `judge` to refuse."""
-        healthy = load_curve.of(self.base.curves((), distances[:0]).each, 0)
-        every = jax.tree.map(lambda field: jnp.repeat(field[..., None], distances.shape[1], axis=-1), healthy)
+    def curves(self, spalls: tuple[Spall, ...], distances: Any) -> RollerCurves:
+        """See `Law`, of one phase. Other spalls than it was made for are for `judge` to refuse."""
+        every = self.base.curves((), distances[:0]).each
         if self.states is None or self.states.met.shape[1] != len(spalls):
             return RollerCurves(every)
-        own = jax.vmap(through, out_axes=-1)(self.states.log_loads, self._approaches(self.states, spalls, distances))
-        missing = healthy.coefficients.shape[0] - own.coefficients.shape[0]
-        own = dataclasses.replace(own, coefficients=jnp.pad(own.coefficients, ((0, missing), (0, 0))))
-        at, here = self.states.at, jnp.sum(self.states.at, axis=0) > 0.0
-        return RollerCurves(
-            jax.tree.map(
-                lambda of_all, of_own: jnp.where(jnp.broadcast_to(here, of_all.shape), _product(of_own, at), of_all),
-                every,
-                own,
-            )
-        )
+        own = through(self.states.log_loads, self._approaches(self.states, spalls, _of_one_phase(distances)))
+        missing = every.coefficients.shape[0] - own.coefficients.shape[0]
+        more = np.zeros((missing, own.coefficients.shape[1]))
+        own = dataclasses.replace(own, coefficients=xp.concatenate([own.coefficients, more]))
+        at, here = self.states.at, xp.sum(self.states.at, axis=0) > 0.0
 
-    def _approaches(self, states: States, spalls: tuple[Spall, ...], distances: jax.Array) -> jax.Array:
+        def chosen(of_all: Any, of_own: Any) -> Any:
+            of_own = xp.einsum("...s,sr->...r", of_own, at).reshape(*of_all.shape)
+            return xp.where(xp.broadcast_to(here.reshape(*[1] * (of_all.ndim - 1), -1), of_all.shape), of_own, of_all)
+
+        return RollerCurves(xp.tree_map(chosen, every, own))
+
+    def _approaches(self, states: States, spalls: tuple[Spall, ...], distances: Any) -> Any:
         """Of the solves, carried to what rollers meet now [mm], shape (states, loads)."""
-        alike = samples.inputs(self.contact, spalls, 0.0)[: -len(spalls)]
-        away = _product(states.at, distances.T)
-        now = jnp.concatenate([jnp.broadcast_to(alike, (away.shape[0], alike.size)), away], axis=1)
-        change = jnp.where(jnp.any(states.at > 0.0, axis=1)[:, None], now - states.given, 0.0)
-        return states.approaches + jnp.einsum("kli,ki->kl", states.slopes, change, precision=HIGHEST)
+        count = len(spalls)
+        alike = samples.inputs(self.contact, spalls, 0.0)[:-count]
+        away = xp.einsum("sr,nr->sn", states.at, distances)
+        moved = xp.concatenate(
+            [alike[None] - states.given[:, :-count], away - states.given[:, -count:]], axis=-1
+        )  # fmt: skip
+        change = xp.where(xp.any(states.at > 0.0, axis=1)[:, None], moved, 0.0)
+        return states.approaches + xp.einsum("kli,ki->kl", states.slopes, change)
 
-    def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
+    def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: only the scene it was made for, or its neighbours, or the same bearing without spalls."""
         if self.settling:
-            return jnp.asarray(status.CONVERGED)
+            return np.asarray(status.CONVERGED)
         code = self.base.judge((), distances[:0], rest)
         if not spalls:
             return code
-        met = jnp.zeros(distances.shape, bool)
+        distances, met = _of_one_phase(distances), np.zeros((len(spalls), distances.shape[-1]), bool)
         if rest is not None:
-            met = jnp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
+            rest = rest._replace(approach=rest.approach.reshape(-1), loads=rest.loads.reshape(-1))
+            met = xp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
         states = self.states
         if states is None:
-            return jnp.where(jnp.any(met), status.OTHER_SCENE, code)
+            return xp.where(xp.any(met), status.OTHER_SCENE, code)
         if states.met.shape[1] != len(spalls):
-            return jnp.asarray(status.OTHER_SCENE)
+            return np.asarray(status.OTHER_SCENE)
         moved = self._approaches(states, spalls, distances) / states.approaches - 1.0
-        apart = (_product(states.at, distances.T) - states.given[:, -len(spalls) :]) * states.met
-        same = (jnp.max(jnp.abs(moved)) < MOVED) & (jnp.max(jnp.abs(apart)) < ASIDE)
+        apart = (xp.einsum("sr,nr->sn", states.at, distances) - states.given[:, -len(spalls) :]) * states.met
+        same = (xp.max(xp.abs(moved)) < MOVED) & (xp.max(xp.abs(apart)) < ASIDE)
         if rest is not None:
-            load = jnp.maximum(_product(states.at, rest.loads), jnp.exp(self.base.log_loads[0]))
-            off = jnp.abs(jnp.log(load) - jnp.mean(states.log_loads, axis=1)) * jnp.max(states.at, axis=1)
-            unknown = met & (_product(states.met.T, states.at) == 0.0)
-            same = same & (jnp.max(off) < WITHIN) & ~jnp.any(unknown)
-        return jnp.where(same, code, status.OTHER_SCENE)
+            load = xp.maximum(xp.einsum("sr,r->s", states.at, rest.loads), xp.exp(self.base.log_loads[0]))
+            off = xp.abs(xp.log(load) - xp.mean(states.log_loads, axis=1)) * xp.max(states.at, axis=1)
+            unknown = met & (xp.einsum("sn,sr->nr", states.met, states.at) == 0.0)
+            same = same & (xp.max(off) < WITHIN) & ~xp.any(unknown)
+        return xp.where(same, code, status.OTHER_SCENE)
 
-    def ramp(self, number: int, spall: Spall, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:
         """See `Law`: not known, for there is no mean over phases."""
-        return jnp.zeros(()), jnp.zeros(())
+        return np.zeros(()), np.zeros(())
 
 
-def through(log_loads: jax.Array, approaches: jax.Array) -> Curve:
-    """log Q as a polynomial in log δ, nearest to a state's solves; straight beyond them."""
-    x = jnp.log(approaches)
-    middle, reach = 0.5 * (x[-1] + x[0]), 0.5 * (x[-1] - x[0])
-    z = (x - middle) / reach
-    free = min(DEGREE, z.size - 1)
-    close = log_loads[-1] - log_loads[0] < SPREAD
-    powers = jnp.stack([z**k for k in range(free + 1)], axis=1)
-    powers = powers.at[:, 3:].multiply(jnp.where(close, 0.0, 1.0))
-    square = _product(powers.T, powers) + jnp.diag(jnp.where(close & (jnp.arange(free + 1) > 2), 1.0, 0.0))
-    return Curve(jnp.linalg.solve(square, _product(powers.T, log_loads)), middle, reach, jnp.zeros(()))
+def _of_one_phase(distances: Any) -> Any:
+    """Without the axis that it may have for phases, shape (spalls, rollers)."""
+    return distances.reshape(distances.shape[0], distances.shape[-1])
+
+
+def through(log_loads: Any, approaches: Any) -> Curve:
+    """log Q as polynomials in log δ, nearest to each state's solves, both of shape (states, loads); straight beyond
+    them."""
+    x = xp.log(approaches)
+    middle, reach = 0.5 * (x[:, -1] + x[:, 0]), 0.5 * (x[:, -1] - x[:, 0])
+    z = (x - middle[:, None]) / reach[:, None]
+    powers = [0.0 * z + 1.0, z]
+    for _ in range(2, min(DEGREE, z.shape[1] - 1) + 1):
+        powers.append(powers[-1] * z)
+    told = xp.where((log_loads[:, -1] - log_loads[:, 0] < SPREAD)[:, None], 0.0, 1.0)
+    powers[3:] = [power * told for power in powers[3:]]
+    found = ramp_fit.least_squares(xp.stack(powers, axis=-1), log_loads, NOTHING)
+    return Curve(_columns(found), middle, reach, xp.zeros_like(middle))
+
+
+def _columns(rows: Any) -> Any:
+    """Rows as columns."""
+    return xp.stack([rows[:, k] for k in range(rows.shape[1])])
 
 
 def around(
@@ -228,9 +244,9 @@ def _solved(
 
 def _bend(log_loads: np.ndarray, solved: Sequence[Node]) -> float:
     """How far solves are from the curve nearest to them, at most, in log Q."""
-    approaches = jnp.asarray([node.approach for node in solved])
-    found, _ = load_curve.load(through(jnp.asarray(log_loads), approaches), approaches)
-    return float(jnp.max(jnp.abs(jnp.log(found) - log_loads)))
+    approaches = np.array([[node.approach for node in solved]])
+    found, _ = load_curve.load(through(log_loads[None], approaches), approaches.T)
+    return float(np.max(np.abs(np.log(found[:, 0]) - log_loads)))
 
 
 def _touches_at_some(solved: Sequence[Node], spalls: int) -> bool:
@@ -254,7 +270,7 @@ def _stacked(
         slopes[k][:, samples.places(under, count)] = [node.slopes for node in own]
         away = np.zeros(count)
         away[under] = each.away
-        given[k] = samples.inputs(base.contact, spalls, jnp.asarray(away))
+        given[k] = samples.inputs(base.contact, spalls, away)
     at = np.zeros((len(reached), reached[0].rollers))
     at[np.arange(len(reached)), [each.roller for each in reached]] = 1.0
     approaches = np.array([[node.approach for node in own] for own in solved])

@@ -9,14 +9,13 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev
+from difftrb.core.taylor import Taylor
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.base import spalls_under
 from difftrb.law.edge_ramp import Ramp, RollerCurves
@@ -33,8 +32,8 @@ class Healthy(NamedTuple):
     """A roller on a healthy raceway: its curve, and what `Ramp` needs of it: half-width, loads, radius."""
 
     curve: Curve
-    half_width: jax.Array
-    loads: jax.Array
+    half_width: Any
+    loads: Any
     radius: Real
 
     def beside(self, edge: Any, full: Curve, sunk: Any, rise: Any, share: Any) -> Ramp:
@@ -43,14 +42,15 @@ class Healthy(NamedTuple):
 
 
 def healthy_level(
-    contact: LineContact, solved: LineContact, log_loads: jax.Array, approaches: jax.Array, half_width: jax.Array
+    contact: LineContact, solved: LineContact, log_loads: Any, approaches: Any, half_width: Any
 ) -> Healthy:
     """For `contact`, of solves of a neighbour of it, `solved`, at `log_loads` [log N], shape (loads,): approaches
     carried to `contact` [mm], shape (loads,), and `Ramp.half_width` as solved."""
     middle, reach = 0.5 * (log_loads[-1] + log_loads[0]), 0.5 * (log_loads[-1] - log_loads[0])
-    own = load_curve.through(log_loads, approaches, jnp.zeros(()))
-    wider = 0.5 * jnp.log(contact.radius / solved.radius * solved.modulus / contact.modulus)  # as of a line contact
-    return Healthy(own, half_width.at[0].add(wider), jnp.stack([middle, reach]), contact.radius)
+    own = load_curve.through(log_loads, approaches, np.zeros(()))
+    wider = 0.5 * xp.log(contact.radius / solved.radius * solved.modulus / contact.modulus)  # as of a line contact
+    half_width = half_width + np.eye(1, len(half_width))[0] * wider
+    return Healthy(own, half_width, xp.stack([middle, reach]), contact.radius)
 
 
 def extents(log_loads: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
@@ -106,8 +106,20 @@ def roller_curves(
         return found.reshape(*found.shape, *[1] * phases)
 
     edges = xp.stack([ramp.edge for ramp in every])
-    alike = xp.tree_map(stacked, *[dataclasses.replace(ramp, edge=0.0) for ramp in every])
-    return RollerCurves(each, dataclasses.replace(alike, edge=edges), xp.of(under).stack(at).astype(float))
+    if any(ramp.share.ndim > 2 for ramp in every):  # ramps that know the phase
+        share = xp.stack([_at_phases(ramp.share, ramp.edge.shape) for ramp in every], axis=2)
+    else:
+        share = stacked(*(ramp.share for ramp in every))
+    alike = xp.tree_map(stacked, *[dataclasses.replace(ramp, edge=0.0, share=0.0) for ramp in every])
+    ramps = dataclasses.replace(alike, edge=edges, share=share)
+    return RollerCurves(each, ramps, xp.of(under).stack(at).astype(float))
+
+
+def _at_phases(share: Any, phases: tuple[int, ...]) -> Any:
+    """A ramp's share with the phases as axes behind its own two."""
+    if share.ndim > 2:
+        return share
+    return xp.broadcast_to(share.reshape(*share.shape, *[1] * len(phases)), (*share.shape, *phases))
 
 
 def next_to(spall: Spall, distances: Any, side: float) -> Any:
@@ -128,25 +140,48 @@ def over(spall: Spall, distances: Any, side: float) -> Any:
     return xp.total(xp.where(next_to(spall, distances, side), beyond, 0.0))  # no gather: slow in a batch
 
 
-def through(ramp: Ramp, approach: jax.Array, load: jax.Array, ridge: float, levels: int = 1) -> jax.Array:
+def through(ramp: Ramp, approach: Any, load: Any, ridge: float, levels: int = 1) -> Any:
     """What `edge_ramp.in_powers` takes, for contact solves with edges at `ramp.edge`, through all of them, nearly;
-    shape (levels, TERMS).
+    shape (…, levels, TERMS).
 
-    `approach` [mm], `load` [N] of the solves, shape (n,). `ridge`: noise of a share by the size of coefficients. What
+    `approach` [mm], `load` [N] of the solves, shape (…, n). `ridge`: noise of a share by the size of coefficients. What
     the solves do not tell stays small.
     """
     healthy, full, low, high = edge_ramp.between(ramp, approach)
     t, loss = edge_ramp.place(ramp.edge, low, high), healthy - full
-    first, weight = edge_ramp.usual(t), jax.lax.stop_gradient(loss / healthy)
-    by_level = jnp.stack(chebyshev(edge_ramp.level(ramp, healthy), levels - 1), axis=1)
+    first, weight = edge_ramp.usual(t), xp.fixed(loss / healthy)
+    by_level = xp.stack(chebyshev(edge_ramp.level(ramp, healthy), levels - 1), axis=-1)
     u = edge_ramp.beyond(t)
-    terms = u[:, None] * jnp.stack(chebyshev(2.0 * u - 1.0, edge_ramp.TERMS - 1), axis=1)
-    basis = (by_level[:, :, None] * terms[:, None]).reshape(t.size, -1)
-    found = least_squares((weight * first)[:, None] * basis, weight * ((load - full) / loss - first), ridge)
-    return found.reshape(levels, edge_ramp.TERMS)
+    terms = u[..., None] * xp.stack(chebyshev(2.0 * u - 1.0, edge_ramp.TERMS - 1), axis=-1)
+    basis = (by_level[..., None] * terms[..., None, :]).reshape(*t.shape, -1)
+    told = weight * ((load - full) / loss - first)
+    found = least_squares((weight * first)[..., None] * basis, told, ridge)
+    return found.reshape(*t.shape[:-1], levels, edge_ramp.TERMS)
 
 
-def least_squares(matrix: jax.Array, right: jax.Array, ridge: float) -> jax.Array:
-    """x with `matrix` · x nearest to `right`, shape (n,); what the rows do not tell stays small."""
-    q, r = jnp.linalg.qr(jnp.concatenate([matrix, ridge * jnp.eye(matrix.shape[1])]))
-    return jax.scipy.linalg.solve_triangular(r, q[: matrix.shape[0]].T @ right)
+def least_squares(matrix: Any, right: Any, ridge: float) -> Any:
+    """x with `matrix` · x nearest to `right`, shapes (…, n, m) and (…, n); what the rows do not tell stays small."""
+    plain, goal = xp.value(matrix), xp.value(right)
+    eye = np.broadcast_to(ridge * np.eye(plain.shape[-1]), (*plain.shape[:-2], *plain.shape[-1:] * 2))
+    q, r = xp.of(plain).linalg.qr(xp.concatenate([plain, eye], axis=plain.ndim - 2))
+    turned, lifted = (xp.moveaxis(part, -1, -2) for part in (q[..., : plain.shape[-2], :], r))
+
+    def solved(triangle: Any, right: Any) -> Any:
+        return xp.of(right).linalg.solve(triangle, right[..., None])[..., 0]
+
+    def times(matrix: Any, vector: Any) -> Any:
+        return xp.matmul(matrix, vector[..., None])[..., 0]
+
+    found = solved(r, times(turned, goal))
+    matrix_by, right_by = xp.by(matrix), xp.by(right)
+    if matrix_by is None and right_by is None:
+        return found
+    # x moves as the least squares of what the rows miss by, and as the missed turns with the rows
+    missed, by = goal - times(plain, found), 0.0
+    if right_by is not None:
+        by = by + solved(r[None], times(turned[None], right_by))
+    if matrix_by is not None:
+        by = by - solved(r[None], times(turned[None], times(matrix_by, found[None])))
+        turning = times(xp.moveaxis(matrix_by, -1, -2), missed[None])
+        by = by + solved(r[None], solved(lifted[None], turning))
+    return Taylor(found, by=by)
