@@ -1,4 +1,4 @@
-"""What a contact grid costs and how far it is from the truth: the measurements behind the cells of `solver.GRIDS`.
+"""What a contact grid costs and how far it is from the truth: the measurements behind the cells of `grids.GRIDS`.
 
 python experiments/accuracy_of_contact.py [CASES]   (default 40)
 
@@ -22,12 +22,13 @@ from rich.progress import track
 from rich.table import Table
 
 import difftrb as trb
+from difftrb.contact import grids
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_cells import Resolution
 from difftrb.contact.contact_solution import Inputs
 
 FINEST = Resolution(96, 96, 24)
-GRIDS = [*dict.fromkeys(g.cells for g in contacts.GRIDS.values()), Resolution(24, 20, 8), Resolution(48, 48, 12)]
+GRIDS = [*dict.fromkeys(g.cells for g in grids.GRIDS.values()), Resolution(24, 20, 8), Resolution(48, 48, 12)]
 
 
 def random_cases(count: int, contact: trb.LineContact) -> jax.Array:

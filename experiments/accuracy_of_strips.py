@@ -1,5 +1,5 @@
 """How far strips are from far finer ones where a rolling edge stands anywhere on its way through the contact, and over
-spalls narrower than it: the measurements behind `solver.GRIDS`, and the way's hardest part apart.
+spalls narrower than it: the measurements behind `grids.GRIDS`, and the way's hardest part apart.
 
 python experiments/accuracy_of_strips.py [CASES] [ACCURACIES …]   (default 24 1e-2 1e-3 1e-4 3e-5)
 
@@ -24,7 +24,6 @@ from rich.progress import track
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.contact import solver as contacts
 from difftrb.contact import strip_model
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.strip_model import Way
@@ -83,7 +82,7 @@ def compare(count: int, accuracies: Sequence[float], finest: Fineness = FINEST) 
         cases, edges = random_cases(kind, count, contact), 1 + (kind == "both")
         truth, known, _ = approaches(finest, 1e-5, contact, cases, edges)
         for accuracy in accuracies:
-            strips = contacts.grid_for(accuracy).strips
+            strips = grid_for(accuracy).strips
             found, settled, milliseconds = approaches(strips, accuracy, contact, cases, edges)
             error = np.abs(found / truth - 1.0)[known & settled]
             figures = [f"{np.quantile(error, q):.1e}" for q in (0.5, 0.9, 1.0)]

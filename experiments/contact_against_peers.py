@@ -42,7 +42,7 @@ from difftrb.accuracy.ladder import CONTACT, DEPTH, TRUTHS, WIDTH, Truth
 from difftrb.contact import gap as gaps
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_solution import Inputs
-from difftrb.contact.solver import GRIDS
+from difftrb.contact.grids import GRIDS
 from difftrb.report import plot
 
 OUT, IN = "rolling edges out of reach", "a rolling edge in the contact"

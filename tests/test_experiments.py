@@ -16,7 +16,7 @@ import difftrb as trb
 from difftrb.accuracy import ladder
 from difftrb.accuracy.ladder import Rung
 from difftrb.contact.contact_cells import Resolution
-from difftrb.contact.solver import GRIDS
+from difftrb.contact.grids import GRIDS
 from experiments import by_scipy
 
 FOLDER = Path(__file__).parents[1] / "experiments"

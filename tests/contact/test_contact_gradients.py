@@ -12,6 +12,7 @@ from difftrb.contact import halfspace
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_cells import stage
 from difftrb.contact.contact_solution import Inputs
+from difftrb.contact.grids import GRIDS
 from difftrb.core.geometry import LineContact, Spall
 from difftrb.core.jax_config import jit_quickly
 
@@ -117,7 +118,7 @@ def test_second_derivation_dense_linear_algebra(contact: LineContact) -> None:
     def system(length: float) -> tuple[np.ndarray, np.ndarray]:
         changed = dataclasses.replace(spall, length=length)
         inputs = Inputs(contact, jnp.asarray(load), changed, jnp.asarray(offset))
-        cells = stage(inputs, contacts.GRIDS[1e-2].cells, True).cells
+        cells = stage(inputs, GRIDS[1e-2].cells, True).cells
         from difftrb.contact import gap
 
         W = halfspace.influence(cells, jnp.asarray(contact.modulus))

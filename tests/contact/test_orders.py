@@ -10,6 +10,7 @@ from difftrb.contact import projected_gradient
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.gap import Cells
+from difftrb.contact.grids import GRIDS
 from tests import hertz
 
 pytestmark = pytest.mark.order
@@ -86,7 +87,7 @@ def test_roller_contact_converges(spall: trb.Spall | None, offsets: list[float])
 
         return jax.jit(lambda c: jax.lax.map(one, c))(cases)
 
-    fine = approaches(contacts.GRIDS[1e-4].cells)
+    fine = approaches(GRIDS[1e-4].cells)
     errors = [
         float(jnp.sqrt(jnp.mean((approaches(contacts.Resolution(8 * k, 6 * k, 3 * k)) / fine - 1.0) ** 2)))
         for k in (1, 4)

@@ -11,7 +11,8 @@ from scipy.special import k0
 import difftrb as trb
 from difftrb.contact import strip_kernel, strip_plan
 from difftrb.contact.bickley import integrals_k0
-from difftrb.contact.solver import GRIDS, approach_and_gradient
+from difftrb.contact.grids import GRIDS
+from difftrb.contact.solver import approach_and_gradient
 from difftrb.contact.strip_rows import Rows
 from difftrb.core.taylor import Taylor
 

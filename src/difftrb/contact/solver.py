@@ -8,7 +8,6 @@ In this order: what is asked, which way is chosen, each way.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -33,39 +32,13 @@ from difftrb.contact.contact_solution import (
     verdict,
     width_of,
 )  # fmt: skip
+from difftrb.contact.grids import GRIDS, grid_for, reached
 from difftrb.contact.projected_gradient import TOLERANCE, press_by
 from difftrb.contact.strip_model import Way
-from difftrb.contact.strip_plan import Fineness
-from difftrb.contact.strip_waves import Frequencies
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real
 from difftrb.core.jax_config import jit_quickly
-
-
-@dataclasses.dataclass(frozen=True)
-class Grid:
-    """What one accuracy is solved on: cells, strips where these can describe the contact, a lattice (rows, columns)."""
-
-    cells: Resolution
-    strips: Fineness
-    lattice: tuple[int, int]
-
-
-# Relative accuracy of the approach, and the grids measured to meet it: experiments/accuracy_of_contact.py and
-# accuracy_of_strips.py. Columns: accuracy; cells; strips, their frequencies without and with rolling edges, nodes of
-# their kernel; lattice.
-GRIDS = {
-    accuracy: Grid(Resolution(*cells), Fineness(*strips, Frequencies(*inner), Frequencies(*edges), nodes), lattice)
-    for accuracy, cells, strips, inner, edges, nodes, lattice in (
-        (1e-2, (16, 12, 6), (7, 3, 2, 1, 8), (4, 8, 10, 9.0), (4, 8, 26, 38.0), 10, (256, 32)),
-        (1e-3, (32, 20, 8), (11, 4, 2, 2, 12), (4, 8, 12, 12.0), (4, 10, 42, 76.0), 12, (512, 48)),
-        (1e-4, (64, 64, 16), (18, 5, 2, 2, 16), (4, 12, 12, 12.0), (4, 10, 60, 112.0), 14, (1024, 64)),
-        (3e-5, (64, 64, 16), (24, 7, 2, 2, 20), (4, 14, 18, 16.0), (5, 12, 72, 132.0), 15, (1024, 64)),
-        (1e-5, (64, 64, 16), (32, 8, 3, 2, 20), (6, 18, 26, 25.0), (5, 14, 88, 150.0), 16, (1024, 64)),
-    )
-}
-
 
 # ------------------------------------------------------------------------------------------ what is asked
 
@@ -165,19 +138,6 @@ def approach_and_gradient(
     return _first_that_does(method, inputs, accuracy, lambda way, *a: _slopes(way, inputs, mirrored, *a))
 
 
-def grid_for(accuracy: float) -> Grid:
-    """The cheapest grid measured to reach a relative `accuracy` of the approach."""
-    return GRIDS[_reached(accuracy)]
-
-
-def _reached(accuracy: float) -> float:
-    """The accuracy that `grid_for` was measured at."""
-    enough = [a for a in GRIDS if a <= accuracy * (1.0 + 1e-9)]
-    if not enough or not accuracy <= max(GRIDS):
-        raise status.SceneError(f"accuracy = {accuracy!r} is out of range: {min(GRIDS):g} … {max(GRIDS):g}")
-    return max(enough)
-
-
 # ------------------------------------------------------------------------------------------ which way is chosen
 
 
@@ -208,7 +168,7 @@ def _first_that_does(
 
 def _others(accuracy: float) -> list[float]:
     """The two next finer accuracies; where there are not two, coarser ones."""
-    own = _reached(accuracy)
+    own = reached(accuracy)
     return ([a for a in GRIDS if a < own] + [a for a in reversed(GRIDS) if a > own])[:2]
 
 

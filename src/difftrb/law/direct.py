@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap as gaps
-from difftrb.contact.solver import GRIDS
+from difftrb.contact.grids import GRIDS
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats

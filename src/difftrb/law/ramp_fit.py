@@ -111,8 +111,8 @@ def roller_curves(
     else:
         share = stacked(*(ramp.share for ramp in every))
     alike = xp.tree_map(stacked, *[dataclasses.replace(ramp, edge=0.0, share=0.0) for ramp in every])
-    ramps = dataclasses.replace(alike, edge=edges, share=share)
-    return RollerCurves(each, ramps, xp.of(under).stack(at).astype(float))
+    together = dataclasses.replace(alike, edge=edges, share=share)
+    return RollerCurves(each, together, xp.of(under).stack(at).astype(float))
 
 
 def _at_phases(share: Any, phases: tuple[int, ...]) -> Any:

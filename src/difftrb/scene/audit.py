@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import solver as contacts
+from difftrb.contact.grids import GRIDS
 from difftrb.core.geometry import Raceway, Real, Spall
 from difftrb.law import base as laws
 from difftrb.law import edge_ramp
@@ -158,7 +158,7 @@ def finer(of: Law) -> float:
     if of.hard:
         return 1e-3
     own = float(of.error) if isinstance(of, DirectLaw | LocalLaw) else 1e-3
-    return max((a for a in contacts.GRIDS if a < 0.5 * own), default=min(contacts.GRIDS))
+    return max((a for a in GRIDS if a < 0.5 * own), default=min(GRIDS))
 
 
 def _ready(scene: Scene, found: Solution) -> Scene:

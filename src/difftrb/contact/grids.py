@@ -1,0 +1,47 @@
+"""What every accuracy of a contact is solved on."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from difftrb.contact.contact_cells import Resolution
+from difftrb.contact.strip_plan import Fineness
+from difftrb.contact.strip_waves import Frequencies
+from difftrb.core import status
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """What one accuracy is solved on: cells, strips where these can describe the contact, a lattice (rows, columns)."""
+
+    cells: Resolution
+    strips: Fineness
+    lattice: tuple[int, int]
+
+
+# Relative accuracy of the approach, and the grids measured to meet it: experiments/accuracy_of_contact.py and
+# accuracy_of_strips.py. Columns: accuracy; cells; strips, their frequencies without and with rolling edges, nodes of
+# their kernel; lattice.
+GRIDS = {
+    accuracy: Grid(Resolution(*cells), Fineness(*strips, Frequencies(*inner), Frequencies(*edges), nodes), lattice)
+    for accuracy, cells, strips, inner, edges, nodes, lattice in (
+        (1e-2, (16, 12, 6), (7, 3, 2, 1, 8), (4, 8, 10, 9.0), (4, 8, 26, 38.0), 10, (256, 32)),
+        (1e-3, (32, 20, 8), (11, 4, 2, 2, 12), (4, 8, 12, 12.0), (4, 10, 42, 76.0), 12, (512, 48)),
+        (1e-4, (64, 64, 16), (18, 5, 2, 2, 16), (4, 12, 12, 12.0), (4, 10, 60, 112.0), 14, (1024, 64)),
+        (3e-5, (64, 64, 16), (24, 7, 2, 2, 20), (4, 14, 18, 16.0), (5, 12, 72, 132.0), 15, (1024, 64)),
+        (1e-5, (64, 64, 16), (32, 8, 3, 2, 20), (6, 18, 26, 25.0), (5, 14, 88, 150.0), 16, (1024, 64)),
+    )
+}
+
+
+def grid_for(accuracy: float) -> Grid:
+    """The cheapest grid measured to reach a relative `accuracy` of the approach."""
+    return GRIDS[reached(accuracy)]
+
+
+def reached(accuracy: float) -> float:
+    """The accuracy that `grid_for` was measured at."""
+    enough = [a for a in GRIDS if a <= accuracy * (1.0 + 1e-9)]
+    if not enough or not accuracy <= max(GRIDS):
+        raise status.SceneError(f"accuracy = {accuracy!r} is out of range: {min(GRIDS):g} … {max(GRIDS):g}")
+    return max(enough)
