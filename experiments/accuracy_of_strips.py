@@ -26,6 +26,7 @@ from rich.table import Table
 import difftrb as trb
 from difftrb.contact import strip_model
 from difftrb.contact.contact_solution import Inputs
+from difftrb.contact.grids import grid_for
 from difftrb.contact.strip_model import Way
 from difftrb.contact.strip_plan import Fineness
 from difftrb.contact.strip_waves import Frequencies
