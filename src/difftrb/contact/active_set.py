@@ -38,19 +38,18 @@ class Response(NamedTuple):
 def on_set(problem: Quadratic, active: Any) -> Response:
     """The minimum where only `active` unknowns, (n,), may carry load, of either sign."""
     matrix, gap, weight, load = problem
-    np_ = xp.of(matrix, gap, load)
-    if np_ is np:  # only these: a large part is often not
+    if xp.of(matrix, gap, load) is np:  # only these: a large part is often not
         chosen = np.flatnonzero(active)
         right = np.stack([weight[chosen], -gap[chosen]], axis=1)
         by_weight, by_gap = np.zeros((2, gap.size))
         by_weight[chosen], by_gap[chosen] = xp.solved(matrix[np.ix_(chosen, chosen)], right).T
     else:
-        scale = np_.where(active, 1.0 / np_.sqrt(np_.maximum(np_.abs(np_.diagonal(matrix)), 1e-300)), 0.0)
-        scaled = scale[:, None] * matrix * scale[None] + np_.diag(np_.where(active, 0.0, 1.0))
-        right = scale[:, None] * np_.stack([weight, -gap], axis=1)
-        by_weight, by_gap = (scale[:, None] * np_.linalg.solve(scaled, right)).T
-    compliance = 1.0 / np_.vdot(weight, by_weight)
-    approach = (load - np_.vdot(weight, by_gap)) * compliance
+        scale = xp.where(active, 1.0 / xp.sqrt(xp.maximum(xp.abs(xp.diagonal(matrix)), 1e-300)), 0.0)
+        scaled = scale[:, None] * matrix * scale[None] + xp.diag(xp.where(active, 0.0, 1.0))
+        right = scale[:, None] * xp.stack([weight, -gap], axis=1)
+        by_weight, by_gap = (scale[:, None] * xp.solved(scaled, right)).T
+    compliance = 1.0 / xp.vdot(weight, by_weight)
+    approach = (load - xp.vdot(weight, by_gap)) * compliance
     return Response(approach * by_weight + by_gap, compliance * by_weight, approach, compliance)
 
 
@@ -60,20 +59,19 @@ def solve(problem: Quadratic, active: Any, rounds: int) -> tuple[Response, Any, 
     At most `rounds` steps.
     """
     matrix, gap, weight, _ = problem
-    np_ = xp.of(matrix, gap)
 
     def step(state: tuple) -> tuple:
         active, _, count, _ = state
         found = on_set(problem, active)
         residual = matrix @ found.loads + gap - found.approach * weight
         # sign of w − M∇E: on the set the gradient vanishes, off it w does
-        chosen = np_.where(active, found.loads > 0.0, residual < -TOUCHING * found.approach * weight)
-        return chosen, found, count + 1, np_.all(chosen == active)
+        chosen = xp.where(active, found.loads > 0.0, residual < -TOUCHING * found.approach * weight)
+        return chosen, found, count + 1, xp.all(chosen == active)
 
     def going(state: tuple) -> Any:
         return ~state[3] & (state[2] < rounds)
 
-    zero, none = np_.zeros(gap.shape), np_.zeros(())
-    begun = active, Response(zero, zero, none, none), 0, np_.asarray(False)
+    zero, none = np.zeros(gap.shape), np.zeros(())
+    begun = active, Response(zero, zero, none, none), 0, np.asarray(False)
     active, found, _, still = xp.repeated_while(going, step, begun)
     return found, active, still

@@ -35,13 +35,12 @@ class Strips(NamedTuple):
     """A contact solved by strips.
 
     Attributes:
-      approach: δ [mm]. compliance: dδ/dload [mm/N]. moment: Σ f·y about the roller's middle [N mm].
+      approach: δ [mm]. moment: Σ f·y about the roller's middle [N mm].
       settled: mode loads and boundaries, without units. reach: the units.
       still: whether the active set of the bands stood still.
     """
 
     approach: Any
-    compliance: Any
     moment: Any
     settled: Settled
     reach: Reach
@@ -148,8 +147,7 @@ def _search(way: Way, inputs: Inputs) -> tuple[Any, Strips]:
     approach = settled.approach / problem.push
     turning = settled.loads[:, 0] * kernel.arm[plan.rows]
     moment = reach.line_load * reach.unit**2 * xp.sum(turning) * (0.0 if way.mirrored else 1.0)
-    compliance = settled.compliance * problem.load / (inputs.load * problem.push)
-    return approach, Strips(approach, compliance, moment, settled, reach, still)
+    return approach, Strips(approach, moment, settled, reach, still)
 
 
 # ------------------------------------------------------------------------------------------ what comes back

@@ -44,8 +44,8 @@ class Problem(NamedTuple):
 
 class Settled(NamedTuple):
     """Mode loads of the strips, (strips, modes), and their change by the load; approach and its change by load;
-    boundaries (outlines, 2), which of them are held at an edge, which outlines are loaded, (outlines,); last change of
-    a boundary, and what it may leave in the approach, as a share of it."""
+    boundaries (outlines, 2), which of them are held at an edge, which outlines are loaded, (outlines,); and what their
+    places may leave in the approach, as a share of it."""
 
     loads: Any
     by_load: Any
@@ -54,7 +54,6 @@ class Settled(NamedTuple):
     ends: Any
     held: Any
     active: Any
-    change: Any
     error: Any
 
 
@@ -75,19 +74,18 @@ def settle(plan: Plan, problem: Problem, kernel: Kernel, size: Any, on: Any, pas
     none, zero = np.zeros((plan.rows.size, len(plan.orders))), np.zeros(())
     active = (on > 0.0) & (ends[:, 1] - ends[:, 0] > LEAST)
     ends = _waiting(plan, bound, ends, active)
-    first = Settled(none, none, zero, zero, ends, ends == bound, active, zero, zero)
+    first = Settled(none, none, zero, zero, ends, ends == bound, active, zero)
 
     def solve(last: tuple) -> tuple:
         _, ends, held, active, count, _ = last
         found, overlap = _pressed(plan, problem, table, mass, ends, held, active)
         new, held_next, active_next, error = _moved(plan, problem, found, bound)
-        change = xp.max(xp.where(active[:, None], xp.abs(new - ends), 0.0))
         called = ~active & (overlap > OVERLAP * found.approach) & (ends[:, 1] - ends[:, 0] > LEAST) & (count < CALLS)
         new = _waiting(plan, bound, new, active_next)
         new = xp.where((called & (plan.sides**2 == 1))[:, None], _met(plan, problem, bound, overlap), new)
         active_next = active_next | called
         done = (error < tolerance) & xp.all(active_next == active)
-        return found._replace(change=change, error=error), new, held_next, active_next, count + 1, done
+        return found._replace(error=error), new, held_next, active_next, count + 1, done
 
     begun = (first, first.ends, first.held, first.active, 0, np.asarray(False))
     return xp.repeated_while(lambda last: ~last[5] & (last[4] < passes), solve, begun)[0]
@@ -161,7 +159,7 @@ def _pressed(
     overlap = -(plan.member.T @ (residual / weight[:, 0])) / np.sum(plan.member, axis=0)
     return Settled(
         found.loads.reshape(gap.shape), found.by_load.reshape(gap.shape), found.approach, found.compliance, ends, held,
-        active, zero, zero,
+        active, zero,
     ), overlap  # fmt: skip
 
 
