@@ -219,3 +219,32 @@ def test_moment_and_approach_are_of_one_energy(contact: trb.LineContact) -> None
     assert by_tilt == pytest.approx((ahead - behind) / (2.0 * h), rel=2e-2)
     more, less = (float(solved(2500.0 + side * 25.0, tilt).moment) for side in (1.0, -1.0))
     assert by_tilt == pytest.approx((more - less) / 50.0, rel=2e-2)
+
+
+def test_slivers_on_both_edges_of_a_narrow_spall_see_one_another(contact: trb.LineContact) -> None:
+    """Three half-widths apart: with frequencies too few for that the approach swayed with the width by up to 4e-3, and
+    its derivative by half of it."""
+    widths = np.linspace(0.31, 0.36, 6)
+    solved = [approach_and_gradient(contact, 2882.04, trb.Spall(5.41949, w), 0.0, 1e-4) for w in widths.tolist()]
+    approach = np.array([float(solution.check().approach) for solution, _ in solved])
+    slopes = np.array([float(by.spall.width) for _, by in solved])  # type: ignore[union-attr]
+    cells = [
+        float(trb.solve_contact(contact, 2882.04, trb.Spall(5.41949, w), 0.0, 1e-4, "cells").check().approach)
+        for w in (0.31, 0.36)
+    ]
+    np.testing.assert_allclose(approach[[0, -1]], cells, rtol=1e-3)
+    curve = np.polynomial.Polynomial.fit(widths, approach, 3)
+    np.testing.assert_allclose(approach, curve(widths), rtol=1e-4)
+    np.testing.assert_allclose(slopes, curve.deriv()(widths), rtol=5e-2)
+
+
+def test_derivatives_where_strips_do_not_suit(contact: trb.LineContact) -> None:
+    """Without a crown, cells: what strips make of it once took their derivatives along as NaN."""
+    straight = trb.LineContact(contact.radius, contact.length, contact.modulus, 0.0)
+
+    def approach(load: jax.Array) -> jax.Array:
+        return trb.solve_contact(straight, load, None, 0.0, 1e-2).approach
+
+    by_cells = trb.approach_slopes(straight, 3000.0, None, 0.0, 1e-2, "cells")["load"]
+    assert by_cells is not None
+    assert float(jax.jit(jax.grad(approach))(3000.0)) == pytest.approx(float(by_cells), rel=1e-9)

@@ -255,6 +255,8 @@ def _stationary_jvp(moved: Callable, solver: Callable, primals: tuple, tangents:
     value, found = stationary(moved, solver, parameters)
     moving, changes, among = _moving(parameters, tangents[0])
     by = rates(lambda some: moved(jax.lax.stop_gradient(found), among(some)), moving)
+    if by is not None:
+        by = jnp.where(jnp.isfinite(by), by, 0.0)  # where there is no solution another may be taken: 0 · NaN is NaN
     change = jnp.zeros_like(value) if by is None else _moved(changes, [by])[0]
     return (value, found), (change, jax.tree.map(_zero_tangent, found))
 
