@@ -151,7 +151,7 @@ def test_scene_by_table_is_the_scene_by_direct(bearing: trb.TaperedBearing) -> N
     np.testing.assert_allclose(ours.stiffness, theirs.stiffness, atol=1e-3 * float(theirs.stiffness.max()))
     for name in ("length", "width", "angle"):
         one, two = (float(getattr(by.spalls[0], name)) for by in (our_slopes, their_slopes))
-        assert one == pytest.approx(two, rel=2e-2, abs=1e-4 * float(theirs.stiffness[0, 0])), name
+        assert one == pytest.approx(two, rel=3e-2, abs=1e-4 * float(theirs.stiffness[0, 0])), name
 
 
 @jit_quickly()

@@ -32,9 +32,9 @@ PINNED: dict[str, dict[str, float]] = {
         "by width": -107344.1012512, "load of roller 0": 1584.728530929, "radial stiffness": 3489927.171957,
     },
     "contact": {
-        "approach": 0.008161755928812, "contact width": 0.2093452683384, "load": 2.225777737813e-06,
-        "length": 4.59568925582e-05, "width": 0.0008028962585838, "offset": -0.001605792517168,
-        "radius": -0.0001693725467901, "design_load": 1.339525133494e-07,
+        "approach": 0.008161756184811, "contact width": 0.2093458177945, "load": 2.226036697054e-06,
+        "length": 4.593987117229e-05, "width": 0.0007998021865859, "offset": -0.001599604373172,
+        "radius": -0.0001691334800166, "design_load": 1.339663057773e-07,
     },
 }  # fmt: skip
 
