@@ -75,7 +75,7 @@ def test_reversed_tilt_mirrors_the_pressure(contact: trb.LineContact) -> None:
 
 def test_a_tilt_of_nearly_nothing_is_none(contact: trb.LineContact) -> None:
     level = trb.solve_contact(contact, LOAD, None, 0.0, 1e-2, "cells")
-    nearly = trb.solve_contact(contact, LOAD, None, 0.0, 1e-2, tilt=1e-12).check()
+    nearly = trb.solve_contact(contact, LOAD, None, 0.0, 1e-2, "cells", tilt=1e-12).check()
     assert float(nearly.approach) == pytest.approx(float(level.approach), rel=1e-10)
     assert nearly.force.shape[0] == 2 * level.force.shape[0]
 
@@ -84,7 +84,7 @@ def test_tilt_obeys_maxwell(contact: trb.LineContact) -> None:
     """Moment and load derive from one energy: dδ/d(tilt) = dM/d(load)."""
 
     def both(v: jax.Array) -> jax.Array:
-        s = trb.solve_contact(contact, v[0], None, 0.0, 1e-2, tilt=v[1])
+        s = trb.solve_contact(contact, v[0], None, 0.0, 1e-2, "cells", tilt=v[1])
         return jnp.stack([s.approach, jnp.sum(s.force * s.cells.y[:, None])])
 
     slopes = jax.jacfwd(both)(jnp.array([LOAD, 6e-4]))
