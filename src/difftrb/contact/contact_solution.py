@@ -122,8 +122,8 @@ class ContactSolution(status.Judged):
       moment: Σ f·y of the forces about the roller's middle [N mm]; 0 where half the roller was solved.
       contact_width: longest extent of the contact in the rolling direction [mm].
       loaded_fraction: share of the roller's length on which some cell is loaded [-].
-      residual: by cells, the largest violation of the contact conditions relative to the approach; by strips, the last
-        change of a free boundary relative to the contact's half-width.
+      residual: by cells, the largest violation of the contact conditions relative to the approach; by strips, what the
+        places of free boundaries may leave in it.
       iterations: applications of the influence matrix, or passes over the strips.
       unknowns: of the solve: cells, or modes of all strips.
       status_code: see `difftrb.status`; `status` is its sentence.

@@ -37,7 +37,7 @@ class Strips(NamedTuple):
     Attributes:
       approach: δ [mm]. moment: Σ f·y about the roller's middle [N mm].
       settled: mode loads and boundaries, without units. reach: the units.
-      still: whether the active set of the bands stood still.
+      still: whether the active set of the bands stood still. passes: solves by smooth modes.
     """
 
     approach: Any
@@ -45,6 +45,7 @@ class Strips(NamedTuple):
     settled: Settled
     reach: Reach
     still: Any
+    passes: Any
 
 
 class Way(NamedTuple):
@@ -143,11 +144,11 @@ def _search(way: Way, inputs: Inputs) -> tuple[Any, Strips]:
     estimate = problem.push * reach.approach
     size, on, still = strip_bands.chosen(plan, problem, kernel, estimate, fine.bands, fine.centred)
     begin = plan.begun_by @ size, plan.begun_by @ on
-    settled = strip_settling.settle(plan, problem, kernel, *begin, fine.settled, way.tolerance)
+    settled, passes = strip_settling.settle(plan, problem, kernel, *begin, fine.settled, way.tolerance)
     approach = settled.approach / problem.push
     turning = settled.loads[:, 0] * kernel.arm[plan.rows]
     moment = reach.line_load * reach.unit**2 * xp.sum(turning) * (0.0 if way.mirrored else 1.0)
-    return approach, Strips(approach, moment, settled, reach, still)
+    return approach, Strips(approach, moment, settled, reach, still, passes)
 
 
 # ------------------------------------------------------------------------------------------ what comes back
@@ -178,7 +179,7 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     fits = fits & ends_within(inputs, reach) if way.edges else fits
     code = xp.where(fits, code, status.UNSUITED)
     width = reach.unit * _width(plan, on, ends)
-    passes = np.asarray(way.fine.centred + way.fine.settled)
+    passes = np.asarray(way.fine.centred) + xp.fixed(found.passes)
     return Found(found.approach, force, found.moment, width, settled.error, passes, loads.size, code)
 
 

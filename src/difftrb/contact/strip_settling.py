@@ -65,9 +65,12 @@ def bounds(plan: Plan, problem: Problem) -> Any:
     return xp.stack([low, high], axis=1)
 
 
-def settle(plan: Plan, problem: Problem, kernel: Kernel, size: Any, on: Any, passes: int, tolerance: float) -> Settled:
-    """Pressure and boundaries, from guesses of their distance from the middle, (outlines,), of which those with `on`
-    > 0 are loaded; at most `passes` solves, until moving on is worth less than `tolerance` of the approach."""
+def settle(
+    plan: Plan, problem: Problem, kernel: Kernel, size: Any, on: Any, passes: int, tolerance: float
+) -> tuple[Settled, Any]:
+    """Pressure and boundaries, and after how many solves; at most `passes`, until moving on is worth less than
+    `tolerance` of the approach. `size`: guesses of the boundaries' distance from the middle, (outlines,), of which
+    those with `on` > 0 are loaded."""
     bound = bounds(plan, problem)
     ends = xp.stack([xp.maximum(-size, bound[:, 0]), xp.minimum(size, bound[:, 1])], axis=1)
     table, mass = spread(plan.even, kernel.products, plan.rows), kernel.mass[plan.rows][:, plan.rows]
@@ -88,7 +91,8 @@ def settle(plan: Plan, problem: Problem, kernel: Kernel, size: Any, on: Any, pas
         return found._replace(error=error), new, held_next, active_next, count + 1, done
 
     begun = (first, first.ends, first.held, first.active, 0, np.asarray(False))
-    return xp.repeated_while(lambda last: ~last[5] & (last[4] < passes), solve, begun)[0]
+    found, *_, count, _ = xp.repeated_while(lambda last: ~last[5] & (last[4] < passes), solve, begun)
+    return found, count
 
 
 def _waiting(plan: Plan, bound: Any, ends: Any, active: Any) -> Any:

@@ -106,7 +106,7 @@ def plain(value: Any) -> Any:
     """`value` with arrays as lists and NaN as None, ready for strict JSON."""
     if isinstance(value, dict):
         return {key: plain(entry) for key, entry in value.items()}
-    if isinstance(value, jax.Array | np.ndarray):
+    if isinstance(value, jax.Array | np.ndarray | np.integer):
         return plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(entry) for entry in value]
@@ -274,8 +274,8 @@ def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> Renderabl
         derivatives.add_row(name, each if each == "–" else f"{each} µm/{units[name]}")
     rows, columns = solution.force.shape
     last = (
-        f"{solution.status}; {rows} × {columns} cells, contact conditions met to {solution.residual:.1e} of the "
-        f"approach after {solution.iterations} products; accuracy asked for {solution.accuracy:g}"
+        f"{solution.status}; {rows} × {columns} cells, settled to {solution.residual:.1e} of the approach after "
+        f"{solution.iterations} steps; accuracy asked for {solution.accuracy:g}"
     )
     return Group(table, derivatives, Text(last))
 
