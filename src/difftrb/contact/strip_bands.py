@@ -17,9 +17,9 @@ from difftrb.contact.strip_settling import Problem
 from difftrb.core import arrays as xp
 
 ROUNDS = 15  # steps of the active set
-FIRST = {2: (0.85, 1.2), 3: (0.7, 0.95, 1.25), 4: (0.6, 0.88, 1.06, 1.35)}
+FIRST = {2: (0.85, 1.2), 3: (0.7, 0.95, 1.25)}
 """Where bands end, by the guessed distance of the free boundary from the edge or the middle; at first, and later."""
-LATER = {2: (0.9, 1.15), 3: (0.75, 1.0, 1.25), 4: (0.6, 0.85, 1.0, 1.2)}
+LATER = {2: (0.9, 1.15), 3: (0.75, 1.0, 1.25)}
 
 
 def chosen(plan: Plan, problem: Problem, kernel: Kernel, estimate: Any, count: int, times: int) -> tuple[Any, Any, Any]:

@@ -83,6 +83,11 @@ class Plan:
         return np.array([side for side, _ in self.outlines])
 
     @cached_property
+    def sided(self) -> np.ndarray:
+        """Which outlines lie beyond a rolling edge, (outlines,)."""
+        return np.isin(self.sides, (LEFT, RIGHT))
+
+    @cached_property
     def family_sides(self) -> np.ndarray:
         """Of every family, (families,)."""
         return np.array([side for _, side in self.families])
@@ -167,11 +172,10 @@ def groups_of(
 
 class Kernel(NamedTuple):
     """How rows see one another: ∬ hat hat' K₀(κ|y−y'|) dy dy' at every frequency times its weight, (rows, rows, κ);
-    ∫ hat hat' dy, (rows, rows); ∫ hat dy and ∫ hat y dy, (rows,)."""
+    ∫ hat hat' dy, (rows, rows); ∫ hat y dy, (rows,)."""
 
     products: Any
     mass: Any
-    weight: Any
     arm: Any
 
 
@@ -180,7 +184,7 @@ def kernel_of(groups: tuple[Rows, ...], mirrored: bool, frequencies: Frequencies
     at, through = _through(frequencies, nodes)
     products = xp.einsum("ijn,nk->ijk", strip_kernel.products(groups, at, mirrored), through)
     arm = xp.concatenate([strip_rows.integrals(rows, lambda y: y) for rows in groups])
-    return Kernel(products, strip_rows.mass(groups), strip_rows.weights(groups), arm)
+    return Kernel(products, strip_rows.mass(groups), arm)
 
 
 @lru_cache

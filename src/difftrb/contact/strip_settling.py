@@ -85,7 +85,7 @@ def settle(
         new, held_next, active_next, error = _moved(plan, problem, found, bound)
         called = ~active & (overlap > OVERLAP * found.approach) & (ends[:, 1] - ends[:, 0] > LEAST) & (count < CALLS)
         new = _waiting(plan, bound, new, active_next)
-        new = xp.where((called & (plan.sides**2 == 1))[:, None], _met(plan, problem, bound, overlap), new)
+        new = xp.where((called & plan.sided)[:, None], _met(plan, problem, bound, overlap), new)
         active_next = active_next | called
         done = (error < tolerance) & xp.all(active_next == active)
         return found._replace(error=error), new, held_next, active_next, count + 1, done
@@ -95,12 +95,17 @@ def settle(
     return found, count
 
 
+def _narrowest(plan: Plan) -> float:
+    """Width of the narrowest interval beyond an edge."""
+    return NARROW / plan.frequencies.last
+
+
 def _waiting(plan: Plan, bound: Any, ends: Any, active: Any) -> Any:
     """The boundaries; those of outlines beyond an edge that are not loaded keep close to it, to feel the other body."""
-    sides, least = plan.sides, NARROW / plan.frequencies.last
+    sides, least = plan.sides, _narrowest(plan)
     low = xp.where(sides == LEFT, bound[:, 1] - least, bound[:, 0])
     high = xp.where(sides == RIGHT, bound[:, 0] + least, bound[:, 1])
-    return xp.where(((sides**2 == 1) & ~active)[:, None], xp.stack([low, high], axis=1), ends)
+    return xp.where((plan.sided & ~active)[:, None], xp.stack([low, high], axis=1), ends)
 
 
 def _met(plan: Plan, problem: Problem, bound: Any, overlap: Any) -> Any:
@@ -108,7 +113,7 @@ def _met(plan: Plan, problem: Problem, bound: Any, overlap: Any) -> Any:
     taken the overlap away."""
     low, high = bound[:, 0], bound[:, 1]
     edge = xp.maximum(xp.where(plan.sides == RIGHT, low, -high), 0.3)
-    width = xp.clip(1.5 * overlap / (4.0 * problem.bend * edge), NARROW / plan.frequencies.last, 0.5)
+    width = xp.clip(1.5 * overlap / (4.0 * problem.bend * edge), _narrowest(plan), 0.5)
     return xp.stack([
         xp.where(plan.sides == LEFT, high - width, low), xp.where(plan.sides == RIGHT, low + width, high)
     ], axis=1)  # fmt: skip
@@ -158,7 +163,7 @@ def _pressed(
     n = gap.size
     quadratic = Quadratic(matrix.reshape(n, n), gap.ravel(), weight.ravel(), problem.load)
     found = active_set.on_set(quadratic, xp.repeat(active[plan.outline_of], len(plan.orders)))
-    zero, first = xp.zeros(()), len(plan.orders) * np.arange(plan.rows.size)
+    zero, first = np.zeros(()), len(plan.orders) * np.arange(plan.rows.size)
     residual = quadratic.matrix[first] @ found.loads + gap[:, 0] - found.approach * weight[:, 0]
     overlap = -(plan.member.T @ (residual / weight[:, 0])) / np.sum(plan.member, axis=0)
     return Settled(
@@ -195,7 +200,7 @@ def _moved(plan: Plan, problem: Problem, found: Settled, bound: Any) -> tuple[An
     new = xp.where(stays, found.ends, found.ends + out * move)
     held = xp.where(stays, found.held, (new - bound) * out >= 0.0)
     new = xp.where(held & ~stays, bound, new)
-    sides, least = plan.sides, NARROW / plan.frequencies.last
+    sides, least = plan.sides, _narrowest(plan)
     low = xp.where(sides == LEFT, xp.minimum(new[:, 0], new[:, 1] - least), new[:, 0])
     high = xp.where(sides == RIGHT, xp.maximum(new[:, 1], new[:, 0] + least), new[:, 1])
     new = xp.stack([low, high], axis=1)

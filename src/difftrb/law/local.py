@@ -197,12 +197,7 @@ def through(log_loads: Any, approaches: Any) -> Curve:
     told = xp.where((log_loads[:, -1] - log_loads[:, 0] < SPREAD)[:, None], 0.0, 1.0)
     powers[3:] = [power * told for power in powers[3:]]
     found = ramp_fit.least_squares(xp.stack(powers, axis=-1), log_loads, NOTHING)
-    return Curve(_columns(found), middle, reach, xp.zeros_like(middle))
-
-
-def _columns(rows: Any) -> Any:
-    """Rows as columns."""
-    return xp.stack([rows[:, k] for k in range(rows.shape[1])])
+    return Curve(xp.moved_last(found), middle, reach, xp.zeros_like(middle))
 
 
 def around(

@@ -167,7 +167,7 @@ def least_squares(matrix: Any, right: Any, ridge: float) -> Any:
     turned, lifted = (xp.moveaxis(part, -1, -2) for part in (q[..., : plain.shape[-2], :], r))
 
     def solved(triangle: Any, right: Any) -> Any:
-        return xp.of(right).linalg.solve(triangle, right[..., None])[..., 0]
+        return xp.solved(triangle, right[..., None])[..., 0]
 
     def times(matrix: Any, vector: Any) -> Any:
         return xp.matmul(matrix, vector[..., None])[..., 0]
