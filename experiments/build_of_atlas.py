@@ -209,27 +209,35 @@ def _fitted_series(x: np.ndarray, values: np.ndarray, count: int, weight: np.nda
 
 
 def edges(size: Size, built: Atlas, k: int, progress: Progress | None = None) -> storage.Arrays:
-    """Ramps at the k-th λ of edges, as solved, shape (solved lengths, edge asides + 1, solved levels, terms)."""
-    number = float(np.exp(built.edge_numbers[k]))
-    contact = contact_at(number)
-    law = law_of(built, contact)
-    lengths = _solved_lengths(size)
-    share = np.zeros((lengths.size, size.edge_asides + 1, size.solved_levels, edge_ramp.TERMS))
-    aims, cases = [], []
-    for stand in _stands(lengths, built.edge_asides):
-        spall = stand.spall(number)
-        loads, places = map(np.asarray, _aims(law, spall, size.solved_levels, size.places))
-        width = 4.0 * float(places.max())
-        aims.append((stand, spall, loads, places))
-        cases += [
-            Case(float(q), dataclasses.replace(spall, width=width), 0.5 * width - float(edge))
-            for q, edge in zip(loads.ravel(), places.ravel(), strict=True)
-        ]
+    """Contacts with an edge in reach at the k-th λ of edges: load [N], how far the edge stands beyond the roller's
+    middle [mm] and approach [mm], shape (stands, solved levels, places + 2)."""
+    contact = contact_at(float(np.exp(built.edge_numbers[k])))
+    aims = [(spall, *_aims(law_of(built, contact), spall, size.solved_levels, size.places))
+            for _, spall in _at_edges(size, built, k)]  # fmt: skip
+    spalls, loads, places = [spall for spall, _, _ in aims], *(np.array([aim[n] for aim in aims]) for n in (1, 2))
+    cases = []
+    for spall, own, at in zip(spalls, loads, places, strict=True):
+        width = 4.0 * float(at.max())
+        wide = dataclasses.replace(spall, width=width)
+        cases += [Case(float(q), wide, 0.5 * width - float(x)) for q, x in zip(own.ravel(), at.ravel(), strict=True)]
     nodes = solved(contact, cases, size.edge_accuracy, progress)
-    approach = np.array([node.approach for node in nodes]).reshape(len(aims), size.solved_levels, -1)
-    for (stand, spall, loads, places), own in zip(aims, approach, strict=True):
-        share[stand.i, stand.a] = _fitted(law, spall, loads, places, own)
-    return {"share": share}
+    approach = np.array([node.approach for node in nodes]).reshape(loads.shape)
+    return {"load": loads, "place": places, "approach": approach}
+
+
+def shares(size: Size, built: Atlas, k: int, solves: storage.Arrays) -> np.ndarray:
+    """Ramps through what `edges` solved, shape (solved lengths, edge asides + 1, solved levels, terms)."""
+    law = law_of(built, contact_at(float(np.exp(built.edge_numbers[k]))))
+    found = np.zeros((size.solved_lengths, size.edge_asides + 1, size.solved_levels, edge_ramp.TERMS))
+    at = solves["load"], solves["place"], solves["approach"]
+    for (stand, spall), *own in zip(_at_edges(size, built, k), *at, strict=True):
+        found[stand.i, stand.a] = _fitted(law, spall, *own)
+    return found
+
+
+def _at_edges(size: Size, built: Atlas, k: int) -> list[tuple[Stand, Spall]]:
+    number = float(np.exp(built.edge_numbers[k]))
+    return [(stand, stand.spall(number)) for stand in _stands(_solved_lengths(size), built.edge_asides)]
 
 
 def _solved_lengths(size: Size) -> np.ndarray:
@@ -296,7 +304,8 @@ def build(folder: Path, size: Size) -> Atlas:
             getattr(built, field)[k] = value
     middle = size.edge_numbers // 2
     for k in sorted(range(size.edge_numbers), key=lambda k: abs(k - middle)):
-        built.share[k] = _kept_share(size, built, kept("edges", partial(edges, size, built), k)["share"])
+        solves = kept("edges", partial(edges, size, built), k)
+        built.share[k] = _kept_share(size, built, shares(size, built, k, solves))
     return dataclasses.replace(built)  # another one to programs, which hold shares of 0
 
 
