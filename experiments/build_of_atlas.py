@@ -64,10 +64,10 @@ class Size(NamedTuple):
     lengths: int = 13
     asides: int = 7
     edge_numbers: int = 5
-    edge_lengths: int = 7
+    edge_lengths: int = 8
     solved_lengths: int = 9
     edge_asides: int = 5
-    levels: int = 5
+    levels: int = 7
     solved_levels: int = 8
     places: int = 12
     accuracy: float = 1e-5
@@ -226,13 +226,48 @@ def edges(size: Size, built: Atlas, k: int, progress: Progress | None = None) ->
 
 
 def shares(size: Size, built: Atlas, k: int, solves: storage.Arrays) -> np.ndarray:
-    """Ramps through what `edges` solved, shape (solved lengths, edge asides + 1, solved levels, terms)."""
+    """`Atlas.share` at the k-th λ, nearest to what `edges` solved: for every place aside all lengths, levels and places
+    at once, for coefficients fitted one by one are known worse than what they say together."""
     law = law_of(built, contact_at(float(np.exp(built.edge_numbers[k]))))
-    found = np.zeros((size.solved_lengths, size.edge_asides + 1, size.solved_levels, edge_ramp.TERMS))
+    rows: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in range(size.edge_asides + 1)]
     at = solves["load"], solves["place"], solves["approach"]
     for (stand, spall), *own in zip(_at_edges(size, built, k), *at, strict=True):
-        found[stand.i, stand.a] = _fitted(law, spall, *own)
-    return found
+        rows[stand.a].append(_rows(law, spall, stand.length, size, *own))
+    found = []
+    for own in rows:
+        matrix, right = (np.concatenate(parts) for parts in zip(*own, strict=True))
+        found.append(ramp_fit.least_squares(matrix, right, RIDGE))
+    coefficients = np.reshape(found, (len(rows), size.edge_lengths, size.levels, edge_ramp.TERMS))
+    nodes = chebvander(_of_length(built.edge_lengths), size.edge_lengths - 1)
+    return np.tensordot(nodes, coefficients, (1, 1))
+
+
+def _of_length(length: np.ndarray) -> np.ndarray:
+    """A length's variable, brought to −1…1."""
+    return (2.0 * np.asarray(length) - EDGE_LENGTHS[0] - EDGE_LENGTHS[1]) / (EDGE_LENGTHS[1] - EDGE_LENGTHS[0])
+
+
+def _rows(
+    law: AtlasLaw, spall: Spall, length: float, size: Size, loads: np.ndarray, edges: np.ndarray, approaches: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the shares of one spall's solves, (levels, places + 2), ask of the coefficients by length, level and u."""
+    beside = edge_ramp.spread(law.beside(spall), 2)
+    # the levels that edges join, as these solves have them and as the curves do
+    first = load_curve.approach(beside.healthy, loads[:, :1]) / approaches[:, :1]
+    last = load_curve.approach(beside.full, loads[:, -1:]) / approaches[:, -1:]
+    way = (loads - loads[:, :1]) / (loads[:, -1:] - loads[:, :1])
+    approaches = (approaches * (first * (1.0 - way) + last * way))[:, 1:-1]
+    healthy, full, low, high = edge_ramp.between(beside, approaches)
+    t = np.asarray(edge_ramp.place(edges[:, 1:-1], low, high))
+    usual, u = edge_ramp.usual(t), np.asarray(edge_ramp.beyond(t))
+    by_length = chebvander(_of_length(np.full(t.shape, length)), size.edge_lengths - 1)
+    by_level = chebvander(np.asarray(edge_ramp.level(beside, healthy)), size.levels - 1)
+    by_place = u[..., None] * chebvander(2.0 * u - 1.0, edge_ramp.TERMS - 1)
+    basis = np.einsum("lpa,lpb,lpc->lpabc", by_length, by_level, by_place).reshape(t.size, -1)
+    loss = healthy - full
+    weight = loss / healthy * np.minimum(healthy / DESIGN_LOAD, 1.0) ** EDGE_LIGHT
+    told = (loads[:, 1:-1] - full) / loss - usual
+    return (weight * usual).reshape(-1, 1) * basis, (weight * told).ravel()
 
 
 def _at_edges(size: Size, built: Atlas, k: int) -> list[tuple[Stand, Spall]]:
@@ -242,15 +277,6 @@ def _at_edges(size: Size, built: Atlas, k: int) -> list[tuple[Stand, Spall]]:
 
 def _solved_lengths(size: Size) -> np.ndarray:
     return np.asarray(chebyshev_nodes(size.solved_lengths, *EDGE_LENGTHS))
-
-
-def _kept_share(size: Size, built: Atlas, solved: np.ndarray) -> np.ndarray:
-    """`Atlas.share` at one λ, of ramps as `edges` solves them."""
-    levels = np.asarray(chebyshev_nodes(size.solved_levels, -1.0, 1.0))
-    loads = LOADS[1] * edge_ramp.LEAST ** (0.5 * (levels - 1.0))
-    at_levels = np.tensordot(chebvander(levels, size.solved_levels - 1), np.moveaxis(solved, 2, 0), 1)
-    fewer = _fitted_series(levels, at_levels, size.levels, np.minimum(loads, 1.0) ** EDGE_LIGHT)
-    return _nearest(_solved_lengths(size), built.edge_lengths, np.moveaxis(fewer, 0, 2), 0)
 
 
 @partial(jax.jit, static_argnums=(2, 3))
@@ -273,19 +299,6 @@ def _aims(law: AtlasLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Ar
     return jax.vmap(at)(jnp.exp(chebyshev_nodes(levels, top - np.log(edge_ramp.LEAST), top)))
 
 
-@jax.jit
-def _fitted(law: AtlasLaw, spall: Spall, loads: jax.Array, edges: jax.Array, approaches: jax.Array) -> jax.Array:
-    """`Atlas.share` of one spall, shape (levels, terms)."""
-    beside = law.beside(spall)
-    # the levels that edges join, as these solves have them and as the curves do
-    first = load_curve.approach(beside.healthy, loads[:, :1]) / approaches[:, :1]
-    last = load_curve.approach(beside.full, loads[:, -1:]) / approaches[:, -1:]
-    way = (loads - loads[:, :1]) / (loads[:, -1:] - loads[:, :1])
-    approaches = (approaches * (first * (1.0 - way) + last * way))[:, 1:-1]
-    inside = dataclasses.replace(beside, edge=edges[:, 1:-1].ravel())
-    return ramp_fit.through(inside, approaches.ravel(), loads[:, 1:-1].ravel(), RIDGE, loads.shape[0])
-
-
 def build(folder: Path, size: Size) -> Atlas:
     """The atlas, from what is kept in `folder` and solves."""
     built = _blank(size)
@@ -305,7 +318,7 @@ def build(folder: Path, size: Size) -> Atlas:
     middle = size.edge_numbers // 2
     for k in sorted(range(size.edge_numbers), key=lambda k: abs(k - middle)):
         solves = kept("edges", partial(edges, size, built), k)
-        built.share[k] = _kept_share(size, built, shares(size, built, k, solves))
+        built.share[k] = shares(size, built, k, solves)
     return dataclasses.replace(built)  # another one to programs, which hold shares of 0
 
 

@@ -21,11 +21,12 @@ import numpy as np
 from scipy import optimize
 
 import difftrb as trb
-from difftrb.fits import fitting, least_squares, parameters, predicted
+from difftrb.fits import parameters, predicted, search
 
 LOADS = ((9000.0, 4500.0), (6000.0, 4500.0), (3000.0, 4500.0))
 TRUTH = trb.Spall(5.0, 9.0)
 NOISE = 0.01
+STARTS = 16
 
 
 def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measurement]]:
@@ -52,10 +53,7 @@ def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measuremen
 
 def ours(problem: predicted.Problem, starts: np.ndarray) -> np.ndarray:
     """The best values of all starts here."""
-    every = np.ones_like(starts, bool)
-    found = predicted.solved(
-        problem, starts, every, fitting.SEARCH, least_squares.STEPS, meet=fitting.MEET, behind=fitting.BEHIND
-    )
+    found = search.minima(problem, search.scanned(problem, starts))
     return np.asarray(problem.bounds.values(found.place[np.argmin(found.cost)]))
 
 
@@ -91,7 +89,7 @@ def compared(law: str, repeats: int) -> dict[str, float]:
     found: list[tuple[predicted.Problem, list[trb.Measurement]]] = []
     first = timed(lambda: found.append(problem_of(scene)))
     problem, rows = found[0]
-    starts = fitting.start_places(problem.parameters, problem.bounds, scene, fitting.STARTS)
+    starts = search.places(problem.parameters, problem.bounds, scene, STARTS)
     theirs_first = timed(lambda: compiled(problem)(starts[0]))
     ways = {
         "a fit with its intervals": lambda: trb.fit(scene, rows, model_error=0.0),

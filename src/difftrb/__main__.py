@@ -134,7 +134,12 @@ def _fit(options: Any) -> int:
     record = fit_report.fit_json(result, suggestions, time.perf_counter() - started)
 
     text = partial(fit_report.fit_text, result, suggestions)
-    return terminal.deliver(options, path, record, text, lambda _: [("fit", fit_report.fit_panels(result))])
+    code = terminal.deliver(options, path, record, text, lambda _: [("fit", fit_report.fit_panels(result))])
+    if code == EXIT_OK and not result.explained:
+        return terminal.refuse(
+            f"{options.measured}: the model does not explain the data: see the remarks", EXIT_NO_SOLUTION
+        )
+    return code
 
 
 def _sweep(options: Any) -> int:

@@ -11,8 +11,8 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.fits import fit_report, fit_result, least_squares, optimal_design, predicted
-from difftrb.fits.fitting import fit, start_places
+from difftrb.fits import fit_report, fit_result, least_squares, optimal_design, predicted, search
+from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement, example, parse
 from difftrb.fits.predicted import evaluated, solved
 from difftrb.scene import scene_file
@@ -79,7 +79,7 @@ def test_exact_data_give_the_spall_back(rig: trb.Scene, exact: np.ndarray) -> No
 
 def test_it_is_the_least_squares_of_scipy(noisy_fit: trb.Fit) -> None:
     problem = noisy_fit.problem
-    starts = start_places(problem.parameters, problem.bounds, noisy_fit.scene, 16)
+    starts = search.places(problem.parameters, problem.bounds, noisy_fit.scene, 16)
     theirs = scipys(problem, starts, lambda u: evaluated(problem, u[None]).residual[0])
     np.testing.assert_allclose(ours(problem, starts), theirs, rtol=1e-6)
     np.testing.assert_allclose(noisy_fit.values, theirs, rtol=1e-6)
@@ -212,7 +212,7 @@ def test_levenberg_marquardt_alone() -> None:
     np.testing.assert_allclose(found.place[::2], 1.0, rtol=1e-7)
     assert found.place[1, 1] == 4.0
     assert found.converged.all()
-    met = least_squares.minimum(rosenbrock, starts, free, 60, meet=0.02)
+    met = least_squares.minimum(rosenbrock, starts, free, 60, meet=np.full(2, 0.02))
     np.testing.assert_array_equal(met.place[0], met.place[2])
     np.testing.assert_allclose(met.place[0], 1.0, rtol=1e-7)
     assert met.converged.all()
@@ -287,3 +287,82 @@ def test_the_packaged_measurements_are_in_order() -> None:
     rows = parse(example())
     assert len(rows) == 8
     assert all(row.sigma is not None for row in rows)
+
+
+# ------------------------------------------------------------------------------------- what is wrong is found and named
+
+
+def test_what_may_be_wrong_is_tried_and_named(rig: trb.Scene, exact: np.ndarray) -> None:
+    """One row off, an axial load that was not measured: each is found, with the size that it hides."""
+    pressed = [dataclasses.replace(row, axial=row.axial + 1500.0) for row in BLANK]
+    problem = fit(rig, measured(exact), model_error=0.0).problem
+    elsewhere = predicted.conditions(rig, pressed)
+    preloaded, _ = optimal_design._of_others(problem, elsewhere, problem.bounds.coordinates(jnp.array([5.0, 9.0])))
+    for sentence, values in {
+        "row 3 is off": np.where(np.arange(8) == 2, 1.25, 1.0) * exact,
+        "an axial load acts that was not measured (preload 1.5e+03 N)": np.asarray(preloaded),
+    }.items():
+        found = fit(rig, measured(values), model_error=0.0)
+        assert not found.explained, sentence
+        assert not found.determined, sentence
+        told = [remark for remark in found.remarks if remark.startswith("perhaps") and sentence in remark]
+        assert len(told) == 1, (sentence, found.remarks)
+        assert "explains the data" in told[0]
+        assert "length 5 mm, width 9 mm" in told[0]
+
+
+def test_fractions_are_found(rig: trb.Scene, exact: np.ndarray) -> None:
+    """Of 1 % noise: a smaller spall does not lose as these do over loads and phases."""
+    rows = [
+        dataclasses.replace(row, value=0.01 * float(v), sigma=1e-4 * float(v))
+        for row, v in zip(BLANK, exact, strict=True)
+    ]
+    found = fit(rig, rows, model_error=0.0)
+    assert not found.determined
+    assert any("losses are given as fractions" in remark for remark in found.remarks)
+
+
+def test_a_misfit_widens_intervals(rig: trb.Scene, exact: np.ndarray) -> None:
+    rows = [dataclasses.replace(row, sigma=0.2 * row.sigma) for row in noisy(exact, 1)]
+    plain, small = fit(rig, noisy(exact, 1), model_error=0.0), fit(rig, rows, model_error=0.0)
+    assert small.limit == pytest.approx(plain.limit * small.chi2 / small.freedom)
+    assert not small.explained
+    assert not small.determined
+
+
+def test_a_healthy_bearing_needs_no_spall(rig: trb.Scene, exact: np.ndarray) -> None:
+    noise = 0.02 * np.random.default_rng(4).standard_normal(8)
+    rows = [dataclasses.replace(row, value=float(v), sigma=0.02) for row, v in zip(BLANK, noise, strict=True)]
+    found = fit(rig, rows, model_error=0.0)
+    assert any(remark.startswith("no spall is needed") for remark in found.remarks)
+    assert not found.determined
+    assert not (found.standard_errors > 1e3).any()
+
+
+MIRRORED = (4.7366, 4.7714, -0.2501)
+"""Length [mm], width [mm], angle [rad] of a spall whose losses [%] contact solves gave, with noise of 1 %; by load [N],
+direction and phase. All rows are symmetric about the load line, so the angle's sign is not told."""
+OF_MIRRORED = """radial,axial,quantity,value,sigma,phase
+9000,4500,radial_loss,3.22904,0.032,0.0
+9000,4500,axial_loss,1.54978,0.01543,0.0
+9000,4500,radial_loss,1.9182,0.01888,mean
+9000,4500,axial_loss,0.896483,0.009037,mean
+3000,4500,radial_loss,1.83594,0.01873,0.0
+3000,4500,axial_loss,0.87666,0.008701,0.0
+3000,4500,radial_loss,1.1178,0.01105,mean
+3000,4500,axial_loss,0.510004,0.005064,mean
+"""
+
+
+def test_mirror_images_are_alternatives(bearing: trb.TaperedBearing) -> None:
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(3.0, 5.0),), "table")
+    found = fit(scene, parse(OF_MIRRORED), ("length", "width", "angle")).check()
+    (other,) = found.alternatives
+    np.testing.assert_allclose(other.values, found.values * [1.0, 1.0, -1.0], rtol=1e-3)
+    assert other.weight == pytest.approx(0.5, abs=0.01)
+    assert found.determined_each.tolist() == [True, True, False]
+    for k in (0, 1):
+        assert found.intervals[k, 0] < MIRRORED[k] < found.intervals[k, 1]
+    low, high = np.sort(np.abs(found.intervals[2]))
+    assert low < abs(MIRRORED[2]) < high
+    assert any("another answer fits nearly as well" in remark and "sigma" in remark for remark in found.remarks)

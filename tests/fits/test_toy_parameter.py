@@ -96,7 +96,8 @@ def test_wrong_declarations_get_one_sentence(name: str) -> None:
     assert sentence in str(caught.value)
     assert "\n" not in str(caught.value)
     assert set(parameters.PARAMETERS) == {
-        "length", "width", "depth", "angle", "axial_offset", "crown", "preload", "scale", "axial_factor",
+        "length", "width", "depth", "angle", "axial_offset", "crown", "preload", "scale", "load_factor",
+        "axial_factor",
     }  # fmt: skip
 
 

@@ -6,42 +6,54 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.fits import fit_result, optimal_design
-from difftrb.fits.fit_result import EDGE, Fit
-from difftrb.fits.parameters import PARAMETERS, OfSpall
+from difftrb.fits import fit_result, optimal_design, suspects
+from difftrb.fits.fit_result import EDGE, Alternative, Fit
+from difftrb.fits.search import Scan
 from difftrb.ring import effects
 
-UNLIKELY = 1e-3
-"""Probability of a χ² below which data and model are taken to contradict each other."""
 FAR = 4.0
 """Deviation [sigma] at which one row is named."""
 REPEAT = 4.0
 """Difference [sigma] between two rows of the same condition at which both are named."""
 TOLD_APART = 2.0
 """Difference [sigma] of two answers' predictions below which a measurement does not decide between them."""
+HEALTHY = 0.05
+"""Chance of what a spall gains over none, above which none is needed."""
+TOLD = 3
+"""Most other answers that are told in words."""
 
 
-def of(fit: Fit, starts: np.ndarray) -> dict[str, Any]:
-    """Fields `remarks` and `determined` of a fit; `starts` are the predictions at all starts, shape (starts, rows)."""
-    unclear = [i for i in range(len(fit.parameters)) if _is_open(fit, i)]
+def of(fit: Fit, scan: Scan) -> dict[str, Any]:
+    """Fields `remarks` and `determined_each` of a fit."""
     remarks = [
         *effects.remarks(fit.scene.effects, fit.scene.spalls),
         *_about_rows(fit),
         *_about_misfit(fit),
-        *_beyond(fit, starts),
+        *_beyond(fit, np.nanmax(scan.told, axis=0)),
         *_bounds(fit),
     ]
-    if unclear:
-        remarks.append(_unclear(fit, unclear))
-    rivals = [] if unclear else _rivals(fit)
-    remarks += [_of_rival(fit, values, chi2) for values, chi2 in rivals]
+    wrong = suspects.named(fit, scan) if suspects.wanted(fit) else []
+    remarks += [_of_suspect(fit, one) for one in wrong]
+    unclear = np.array([_is_open(fit, i) for i in range(len(fit.parameters))])
+    healthy = _healthy(fit)
+    if healthy:
+        remarks.append(healthy)
+    elif unclear.any():
+        remarks.append(_unclear(fit, np.nonzero(unclear)[0].tolist()))
+    remarks += [_of_alternative(fit, other) for other in fit.alternatives[:TOLD]]
+    if len(fit.alternatives) > TOLD:
+        remarks.append(f"{len(fit.alternatives) - TOLD} more answers fit nearly as well")
     if fit.sigma_estimated:
         kind = "losses" if all(row.is_loss for row in fit.rows) else "values"
         middle = 100.0 * float(np.median(fit.sigma / np.array([abs(float(row.value)) or 1.0 for row in fit.rows])))
         remarks.append(
             f"no sigma was given: from how the fit misses the {kind} it is estimated as {middle:.2g} % of them"
         )
-    return {"remarks": tuple(remarks), "determined": not unclear and not rivals}
+    clear = ~unclear & fit.explained & (not wrong) & (not healthy)
+    for other in fit.alternatives:
+        near = 1e-3 * np.abs(fit.values) + 1e-6
+        clear &= (other.values >= fit.intervals[:, 0] - near) & (other.values <= fit.intervals[:, 1] + near)
+    return {"remarks": tuple(remarks), "determined_each": clear}
 
 
 def _is_open(fit: Fit, i: int) -> bool:
@@ -85,26 +97,49 @@ def _about_rows(fit: Fit) -> list[str]:
 def _about_misfit(fit: Fit) -> list[str]:
     """Where the model misses the data by more than sigma."""
     found = []
-    if not fit.sigma_estimated and fit.freedom > 0 and fit.robust == "squares":
-        chance = fit_result.tail(fit.chi2, fit.freedom)
-        if chance < UNLIKELY:
-            worst = int(np.argmax(np.abs(fit.residuals)))
-            times = float(np.sqrt(fit.chi2 / fit.freedom))
-            others = ", ".join(name for name, one in reversed(PARAMETERS.items()) if not isinstance(one, OfSpall))
-            found.append(
-                f"the fit misses the data by {times:.1f} times their sigma (χ² = {fit.chi2:.3g} of {fit.freedom} "
-                f"degrees of freedom), worst in row {worst + 1} ({fit.residuals[worst]:+.1f} sigma): sigma is too "
-                f"small, rows contradict each other, or the model lacks something ({others}); intervals are too narrow"
-            )
+    if not fit.explained:
+        worst = int(np.argmax(np.abs(fit.residuals)))
+        times = float(np.sqrt(fit.chi2 / fit.freedom))
+        found.append(
+            f"the fit misses the data by {times:.1f} times their sigma (χ² = {fit.chi2:.3g} of {fit.freedom} degrees "
+            f"of freedom), worst in row {worst + 1} ({fit.residuals[worst]:+.1f} sigma): sigma is too small, rows "
+            "contradict each other, or the model lacks something; do not rely on the sizes"
+        )
     for k, off in enumerate(fit.residuals):
         if abs(off) > FAR and fit.robust != "squares":
             found.append(f"row {k + 1} stands {off:+.1f} sigma from the fit and counts for little")
     return found
 
 
-def _beyond(fit: Fit, starts: np.ndarray) -> list[str]:
-    """Measured values that no spall within the ranges gives."""
-    most = np.maximum(np.nanmax(starts, axis=0), fit.predicted)
+def _of_suspect(fit: Fit, suspect: suspects.Suspect) -> str:
+    """What may be wrong, and what to do."""
+    how = f"explains the data (χ² {suspect.chi2:.3g}" if suspect.explains else f"explains more (χ² {suspect.chi2:.3g}"
+    return f"perhaps {suspect.what}: that {how}, here {fit.chi2:.3g}), with {suspect.answer}: {suspect.advice}"
+
+
+def _healthy(fit: Fit) -> str:
+    """That no spall is needed, if none is."""
+    losses = np.array([row.is_loss for row in fit.rows])
+    sound, conditions = fit.problem.sound, fit.problem.conditions
+    if sound is None and not losses.all():
+        return ""
+    stiff = 0.0 if sound is None else np.asarray(sound)[np.asarray(conditions.place), np.asarray(conditions.axis)]
+    off = (np.array([float(row.value) for row in fit.rows]) - np.where(losses, 0.0, stiff)) / fit.sigma
+    chi2 = float(np.sum(off**2))
+    if fit_result.tail(max(chi2 - fit.chi2, 0.0), len(fit.parameters)) < HEALTHY or not np.isfinite(chi2):
+        return ""
+    limits = [
+        f"{name} < {fit.intervals[i][1]:.3g} {fit.units[i]}"
+        for i, name in enumerate(fit.parameters)
+        if fit.problem.parameters[i].logarithmic and not fit.open[i][1]
+    ]
+    known = f"; 95 % limits of one: {', '.join(limits)}" if limits else "; nor do the data limit its size"
+    return f"no spall is needed: the healthy bearing fits as well (χ² {chi2:.3g}, here {fit.chi2:.3g}){known}"
+
+
+def _beyond(fit: Fit, most: np.ndarray) -> list[str]:
+    """Measured values that no spall within the ranges gives; `most` is given at the points scanned, shape (rows,)."""
+    most = np.maximum(most, fit.predicted)
     found = []
     for k, row in enumerate(fit.rows):
         if row.is_loss and row.value > most[k] + 3.0 * fit.sigma[k]:
@@ -169,25 +204,14 @@ def _product(powers: dict[str, float]) -> str:
     return " × ".join(factors)
 
 
-def _rivals(fit: Fit) -> list[tuple[np.ndarray, float]]:
-    """The best two other answers that fit as well, outside of the best one's intervals, and their χ²."""
-    found: list[tuple[np.ndarray, float]] = []
-    near = 1e-3 * np.abs(fit.values) + 1e-6
-    low, high = fit.intervals[:, 0] - near, fit.intervals[:, 1] + near
-    for k in np.argsort(fit.history.chi2):
-        values, chi2 = fit.history.last[k], float(fit.history.chi2[k])
-        outside = (values < low) | (values > high)
-        known = any(np.allclose(values, other, rtol=1e-2, atol=1e-3) for other, _ in found)
-        if outside.any() and not known and chi2 - fit.chi2 < fit.limit:
-            found.append((values, chi2))
-    return found[:2]
-
-
-def _of_rival(fit: Fit, values: np.ndarray, chi2: float) -> str:
+def _of_alternative(fit: Fit, other: Alternative) -> str:
     """Another answer, and which measurement would tell it from the fit's."""
-    other = ", ".join(f"{n} {v:.4g} {u}" for n, v, u in zip(fit.parameters, values, fit.units, strict=True))
-    row, apart = optimal_design.telling(fit, values)
+    answer = ", ".join(f"{n} {v:.4g} {u}" for n, v, u in zip(fit.parameters, other.values, fit.units, strict=True))
+    row, apart = optimal_design.telling(fit, other.values)
     advice = f"measure {optimal_design.in_words(row)}, where they differ by {apart:.2g} sigma"
     if apart < TOLD_APART:
         advice = "no load and phase like those measured tells them apart"
-    return f"another answer fits nearly as well: {other} (χ² {chi2:.3g}, here {fit.chi2:.3g}): {advice}"
+    return (
+        f"another answer fits nearly as well: {answer} (χ² {other.chi2:.3g}, here {fit.chi2:.3g}; weight "
+        f"{100.0 * other.weight:.2g} %): {advice}"
+    )

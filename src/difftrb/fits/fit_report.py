@@ -29,6 +29,7 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
             "standard_error": fit.standard_errors[i],
             "interval": fit.intervals[i],
             "open": fit.open[i],
+            "determined": bool(fit.determined_each[i]),
         }
         for i, name in enumerate(fit.parameters)
     }
@@ -43,6 +44,12 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
         "parameters": parameters,
         "correlation": fit.correlation,
         "determined": fit.determined,
+        "explained": fit.explained,
+        "alternatives": [
+            {"values": dict(zip(fit.parameters, other.values.tolist(), strict=True)), "chi2": other.chi2,
+             "weight": other.weight}
+            for other in fit.alternatives
+        ],
         "remarks": fit.remarks,
         "chi2": fit.chi2,
         "degrees_of_freedom": fit.freedom,
@@ -55,8 +62,8 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
             for s in suggestions
         ],
         "starts": [
-            {"first": first, "last": last, "chi2": chi2, "steps": int(steps)}
-            for first, last, chi2, steps in zip(*fit.history, strict=True)
+            {"last": last, "chi2": chi2, "steps": int(steps)}
+            for last, chi2, steps in zip(*fit.history, strict=True)
         ],
         "seconds": seconds,
     })  # fmt: skip

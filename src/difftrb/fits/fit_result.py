@@ -12,7 +12,7 @@ import numpy as np
 from difftrb.core import status
 from difftrb.core.numeric import bisected
 from difftrb.fits import predicted
-from difftrb.fits.least_squares import FARTHEST
+from difftrb.fits.least_squares import FARTHEST, Least
 from difftrb.fits.measured import Measurement
 from difftrb.fits.predicted import Problem
 from difftrb.scene.scene import Scene
@@ -28,18 +28,37 @@ WITHIN = 3
 STEPS = 25
 ENOUGH = 1e-5
 """Gain of half χ² that is not worth a step of a profile, whose ends are where χ² has risen by 4 or so."""
+UNLIKELY = 1e-3
+"""Probability of a χ² below which data and model are taken to contradict each other."""
+BESIDE = 0.5
+"""A profile's place starts from the lowest known point that lies closer than this, in coordinates, too."""
 NORMAL_95 = 1.959963984540054
 """Standard errors to either side of a 95 % interval of the normal distribution."""
 
 
 class History(NamedTuple):
-    """Where each start went: values at first and at last, shapes (starts, parameters); chi² at last and steps of
-    Levenberg–Marquardt, shapes (starts,)."""
+    """Where least squares from each basin ended: values, shape (starts, parameters); χ² there and steps taken, shapes
+    (starts,)."""
 
-    first: np.ndarray
     last: np.ndarray
     chi2: np.ndarray
     steps: np.ndarray
+
+
+class Alternative(NamedTuple):
+    """Another answer that fits within the confidence limit: values, shape (parameters,); its χ²; its share of the
+    probability that all answers have together, each as a normal distribution of its own (Laplace)."""
+
+    values: np.ndarray
+    chi2: float
+    weight: float
+
+
+class Known(NamedTuple):
+    """Places where the cost was computed, shape (places, parameters), and the costs, shape (places,)."""
+
+    place: np.ndarray
+    cost: np.ndarray
 
 
 class Profiles(NamedTuple):
@@ -72,11 +91,13 @@ class Fit(status.Judged):
       rows: the measurements. predicted: what the model says of them [% or N/mm], shape (rows,). sigma: that they were
         weighed by, shape (rows,); `sigma_estimated` if none was given. residuals: measured minus predicted in sigma.
       chi2: sum of squared residuals (of how they count, if robust). freedom: rows less parameters.
-      remarks: what is worth knowing, in sentences. `determined`: whether every parameter has a closed interval less
-        than a factor of 1.5 wide (angle: 0.5 rad), and no other answer fits nearly as well.
+      remarks: what is worth knowing, in sentences.
+      determined_each: whether a parameter has a closed interval less than a factor of 1.5 wide (angle: 0.5 rad) that
+        holds it in all `alternatives`, too, while the model explains the data; shape (parameters,). `determined`: all.
+      alternatives: other answers that fit within the limit, the best first.
       robust: how deviations counted. scene: prepared, with the fitted spall. history: of all starts.
       profiles, problem, place (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends):
-        for figures and designs.
+        for figures and designs. known: all points that were scanned, and minima.
       status_code: see `difftrb.status`.
     """
 
@@ -94,7 +115,8 @@ class Fit(status.Judged):
     chi2: float
     freedom: int
     remarks: tuple[str, ...]
-    determined: bool
+    determined_each: np.ndarray
+    alternatives: tuple[Alternative, ...]
     scene: Scene
     history: History
     profiles: Profiles
@@ -103,7 +125,25 @@ class Fit(status.Judged):
     place: np.ndarray
     normal: np.ndarray
     limit: float
+    known: Known
     status_code: jax.Array
+
+    @property
+    def determined(self) -> bool:
+        """Whether every parameter is."""
+        return bool(self.determined_each.all())
+
+    @property
+    def chance(self) -> float:
+        """Chance of a χ² this large if the model and sigma are right; NaN if sigma was estimated, or without rows to
+        spare, or for a robust fit."""
+        told = self.freedom > 0 and not self.sigma_estimated and self.robust == "squares"
+        return tail(self.chi2, self.freedom) if told else float("nan")
+
+    @property
+    def explained(self) -> bool:
+        """Whether data and model do not contradict each other, as far as that can be told."""
+        return not self.chance < UNLIKELY
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -132,7 +172,7 @@ class Fit(status.Judged):
         at = np.tile(self.place, (points * points, 1))
         at[:, 0], at[:, 1] = (axis.ravel() for axis in grid)
         free = np.tile(np.arange(len(self.place)) > 1, (len(at), 1))
-        costs, _ = _held(self.problem, self.place, self.normal, free, at)
+        costs, _ = _held(self.problem, self.place, self.normal, free, at, self.known)
         return 2.0 * (costs - 0.5 * self.chi2).reshape(points, points)
 
     def by_data(self) -> np.ndarray:
@@ -170,10 +210,11 @@ def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def _held(
-    problem: Problem, u: np.ndarray, normal: np.ndarray, free: np.ndarray, at: np.ndarray
+    problem: Problem, u: np.ndarray, normal: np.ndarray, free: np.ndarray, at: np.ndarray, known: Known
 ) -> tuple[np.ndarray, np.ndarray]:
     """Least costs, shape (cases,), and their places, with the parameters that are not `free`, shape (cases,
-    parameters), held where `at`, same shape, has them. The others start where the quadratic about u expects them."""
+    parameters), held where `at`, same shape, has them. The others start where the quadratic about u expects them, and
+    from the lowest known point near by: another basin may be deeper there."""
     start = at.copy()
     for case, (moves, place) in enumerate(zip(free, at, strict=True)):
         if moves.any():
@@ -181,19 +222,29 @@ def _held(
             damped = within + np.diag(1e-9 * np.diag(within) + 1e-300)
             follow = -np.linalg.solve(damped, normal[np.ix_(moves, ~moves)] @ (place - u)[~moves])
             start[case, moves] = np.clip(u[moves] + np.clip(follow, -3.0, 3.0), -EDGE, EDGE)
-    found = predicted.solved(problem, start, free, 0, STEPS if free.any() else 0, ENOUGH)
-    cost = np.asarray(found.cost)
-    return np.where(np.isfinite(cost), cost, np.inf), np.asarray(found.place)
+    if not free.any():
+        found = predicted.solved(problem, start, free, 0, 0)
+        return np.where(np.isfinite(found.cost), found.cost, np.inf), found.place
+    other = at.copy()
+    for case, (moves, place) in enumerate(zip(free, at, strict=True)):
+        away = np.max(np.abs(known.place - place)[:, ~moves], axis=1, initial=0.0)
+        nearest = np.argmin(np.where(away < BESIDE, known.cost, np.max(known.cost) + away))
+        other[case, moves] = known.place[nearest, moves]
+    found = predicted.solved(problem, np.concatenate([start, other]), np.tile(free, (2, 1)), 0, STEPS, ENOUGH)
+    cost = np.where(np.isfinite(found.cost), found.cost, np.inf).reshape(2, -1)
+    better = np.argmin(cost, axis=0)
+    each = np.arange(len(at))
+    return cost[better, each], found.place.reshape(2, *at.shape)[better, each]
 
 
-def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limit: float) -> Profiles:
+def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limit: float, known: Known) -> Profiles:
     """Profiles about the least place u, shape (parameters,), with its cost and normal matrix, and where they have risen
     by `limit`: once over the whole range, once between the places that an interval's ends lie between."""
     count = len(u)
 
     def risen(at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         free = np.repeat(np.arange(count), at[0].size)[:, None] != np.arange(count)[None, :]
-        costs, where = _held(problem, u, normal, free, np.where(free, u[None, :], at.ravel()[:, None]))
+        costs, where = _held(problem, u, normal, free, np.where(free, u[None, :], at.ravel()[:, None]), known)
         return 2.0 * (costs - cost).reshape(at.shape), costs, where
 
     places = _profile_places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
@@ -220,6 +271,17 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
         lowest=where[best],
         lowest_cost=float(costs[best]),
     )
+
+
+def weights(problem: Problem, found: Least, cases: list[int], scale: float, widest: np.ndarray) -> np.ndarray:
+    """Shares of the probability of these minima, shape (cases,), each as a normal distribution of its own (Laplace) no
+    wider than `widest`, in coordinates, shape (parameters,); χ² counts by `scale`."""
+    logs = []
+    for k in cases:
+        _, size = np.linalg.slogdet(found.normal[k] / scale + np.diag(widest**-2.0))
+        logs.append(-found.cost[k] / scale - 0.5 * size + np.sum(np.log(problem.bounds.slope(found.place[k]) + 1e-300)))
+    shares = np.exp(np.array(logs) - max(logs))
+    return shares / np.sum(shares)
 
 
 def _profile_places(u: np.ndarray, spread: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The road backwards: from measured stiffness, or its loss, to the spall's size.
 
-Many starts in one batch: first some steps of Adam, then Levenberg–Marquardt with exact Jacobians.
+The whole range is scanned, least squares go down from every basin (`search`), and what fits as well as the best answer
+is kept. What the model does not explain is not called determined; what may be wrong is tried (`suspects`).
 """
 
 from __future__ import annotations
@@ -14,33 +15,27 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import status
-from difftrb.fits import diagnostics, fit_result, least_squares, measured, predicted
+from difftrb.fits import diagnostics, fit_result, least_squares, measured, predicted, search
 from difftrb.fits import parameters as fit_parameters
-from difftrb.fits.fit_result import Fit, History, Profiles
-from difftrb.fits.least_squares import Bounds, Least
+from difftrb.fits.fit_result import Alternative, Fit, History, Known, Profiles
+from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import ROBUST, Problem
+from difftrb.fits.search import Scan
 from difftrb.law.samples import Progress
 from difftrb.ring.ring import Load, largest_load
 from difftrb.scene.scene import LawName, Scene, is_auto
 from difftrb.scene.solving import by_table, prepare
 
-STARTS = 16
-SEARCH = 1
-"""Steps of Adam before Levenberg–Marquardt takes over."""
-MEET = 0.3
-"""Starts that come this close to each other, in coordinates, go on as one."""
-BEHIND = 0.05
-"""Starts that expect less of a step than this share of what parts them from the best one have found another minimum."""
-SPREAD = 0.05, 0.95
-"""Between which shares of a parameter's range starts lie."""
 FLOOR = 0.1
 """Measurements without sigma count by their own size, but at least by this share of the middle one of their kind."""
 LEAST_SIGMA = 1e-7
 """Estimates of a relative error below this are rounding."""
 ROUNDS = 3
 """Of estimating sigma beside a robust fit."""
+DEEPER = 3
+"""Most times that a fit goes on from a profile that has found a lower place."""
 
 
 def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | None = None) -> Scene:
@@ -68,7 +63,7 @@ def fit(
     rows: Sequence[Measurement],
     parameters: Sequence[str] = ("length", "width"),
     robust: str = "squares",
-    starts: int = STARTS,
+    starts: int | None = None,
     model_error: float | None = None,
     progress: Progress | None = None,
 ) -> Fit:
@@ -83,7 +78,8 @@ def fit(
         load), "preload" (added to every axial load), "scale" (the bearing's share in the measured compliance, the
         rest being housing and shaft), and what `fits.parameters.register` adds. All others stay as in the scene.
       robust: "squares"; "huber" or "student" where single rows may be far off.
-      starts: how many, at least 1. More where the widths may hold many rollers.
+      starts: at how many points the range is scanned, at least 1; the first is the scene's own spall. None: 64, 256,
+        1024 or 2048, for one, two, three or more parameters.
       model_error: relative error of the model that all losses share, and all stiffnesses, ≥ 0; it widens intervals
         (not of robust fits). None: that of the roller law, if it is known.
       progress: told how many of how many contacts are solved for the law.
@@ -100,18 +96,21 @@ def fit(
     scene = prepare_fit(scene, rows, progress)
     measured.check_loads(scene, rows)
     problem, estimate = _problem(scene, rows, tuple(parameters), robust, model_error)
-    places = start_places(problem.parameters, problem.bounds, scene, starts)
-    first = _from(problem, places)
-    _check_effects(problem.parameters, np.asarray(first.normal))
-    freedom = len(rows) - places.shape[1]
-    limit = fit_result.limit_of(freedom if estimate else None)
-    problem, found = _with_sigma(problem, places, freedom) if estimate else (problem, _search(problem, places))
-    tried = _judged(problem, places, found, limit)
-    if tried.profiles.lowest_cost < found.cost[tried.best] * (1.0 - 1e-6) - 1e-9:  # a profile has found more
-        again = np.concatenate([tried.profiles.lowest[None], found.place[1:]])
-        tried = _judged(problem, places, _from(problem, again, least_squares.STEPS), limit)
-    result = _result(rows, problem, tried, limit, estimate)
-    return dataclasses.replace(result, **diagnostics.of(result, first.beside[0]))
+    scan = search.scanned(problem, search.places(problem.parameters, problem.bounds, scene, starts))
+    _check_effects(problem.parameters, scan.slope)
+    freedom = len(rows) - len(parameters)
+    if estimate:
+        problem, found = _with_sigma(problem, scan, freedom)
+    else:
+        found = search.minima(problem, scan)
+    tried = _judged(problem, scan, found, estimate)
+    for _ in range(DEEPER):  # a profile may have found more
+        if tried.profiles.lowest_cost >= found.cost[tried.best] * (1.0 - 1e-6) - 1e-9:
+            break
+        found = _from(problem, np.concatenate([tried.profiles.lowest[None], found.place]))
+        tried = _judged(problem, scan, found, estimate)
+    result = _result(rows, problem, tried, estimate)
+    return dataclasses.replace(result, **diagnostics.of(result, scan))
 
 
 def _problem(
@@ -159,88 +158,77 @@ def _own_size(rows: Sequence[Measurement]) -> np.ndarray:
     return sigma
 
 
-def start_places(parameters: Sequence[Parameter], bounds: Bounds, scene: Scene, count: int) -> np.ndarray:
-    """Coordinates of the starts, shape (count, parameters): the scene's own values, then an even spread of the range.
-
-    An additive recurrence (Roberts 2018) spreads them.
-    """
-    n = len(parameters)
-    golden = 2.0
-    for _ in range(40):
-        golden = (1.0 + golden) ** (1.0 / (n + 1))
-    steps = golden ** -np.arange(1.0, n + 1.0)
-    shares = np.mod(0.5 + np.arange(1, count)[:, None] * steps[None, :], 1.0)
-    shares = SPREAD[0] + (SPREAD[1] - SPREAD[0]) * shares
-    own = bounds.coordinates(jnp.array([[parameter.start(scene) for parameter in parameters]]))
-    return np.concatenate([np.clip(np.asarray(own), -4.0, 4.0), np.log(shares / (1.0 - shares))])
-
-
-def _check_effects(parameters: Sequence[Parameter], normals: np.ndarray) -> None:
-    """Refuse parameters on which no row depends at any start; `normals` of shape (starts, parameters, parameters)."""
-    size = np.sqrt(np.max(np.einsum("kii->ki", normals), axis=0))
-    for parameter, own in zip(parameters, size, strict=True):
-        if own <= 1e-12 * np.max(size):
+def _check_effects(parameters: Sequence[Parameter], slope: np.ndarray) -> None:
+    """Refuse parameters on which no row depends at any point; `slope` of `Scan`."""
+    for parameter, own in zip(parameters, slope, strict=True):
+        if own <= 1e-12 * np.max(slope):
             raise MeasuredError(f"parameters: {parameter.name} cannot be fitted to these rows: {parameter.no_effect}")
 
 
-def _search(problem: Problem, places: np.ndarray) -> Least:
-    """From all starts."""
-    every = np.ones_like(places, bool)
-    return predicted.solved(problem, places, every, SEARCH, least_squares.STEPS, meet=MEET, behind=BEHIND)
-
-
-def _from(problem: Problem, places: np.ndarray, steps: int = 0) -> Least:
+def _from(problem: Problem, places: np.ndarray) -> Least:
     """From these places with all parameters free, by Levenberg–Marquardt alone."""
-    return predicted.solved(problem, places, np.ones_like(places, bool), 0, steps)
+    return predicted.solved(problem, places, np.ones_like(places, bool), 0, least_squares.STEPS)
 
 
-def _with_sigma(problem: Problem, places: np.ndarray, freedom: int) -> tuple[Problem, Least]:
+def _with_sigma(problem: Problem, scan: Scan, freedom: int) -> tuple[Problem, Least]:
     """The problem with sigma as the fit misses the rows, and its minima."""
     squares = problem.robust == ROBUST.index("squares")
     for _ in range(1 if squares else ROUNDS):
-        found = _search(problem, places)
+        found = search.minima(problem, scan)
         off = (found.beside[0][np.nanargmin(found.cost)] - np.asarray(problem.measured)) / np.asarray(problem.sigma)
         if squares:
             factor = float(np.sqrt(np.sum(off**2) / freedom))
         else:  # the middle deviation, of normal errors
             factor = 1.4826 * float(np.median(np.abs(off))) * float(np.sqrt(len(off) / freedom))
         problem = dataclasses.replace(problem, sigma=problem.sigma * max(factor, LEAST_SIGMA))
-        found = _from(problem, np.asarray(found.place), least_squares.STEPS)
+        found = _from(problem, found.place)
     return problem, found  # pyright: ignore[reportPossiblyUnbound]  # there is a round
 
 
 class Tried(NamedTuple):
-    """All starts, where they went, the best one's number and profiles."""
+    """All minima, the best one's number and profiles, by what limit its χ² rises at the ends of intervals, by how much
+    larger deviations are than sigma says, and where the cost is known."""
 
-    starts: np.ndarray
     found: Least
     best: int
     profiles: Profiles
+    limit: float
+    scale: float
+    known: Known
 
 
-def _judged(problem: Problem, starts: np.ndarray, found: Least, limit: float) -> Tried:
-    best = int(np.nanargmin(found.cost))
-    place, normal = np.asarray(found.place[best]), np.asarray(found.normal[best])
-    return Tried(starts, found, best, fit_result.profiles(problem, place, float(found.cost[best]), normal, limit))
+def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Tried:
+    best, freedom = int(np.nanargmin(found.cost)), scan.told.shape[1] - found.place.shape[1]
+    place, normal, cost = found.place[best], found.normal[best], float(found.cost[best])
+    told = not estimated and freedom > 0 and problem.robust == ROBUST.index("squares")
+    scale = max(2.0 * cost / freedom, 1.0) if told else 1.0
+    limit = scale * fit_result.limit_of(freedom if estimated else None)
+    known = Known(np.concatenate([found.place, scan.place]),
+                  np.nan_to_num(np.concatenate([found.cost, search.costs(problem, scan)]), nan=np.inf))  # fmt: skip
+    profiles = fit_result.profiles(problem, place, cost, normal, limit, known)
+    return Tried(found, best, profiles, limit, scale, known)
 
 
-def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, limit: float, estimated: bool) -> Fit:
+def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estimated: bool) -> Fit:
     """The fit, without remarks."""
     best, bounds, found, profiles = tried.best, problem.bounds, tried.found, tried.profiles
     u, normal, told = (np.asarray(each[best]) for each in (found.place, found.normal, found.beside[0]))
-    values = bounds.values(jnp.asarray(u))
+    every = np.asarray(jax.vmap(bounds.values)(jnp.asarray(found.place)))
+    values = every[best]
     known = fit_result.covariance(normal, u)
     variance = np.diag(known)
-    slope = bounds.slope(u) * np.where(bounds.logarithmic, np.asarray(values), 1.0)
+    slope = bounds.slope(u) * np.where(bounds.logarithmic, values, 1.0)
     spread = np.sqrt(np.where(variance > 0.0, variance, 1.0))
     correlation = known / np.outer(spread, spread)
-    first, last = (np.asarray(jax.vmap(bounds.values)(jnp.asarray(v))) for v in (tried.starts, found.place))
+    prior = np.array([parameter.prior for parameter in problem.parameters])
     converged = jnp.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
+    intervals = np.stack([np.asarray(bounds.values(jnp.asarray(end))) for end in profiles.ends.T], 1)
     return Fit(
         parameters=tuple(parameter.name for parameter in problem.parameters),
-        values=np.asarray(values),
-        standard_errors=np.where(variance > 0.0, np.sqrt(variance) * np.abs(slope), np.nan),
-        intervals=np.stack([np.asarray(bounds.values(jnp.asarray(end))) for end in profiles.ends.T], 1),
+        values=values,
+        # what is as uncertain as before any measurement has none
+        standard_errors=np.where((variance > 0.0) & (spread < prior), spread * np.abs(slope), np.nan),
+        intervals=intervals,
         open=profiles.open,
         correlation=correlation + np.diag(1.0 - np.diag(correlation)),
         rows=rows,
@@ -251,14 +239,30 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, limit
         chi2=2.0 * float(found.cost[best]),
         freedom=len(rows) - len(u),
         remarks=(),
-        determined=False,
+        determined_each=np.zeros(len(u), bool),
+        alternatives=_alternatives(problem, tried, every, intervals),
         scene=fit_parameters.put(problem.parameters, problem.scene, values),
-        history=History(first, last, 2.0 * np.asarray(found.cost), np.asarray(found.steps)),
+        history=History(every, 2.0 * np.asarray(found.cost), np.asarray(found.steps)),
         profiles=profiles,
         problem=problem,
         robust=ROBUST[int(problem.robust)],
         place=u,
         normal=normal,
-        limit=limit,
+        limit=tried.limit,
+        known=tried.known,
         status_code=status.worst(found.beside[1][best], converged),
+    )
+
+
+def _alternatives(problem: Problem, tried: Tried, values: np.ndarray, intervals: np.ndarray) -> tuple[Alternative, ...]:
+    """Minima within the limit that the best one's intervals do not hold."""
+    found, best = tried.found, tried.best
+    near = 1e-3 * np.abs(values[best]) + 1e-6
+    outside = ((values < intervals[:, 0] - near) | (values > intervals[:, 1] + near)).any(axis=1)
+    within = 2.0 * (found.cost - found.cost[best]) < tried.limit
+    cases = [best, *(k for k in search.distinct(problem, found) if k != best and outside[k] and within[k])]
+    weight = fit_result.weights(problem, found, cases, tried.scale, search.scales(problem))
+    return tuple(
+        Alternative(values[k], 2.0 * float(found.cost[k]), float(share))
+        for k, share in zip(cases[1:], weight[1:], strict=True)
     )

@@ -101,7 +101,7 @@ class First(NamedTuple):
 
 def minimum(
     evaluate: Callable[[np.ndarray], Evaluated], start: np.ndarray, free: np.ndarray, steps: int,
-    first: First | None = None, enough: float = 0.0, meet: float = 0.0, behind: float = 0.0,
+    first: First | None = None, enough: float = 0.0, meet: np.ndarray | None = None, behind: float = 0.0,
 ) -> Least:  # fmt: skip
     """Least squares of what `evaluate` says of places, shape (some cases, n).
 
@@ -110,7 +110,7 @@ def minimum(
       steps: at most. With none it evaluates the start.
       first: what goes before, if anything.
       enough: gain of half the sum of squares, besides rounding, below which a case is done.
-      meet: a case that comes closer than this to a better one, in every coordinate, ends where that one does.
+      meet: a case that comes closer than this, shape (n,), to a better one, ends where that one does.
       behind: a case that expects of its next step less than this share of what parts it from the best one is done.
     """
     cases, led, memory = _Cases(start), 0, None
@@ -169,23 +169,23 @@ class _Cases:
         linear = np.einsum("ki,ki->k", self.gradient, self.move)
         self.expected = -linear - 0.5 * np.einsum("ki,kij,kj->k", self.move, self.normal, self.move)
 
-    def finish(self, enough: float, meet: float, behind: float) -> None:
+    def finish(self, enough: float, meet: np.ndarray | None, behind: float) -> None:
         """End the cases that have nothing more to gain; see `minimum`."""
         least = np.maximum(np.maximum(ROUNDING * self.cost, enough), behind * (self.cost - np.nanmin(self.cost)))
         tiny = (np.max(np.abs(self.move), axis=1) < TOLERANCE) | (self.expected <= least)
         self.done |= tiny | (self.damping > 1e9)
-        if meet > 0.0:
+        if meet is not None:
             self._join(meet)
             self.done |= self.ends != np.arange(len(self.ends))
 
-    def _join(self, meet: float) -> None:
+    def _join(self, meet: np.ndarray) -> None:
         """Let every case that has come close to a better one end at that one's place."""
         order = np.argsort(self.cost, kind="stable")
         for rank, case in enumerate(order):
             if self.ends[case] != case:
                 continue
             for other in order[:rank]:
-                if self.ends[other] == other and np.max(np.abs(self.place[case] - self.place[other])) < meet:
+                if self.ends[other] == other and np.all(np.abs(self.place[case] - self.place[other]) < meet):
                     self.ends[case] = other
                     break
 

@@ -48,6 +48,9 @@ class Parameter:
     """Whether to say how well a product of it and other sizes is determined."""
     changes_healthy: ClassVar[bool] = True
     """Whether the healthy bearing's stiffness depends on it (`measured` apart)."""
+    suspect: ClassVar[str] = ""
+    """What may be wrong with measurements that a fit misses but does not when this is fitted, too: the end of a
+    sentence. Empty: nothing."""
 
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
         """The range that is searched [unit]; an empty one refuses the parameter."""
@@ -56,6 +59,11 @@ class Parameter:
     def start(self, scene: Scene) -> float:
         """The scene's own value [unit]."""
         return self.default
+
+    def apart(self, scene: Scene) -> float:
+        """How far apart two values may lead to two answers: by this factor's logarithm or, if not logarithmic, [unit].
+        Default: a sixth of the range, or a factor of 1.5."""
+        return float(np.log(1.5)) if self.logarithmic else (self.high - self.low) / 6.0
 
     def scene(self, scene: Scene, value: Real) -> Scene:
         """The prepared scene with this value."""
@@ -162,6 +170,11 @@ class Angle(OfSpall):
     name, unit = "angle", "rad"
     low, high, logarithmic, wide = -np.pi, np.pi, False, 0.5
     no_effect = "without a radial load all angles are alike: measure under a radial load, or leave angle out"
+    suspect = "the spall stands elsewhere than the scene's angle says"
+
+    def apart(self, scene: Scene) -> float:
+        """A quarter of what parts two rollers: over each of them the spall measures much alike."""
+        return 0.25 * float(geometry.roller_pitch(scene.bearing))
 
 
 @register
@@ -175,6 +188,9 @@ class AxialOffset(OfSpall, KnownToLaw):
     def farthest(self, scene: Scene) -> tuple[float, float]:
         return -0.5 * float(scene.bearing.roller_length), 0.5 * float(scene.bearing.roller_length)
 
+    def apart(self, scene: Scene) -> float:
+        return float(scene.bearing.roller_length) / 6.0
+
 
 @register
 class Crown(KnownToLaw):
@@ -182,6 +198,7 @@ class Crown(KnownToLaw):
 
     name, unit, in_products = "crown", "N", False
     no_effect = "the law is frozen at the scene's design_load: use contact.law = 'table', or leave crown out"
+    suspect = "rollers are crowned otherwise than contact.design_load says"
 
     def farthest(self, scene: Scene) -> tuple[float, float]:
         return self.start(scene) / 4.0, 4.0 * self.start(scene)
@@ -197,9 +214,10 @@ class Crown(KnownToLaw):
 class Preload(Parameter):
     """Axial load that adds to every measured one: from 0 to the largest of them."""
 
-    name, unit, default = "preload", "N", 0.0
+    name, unit, low, high, default = "preload", "N", 0.0, 1e3, 0.0
     logarithmic, wide = False, np.inf
     no_effect = "nothing depends on the axial load here: leave preload out"
+    suspect = "an axial load acts that was not measured"
 
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
         return 0.0, max(float(row.axial) for row in rows) or 1.0
@@ -217,9 +235,23 @@ class Scale(Parameter):
 
     name, unit, low, high, default, changes_healthy = "scale", "–", 0.1, 1.5, 1.0, False
     no_effect = "nothing depends on the scale here: leave it out"
+    suspect = "housing and shaft give way, too"
 
     def measured(self, healthy: jax.Array, added: jax.Array, value: Real) -> tuple[jax.Array, jax.Array]:
         return value * healthy, value * added
+
+
+@register
+class LoadFactor(Parameter):
+    """By what all loads have to be multiplied: 0.5 … 2."""
+
+    name, unit, low, high, default, in_products = "load_factor", "–", 0.5, 2.0, 1.0, False
+    label = "load factor"
+    no_effect = "nothing depends on the loads here: leave it out"
+    suspect = "all loads are off by a factor"
+
+    def load(self, load: Load, value: Real) -> Load:
+        return Load(load.radial * value, load.axial * value)
 
 
 def named(names: Sequence[str]) -> tuple[Parameter, ...]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import jax
@@ -14,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from difftrb.core import status
+from difftrb.core import machine, status
 from difftrb.core.geometry import Real
 from difftrb.fits import least_squares
 from difftrb.fits import parameters as fit_parameters
@@ -215,7 +216,7 @@ def counted(problem: Problem, values: jax.Array) -> jax.Array:
 
 def solved(
     problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int, enough: float = 0.0,
-    meet: float = 0.0, behind: float = 0.0,
+    meet: np.ndarray | None = None, behind: float = 0.0,
 ) -> Least:  # fmt: skip
     """Least squares from `places`, shape (cases, parameters), moving those coordinates that are `free`, same shape:
     first `search` steps of Adam, then `steps` of Levenberg–Marquardt at most; the rest as in `least_squares.minimum`.
@@ -234,12 +235,16 @@ def _adam(gradient: jax.Array, memory: optax.OptState) -> tuple[jax.Array, optax
 def evaluated(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
     """Deviations as they count and their slopes by coordinates at `places`, shape (cases, parameters); beside them what
     the model says of the rows, and its status. In parts of one size, by one program."""
-    parts = []
-    for k in range(0, len(places), BATCH):
-        part = places[k : k + BATCH]
+
+    def part(k: int) -> list[np.ndarray]:
+        own = places[k : k + BATCH]
         padded = np.zeros((BATCH, places.shape[1]))
-        padded[: len(part)] = part
-        parts.append([np.asarray(out)[: len(part)] for out in _evaluated(problem, padded, len(part))])
+        padded[: len(own)] = own
+        return [np.asarray(out)[: len(own)] for out in _evaluated(problem, padded, len(own))]
+
+    first = part(0)  # compiles
+    with ThreadPoolExecutor(machine.cores()) as pool:
+        parts = [first, *pool.map(part, range(BATCH, len(places), BATCH))]
     deviations, jacobian, *beside = (np.concatenate(each) for each in zip(*parts, strict=True))
     return least_squares.Evaluated(deviations, jacobian, tuple(beside))
 

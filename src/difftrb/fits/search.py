@@ -1,0 +1,136 @@
+"""Where a fit may end: the whole range is scanned, and least squares go down from there, the lowest to the end.
+
+A spall between rollers, or out of the load zone, changes nothing, and one beside the load line measures like its mirror
+image: over the angle the sum of squares has plateaus and many narrow minima. No rule of first order leaves these, so
+one step of optax's Adam, away from where the gradient vanishes by symmetry, is all there is of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.fits import least_squares, predicted
+from difftrb.fits.least_squares import Bounds, Least
+from difftrb.fits.parameters import Parameter
+from difftrb.fits.predicted import Problem
+from difftrb.scene.scene import Scene
+
+SCANNED = 64, 256, 1024, 2048
+"""Points that are scanned for one, two, three and more parameters."""
+ROUNDS = 2, 4
+"""Steps of Levenberg–Marquardt after which only every fourth case goes on."""
+KEPT = 4
+FEWEST = 12
+"""Cases that go on to the end."""
+NEAR = 0.3
+"""Cases this close, of what parts basins, are one."""
+SEARCH = 1
+"""Steps of Adam before Levenberg–Marquardt ends it."""
+MEET = 0.3
+"""Cases that come this close to each other go on as one: of what parts basins."""
+BEHIND = 0.05
+"""Cases that expect less of a step than this share of what parts them from the best one have found another minimum."""
+SAME = 0.05
+"""Minima this close, of what parts basins, are one."""
+SPREAD = 0.05, 0.95
+"""Between which shares of a parameter's range points lie."""
+
+
+class Scan(NamedTuple):
+    """Points of the whole range: coordinates, shape (points, parameters); what the model says there of the rows, shape
+    (points, rows); the most that deviations change with each coordinate, shape (parameters,)."""
+
+    place: np.ndarray
+    told: np.ndarray
+    slope: np.ndarray
+
+
+def scanned(problem: Problem, places: np.ndarray) -> Scan:
+    """The model at these places."""
+    found = predicted.evaluated(problem, places)
+    return Scan(
+        places, np.asarray(found.beside[0]), np.sqrt(np.max(np.sum(np.nan_to_num(found.jacobian) ** 2, axis=1), axis=0))
+    )
+
+
+def places(parameters: Sequence[Parameter], bounds: Bounds, scene: Scene, count: int | None) -> np.ndarray:
+    """Coordinates of the points, shape (count, parameters): the scene's own values, then an even spread of the range.
+
+    None: as many as so many parameters call for.
+    """
+    n = len(parameters)
+    count = SCANNED[min(n, len(SCANNED)) - 1] if count is None else count
+    own = bounds.coordinates(jnp.array([[parameter.start(scene) for parameter in parameters]]))
+    return np.concatenate([np.clip(np.asarray(own), -4.0, 4.0), spread(n, count - 1)])
+
+
+def spread(n: int, count: int) -> np.ndarray:
+    """Coordinates that fill n ranges evenly, shape (count, n): an additive recurrence (Roberts 2018)."""
+    golden = 2.0
+    for _ in range(40):
+        golden = (1.0 + golden) ** (1.0 / (n + 1))
+    steps = golden ** -np.arange(1.0, n + 1.0)
+    shares = np.mod(0.5 + np.arange(1, count + 1)[:, None] * steps[None, :], 1.0)
+    shares = SPREAD[0] + (SPREAD[1] - SPREAD[0]) * shares
+    return np.log(shares / (1.0 - shares))
+
+
+def costs(problem: Problem, scan: Scan) -> np.ndarray:
+    """Half the sums of squares at the points, of the problem as it is now, shape (points,)."""
+    return np.asarray(_costs(problem, jnp.asarray(scan.told)))
+
+
+@jax.jit
+def _costs(problem: Problem, told: jax.Array) -> jax.Array:
+    return 0.5 * jnp.sum(jax.vmap(lambda values: predicted.counted(problem, values))(told) ** 2, axis=1)
+
+
+def scales(problem: Problem) -> np.ndarray:
+    """How far basins lie apart, in coordinates in the middle of the range, shape (parameters,)."""
+    low, high = (np.asarray(end) for end in problem.bounds.ends())
+    return 4.0 * np.array([parameter.apart(problem.scene) for parameter in problem.parameters]) / (high - low)
+
+
+def minima(problem: Problem, scan: Scan, free: np.ndarray | None = None) -> Least:
+    """Where least squares end that go down from the points of a scan: all some steps, the lower ones farther.
+
+    `free`: which parameters move, shape (parameters,). None: all.
+    """
+    place, cost = scan.place, costs(problem, scan)
+    free = np.ones(place.shape[1], bool) if free is None else free
+    for steps in ROUNDS:
+        place = place[_lower(place / scales(problem), cost, max(len(place) // KEPT, FEWEST))]
+        found = predicted.solved(problem, place, np.tile(free, (len(place), 1)), 0, steps)
+        place, cost = found.place, found.cost
+    # the scene's own, too
+    last = np.concatenate([place[_lower(place / scales(problem), cost, FEWEST)], scan.place[:1]])
+    every = np.tile(free, (len(last), 1))
+    return predicted.solved(
+        problem, last, every, SEARCH, least_squares.STEPS, meet=MEET * scales(problem), behind=BEHIND
+    )
+
+
+def _lower(place: np.ndarray, cost: np.ndarray, most: int) -> list[int]:
+    """The lowest places of which no two are one: closer than `NEAR`."""
+    kept: list[int] = []
+    for k in np.argsort(cost, kind="stable"):
+        if len(kept) == most or not np.isfinite(cost[k]):
+            break
+        if not kept or np.min(np.max(np.abs(place[kept] - place[k]), axis=1)) >= NEAR:
+            kept.append(int(k))
+    return kept
+
+
+def distinct(problem: Problem, found: Least) -> list[int]:
+    """Which of the cases are minima of their own, the least first."""
+    scale, kept = scales(problem), list[int]()
+    for k in np.argsort(found.cost, kind="stable"):
+        near = (np.max(np.abs(found.place[k] - found.place[other]) / scale) < SAME for other in kept)
+        if np.isfinite(found.cost[k]) and not any(near):
+            kept.append(int(k))
+    return kept

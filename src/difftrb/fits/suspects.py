@@ -1,0 +1,184 @@
+"""What may be wrong with measurements that the model does not explain: each is tried, and named if it explains more.
+
+One row alone; a spall that stands elsewhere, a soft housing and whatever else a parameter declares as its `suspect`;
+losses given as fractions. A suspect is a fit with one more freedom: it is named if χ² falls by more than chance lets
+expect of that.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from scipy import special
+
+from difftrb.fits import fit_result, least_squares, predicted, search
+from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.fit_result import UNLIKELY, Fit
+from difftrb.fits.least_squares import Least
+from difftrb.fits.measured import MeasuredError
+from difftrb.fits.parameters import PARAMETERS, Parameter
+from difftrb.fits.predicted import Problem
+from difftrb.fits.search import Scan
+
+UNWEIGHED = 1e4
+"""By what factor sigma grows of a row that is left aside."""
+STARTS = 8
+"""Places of the fit's own parameters from which each suspect is tried."""
+TURNING = 0.2
+"""Parameters whose basins lie closer, in coordinates, are scanned; others are tried at `FEW` values."""
+FEW = 3
+NAMED = 3
+"""Most suspects that are named."""
+NEARLY = 10.0
+"""A suspect whose χ² is larger than this many times the best one's is not named beside it."""
+SCATTER = 0.005
+"""Estimated relative error of measurements from which on suspects are tried without a sigma, too."""
+
+
+ALONE = UNLIKELY
+"""Chance of its gain below which a row is named that is left aside."""
+ADDED = 0.1
+"""The same of a parameter, where sigma was estimated: then few rows have to tell both."""
+
+
+class Suspect(NamedTuple):
+    """What may be wrong, as the end of a sentence, with the answer it would give; χ² then, whether it gains more than
+    chance and, where sigma was estimated, is another answer, and whether it explains the data; what to do."""
+
+    what: str
+    answer: str
+    chi2: float
+    gains: bool
+    explains: bool
+    advice: str
+
+
+def named(fit: Fit, scan: Scan) -> list[Suspect]:
+    """Those that explain much more than the fit, the best first."""
+    found = [*_rows(fit, scan), *_fractions(fit, scan), *_parameters(fit)]
+    better = sorted((one for one in found if one.gains), key=lambda one: one.chi2)
+    return [one for one in better if one.chi2 <= NEARLY * max(better[0].chi2, float(fit.freedom))][:NAMED]
+
+
+def wanted(fit: Fit) -> bool:
+    """Whether the data give reason to look for any."""
+    if fit.robust != "squares" or fit.freedom < 2:
+        return False
+    if not fit.sigma_estimated:
+        return not fit.explained
+    size = np.abs([float(row.value) for row in fit.rows])
+    return float(np.median(fit.sigma / np.maximum(size, 1e-300))) > SCATTER
+
+
+def _gains(fit: Fit, chi2: float, chance: float) -> bool:
+    """Whether one more freedom brings more than chance, by Fisher's F or, with sigma given, by χ²."""
+    gain, left = max(fit.chi2 - chi2, 0.0), fit.freedom - 1
+    if not fit.sigma_estimated:
+        return fit_result.tail(gain, 1) < UNLIKELY
+    share = gain / (chi2 / left) if chi2 > 0.0 else np.inf
+    return float(special.fdtrc(1, left, share)) < chance
+
+
+def _explains(fit: Fit, chi2: float) -> bool:
+    """Whether what is left is as small as sigma lets expect."""
+    return fit.sigma_estimated or fit_result.tail(chi2, fit.freedom - 1) > UNLIKELY
+
+
+def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, chance: float = ALONE) -> Suspect:
+    """From the lowest case."""
+    k = int(np.nanargmin(found.cost))
+    values = np.asarray(problem.bounds.values(jnp.asarray(found.place[k])))
+    told = [f"{p.name} {v:.3g} {p.unit}" for p, v in zip(problem.parameters, values, strict=True)]
+    chi2, answer = 2.0 * float(found.cost[k]), ", ".join(told[: len(fit.parameters)])
+    own = values[: len(fit.parameters)]
+    other = bool(((own < fit.intervals[:, 0]) | (own > fit.intervals[:, 1])).any())
+    return Suspect(
+        what,
+        answer,
+        chi2,
+        (other or not fit.sigma_estimated) and _gains(fit, chi2, chance),
+        _explains(fit, chi2),
+        advice,
+    )
+
+
+def _down(problem: Problem, starts: np.ndarray, free: np.ndarray) -> Least:
+    return predicted.solved(problem, starts, free, 0, least_squares.STEPS, fit_result.ENOUGH)
+
+
+def _near(fit: Fit, problem: Problem, scan: Scan) -> np.ndarray:
+    """The fit's place, what else fitted well, and the lowest points of another problem of the same parameters."""
+    low = np.argsort(search.costs(problem, scan), kind="stable")[:STARTS]
+    known = np.argsort(fit.known.cost, kind="stable")[:STARTS]
+    return np.concatenate([fit.place[None], scan.place[low], fit.known.place[known]])
+
+
+def _rows(fit: Fit, scan: Scan) -> Iterator[Suspect]:
+    """Each row left aside."""
+    for k, row in enumerate(fit.rows):
+        sigma = np.array(fit.sigma)
+        sigma[k] *= UNWEIGHED
+        problem = dataclasses.replace(fit.problem, sigma=jnp.asarray(sigma))
+        starts = _near(fit, problem, scan)
+        found = _down(problem, starts, np.ones_like(starts, bool))
+        told = float(found.beside[0][int(np.nanargmin(found.cost))][k])
+        off = f"row {k + 1} is off: {row.quantity} = {row.value:g} {row.unit}, where the others let expect {told:.4g}"
+        yield _suspect(fit, problem, found, off, "check that row, or fit with --robust student")
+
+
+def _fractions(fit: Fit, scan: Scan) -> Iterator[Suspect]:
+    """Losses as shares of one."""
+    losses = np.array([row.is_loss for row in fit.rows])
+    values = np.array([float(row.value) for row in fit.rows])
+    if not losses.any() or np.max(np.abs(values[losses])) >= 1.0:
+        return
+    factor = np.where(losses, 100.0, 1.0)
+    problem = dataclasses.replace(fit.problem, measured=jnp.asarray(factor * values),
+                                  sigma=jnp.asarray(factor * fit.sigma))  # fmt: skip
+    starts = _near(fit, problem, scan)
+    found = _down(problem, starts, np.ones_like(starts, bool))
+    yield _suspect(fit, problem, found, "losses are given as fractions", "give them in percent")
+
+
+def _parameters(fit: Fit) -> Iterator[Suspect]:
+    """Each parameter that is a suspect and was not fitted, by one program for all of them."""
+    more = list(_usable(fit))
+    if not more:
+        return
+    own, parameters = len(fit.parameters), (*fit.problem.parameters, *more)
+    bounds = fit_parameters.bounds(parameters, fit.problem.scene, fit.rows)
+    whole = any(parameter.changes_healthy for parameter in parameters)
+    problem = dataclasses.replace(fit.problem, parameters=parameters, bounds=bounds,
+                                  sound=None if whole else fit.problem.sound)  # fmt: skip
+    still = np.asarray(bounds.coordinates(jnp.array([parameter.start(fit.problem.scene) for parameter in parameters])))
+    low = fit.known.place[np.argsort(fit.known.cost, kind="stable")[:STARTS]]
+    for i, parameter in enumerate(more, own):
+        free = np.arange(len(parameters)) < own
+        free[i] = True
+        many = search.scales(problem)[i] < TURNING
+        at = np.tile(still, (search.SCANNED[2] if many else FEW * len(low), 1))
+        if many:
+            at[:, free] = search.spread(own + 1, len(at))
+        else:
+            shares = np.linspace(*search.SPREAD, FEW)
+            at[:, :own], at[:, i] = np.repeat(low, FEW, axis=0), np.tile(np.log(shares / (1.0 - shares)), len(low))
+        at[0, :own] = fit.place
+        found = search.minima(problem, search.scanned(problem, at), free)
+        k = int(np.nanargmin(found.cost))
+        value = float(np.asarray(bounds.values(jnp.asarray(found.place[k])))[i])
+        what = f"{parameter.suspect} ({parameter.name} {value:.3g} {parameter.unit})"
+        yield _suspect(fit, problem, found, what, f"fit {parameter.name}, too, or measure it", ADDED)
+
+
+def _usable(fit: Fit) -> Iterator[Parameter]:
+    for name, parameter in PARAMETERS.items():
+        if parameter.suspect and name not in fit.parameters:
+            try:
+                fit_parameters.bounds((parameter,), fit.problem.scene, fit.rows)
+            except MeasuredError:  # such a law, or such rows, do not know it
+                continue
+            yield parameter
