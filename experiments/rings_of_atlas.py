@@ -84,7 +84,6 @@ def _moved(scene: trb.Scene, by: jax.Array) -> trb.Scene:
     return dataclasses.replace(scene, bearing=of, spalls=(spall,), design_load=scene.design_load + crown)
 
 
-@jax.jit
 def _all(scene: trb.Scene) -> tuple[trb.Solution, jax.Array]:
     """The solution, and derivatives of log K, radial and axial, by `BY`, shape (2, 6)."""
 

@@ -9,11 +9,12 @@ import pytest
 
 import difftrb as trb
 from difftrb.contact import gap
-from difftrb.core import status
+from difftrb.core import geometry, status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import atlas, axial_place, direct, edge_ramp, load_curve, samples
 from difftrb.law.base import Rest, load_over
-from difftrb.scene import audit
+from difftrb.scene import audit, scene_laws
+from difftrb.scene.scene import named
 from experiments import build_of_atlas
 
 pytestmark = pytest.mark.exact
@@ -142,16 +143,15 @@ load_of, by_reverse, by_forward = (jit_quickly()(one) for one in (_load_of, jax.
 def test_scene_by_table_is_the_scene_by_direct(bearing: trb.TaperedBearing) -> None:
     """Half a millimetre before the pitch between two rollers, where one stands on the ramp."""
 
-    def solved(law: str) -> tuple[trb.Solution, trb.Scene]:
-        scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law, accuracy=1e-4, phase=0.1215)
-        return slopes(trb.prepare(scene))
-
-    (ours, our_slopes), (theirs, their_slopes) = solved("table"), solved("direct")
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), "table", phase=0.1215)
+    # finer than files may ask of a ring: with contacts at 1e-4 the derivative by width is 2 % off
+    exact = scene_laws.with_laws(named(geometry.as_floats(scene), "direct", 1e-5))
+    (ours, our_slopes), (theirs, their_slopes) = slopes(trb.prepare(scene)), slopes(exact)
     np.testing.assert_allclose(ours.check().loads, theirs.check().loads, atol=2e-4 * float(theirs.loads.max()))
     np.testing.assert_allclose(ours.stiffness, theirs.stiffness, atol=1e-3 * float(theirs.stiffness.max()))
     for name in ("length", "width", "angle"):
         one, two = (float(getattr(by.spalls[0], name)) for by in (our_slopes, their_slopes))
-        assert one == pytest.approx(two, rel=3e-2, abs=1e-4 * float(theirs.stiffness[0, 0])), name
+        assert one == pytest.approx(two, rel=1e-2, abs=1e-4 * float(theirs.stiffness[0, 0])), name
 
 
 @jit_quickly()

@@ -28,8 +28,8 @@ PINNED: dict[str, dict[str, float]] = {
         "by outer angle": -11869462.74633, "load by axial load": 0.1632036475224,
     },
     "table": {
-        "by angle": -6153394.066181, "by length": -4282.160227244, "by modulus": 15.37895585957,
-        "by width": -107344.1012512, "load of roller 0": 1584.728530929, "radial stiffness": 3489927.171957,
+        "by angle": -6166097.293588, "by length": -4303.08781382, "by modulus": 15.37872718514,
+        "by width": -107565.7052171, "load of roller 0": 1584.73223586, "radial stiffness": 3489887.784256,
     },
     "contact": {
         "approach": 0.008161756184811, "contact width": 0.2093458177945, "load": 2.226036697054e-06,
