@@ -57,17 +57,24 @@ def _run(options: Any) -> int:
             checked = difftrb.verify(scene, result.spalled, progress)
     record = run_report.run_json(scene, result, time.perf_counter() - started, edges, checked, mean)
 
+    missing: list[str] = []
+
     def figures(plot: Any) -> Figures:
-        yield "load_distribution", plot.load_distribution(result, scene)
-        yield "stiffness", plot.stiffness_bars(result, scene)[0]
-        pressed = plot.contact_under_spall(file.scene(), result.spalled)
-        if bool(pressed.converged):
-            yield "pressure", plot.pressure_map(pressed)
-        else:
-            terminal.say(f"{path}: no pressure map: {pressed.status}")
+        from difftrb.report import run_figures
+
+        yield from run_figures.figures(scene, result, mean, missing)
+        for sentence in set(missing).difference(run_figures.BY_DESIGN):
+            terminal.say(f"{path}: {sentence}")
+
+    def page(figures: dict[str, str]) -> str:
+        from difftrb.report.page import Run
+        from difftrb.report.page import page as written
+
+        source = scene_file.example("spall") if options.scene is None else scene_file.text_of(options.scene)
+        return written(Run(path, source, scene, record, result, mean, edges, checked), figures, missing)
 
     text = partial(run_report.run_text, scene, result, edges, checked, mean)
-    code = terminal.deliver(options, path, record, text, figures)
+    code = terminal.deliver(options, path, record, text, figures, page)
     if code == EXIT_OK and checked is not None and not checked.kept:
         return terminal.refuse(f"{path}: the audit does not confirm what is promised", EXIT_NO_SOLUTION)
     return code
@@ -76,7 +83,7 @@ def _run(options: Any) -> int:
 def _contact(options: Any) -> int:
     import jax
 
-    from difftrb.contact.solver import approach_and_slopes
+    from difftrb.contact.solver import approach_and_slopes, pressure_patches
     from difftrb.report import remarks, run_report
     from difftrb.scene import scene_file
 
@@ -88,8 +95,10 @@ def _contact(options: Any) -> int:
         solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
     record = run_report.contact_json(solution, slopes, time.perf_counter() - started)
 
-    text = partial(run_report.contact_text, solution, slopes)
-    return terminal.deliver(options, path, record, text, lambda plot: [("pressure", plot.pressure_map(solution))])
+    def figures(plot: Any) -> Figures:
+        yield "pressure", plot.pressure_map(solution, patches=pressure_patches(**file.single_contact())[1])
+
+    return terminal.deliver(options, path, record, partial(run_report.contact_text, solution, slopes), figures)
 
 
 def _accuracy(options: Any) -> int:
@@ -218,7 +227,12 @@ class Command(NamedTuple):
 SCENE = _option("scene", nargs="?", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
 OUTPUT = (
     _option("--json", action="store_true", help="print one JSON object instead of text"),
-    _option("--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there"),
+    _option(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        help="also write figures (PNG and SVG) and result.json there; of run, report.html, too",
+    ),
 )
 COMMANDS = (
     Command("run", _run,
