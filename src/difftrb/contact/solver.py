@@ -63,7 +63,7 @@ def solve_contact(
       offset: of the spall's centre from the contact's, in the rolling direction [mm]; of several spalls one number for
         all or one for each.
       accuracy: relative accuracy of the approach, 1e-2…1e-5; a smaller number costs time. Cells end at about 1e-4, and
-        where a sliver of contact laps over a rolling edge it is not met: README, Limits.
+        where a sliver of contact laps over a rolling edge it is not met: docs/limits.md.
       method: "strips" are fast and smooth and take one rectangular spall, deeper than the approach, and a crowned
         roller that is not tilted. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion on
         the others: its error falls with the first power of a cell, so `accuracy` only names its size. "auto" takes
