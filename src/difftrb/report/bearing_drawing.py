@@ -105,12 +105,13 @@ def front_view(scene: Scene, solution: Solution, ax: Axes) -> None:
             inside = 0.62 * pitch
             ax.annotate("roller 0", place, (inside * np.sin(angle + 0.5), -inside * np.cos(angle + 0.5)), fontsize=8,
                         ha="center", arrowprops={"arrowstyle": "-", "lw": 0.7, "color": DARK})  # fmt: skip
-    for spall in _outer(scene):
-        turn, middle = np.degrees(float(spall.width / geometry.arc_radius(of))), np.degrees(float(spall.angle)) - 90.0
-        band = 0.4 * radius
-        ax.add_patch(
-            Wedge((0, 0), rim + band, middle - turn / 2, middle + turn / 2, width=band, color=SPALLED, zorder=4)
-        )
+    for spall in scene.spalls:
+        if spall.surface == "roller":
+            continue
+        turn = np.degrees(float(spall.width / geometry.arc_radius(of, spall.surface)))
+        middle, band = np.degrees(float(spall.angle)) - 90.0, 0.4 * radius
+        outside = hub if spall.surface == "inner" else rim + band
+        ax.add_patch(Wedge((0, 0), outside, middle - turn / 2, middle + turn / 2, width=band, color=SPALLED, zorder=4))
     edge = rim + RING * radius
     tip, tail = (0.0, -0.42 * pitch), (0.0, 0.1 * pitch)
     ax.annotate("", tip, tail, arrowprops={"arrowstyle": "-|>", "lw": 1.8, "color": "black"})

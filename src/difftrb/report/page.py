@@ -115,7 +115,7 @@ def page(run: Run, figures: Mapping[str, str], missing: Sequence[str] = ()) -> s
         _drawn("pressure", figures, "middle"),
         _drawn("stiffness", figures, ""),
         _drawn("loss", figures, ""),
-        *(f'<p class="soft">{escape(sentence)}</p>' for sentence in missing),
+        *(f'<p class="soft">{_with_code(sentence)}</p>' for sentence in missing),
         _acting(scene),
         _errors(run),
         _loads(run),
@@ -150,6 +150,10 @@ def _where(scene: Scene) -> str:
 
 def _number(value: Any, style: str) -> str:
     return "–" if value is None or not math.isfinite(value) else format(value, style)
+
+
+def _with_code(sentence: str) -> str:
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(sentence))
 
 
 # ------------------------------------------------------------------------------------------------ parts
