@@ -1,4 +1,4 @@
-"""The command line: `difftrb run | contact | accuracy | fit | sweep | check | example`; `COMMANDS` is their table.
+"""The command line: `difftrb run | contact | …`; `COMMANDS` is the table of all.
 
 Modules are imported by the commands that need them: `--version` and `example` load no JAX.
 """
@@ -183,6 +183,20 @@ def _sweep(options: Any) -> int:
     return EXIT_OK if ended.failed == 0 else EXIT_NO_SOLUTION
 
 
+def _explore(options: Any) -> int:
+    from difftrb.scene import scene_file
+
+    try:
+        from difftrb.report import explorer
+    except ImportError:
+        return terminal.refuse("explore needs Panel: pip install 'difftrb[explore]'", EXIT_BAD_FILE)
+    file, path = _read(options)
+    scene_file.check_ring(file, path)
+    terminal.say(f"http://localhost:{options.port} until Ctrl-C")
+    explorer.serve(file.scene(), options.port, options.browser)
+    return EXIT_OK
+
+
 def _check(options: Any) -> int:
     from difftrb.report import remarks
     from difftrb.scene import scene_file
@@ -266,6 +280,11 @@ COMMANDS = (
         _option("--coordinator", metavar="HOST:PORT", help="of several processes: where the first one listens"),
         _option("--processes", type=int, metavar="N", help="of several processes: how many there are"),
         _option("--process", type=int, metavar="I", help="of several processes: this one's number, from 0"),
+    )),
+    Command("explore", _explore, "A page on this machine with sliders for spall, loads and phase (no SCENE: as run).", (
+        SCENE,
+        _option("--port", type=int, default=5006, metavar="N", help="where it is served (default 5006)"),
+        _option("--no-browser", dest="browser", action="store_false", help="serve it, and open no browser"),
     )),
     Command("check", _check, "Check a scene file without computing anything.", (_option("scene", metavar="SCENE"),)),
     Command("example", _example, "Print a packaged scene file; without a NAME, list them.",

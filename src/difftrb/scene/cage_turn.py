@@ -4,6 +4,7 @@ numbers, many rings at a time, nothing compiled. What figures are drawn from."""
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -25,11 +26,14 @@ class Turn(NamedTuple):
     Attributes:
       phases: angle of roller 0 from the load line [rad], shape (phases,).
       stiffness, healthy: with spalls and without [N/mm], shape (phases, 3, 3).
+      loads, healthy_loads: of the rollers, with spalls and without [N], shape (phases, rollers).
     """
 
     phases: np.ndarray
     stiffness: np.ndarray
     healthy: np.ndarray
+    loads: np.ndarray
+    healthy_loads: np.ndarray
 
 
 class LossMap(NamedTuple):
@@ -59,7 +63,8 @@ def over_turn(scene: Scene, count: int = 240) -> Turn | None:
         both = [_at(one, one.spalls, phases) for one in (scene, healthy(scene))]
     if any(int(rest.status_code) != status.CONVERGED for rest in both):
         return None
-    return Turn(phases, *(xp.value(_stiffness(scene, rest)) for rest in both))
+    stiffness, loads = ([xp.value(each(rest)) for rest in both] for each in (partial(_stiffness, scene), _loads))
+    return Turn(phases, *stiffness, *loads)
 
 
 def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap | None:
@@ -120,6 +125,10 @@ def _at(scene: Scene, spalls: tuple[Spall, ...], phases: Any) -> Equilibrium:
 
 def _stiffness(scene: Scene, rest: Equilibrium) -> Any:
     return rest.tangent if scene.definition == "tangent" else secant(scene.load, rest.displacement)
+
+
+def _loads(rest: Equilibrium) -> Any:
+    return rest.loads
 
 
 def _phases(scene: Scene, sound: Equilibrium, spalls: tuple[Spall, ...]) -> tuple[Any, Any]:
