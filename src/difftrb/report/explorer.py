@@ -7,12 +7,10 @@ exact gradients, follows when the slider is let go.
 from __future__ import annotations
 
 import dataclasses
-import io
 import math
 from html import escape
-from typing import Any
+from typing import Any, cast
 
-import matplotlib.pyplot as plt
 import numpy as np
 import panel as pn
 from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
@@ -132,11 +130,7 @@ class Explorer:
         pressed = plot.contacts_at_spall(ready, found)
         if all(bool(one.solution.converged) for one in pressed):
             ax = plot.pressures(pressed)
-            text = io.StringIO()
-            with plt.rc_context({"svg.fonttype": "none"}):
-                ax.figure.savefig(text, format="svg")
-            plt.close(ax.figure)
-            svg = text.getvalue()
+            svg = plot.svg_text(ax)
             words = '<svg role="img" aria-label="pressure of the rollers at the spall"'
             self.pressure.object = svg[svg.index("<svg") :].replace("<svg", words, 1)
 
@@ -156,13 +150,13 @@ class Explorer:
         middle = float(spall.angle) - 0.5 * math.pi
         rim = float(geometry.outer_raceway_radius(of))
         self.spall.data = {"x": [0.0], "y": [0.0], "low": [middle - half], "high": [middle + half], "inside": [rim],
-                           "outside": [1.04 * rim]}  # fmt: skip
+                           "outside": [1.12 * rim]}  # fmt: skip
 
     def _page(self) -> Any:
         of = self.base.bearing
-        edge: Any = 1.1 * float(geometry.outer_raceway_radius(of))
-        span: Any = Range1d(-edge, edge)
-        ring = figure(width=TALL + 40, height=TALL + 40, match_aspect=True, x_range=span, y_range=span,
+        edge: Any = 1.2 * float(geometry.outer_raceway_radius(of))
+        across, up = Range1d(-edge, edge), Range1d(-edge, edge)
+        ring = figure(width=TALL + 40, height=TALL + 70, x_range=cast(Any, across), y_range=cast(Any, up),
                       title="Along the axis, to scale: shaded by load", toolbar_location=None,
                       tooltips=[("roller", "@roller"), ("load", "@load{0,0} N")])  # fmt: skip
         ring.axis.visible = ring.grid.visible = False
@@ -187,7 +181,7 @@ class Explorer:
 
 
 def _slider(name: str, low: float, high: float, value: float, step: float) -> Any:
-    return pn.widgets.FloatSlider(name=name, start=min(low, value), end=max(high, value), value=value, step=step,
+    return pn.widgets.FloatSlider(label=name, start=min(low, value), end=max(high, value), value=value, step=step,
                                   format="0[.]000", sizing_mode="stretch_width")  # fmt: skip
 
 

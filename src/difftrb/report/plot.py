@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -195,3 +196,12 @@ def save(ax: Any, folder: Path, name: str) -> None:
         figure.set_layout_engine("none")  # it stays as laid out
         figure.savefig(folder / f"{name}.png", dpi=144, pil_kwargs={"compress_level": 2})
     plt.close(figure)
+
+
+def svg_text(ax: Any) -> str:
+    """The figure of `ax` as SVG, which keeps words as words; the figure is closed."""
+    text = io.StringIO()
+    with plt.rc_context({"svg.fonttype": "none"}):
+        ax.figure.savefig(text, format="svg")
+    plt.close(ax.figure)
+    return text.getvalue()
