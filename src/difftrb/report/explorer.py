@@ -156,7 +156,7 @@ class Explorer:
         of = self.base.bearing
         edge: Any = 1.2 * float(geometry.outer_raceway_radius(of))
         across, up = Range1d(-edge, edge), Range1d(-edge, edge)
-        ring = figure(width=TALL + 40, height=TALL + 70, x_range=cast(Any, across), y_range=cast(Any, up),
+        ring = figure(frame_width=TALL, frame_height=TALL, x_range=cast(Any, across), y_range=cast(Any, up),
                       title="Along the axis, to scale: shaded by load", toolbar_location=None,
                       tooltips=[("roller", "@roller"), ("load", "@load{0,0} N")])  # fmt: skip
         ring.axis.visible = ring.grid.visible = False
