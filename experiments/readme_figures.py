@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Circle, Polygon, Rectangle, Wedge
 
 import difftrb as trb
+from difftrb.contact.solver import pressure_patches
 from difftrb.report import plot
 
 
@@ -57,11 +58,11 @@ def overview(folder: Path) -> None:
     contact = trb.LineContact.of(bearing)
     scene = trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),)))
     result = trb.assess(scene)
-    pressed = trb.solve_contact(contact, result.spalled.loads[0], scene.spalls[0], 0.0, 1e-3).check()
+    pressed, patches = pressure_patches(contact, result.spalled.loads[0], scene.spalls[0], 0.0, plot.FINE)
     figure = plt.figure(figsize=(14.0, 4.6), layout="constrained")
     left, middle, right = np.ravel(np.asarray(figure.subfigures(1, 3, width_ratios=(1.0, 1.35, 1.15))))
     plot.load_distribution(result, scene, left.add_subplot(projection="polar"))
-    plot.pressure_map(pressed, middle.add_subplot())
+    plot.pressure_map(pressed, middle.add_subplot(), patches)
     loss_over_length(scene, right.add_subplot())
     for kind in ("png", "svg"):
         figure.savefig(folder / f"overview.{kind}", dpi=110)

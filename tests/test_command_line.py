@@ -157,12 +157,15 @@ def test_run_of_a_healthy_bearing(capsys, tmp_path: Path) -> None:
     assert call(capsys, "run", str(path))[0] == 0
 
 
+FIGURES = ("bearing", "load_distribution", "pressure", "stiffness", "loss")
+
+
 def test_run_writes_figures_and_the_record(capsys, paper: Path, tmp_path: Path) -> None:
     out = tmp_path / "new" / "out"
     code, printed, _ = call(capsys, "run", str(paper), "--json", "--out", str(out))
     assert code == 0
-    names = {f"{stem}.{kind}" for stem in ("load_distribution", "pressure", "stiffness") for kind in ("png", "svg")}
-    assert {p.name for p in out.iterdir()} == names | {"result.json"}
+    names = {f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg")}
+    assert {p.name for p in out.iterdir()} == names | {"result.json", "report.html"}
     assert json.loads((out / "result.json").read_text()) == json.loads(printed)
     assert (out / "pressure.png").read_bytes().startswith(b"\x89PNG")
     assert "<svg" in (out / "pressure.svg").read_text()
@@ -174,7 +177,9 @@ def test_figures_put_an_inner_spall_where_it_is() -> None:
     file = scene_file.parse(f"{before}[[spall]]{inner}")
     scene = trb.prepare(file.scene())
     found = solve_prepared(scene)
-    assert not plot.contact_under_spall(file.scene(), found).spalls  # outside, no roller meets it
+    (pressed,) = plot.contacts_at_spall(scene, found)
+    assert not pressed.solution.spalls  # outside, no roller meets it
+    assert pressed.roller == int(jnp.argmax(found.loads))
     nothing = jnp.zeros(2)
     result = Assessment(found, found, nothing, nothing, nothing)
     bar = plot.load_distribution(result, scene).patches[0]
@@ -330,7 +335,7 @@ def test_a_pressure_map_that_cannot_be_resolved_is_left_out(capsys, paper: Path,
     narrow = trb.solve_contact(
         trb.LineContact.of(trb.bearing("32008J")), 3000.0, trb.Spall(2.0, 0.01), accuracy=1e-2, method="cells"
     )
-    monkeypatch.setattr(plot, "contact_under_spall", lambda scene, solution: narrow)
+    monkeypatch.setattr(plot, "contacts_at_spall", lambda scene, solution: [plot.Pressed(0, narrow, ())])
     code, _, err = call(capsys, "run", str(paper), "--out", str(tmp_path / "out"))
     assert code == 0
     assert "no pressure map: a spall, or the ridge between two, is narrower than one cell" in err

@@ -1,4 +1,4 @@
-"""The command line: `difftrb run | contact | accuracy | fit | sweep | check | example`; `COMMANDS` is their table.
+"""The command line: `difftrb run | contact | …`; `COMMANDS` is the table of all.
 
 Modules are imported by the commands that need them: `--version` and `example` load no JAX.
 """
@@ -57,17 +57,24 @@ def _run(options: Any) -> int:
             checked = difftrb.verify(scene, result.spalled, progress)
     record = run_report.run_json(scene, result, time.perf_counter() - started, edges, checked, mean)
 
+    missing: list[str] = []
+
     def figures(plot: Any) -> Figures:
-        yield "load_distribution", plot.load_distribution(result, scene)
-        yield "stiffness", plot.stiffness_bars(result, scene)[0]
-        pressed = plot.contact_under_spall(file.scene(), result.spalled)
-        if bool(pressed.converged):
-            yield "pressure", plot.pressure_map(pressed)
-        else:
-            terminal.say(f"{path}: no pressure map: {pressed.status}")
+        from difftrb.report import run_figures
+
+        yield from run_figures.figures(scene, result, mean, missing)
+        for sentence in set(missing).difference(run_figures.BY_DESIGN):
+            terminal.say(f"{path}: {sentence}")
+
+    def page(figures: dict[str, str]) -> str:
+        from difftrb.report.page import Run
+        from difftrb.report.page import page as written
+
+        source = scene_file.example("spall") if options.scene is None else scene_file.text_of(options.scene)
+        return written(Run(path, source, scene, record, result, mean, edges, checked), figures, missing)
 
     text = partial(run_report.run_text, scene, result, edges, checked, mean)
-    code = terminal.deliver(options, path, record, text, figures)
+    code = terminal.deliver(options, path, record, text, figures, page)
     if code == EXIT_OK and checked is not None and not checked.kept:
         return terminal.refuse(f"{path}: the audit does not confirm what is promised", EXIT_NO_SOLUTION)
     return code
@@ -76,7 +83,7 @@ def _run(options: Any) -> int:
 def _contact(options: Any) -> int:
     import jax
 
-    from difftrb.contact.solver import approach_and_slopes
+    from difftrb.contact.solver import approach_and_slopes, pressure_patches
     from difftrb.report import remarks, run_report
     from difftrb.scene import scene_file
 
@@ -88,8 +95,10 @@ def _contact(options: Any) -> int:
         solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
     record = run_report.contact_json(solution, slopes, time.perf_counter() - started)
 
-    text = partial(run_report.contact_text, solution, slopes)
-    return terminal.deliver(options, path, record, text, lambda plot: [("pressure", plot.pressure_map(solution))])
+    def figures(plot: Any) -> Figures:
+        yield "pressure", plot.pressure_map(solution, patches=pressure_patches(**file.single_contact())[1])
+
+    return terminal.deliver(options, path, record, partial(run_report.contact_text, solution, slopes), figures)
 
 
 def _accuracy(options: Any) -> int:
@@ -179,6 +188,20 @@ def _sweep(options: Any) -> int:
     return EXIT_OK if ended.failed == 0 else EXIT_NO_SOLUTION
 
 
+def _explore(options: Any) -> int:
+    from difftrb.scene import scene_file
+
+    try:
+        from difftrb.report import explorer
+    except ImportError:
+        return terminal.refuse("explore needs Panel: pip install 'difftrb[explore]'", EXIT_BAD_FILE)
+    file, path = _read(options)
+    scene_file.check_ring(file, path)
+    terminal.say(f"http://localhost:{options.port} until Ctrl-C")
+    explorer.serve(file.scene(), options.port, options.browser)
+    return EXIT_OK
+
+
 def _check(options: Any) -> int:
     from difftrb.report import remarks
     from difftrb.scene import scene_file
@@ -223,7 +246,12 @@ class Command(NamedTuple):
 SCENE = _option("scene", nargs="?", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
 OUTPUT = (
     _option("--json", action="store_true", help="print one JSON object instead of text"),
-    _option("--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there"),
+    _option(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        help="also write figures (PNG and SVG) and result.json there; of run, report.html, too",
+    ),
 )
 COMMANDS = (
     Command("run", _run,
@@ -257,6 +285,11 @@ COMMANDS = (
         _option("--coordinator", metavar="HOST:PORT", help="of several processes: where the first one listens"),
         _option("--processes", type=int, metavar="N", help="of several processes: how many there are"),
         _option("--process", type=int, metavar="I", help="of several processes: this one's number, from 0"),
+    )),
+    Command("explore", _explore, "A page on this machine with sliders for spall, loads and phase (no SCENE: as run).", (
+        SCENE,
+        _option("--port", type=int, default=5006, metavar="N", help="where it is served (default 5006)"),
+        _option("--no-browser", dest="browser", action="store_false", help="serve it, and open no browser"),
     )),
     Command("check", _check, "Check a scene file without computing anything.", (_option("scene", metavar="SCENE"),)),
     Command("example", _example, "Print a packaged scene file; without a NAME, list them.",

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import contact_cells, halfspace, strip_model, strip_reach
+from difftrb.contact import contact_cells, halfspace, strip_model, strip_pressure, strip_reach
 from difftrb.contact import gap as gaps
 from difftrb.contact.contact_cells import Resolution, Stage
 from difftrb.contact.contact_solution import (
@@ -35,6 +35,7 @@ from difftrb.contact.contact_solution import (
 from difftrb.contact.grids import GRIDS, grid_for, reached
 from difftrb.contact.projected_gradient import TOLERANCE, press_by
 from difftrb.contact.strip_model import Way
+from difftrb.contact.strip_pressure import Patch
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real
@@ -62,7 +63,7 @@ def solve_contact(
       offset: of the spall's centre from the contact's, in the rolling direction [mm]; of several spalls one number for
         all or one for each.
       accuracy: relative accuracy of the approach, 1e-2…1e-5; a smaller number costs time. Cells end at about 1e-4, and
-        where a sliver of contact laps over a rolling edge it is not met: README, Limits.
+        where a sliver of contact laps over a rolling edge it is not met: docs/limits.md.
       method: "strips" are fast and smooth and take one rectangular spall, deeper than the approach, and a crowned
         roller that is not tilted. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion on
         the others: its error falls with the first power of a cell, so `accuracy` only names its size. "auto" takes
@@ -87,6 +88,24 @@ def solve_contact(
     if method == "auto":
         return _by_either(inputs, mirrored, accuracy)
     return _by(method, inputs, mirrored, 2, accuracy)
+
+
+def pressure_patches(
+    contact: LineContact, load: Real, spall: Defect = None, offset: Real | Sequence[Real] = 0.0,
+    accuracy: float = 1e-3, tilt: Real = 0.0,
+) -> tuple[ContactSolution, tuple[Patch, ...]]:  # fmt: skip
+    """`solve_contact` of numbers, and its pressure point by point; where strips do not do there are no points, but
+    cells of 1e-3 at the finest."""
+    inputs, mirrored, method = given(contact, load, spall, offset, tilt, "auto")
+    grid_for(accuracy)
+
+    def by(way: Method, edges: int, own: float) -> tuple[ContactSolution, tuple[Patch, ...]]:
+        if way != "strips":
+            return _alone(way, inputs, mirrored, edges, max(own, 1e-3)), ()
+        solution, found, strips = _strips_of_numbers(inputs, mirrored, edges, own)
+        return solution, strip_pressure.patches(found, inputs, strips)
+
+    return _first_that_does(method, inputs, accuracy, by)  # type: ignore[return-value]
 
 
 def on_lattice(

@@ -160,14 +160,7 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     Not suited: a spall whose bottom is in reach of the roller, a roller (nearly) without crown.
     """
     settled, reach = xp.fixed(found.settled), found.reach
-    groups, hollow, _ = _groups(inputs, reach, way)
-    plan = strip_plan.plan_of(groups, hollow, way.edges, way.mirrored, way.fine)
-    on = settled.active[plan.outline_of]
-    loads, ends = xp.where(on[:, None], settled.loads, 0.0), settled.ends[plan.outline_of]
-    if way.edges == 1:
-        turned = inputs.offset < 0.0  # the nearer edge was looked at from its left
-        ends = xp.where(turned, -ends[:, ::-1], ends)
-        loads = xp.where(turned, loads * (-1.0) ** np.array(plan.orders)[None], loads)
+    plan, groups, on, loads, ends = outlined(found, inputs, way)
     images = 2.0 if way.mirrored else 1.0
     force, tension = _pressing(
         images * reach.line_load * reach.unit * _spread(plan, groups, loads, ends, cells, reach.unit)
@@ -181,6 +174,21 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     width = reach.unit * _width(plan, on, ends)
     passes = np.asarray(way.fine.centred) + xp.fixed(found.passes)
     return Found(found.approach, force, found.moment, width, settled.error, passes, loads.size, code)
+
+
+def outlined(found: Strips, inputs: Inputs, way: Way) -> tuple[Plan, tuple[Rows, ...], Any, Any, Any]:
+    """The plan and the rows; of every strip whether it is loaded, its modes' loads, (strips, modes), and its
+    boundaries, (strips, 2), where the inputs say that the spall is."""
+    settled = xp.fixed(found.settled)
+    groups, hollow, _ = _groups(inputs, found.reach, way)
+    plan = strip_plan.plan_of(groups, hollow, way.edges, way.mirrored, way.fine)
+    on = settled.active[plan.outline_of]
+    loads, ends = xp.where(on[:, None], settled.loads, 0.0), settled.ends[plan.outline_of]
+    if way.edges == 1:
+        turned = inputs.offset < 0.0  # the nearer edge was looked at from its left
+        ends = xp.where(turned, -ends[:, ::-1], ends)
+        loads = xp.where(turned, loads * (-1.0) ** np.array(plan.orders)[None], loads)
+    return plan, groups, on, loads, ends
 
 
 def _width(plan: Plan, on: Any, ends: Any) -> Any:

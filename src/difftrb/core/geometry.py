@@ -46,10 +46,11 @@ class TaperedBearing:
       outer_angle: half cone angle of the outer raceway [rad]; it is the contact angle of the load (eq. 5).
       inner_angle: half cone angle of the inner raceway [rad].
       roller_angle: half cone angle of the roller [rad]; (outer_angle − inner_angle)/2 for a common apex.
-      flange_angle: angle between the flange's face and the inner raceway's generator [rad].
+      flange_angle: angle between the flange's face and the inner raceway's generator [rad]; the direction of the
+        flange's force.
       modulus: Young's modulus of rollers and rings [N/mm²].
       poisson: Poisson's ratio [-].
-      density: mass density [kg/mm³]; bearing steel 7.85e-6.
+      density: mass density of the rollers [kg/mm³]; bearing steel 7.85e-6. For the roller's mass.
       arc_radius: radius on which a spall's width becomes an angle [mm]. Default (None): the outer raceway at the
         roller's small end, the choice that reproduces the pairs 7 mm/0.24 rad and 49 mm/1.71 rad of Liu et al. 2018.
         Name `outer_raceway_radius(bearing)` (30.3 mm for 32008J) if the width was measured at the raceway's middle.
@@ -82,10 +83,12 @@ class Spall:
     Attributes:
       length: along the roller [mm], > 0, at most the roller's (from a file: at least 0.01).
       width: along the rolling direction [mm], > 0 (from a file: 0.01…1000).
-      depth: of the flat bottom below the raceway [mm], > 0, up to 10; a roller that reaches it is carried by it.
+      depth: of the flat bottom below the raceway [mm], > 0, up to 10; a roller that reaches it is carried by it. The
+        default is that of Liu et al. 2018, Fig. 11.
       angle: of its centre from the load line [rad], −2π…2π.
       axial_offset: of its centre from the roller's middle, along the roller [mm], −1000…1000.
-      surface: "outer" or "inner" raceway, or "roller".
+      surface: "outer"; in `difftrb contact`, and in the ring with the effect `raceways`, also "inner" (where the inner
+        ring stands now) and "roller" (roller 0, `angle` from its outer contact).
     """
 
     __pydantic_config__ = FILE_RULES

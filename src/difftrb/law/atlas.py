@@ -154,8 +154,8 @@ class AtlasLaw:
             known = _place(contact, spall).known | (spall.length <= 0.0)
             code = status.worst(code, xp.of(known).where(known, status.CONVERGED, status.SLIVER))
             if not self.narrow:
-                wide = 0.5 * spall.width > _farthest(contact)
-                code = status.worst(code, xp.of(wide).where(wide, status.CONVERGED, status.NARROW))
+                wide = 0.5 * spall.width > _farthest(contact)  # widths may come one a phase
+                code = status.worst(code, xp.of(wide).where(xp.of(wide).all(wide), status.CONVERGED, status.NARROW))
         return code
 
     def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:

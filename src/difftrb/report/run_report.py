@@ -125,8 +125,8 @@ def run_text(
     lines = [*_ring_lines(scene, spalled), *(edge.sentence for edge in edges), law_text(spalled.law)]
     if spalled.picked is not None:
         lines.append(picked_text(spalled.picked))
-    if bool(spalled.converged) and not effect.among(scene.effects, Raceways):
-        lines.append(_raceways_line(scene, spalled))
+    if (line := raceways_text(scene, spalled)) is not None:
+        lines.append(line)
     if scene.spalls and not isinstance(scene.phase, PitchMean) and not np.any(result.by_width):
         lines.append(
             "width: no roller stands on a rolling edge at this phase, so stiffness does not change with it; in the "
@@ -180,9 +180,11 @@ def _load_table(scene: Scene, result: Assessment) -> Table:
     return table
 
 
-def _raceways_line(scene: Scene, solution: Solution) -> str:
+def raceways_text(scene: Scene, solution: Solution) -> str | None:
     """What the stiffness is of, and about what is left of it where the inner raceway gives way, too: by the compliances
-    of two long cylinders under the most loaded roller."""
+    of two long cylinders under the most loaded roller. None where both do."""
+    if not bool(solution.converged) or effect.among(scene.effects, Raceways):
+        return None
     load, compliance = float(np.max(solution.loads)), []
     for raceway in ("outer", "inner"):
         contact = raceway_contact(scene, raceway)

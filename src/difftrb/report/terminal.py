@@ -21,6 +21,8 @@ Figures = Iterable[tuple[str, Any]]
 """Names and Axes of figures, each drawn when the one before is saved."""
 Drawn = Callable[[Any], Figures]
 """From the module `report.plot` to figures."""
+Page = Callable[[dict[str, str]], str]
+"""From the figures' SVG by name to a page."""
 
 
 def say(sentence: str) -> None:
@@ -48,7 +50,9 @@ def refuse(reason: object, code: int) -> int:
     return code
 
 
-def deliver(options: Any, path: str, record: dict[str, Any], text: Callable[[], Any], figures: Drawn) -> int:
+def deliver(
+    options: Any, path: str, record: dict[str, Any], text: Callable[[], Any], figures: Drawn, page: Page | None = None
+) -> int:
     """Print the result, write it where `options` ask, and say by the exit code whether it can be trusted."""
     whole = json.dumps(record, indent=1)
     if not record["converged"]:
@@ -56,7 +60,7 @@ def deliver(options: Any, path: str, record: dict[str, Any], text: Callable[[], 
             print(whole)
         return refuse(f"{path}: {record['status']}", EXIT_NO_SOLUTION)
     if options.out is not None:
-        draw(options.out, figures, {"result.json": whole + "\n"})
+        draw(options.out, figures, {"result.json": whole + "\n"}, page)
     if options.json:
         print(whole)
         return EXIT_OK
@@ -69,14 +73,18 @@ def deliver(options: Any, path: str, record: dict[str, Any], text: Callable[[], 
     return EXIT_OK
 
 
-def draw(folder: Path, figures: Drawn, texts: dict[str, str] | None = None) -> None:
-    """Write figures and `texts` by their file names into a folder, each whole; raises `OSError`."""
+def draw(folder: Path, figures: Drawn, texts: dict[str, str] | None = None, page: Page | None = None) -> None:
+    """Write figures, `texts` by their file names and the `page` of the figures into a folder, each whole; raises
+    `OSError`."""
     from difftrb.report import plot
 
     def fill(scratch: Path) -> None:
         for name, ax in figures(plot):
             plot.save(ax, scratch, name)
-        for name, content in (texts or {}).items():
+        written = dict(texts or {})
+        if page is not None:
+            written["report.html"] = page({svg.stem: svg.read_text(encoding="utf-8") for svg in scratch.glob("*.svg")})
+        for name, content in written.items():
             (scratch / name).write_text(content, encoding="utf-8")
 
     with busy("drawing"):

@@ -206,7 +206,7 @@ def _expanded(scene: Scene) -> Solution:
     each, weights = phases(scene)
     within = checks.code(xp.fixed(scene))
     rest = plain_ring.equilibrium(scene.bearing, scene.load, scene.spalls, acting, each, within)
-    stiffness = rest.tangent if scene.definition == "tangent" else _secant(scene.load, rest.displacement)
+    stiffness = rest.tangent if scene.definition == "tangent" else secant(scene.load, rest.displacement)
     return _of_phases(scene, rest, stiffness, weights, {})
 
 
@@ -261,7 +261,7 @@ def _traced(scene: Scene) -> Solution:
         if scene.definition == "tangent":
             return rest, rest.tangent, more
         axial = more["axial_force"] if terms.axial is not None else scene.load.axial
-        return rest, _secant(dataclasses.replace(scene.load, axial=axial), rest.displacement), more
+        return rest, secant(dataclasses.replace(scene.load, axial=axial), rest.displacement), more
 
     if isinstance(scene.phase, PitchMean):
         each, weights = phases(scene)
@@ -276,7 +276,7 @@ def _ring(scene: Scene, acting: Law, spalls: tuple[Spall, ...], phase: Real) -> 
     return effects.Ring(scene.bearing, scene.load, spalls, acting, raceway_contact(scene, "outer"), phase)
 
 
-def _secant(load: Load, displacement: Any) -> Any:
+def secant(load: Load, displacement: Any) -> Any:
     """Force over displacement [N/mm] on a diagonal of the displacement's size, shape (…, n, n); 0 and NaN as in
     `Solution`."""
     count, parts = displacement.shape[-1], []

@@ -45,7 +45,19 @@ class NoEquilibriumError(SceneError):
 
 @dataclasses.dataclass(frozen=True)
 class ContactTable:
-    """`[contact]`: the roller law and the single contact of `difftrb contact`."""
+    """`[contact]`: the roller law and the single contact of `difftrb contact`.
+
+    Attributes:
+      law: of the rollers: "auto", "table", "direct", "power", "liu2018" or "palmgren".
+      design_load: Q_d of the logarithmic crown (Liu et al. 2018, eq. 2); the default is the value with which Table 2
+        comes out.
+      accuracy: relative, of the approach: 1e-2 … 1e-4 (of `difftrb contact` and in Python to 1e-5). With law "auto" of
+        stiffness and peak load, 1e-1 … 1e-3.
+      load: roller load, for `difftrb contact` alone.
+      offset: of the first spall's centre in the rolling direction, for `difftrb contact` alone; further spalls stand as
+        far from it as their `angle`s.
+      tilt: of the roller about its middle, for `difftrb contact` alone.
+    """
 
     __pydantic_config__ = FILE_RULES
 
@@ -59,7 +71,13 @@ class ContactTable:
 
 @dataclasses.dataclass(frozen=True)
 class StiffnessTable:
-    """`[stiffness]`: which stiffness, and where the rollers stand."""
+    """`[stiffness]`: which stiffness, and where the rollers stand.
+
+    Attributes:
+      definition: "tangent" dF/du or "secant" F/u (Liu et al. 2018, Fig. 17 is secant).
+      phase: cage angle of roller 0 from the load line, or "mean": all results averaged over one roller pitch of cage
+        phases, with least and largest.
+    """
 
     __pydantic_config__ = FILE_RULES
 

@@ -1,0 +1,172 @@
+"""Stiffness as the cage turns, and what spalls of other sizes would cost in the mean over its turn: of a plain ring's
+numbers, many rings at a time, nothing compiled. What figures are drawn from."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from difftrb.core import arrays as xp
+from difftrb.core import geometry, status
+from difftrb.core.geometry import Spall
+from difftrb.core.taylor import Taylor
+from difftrb.law.base import LAWS, Law
+from difftrb.ring import phase_average, plain_ring, ring
+from difftrb.ring.ring import Equilibrium
+from difftrb.scene.prepared import secant
+from difftrb.scene.scene import Scene, healthy, is_plain, outer_law
+
+
+class Turn(NamedTuple):
+    """A ring at many phases of its cage.
+
+    Attributes:
+      phases: angle of roller 0 from the load line [rad], shape (phases,).
+      stiffness, healthy: with spalls and without [N/mm], shape (phases, 3, 3).
+      loads, healthy_loads: of the rollers, with spalls and without [N], shape (phases, rollers).
+    """
+
+    phases: np.ndarray
+    stiffness: np.ndarray
+    healthy: np.ndarray
+    loads: np.ndarray
+    healthy_loads: np.ndarray
+
+
+class LossMap(NamedTuple):
+    """What a spall of any size costs in the mean over the cage's turn.
+
+    Attributes:
+      lengths, widths: of the first spall [mm], shapes (lengths,) and (widths,).
+      loss: of radial and axial stiffness [%], shape (2, lengths, widths); NaN where the law does not know the spall.
+      by_length, by_width: its exact derivatives [% per mm], the same shape.
+    """
+
+    lengths: np.ndarray
+    widths: np.ndarray
+    loss: np.ndarray
+    by_length: np.ndarray
+    by_width: np.ndarray
+
+
+def over_turn(scene: Scene, count: int = 240) -> Turn | None:
+    """The stiffness of a prepared scene at `count` phases over one roller pitch, both ends among them. None where its
+    effects would need a program, its law is made for one phase, or there is no solution."""
+    if not _is_for_all_phases(scene):
+        return None
+    scene = xp.numbers(scene)
+    phases = np.linspace(0.0, float(geometry.roller_pitch(scene.bearing)), count)
+    with np.errstate(all="ignore"):
+        both = [_at(one, one.spalls, phases) for one in (scene, healthy(scene))]
+    if any(int(rest.status_code) != status.CONVERGED for rest in both):
+        return None
+    stiffness, loads = ([xp.value(each(rest)) for rest in both] for each in (partial(_stiffness, scene), _loads))
+    return Turn(phases, *stiffness, *loads)
+
+
+def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap | None:
+    """The loss of stiffness of a prepared scene, in the mean over the cage's turn, as its first spall has other sizes
+    [mm]. None as in `over_turn`, without a spall on the outer raceway, and for one so narrow that a roller may meet
+    both its edges: such spalls are solved one at a time."""
+    if not _is_for_all_phases(scene) or not scene.spalls or scene.spalls[0].surface != "outer":
+        return None
+    if getattr(scene.law, "narrow", False):
+        return None
+    scene = xp.numbers(scene)
+    values = np.full((3, 2, len(lengths), len(widths)), np.nan)
+    with np.errstate(all="ignore"):
+        sound = _at(scene, (), 0.0)
+        whole = xp.value(_of_both(_mean(scene, sound, ())))
+        for i, length in enumerate(lengths):
+            rows = _losses(scene, sound, whole, float(length), widths)
+            if np.isnan(rows).all():  # one that the law does not know spoils all
+                rows = np.concatenate([_losses(scene, sound, whole, float(length), w[None]) for w in widths], axis=-1)
+            values[:, :, i] = rows
+    return LossMap(lengths, widths, *values)
+
+
+def sizes_around(scene: Scene, lengths: int = 6, widths: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths and widths [mm] about the first spall's of a prepared scene: from an eighth of it to two and a half times
+    the length, twice the width, as far as the law goes."""
+    scene = xp.numbers(scene)
+    spall, law = scene.spalls[0], outer_law(scene)
+
+    def known(**size: float) -> bool:
+        other = dataclasses.replace(spall, **size)
+        return int(law.judge((other,), cast(Any, np.zeros((1, 1))))) == status.CONVERGED
+
+    def until(name: str, far: float) -> float:
+        """The farthest size that the law knows, between the spall's own and one far from it."""
+        own = float(getattr(spall, name))
+        steps = far + np.linspace(0.0, 1.0, 15) * (own - far)
+        return next((float(size) for size in steps if known(**{name: float(size)})), own)
+
+    length, width = float(spall.length), float(spall.width)
+    longest = min(
+        2.5 * length, LAWS[law.name].longest(float(scene.bearing.roller_length)) if law.name in LAWS else np.inf
+    )
+    return (
+        np.linspace(until("length", length / 8.0), until("length", longest), lengths),
+        np.linspace(until("width", width / 8.0), until("width", 2.0 * width), widths),
+    )
+
+
+def _is_for_all_phases(scene: Scene) -> bool:
+    kind = LAWS.get(cast(Law, scene.law).name)
+    return is_plain(scene) and (kind is None or not kind.one_scene)
+
+
+def _at(scene: Scene, spalls: tuple[Spall, ...], phases: Any) -> Equilibrium:
+    return plain_ring.equilibrium(scene.bearing, scene.load, spalls, outer_law(scene), phases)
+
+
+def _stiffness(scene: Scene, rest: Equilibrium) -> Any:
+    return rest.tangent if scene.definition == "tangent" else secant(scene.load, rest.displacement)
+
+
+def _loads(rest: Equilibrium) -> Any:
+    return rest.loads
+
+
+def _phases(scene: Scene, sound: Equilibrium, spalls: tuple[Spall, ...]) -> tuple[Any, Any]:
+    """Those of a mean and their weights, where the `sound` ring's load zone is known."""
+    met = phase_average.Met("outer", ring.spalls_on(spalls, "outer"), outer_law(scene))
+    return phase_average.phases(scene.bearing, scene.load, (met,), ring.PLAIN, sound)
+
+
+def _mean(scene: Scene, sound: Equilibrium, spalls: tuple[Spall, ...]) -> Any:
+    """Stiffness in the mean over the cage's turn [N/mm], shape (3, 3)."""
+    phases, weights = _phases(scene, sound, spalls)
+    return xp.einsum("p,pij->ij", weights, _stiffness(scene, _at(scene, spalls, phases)))
+
+
+def _of_both(stiffness: Any) -> Any:
+    """Radial and axial, shape (2, …), of (…, 3, 3)."""
+    return xp.stack([stiffness[..., 0, 0], stiffness[..., 2, 2]])
+
+
+def _losses(scene: Scene, sound: Equilibrium, whole: np.ndarray, length: float, widths: np.ndarray) -> np.ndarray:
+    """Loss [%] and its derivatives by length and width [% per mm] of spalls of one length and several widths, shape (3,
+    2, widths), all their phases at once; NaN without a solution."""
+    first, *others = scene.spalls
+    along, across = Taylor(np.asarray(length), by=np.array([1.0, 0.0])), np.array([0.0, 1.0])
+    every = [dataclasses.replace(first, length=along, width=Taylor(np.asarray(w), by=across)) for w in widths]
+    found = [_phases(scene, sound, (one, *others)) for one in every]
+    phases, weights = (xp.concatenate(parts) for parts in zip(*found, strict=True))
+    count = len(phases) // len(widths)
+    if len(widths) == 1:
+        spall = every[0]
+    else:
+        width = np.repeat(widths, count)[:, None]
+        wide = Taylor(width, by=across[:, None, None] * np.ones_like(width))
+        spall = dataclasses.replace(first, length=along, width=wide)
+    rest = _at(scene, (spall, *others), phases)
+    if int(rest.status_code) != status.CONVERGED:
+        return np.full((3, 2, len(widths)), np.nan)
+    shares = (_of_both(_stiffness(scene, rest)) * weights).reshape(2, len(widths), count)
+    means = xp.total(shares)
+    loss = 100.0 * (1.0 - means.value / whole[:, None])
+    return np.stack([loss, *(-100.0 * means.by / whole[:, None])])

@@ -1,0 +1,148 @@
+"""The page of a run, and what its figures are drawn from."""
+
+import dataclasses
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb import __main__ as cli
+from difftrb.contact.solver import pressure_patches
+from difftrb.scene import cage_turn, scene_file, solving
+
+SMALL = 2_000_000
+"""Bytes that a page may have."""
+VOID = {"meta", "link", "br", "use", "path", "image", "rect", "stop"}
+
+
+class Page(HTMLParser):
+    """Ids, what is referred to, and whether every element that opens closes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        self.handle_startendtag(tag, attrs)
+
+    def handle_startendtag(self, tag, attrs) -> None:
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value)
+            if name in ("href", "xlink:href", "src"):
+                self.links.append(value)
+            self.links += re.findall(r"url\((#[^)]*)\)", value or "")
+
+    def handle_endtag(self, tag) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def scene() -> trb.Scene:
+    return trb.prepare(trb.Scene("32008J", trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),)))
+
+
+def written(folder: Path, text: str, *more: str) -> tuple[str, Page]:
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    assert cli.main(["--no-cache", "run", str(path), "--out", str(folder / "out"), *more]) == 0
+    html = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    return html, Page(html)
+
+
+@pytest.mark.portable
+def test_a_page_holds_all_it_needs(capsys, tmp_path: Path) -> None:
+    """Every figure once, ids told apart, nothing from elsewhere, the scene's text and the record in it."""
+    text = scene_file.example("spall").replace("# ", "# </pre><script>alert(1)</script> ", 1)
+    html, page = written(tmp_path, text, "--verify")
+    assert not page.open
+    assert len(html.encode()) < SMALL
+    assert len(set(page.ids)) == len(page.ids)
+    assert {"bearing", "load_distribution", "pressure", "stiffness", "loss", "acting", "errors"} <= set(page.ids)
+    for link in page.links:
+        assert link.startswith("data:") or link.removeprefix("#") in page.ids, link
+    assert "http://" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", html)
+    assert "<script>" not in html
+    record = re.search(r'id="result">(.*?)</script>', html, re.DOTALL)
+    assert record is not None
+    assert json.loads(record[1]) == json.loads((tmp_path / "out" / "result.json").read_text())
+    for words in ("outer and inner raceway in series (effects.raceways)", "9,000 N radial, 4,500 N axial", "stretched",
+                  "roller 0 at 0 rad", "audit: ", "Tribology International 122"):  # fmt: skip
+        assert words in html, words
+
+
+def test_a_page_of_effects_says_what_acts(capsys, tmp_path: Path) -> None:
+    text = scene_file.example("paper") + "\n[effects]\ncentrifugal = { speed_rpm = 3000 }\n"
+    html, page = written(tmp_path, text)
+    assert "centrifugal force on the rollers: speed_rpm = " in html
+    assert "(effects.centrifugal)" not in html
+    assert "stiffness" not in page.ids
+    assert "`difftrb sweep` over stiffness.phase" in html
+
+
+def test_stiffness_over_the_turn_is_that_of_every_phase(scene: trb.Scene) -> None:
+    turn = cage_turn.over_turn(scene, 9)
+    assert turn is not None
+    np.testing.assert_allclose(turn.stiffness[0], turn.stiffness[-1], rtol=1e-9, atol=1e-3)  # a pitch later
+    for k in (0, 3, 4):
+        there = trb.solve(dataclasses.replace(scene, phase=float(turn.phases[k])))
+        np.testing.assert_allclose(turn.stiffness[k], there.stiffness, rtol=1e-9, atol=1e-3)
+
+
+@pytest.mark.gradient
+@pytest.mark.parametrize("law", ["table", "liu2018"])
+@pytest.mark.parametrize("definition", ["tangent", "secant"])
+def test_a_loss_map_is_the_mean_over_the_turn(law: str, definition) -> None:
+    """Loss and both derivatives equal those of the scene's own mean; and central differences."""
+    scene = trb.prepare(
+        trb.Scene("32008J", trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law=law, definition=definition)
+    )
+    mean = solving.assess_mean(scene)
+    assert mean is not None
+    found = cage_turn.loss_map(scene, np.array([3.999, 4.0, 4.001]), np.array([6.999, 7.0, 7.001]))
+    assert found is not None
+    whole = np.asarray(mean.healthy.both_stiffnesses)
+    np.testing.assert_allclose(found.loss[:, 1, 1], mean.loss, rtol=1e-9)
+    np.testing.assert_allclose(found.by_length[:, 1, 1], -100.0 * np.asarray(mean.by_length)[:, 0] / whole, rtol=1e-9)
+    np.testing.assert_allclose(found.by_width[:, 1, 1], -100.0 * np.asarray(mean.by_width)[:, 0] / whole, rtol=1e-9)
+    np.testing.assert_allclose(found.by_length[:, 1, 1], (found.loss[:, 2, 1] - found.loss[:, 0, 1]) / 0.002, rtol=1e-4)
+    np.testing.assert_allclose(found.by_width[:, 1, 1], (found.loss[:, 1, 2] - found.loss[:, 1, 0]) / 0.002, rtol=1e-4)
+
+
+def test_a_loss_map_leaves_out_what_the_law_does_not_know(scene: trb.Scene) -> None:
+    found = cage_turn.loss_map(scene, np.array([4.0, 13.0]), np.array([1.0, 7.0]))
+    assert found is not None
+    assert np.isfinite(found.loss).all(axis=0).tolist() == [[False, True], [False, False]]
+
+
+@pytest.mark.parametrize(
+    ("spall", "offset"),
+    [
+        (None, 0.0),
+        (trb.Spall(4.0, 7.0), 0.0),
+        (trb.Spall(4.0, 7.0, axial_offset=1.0), -3.52),
+        (trb.Spall(4.0, 0.1), 0.01),
+    ],
+)
+def test_pressure_point_by_point_carries_the_load(contact: trb.LineContact, spall, offset: float) -> None:
+    """Its integral is the load, but for what is lost at singular edges; nothing is carried over the spall."""
+    solution, patches = pressure_patches(contact, 830.0, spall, offset)
+    total = sum(np.trapezoid(np.trapezoid(p.pressure, p.x, axis=1), p.y) for p in patches)
+    assert total == pytest.approx(830.0, rel=0.02)
+    assert all((p.pressure >= 0.0).all() for p in patches)
+    if spall is not None:
+        for p in patches:
+            y = np.broadcast_to(p.y[:, None], p.x.shape)
+            inside = (np.abs(y - spall.axial_offset) < 0.4 * spall.length) & (np.abs(p.x - offset) < 0.4 * spall.width)
+            assert (p.pressure[inside] == 0.0).all()
+    assert float(solution.force.sum()) == pytest.approx(830.0, rel=1e-9)
