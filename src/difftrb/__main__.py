@@ -34,7 +34,7 @@ def _read(options: Any) -> tuple[Any, str]:
 def _run(options: Any) -> int:
     import jax
 
-    from difftrb.report import remarks, run_report
+    from difftrb.report import estimated, remarks, run_report
     from difftrb.scene import scene_file, solving
     from difftrb.scene.scene import is_plain
 
@@ -55,7 +55,10 @@ def _run(options: Any) -> int:
     if options.verify and bool(result.spalled.converged):
         with terminal.bar("solving the rollers' contacts afresh") as progress:
             checked = difftrb.verify(scene, result.spalled, progress)
-    record = run_report.run_json(scene, result, time.perf_counter() - started, edges, checked, mean)
+    known = None
+    if file.catalogue is not None:
+        known = estimated.estimated(scene, file.catalogue, result.spalled.both_stiffnesses)
+    record = run_report.run_json(scene, result, time.perf_counter() - started, edges, checked, mean, known)
 
     def figures(plot: Any) -> Figures:
         yield "load_distribution", plot.load_distribution(result, scene)
@@ -66,7 +69,7 @@ def _run(options: Any) -> int:
         else:
             terminal.say(f"{path}: no pressure map: {pressed.status}")
 
-    text = partial(run_report.run_text, scene, result, edges, checked, mean)
+    text = partial(run_report.run_text, scene, result, edges, checked, mean, known)
     code = terminal.deliver(options, path, record, text, figures)
     if code == EXIT_OK and checked is not None and not checked.kept:
         return terminal.refuse(f"{path}: the audit does not confirm what is promised", EXIT_NO_SOLUTION)
@@ -184,6 +187,10 @@ def _check(options: Any) -> int:
     spalls = f"{len(file.spall)} spall{'s' if len(file.spall) > 1 else ''}" if file.spall else "healthy"
     print(f"{path}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
           f"axial {file.load.axial:g} N, law {file.contact.law}")  # fmt: skip
+    if file.catalogue is not None:
+        from difftrb.report import estimated, run_report
+
+        terminal.show(estimated.table(file.catalogue, run_report.house_table("Bearing estimated from its catalogue")))
     return EXIT_OK
 
 

@@ -48,6 +48,13 @@ def refuse(reason: object, code: int) -> int:
     return code
 
 
+def show(text: Any) -> None:
+    """Print text or a table."""
+    from rich.console import Console
+
+    Console(markup=False, highlight=False).print(text)
+
+
 def deliver(options: Any, path: str, record: dict[str, Any], text: Callable[[], Any], figures: Drawn) -> int:
     """Print the result, write it where `options` ask, and say by the exit code whether it can be trusted."""
     whole = json.dumps(record, indent=1)
@@ -60,12 +67,9 @@ def deliver(options: Any, path: str, record: dict[str, Any], text: Callable[[], 
     if options.json:
         print(whole)
         return EXIT_OK
-    from rich.console import Console
-
-    console = Console(markup=False, highlight=False)
-    console.print(text())
+    show(text())
     if options.out is not None:
-        console.print(f"written to {options.out}: {', '.join(sorted(p.name for p in options.out.iterdir()))}")
+        show(f"written to {options.out}: {', '.join(sorted(p.name for p in options.out.iterdir()))}")
     return EXIT_OK
 
 
