@@ -8,7 +8,7 @@ import pytest
 
 import difftrb as trb
 
-ROOMS = ("core", "contact", "law", "ring", "scene", "report", "sweeps", "fits", "accuracy")
+ROOMS = ("core", "contact", "law", "ring", "scene", "turning", "report", "sweeps", "fits", "accuracy")
 """In the order of the road: a room imports from those before it."""
 APART = {"sweeps", "fits", "accuracy"}
 """These do not import each other."""

@@ -1,4 +1,4 @@
-"""The command line: `difftrb run | contact | accuracy | fit | sweep | check | example`; `COMMANDS` is their table.
+"""The command line: `difftrb run | contact | accuracy | fit | sweep | stiffness | check | example`; `COMMANDS` is their table.
 
 Modules are imported by the commands that need them: `--version` and `example` load no JAX.
 """
@@ -177,6 +177,12 @@ def _sweep(options: Any) -> int:
     return EXIT_OK if ended.failed == 0 else EXIT_NO_SOLUTION
 
 
+def _stiffness(options: Any) -> int:
+    from difftrb.report import stiffness_report
+
+    return stiffness_report.deliver(options, *_read(options))
+
+
 def _check(options: Any) -> int:
     from difftrb.report import remarks
     from difftrb.scene import scene_file
@@ -259,6 +265,17 @@ COMMANDS = (
         _option("--coordinator", metavar="HOST:PORT", help="of several processes: where the first one listens"),
         _option("--processes", type=int, metavar="N", help="of several processes: how many there are"),
         _option("--process", type=int, metavar="I", help="of several processes: this one's number, from 0"),
+    )),
+    Command("stiffness", _stiffness, "Stiffness over the cage's angle, for rotordynamics (no SCENE: as run).", (
+        SCENE,
+        _option("--phases", type=int, default=64, metavar="N", help="of the cage over one roller pitch (default 64)"),
+        _option("--out", metavar="FILE", type=Path, help="write a table: .csv, .json or .npz"),
+        _option("--units", choices=("mm", "si"), default="mm", help="N/mm (default) or N/m"),
+        _option("--speed", type=float, metavar="RPM", help="of the inner ring: times and defect frequencies"),
+        _option("--shaft", metavar="R,A", help="radial and axial stiffness of the shaft in series [N/mm]"),
+        _option("--housing", metavar="R,A", help="radial and axial stiffness of the housing in series [N/mm]"),
+        _option("--slopes", action="store_true", help="derivatives by spall sizes also where they take long: effects"),
+        _option("--json", action="store_true", help="print one JSON object instead of text"),
     )),
     Command("check", _check, "Check a scene file without computing anything.", (_option("scene", metavar="SCENE"),)),
     Command("example", _example, "Print a packaged scene file; without a NAME, list them.",

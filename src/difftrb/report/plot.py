@@ -21,8 +21,8 @@ from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import solve_contact
 from difftrb.core.geometry import arc_radius
 from difftrb.ring import ring
-from difftrb.scene.prepared import Assessment, Solution
 from difftrb.scene.scene import COARSEST, Scene, raceway_contact
+from difftrb.scene.solution import Assessment, Solution
 
 HEALTHY, SPALLED, ACCENT = "#4477AA", "#EE6677", "#BBBBBB"  # colour-blind safe (Tol, bright)
 

@@ -18,6 +18,7 @@ from difftrb.contact import gap
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
 from difftrb.core.geometry import Real
+from difftrb.core.labels import AXES
 from difftrb.law import base as laws
 from difftrb.law.base import LAWS, Law
 from difftrb.report import remarks
@@ -26,11 +27,10 @@ from difftrb.ring import effect
 from difftrb.ring.effects import Raceways
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
-from difftrb.scene.prepared import Assessment, Solution
 from difftrb.scene.scene import Picked, PitchMean, Scene, raceway_contact
+from difftrb.scene.solution import Assessment, Solution
 
 BAR = 28
-DIRECTIONS = ("radial", "lateral", "axial", "about_radial", "about_lateral")
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
@@ -55,7 +55,7 @@ def run_json(
         "converged": bool(spalled.converged & sound.converged),
         "angles": spalled.angles,
         "loads": spalled.loads,
-        "displacement": dict(zip(DIRECTIONS, spalled.displacement, strict=False)),
+        "displacement": dict(zip(AXES, spalled.displacement, strict=False)),
         **stiffness,
         "stiffness": {**place, **stiffness["stiffness"], "matrix": spalled.stiffness},
         **({} if mean is None else {"mean": _stiffness_record(scene, mean)}),
