@@ -17,7 +17,8 @@ from difftrb.core import geometry, jax_config
 from difftrb.fits import measured
 from difftrb.report import plot, remarks
 from difftrb.scene import scene_file
-from difftrb.scene.prepared import Assessment, solve_prepared
+from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.solution import Assessment
 
 PAPER = scene_file.example("paper")
 

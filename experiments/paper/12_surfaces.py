@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from difftrb.core import geometry
-from difftrb.ring import effects
 from experiments.paper import common
 from experiments.paper.common import HEAVY, HOLDS, ONLY_IF, Claim, Progress, Result
 
@@ -58,7 +57,7 @@ def mean_of_turns(surface: str, size: tuple[float, float]) -> np.ndarray:
 def rolling() -> tuple[float, float]:
     """How far the cage turns while the inner ring does, and a roller about its axis while the cage does."""
     b = common.bearing()
-    cage = float(effects.cage_share(b))
+    cage = float(geometry.cage_share(b))
     return cage, float(np.sin(b.outer_angle) / np.sin(b.roller_angle))  # rolling on the outer cone, one apex
 
 

@@ -26,16 +26,20 @@ if TYPE_CHECKING:
     from difftrb.fits.optimal_design import Suggestion, next_measurements
     from difftrb.law.power import PowerLaw, liu2018, power_law
     from difftrb.ring import effects
+    from difftrb.ring.catalogue_estimate import CatalogueBearing, Estimate, bearing_from_catalogue
     from difftrb.ring.ring import Load
     from difftrb.scene.audit import Audit, verify
     from difftrb.scene.edge_stress import EdgeStress, edge_stresses
-    from difftrb.scene.prepared import Assessment, Solution
     from difftrb.scene.scene import Scene, healthy
     from difftrb.scene.scene_file import load_scene
+    from difftrb.scene.solution import Assessment, Solution
     from difftrb.scene.solving import assess, prepare, solve
     from difftrb.sweeps.chunks import write_sweep
     from difftrb.sweeps.gathered import Swept, load_sweep
     from difftrb.sweeps.sweeping import sweep
+    from difftrb.turning import ross
+    from difftrb.turning.cage_turn import CageTurn, stiffness
+    from difftrb.turning.frequencies import DefectFrequencies, defect_frequencies
 
 _HOMES = {
     "scene.audit": ("Audit", "verify"),
@@ -51,26 +55,30 @@ _HOMES = {
     "law.power": ("PowerLaw", "liu2018", "power_law"),
     "fits.measured": ("MeasuredError", "Measurement", "load_measured"),
     "fits.optimal_design": ("Suggestion", "next_measurements"),
+    "ring.catalogue_estimate": ("CatalogueBearing", "Estimate", "bearing_from_catalogue"),
     "ring.ring": ("Load",),
     "scene.scene": ("Scene", "healthy"),
     "scene.scene_file": ("load_scene",),
-    "scene.prepared": ("Assessment", "Solution"),
+    "scene.solution": ("Assessment", "Solution"),
     "scene.solving": ("assess", "prepare", "solve"),
     "core.status": ("DifftrbError", "SceneError", "SolveError", "SweepError"),
     "sweeps.chunks": ("write_sweep",),
     "sweeps.gathered": ("Swept", "load_sweep"),
     "sweeps.sweeping": ("sweep",),
+    "turning.cage_turn": ("CageTurn", "stiffness"),
+    "turning.frequencies": ("DefectFrequencies", "defect_frequencies"),
 }
+_MODULES = {"effects": "ring.effects", "ross": "turning.ross"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-__all__ = sorted([*_HOME_OF, "effects"])  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = sorted([*_HOME_OF, *_MODULES])  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return metadata.version("difftrb")  # pyproject.toml's
-    if name == "effects":
-        return importlib.import_module("difftrb.ring.effects")
+    if name in _MODULES:
+        return importlib.import_module(f"difftrb.{_MODULES[name]}")
     if name not in _HOME_OF:
         raise AttributeError(f"module 'difftrb' has no attribute {name!r}")
     return getattr(importlib.import_module(f"difftrb.{_HOME_OF[name]}"), name)

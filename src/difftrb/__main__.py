@@ -34,7 +34,7 @@ def _read(options: Any) -> tuple[Any, str]:
 def _run(options: Any) -> int:
     import jax
 
-    from difftrb.report import remarks, run_report
+    from difftrb.report import estimated, remarks, run_report
     from difftrb.scene import scene_file, solving
     from difftrb.scene.scene import is_plain
 
@@ -55,7 +55,10 @@ def _run(options: Any) -> int:
     if options.verify and bool(result.spalled.converged):
         with terminal.bar("solving the rollers' contacts afresh") as progress:
             checked = difftrb.verify(scene, result.spalled, progress)
-    record = run_report.run_json(scene, result, time.perf_counter() - started, edges, checked, mean)
+    known = None
+    if file.catalogue is not None:
+        known = estimated.estimated(scene, file.catalogue, result.spalled.both_stiffnesses)
+    record = run_report.run_json(scene, result, time.perf_counter() - started, edges, checked, mean, known)
 
     missing: list[str] = []
 
@@ -73,7 +76,7 @@ def _run(options: Any) -> int:
         source = scene_file.example("spall") if options.scene is None else scene_file.text_of(options.scene)
         return written(Run(path, source, scene, record, result, mean, edges, checked), figures, missing)
 
-    text = partial(run_report.run_text, scene, result, edges, checked, mean)
+    text = partial(run_report.run_text, scene, result, edges, checked, mean, known)
     code = terminal.deliver(options, path, record, text, figures, page)
     if code == EXIT_OK and checked is not None and not checked.kept:
         return terminal.refuse(f"{path}: the audit does not confirm what is promised", EXIT_NO_SOLUTION)
@@ -202,6 +205,12 @@ def _explore(options: Any) -> int:
     return EXIT_OK
 
 
+def _stiffness(options: Any) -> int:
+    from difftrb.report import stiffness_report
+
+    return stiffness_report.deliver(options, *_read(options))
+
+
 def _check(options: Any) -> int:
     from difftrb.report import remarks
     from difftrb.scene import scene_file
@@ -212,6 +221,10 @@ def _check(options: Any) -> int:
     spalls = f"{len(file.spall)} spall{'s' if len(file.spall) > 1 else ''}" if file.spall else "healthy"
     print(f"{path}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
           f"axial {file.load.axial:g} N, law {file.contact.law}")  # fmt: skip
+    if file.catalogue is not None:
+        from difftrb.report import estimated, run_report
+
+        terminal.show(estimated.table(file.catalogue, run_report.house_table("Bearing estimated from its catalogue")))
     return EXIT_OK
 
 
@@ -290,6 +303,17 @@ COMMANDS = (
         SCENE,
         _option("--port", type=int, default=5006, metavar="N", help="where it is served (default 5006)"),
         _option("--no-browser", dest="browser", action="store_false", help="serve it, and open no browser"),
+    )),
+    Command("stiffness", _stiffness, "Stiffness over the cage's angle, for rotordynamics (no SCENE: as run).", (
+        SCENE,
+        _option("--phases", type=int, default=64, metavar="N", help="of the cage over one roller pitch (default 64)"),
+        _option("--out", metavar="FILE", type=Path, help="write a table: .csv, .json or .npz"),
+        _option("--units", choices=("mm", "si"), default="mm", help="N/mm (default) or N/m"),
+        _option("--speed", type=float, metavar="RPM", help="of the inner ring: times and defect frequencies"),
+        _option("--shaft", metavar="R,A", help="radial and axial stiffness of the shaft in series [N/mm]"),
+        _option("--housing", metavar="R,A", help="radial and axial stiffness of the housing in series [N/mm]"),
+        _option("--slopes", action="store_true", help="derivatives by spall sizes also where they take long: effects"),
+        _option("--json", action="store_true", help="print one JSON object instead of text"),
     )),
     Command("check", _check, "Check a scene file without computing anything.", (_option("scene", metavar="SCENE"),)),
     Command("example", _example, "Print a packaged scene file; without a NAME, list them.",

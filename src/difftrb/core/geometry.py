@@ -252,6 +252,17 @@ def roller_pitch(bearing: TaperedBearing) -> Real:
     return 2.0 * np.pi / bearing.rollers
 
 
+def cage_share(bearing: TaperedBearing) -> Real:
+    """How far the cage turns in one turn of the inner ring, the outer one at rest, 0…0.5."""
+    inner, outer = xp.sin(bearing.inner_angle), xp.sin(bearing.outer_angle)
+    return inner / (inner + outer)  # rolling without slip on both raceways
+
+
+def spin_share(bearing: TaperedBearing) -> Real:
+    """How often a roller turns about its axis in one turn of the cage, the outer ring at rest."""
+    return xp.sin(bearing.outer_angle) / xp.sin(bearing.roller_angle)  # rolling on the outer raceway's cone
+
+
 def _cone_angle(bearing: TaperedBearing, raceway: Raceway) -> Real:
     return {"outer": bearing.outer_angle, "inner": bearing.inner_angle}[raceway]
 

@@ -15,8 +15,8 @@ from difftrb.core import geometry
 from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.report.plot import ACCENT, HEALTHY, SPALLED
 from difftrb.ring import ring
-from difftrb.scene.prepared import Solution
 from difftrb.scene.scene import Scene
+from difftrb.scene.solution import Solution
 
 STEEL, DARK = "#E4E8EC", "#33404D"
 RING = 1.1

@@ -23,8 +23,9 @@ from difftrb.core.status import DifftrbError, SceneError
 from difftrb.report import plot
 from difftrb.report.plot import HEALTHY, SPALLED
 from difftrb.scene import cage_turn, scene_laws, solving
-from difftrb.scene.prepared import Solution, solve_prepared
+from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, named
+from difftrb.scene.solution import Solution
 
 PHASES = 61
 """Of the cage over one roller pitch, both ends among them."""

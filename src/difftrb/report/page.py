@@ -23,8 +23,8 @@ from difftrb.report import remarks, run_report
 from difftrb.ring import effects
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
-from difftrb.scene.prepared import Assessment
 from difftrb.scene.scene import PitchMean, Scene
+from difftrb.scene.solution import Assessment
 
 PLACES = {"outer": "the outer raceway", "inner": "the inner raceway", "roller": "roller 0"}
 NEVER = ("lubricant film and friction", "forces of the cage", "bending of rings, shaft and housing",

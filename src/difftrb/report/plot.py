@@ -25,8 +25,8 @@ from difftrb.contact.solver import pressure_patches
 from difftrb.contact.strip_pressure import Patch
 from difftrb.core.geometry import arc_radius
 from difftrb.ring import ring
-from difftrb.scene.prepared import Assessment, Solution
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
+from difftrb.scene.solution import Assessment, Solution
 
 HEALTHY, SPALLED, ACCENT = "#4477AA", "#EE6677", "#BBBBBB"  # colour-blind safe (Tol, bright)
 MOST = 3

@@ -11,9 +11,9 @@ from difftrb.contact import gap
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import effect, effects, life, ring
 from difftrb.ring.effects import Through
-from difftrb.scene.prepared import Solution
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
 from difftrb.scene.scene_file import SceneFile
+from difftrb.scene.solution import Solution
 
 LEAST = 0.02
 """Equivalent load by load rating under which a maker's tapered rollers may slide instead of roll: SKF, Rolling

@@ -7,8 +7,8 @@ from typing import Any
 
 from difftrb.report import bearing_drawing, plot, stiffness_plot
 from difftrb.scene import cage_turn
-from difftrb.scene.prepared import Assessment
 from difftrb.scene.scene import PitchMean, Scene
+from difftrb.scene.solution import Assessment
 
 NO_TURN = (
     "Stiffness over the cage's turn is drawn for scenes without effects, whose law holds at every phase; `difftrb "

@@ -18,31 +18,33 @@ from difftrb.contact import gap
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
 from difftrb.core.geometry import Real
+from difftrb.core.labels import AXES
 from difftrb.law import base as laws
 from difftrb.law.base import LAWS, Law
 from difftrb.report import remarks
+from difftrb.report.estimated import Estimated
 from difftrb.ring import effect
 from difftrb.ring.effects import Raceways
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
-from difftrb.scene.prepared import Assessment, Solution
 from difftrb.scene.scene import Picked, PitchMean, Scene, raceway_contact
+from difftrb.scene.solution import Assessment, Solution
 
 BAR = 28
-DIRECTIONS = ("radial", "lateral", "axial", "about_radial", "about_lateral")
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
 def run_json(
     scene: Scene, result: Assessment, seconds: float, edges: Sequence[EdgeStress] = (), audit: Audit | None = None,
-    mean: Assessment | None = None,
+    mean: Assessment | None = None, estimated: Estimated | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
     `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`, with
     `edges` a key `edge_stress`, with the law "auto" a key `picked`, with an `audit` a key of that name. With the `mean`
-    over the cage's turn there is a key `mean`: stiffness, healthy, loss and sensitivity. `remarks` are what has to be
-    known before the numbers.
+    over the cage's turn there is a key `mean`: stiffness, healthy, loss and sensitivity. With a bearing that was
+    `estimated` from its catalogue there is a key of that name: values and expanded uncertainties. `remarks` are what
+    has to be known before the numbers.
     """
     spalled, sound = result.spalled, result.healthy
     verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
@@ -53,7 +55,7 @@ def run_json(
         "converged": bool(spalled.converged & sound.converged),
         "angles": spalled.angles,
         "loads": spalled.loads,
-        "displacement": dict(zip(DIRECTIONS, spalled.displacement, strict=False)),
+        "displacement": dict(zip(AXES, spalled.displacement, strict=False)),
         **stiffness,
         "stiffness": {**place, **stiffness["stiffness"], "matrix": spalled.stiffness},
         **({} if mean is None else {"mean": _stiffness_record(scene, mean)}),
@@ -63,6 +65,7 @@ def run_json(
         **({"edge_stress": [edge._asdict() for edge in edges]} if edges else {}),
         **({"picked": dataclasses.asdict(spalled.picked)} if spalled.picked is not None else {}),
         **({"audit": audit.record()} if audit is not None else {}),
+        **({"estimated": estimated.record()} if estimated is not None else {}),
         **({"remarks": said} if (said := remarks.of_solution(scene, spalled)) else {}),
         "seconds": seconds,
     })  # fmt: skip
@@ -117,7 +120,7 @@ def plain(value: Any) -> Any:
 
 def run_text(
     scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = (), audit: Audit | None = None,
-    mean: Assessment | None = None,
+    mean: Assessment | None = None, estimated: Estimated | None = None,
 ) -> RenderableType:  # fmt: skip
     """The main job's result for people: remarks, stiffness and its losses, sensitivities, the same in the `mean` over
     the cage's turn, a bar of load for every roller, a sentence for every one of `edges`, and the `audit`'s."""
@@ -137,6 +140,8 @@ def run_text(
     )
     if audit is not None:
         lines.append(audit.sentence)
+    if estimated is not None:
+        lines.append(estimated.sentence)
     first = (Text(f"note: {sentence}") for sentence in remarks.of_solution(scene, spalled))
     tables = [_stiffness_table(scene, result, "" if mean is None else " at this phase")]
     if mean is not None:

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from difftrb.report.plot import ACCENT, HEALTHY, SPALLED, loads_of
 from difftrb.scene.cage_turn import LossMap, Turn
-from difftrb.scene.prepared import Assessment
 from difftrb.scene.scene import PitchMean, Scene
+from difftrb.scene.solution import Assessment
 
 DIRECTIONS = (("radial", 0), ("axial", 2))
 

@@ -50,6 +50,13 @@ def refuse(reason: object, code: int) -> int:
     return code
 
 
+def show(text: Any) -> None:
+    """Print text or a table."""
+    from rich.console import Console
+
+    Console(markup=False, highlight=False).print(text)
+
+
 def deliver(
     options: Any, path: str, record: dict[str, Any], text: Callable[[], Any], figures: Drawn, page: Page | None = None
 ) -> int:
@@ -64,12 +71,9 @@ def deliver(
     if options.json:
         print(whole)
         return EXIT_OK
-    from rich.console import Console
-
-    console = Console(markup=False, highlight=False)
-    console.print(text())
+    show(text())
     if options.out is not None:
-        console.print(f"written to {options.out}: {', '.join(sorted(p.name for p in options.out.iterdir()))}")
+        show(f"written to {options.out}: {', '.join(sorted(p.name for p in options.out.iterdir()))}")
     return EXIT_OK
 
 

@@ -122,12 +122,6 @@ class Flange(Effect):
         return {**inside(terms.seat, rest.loads), "flange_angle": jnp.asarray(of.seat(terms).flange)}
 
 
-def cage_share(bearing: TaperedBearing) -> jax.Array:
-    """How far the cage turns in one turn of the inner ring, the outer one at rest, 0…0.5."""
-    inner, outer = jnp.sin(bearing.inner_angle), jnp.sin(bearing.outer_angle)
-    return inner / (inner + outer)  # rolling without slip on both raceways
-
-
 @register
 @dataclasses.dataclass(frozen=True)
 class Centrifugal(Effect):
@@ -155,7 +149,7 @@ class Centrifugal(Effect):
     def force(self, bearing: TaperedBearing) -> jax.Array:
         """On one roller [N]."""
         turning = self.speed_rpm * jnp.pi / 30.0
-        cage = turning * cage_share(bearing)
+        cage = turning * geometry.cage_share(bearing)
         metres = 1e-3 * geometry.pitch_radius(bearing)
         return jnp.asarray(geometry.roller_mass(bearing) * metres * cage**2)
 

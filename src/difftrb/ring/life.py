@@ -41,6 +41,12 @@ def load_rating(bearing: TaperedBearing, rows: int = 1) -> Any:
     return QUALITY * f_c * length ** (7 / 9) * bearing.rollers**0.75 * diameter ** (29 / 27)  # ISO 281
 
 
+def static_rating(bearing: TaperedBearing) -> Any:
+    """Basic static load rating C0 of a bearing of one row [N]."""
+    projected = 2.0 * geometry.mean_roller_radius(bearing) * xp.cos(bearing.outer_angle)
+    return 44.0 * (1.0 - gamma(bearing)) * bearing.rollers * bearing.roller_length * projected  # ISO 76
+
+
 def equivalent_load(bearing: TaperedBearing, radial: Real, axial: Real, rows: int = 1) -> Any:
     """Dynamic equivalent radial load P [N] of one row, or of two back to back or face to face."""
     tan, axial = xp.tan(bearing.outer_angle), xp.magnitude(axial) if rows == 2 else axial

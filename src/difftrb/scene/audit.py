@@ -28,8 +28,9 @@ from difftrb.ring import ring, roller_balance
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import checks, solving
 from difftrb.scene.audit_states import AtPhase, Key, State, at_phase, solve_contacts
-from difftrb.scene.prepared import Solution, solve_prepared
+from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import LawName, PitchMean, Scene, phases, raceway_contact
+from difftrb.scene.solution import Solution
 
 PHASES = 7
 """Of a mean over phases so many are audited, spread over all of them."""

@@ -16,8 +16,9 @@ from difftrb.law.base import Rest
 from difftrb.law.samples import Case, Node, Progress
 from difftrb.ring import effects, ring, roller_balance
 from difftrb.ring.effects import Through
-from difftrb.scene.prepared import Solution, law_in_effect, solve_prepared
+from difftrb.scene.prepared import law_in_effect, solve_prepared
 from difftrb.scene.scene import Scene, raceway_contact
+from difftrb.scene.solution import Solution
 
 LIGHT = 1e-3
 """Share of the largest load at which the contact of a roller that carries nothing is solved."""

@@ -25,6 +25,7 @@ from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law.base import Law
 from difftrb.ring import effects, ring
+from difftrb.ring.catalogue_estimate import CatalogueBearing
 from difftrb.ring.effects import Effect
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scene
@@ -73,6 +74,8 @@ def _read(scene: Scene) -> Scene:
 def _of_kinds(scene: Scene) -> str | None:
     """Every field for itself: what it is, and its range."""
     solved = isinstance(scene.law, LawName) and laws.by_samples(scene.law.name)
+    if isinstance(scene.bearing, CatalogueBearing):
+        return "bearing = a CatalogueBearing: give its .bearing, and as design_load its .design_load"
     if not isinstance(scene.bearing, TaperedBearing):
         return (
             f"bearing = {shown(scene.bearing)}: must be a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a "

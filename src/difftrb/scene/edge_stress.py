@@ -18,8 +18,8 @@ from difftrb.core import status
 from difftrb.core.geometry import Raceway
 from difftrb.ring import ring
 from difftrb.ring.effects import Life, SeriesRaceways, Through
-from difftrb.scene.prepared import Solution
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
+from difftrb.scene.solution import Solution
 from difftrb.scene.solving import solve
 
 STATIC_LIMIT = 4000.0

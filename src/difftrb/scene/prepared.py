@@ -9,7 +9,7 @@ import dataclasses
 import operator
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -17,16 +17,13 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, implicit, status
-from difftrb.core.geometry import Real, Spall
+from difftrb.core.geometry import Real
 from difftrb.core.taylor import Taylor
-from difftrb.law.base import Law
 from difftrb.ring import effects, plain_ring, ring
 from difftrb.ring.effects import Results
 from difftrb.ring.ring import Load
 from difftrb.scene import checks
 from difftrb.scene.scene import (
-    Definition,
-    Picked,
     PitchMean,
     Scene,
     healthy,
@@ -36,83 +33,7 @@ from difftrb.scene.scene import (
     phases,
     raceway_contact,
 )
-
-if TYPE_CHECKING:
-    from jax import Array
-    from jaxtyping import Float, Int
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Solution(status.Judged):
-    """A solved scene.
-
-    Attributes:
-      angles: of the rollers from the load line [rad], shape (rollers,); with phase "mean" at its middle, half a pitch
-        on. All else is then the mean over the phases: of one roller as it rolls on to the next one's place.
-      displacement: radial, lateral, axial [mm], shape (3,); with the effect `Tilt` also about the radial and the
-        lateral axis [rad], shape (5,), and stiffness of shape (5, 5).
-      approach: of every roller [mm], shape (rollers,). loads: on the outer raceway [N], shape (rollers,).
-      stiffness: [N/mm], shape (3, 3) over radial, lateral, axial: dF/du if `definition` is "tangent"; the diagonal of
-        F/u if "secant" (0 for the lateral direction, which has no load; NaN for a direction without load).
-      load_span, stiffness_span: least and largest over the phases, shapes (2, rollers) and (2, 3, 3); the same twice
-        at one phase.
-      law: the roller law that was used, with its range and error.
-      residual: largest unbalanced force relative to the load. iterations: Newton steps.
-      status_code: see `difftrb.status`; `status` is its sentence.
-      effects: what the scene's effects add, by name; empty without.
-      picked: what the law "auto" became; None if the law was named.
-      definition: "tangent" or "secant".
-      remarks: what is to be said of these numbers, in sentences; mostly none.
-    """
-
-    angles: Float[Array, " rollers"]
-    displacement: Float[Array, " axes"]
-    approach: Float[Array, " rollers"]
-    loads: Float[Array, " rollers"]
-    stiffness: Float[Array, "axes axes"]
-    load_span: Float[Array, "2 rollers"]
-    stiffness_span: Float[Array, "2 axes axes"]
-    law: Law
-    residual: Float[Array, ""]
-    iterations: Int[Array, ""]
-    status_code: Int[Array, ""]
-    effects: Results
-    picked: Picked | None
-    definition: Definition = dataclasses.field(metadata={"static": True})
-    remarks: tuple[str, ...] = dataclasses.field(default=(), metadata={"static": True})
-
-    @property
-    def radial_stiffness(self) -> jax.Array:
-        """Radial force per radial displacement [N/mm]."""
-        return self.stiffness[0, 0]
-
-    @property
-    def axial_stiffness(self) -> jax.Array:
-        """Axial force per axial displacement [N/mm]."""
-        return self.stiffness[2, 2]
-
-    @property
-    def both_stiffnesses(self) -> jax.Array:
-        """Radial and axial [N/mm], shape (2,)."""
-        return xp.stack([self.radial_stiffness, self.axial_stiffness])
-
-
-class Assessment(NamedTuple):
-    """A spalled bearing beside its healthy self.
-
-    Attributes:
-      spalled, healthy: the two solutions.
-      loss: of radial and axial stiffness by the spalls [%], shape (2,).
-      by_length, by_width: derivatives of radial and axial stiffness by every spall's length and width, the roller law
-        held as prepared [N/mm per mm], shape (2, number of spalls); NaN where the stiffness is.
-    """
-
-    spalled: Solution
-    healthy: Solution
-    loss: Float[Array, " directions"]
-    by_length: Float[Array, "directions spalls"]
-    by_width: Float[Array, "directions spalls"]
+from difftrb.scene.solution import Assessment, Solution
 
 
 def assess_prepared(scene: Scene) -> Assessment:
@@ -125,12 +46,7 @@ def assess_prepared(scene: Scene) -> Assessment:
 
 def _assess_numbers(scene: Scene) -> Assessment:
     count = len(scene.spalls)
-    seeds = np.eye(2 * count).reshape(count, 2, 2 * count)
-    spalls = tuple(
-        dataclasses.replace(spall, length=Taylor(spall.length, by=rows[0]), width=Taylor(spall.width, by=rows[1]))
-        for spall, rows in zip(scene.spalls, seeds, strict=True)
-    )
-    spalled = _expanded(dataclasses.replace(scene, spalls=spalls))
+    spalled = _expanded(with_sizes_expanded(scene))
     slopes = np.zeros((2, count, 2))
     stiffness = spalled.stiffness
     if isinstance(stiffness, Taylor) and stiffness.by is not None:
@@ -202,10 +118,8 @@ _by_program = jax.jit(_solution, static_argnums=0)
 
 def _expanded(scene: Scene) -> Solution:
     """A plain ring's solution in any arithmetic."""
-    acting = outer_law(scene)
     each, weights = phases(scene)
-    within = checks.code(xp.fixed(scene))
-    rest = plain_ring.equilibrium(scene.bearing, scene.load, scene.spalls, acting, each, within)
+    rest = at_phases(scene, each)
     stiffness = rest.tangent if scene.definition == "tangent" else secant(scene.load, rest.displacement)
     return _of_phases(scene, rest, stiffness, weights, {})
 
@@ -249,18 +163,12 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
 
 def _traced(scene: Scene) -> Solution:
     """The solution of a scene in arrays of JAX, with all its effects."""
-    acting = law_in_effect(scene, outer_law(scene))
-    within = checks.code(scene)
 
     def at(phase: Real) -> tuple[ring.Equilibrium, jax.Array, Results]:
-        here = _ring(scene, acting, scene.spalls, phase)
-        terms = effects.terms(scene.effects, here)
-        terms = terms._replace(known=within if terms.known is None else status.worst(within, terms.known))
-        rest = here.equilibrium(terms)
-        more = effects.results(scene.effects, rest, terms, here)
+        rest, more = at_phase(scene, phase)
         if scene.definition == "tangent":
             return rest, rest.tangent, more
-        axial = more["axial_force"] if terms.axial is not None else scene.load.axial
+        axial = more.get("axial_force", scene.load.axial)
         return rest, secant(dataclasses.replace(scene.load, axial=axial), rest.displacement), more
 
     if isinstance(scene.phase, PitchMean):
@@ -272,8 +180,31 @@ def _traced(scene: Scene) -> Solution:
     return _of_phases(scene, every, stiffness, weights, more)
 
 
-def _ring(scene: Scene, acting: Law, spalls: tuple[Spall, ...], phase: Real) -> effects.Ring:
-    return effects.Ring(scene.bearing, scene.load, spalls, acting, raceway_contact(scene, "outer"), phase)
+def at_phase(scene: Scene, phase: Real) -> tuple[ring.Equilibrium, Results]:
+    """The ring of a prepared scene at one cage phase, in arrays of JAX, and what its effects add."""
+    acting, within = law_in_effect(scene, outer_law(scene)), checks.code(scene)
+    here = effects.Ring(scene.bearing, scene.load, scene.spalls, acting, raceway_contact(scene, "outer"), phase)
+    terms = effects.terms(scene.effects, here)
+    terms = terms._replace(known=within if terms.known is None else status.worst(within, terms.known))
+    rest = here.equilibrium(terms)
+    return rest, effects.results(scene.effects, rest, terms, here)
+
+
+def at_phases(scene: Scene, each: Any) -> ring.Equilibrium:
+    """The plain ring of a prepared scene at all cage phases `each` [rad], shape (phases,), in any arithmetic: what it
+    has is of shape (phases, …)."""
+    within = checks.code(xp.fixed(scene))
+    return plain_ring.equilibrium(scene.bearing, scene.load, scene.spalls, outer_law(scene), each, within)
+
+
+def with_sizes_expanded(scene: Scene) -> Scene:
+    """The scene with the length and width of every spall as parameters of an expansion: 0 and 1 of the first, …"""
+    seeds = np.eye(2 * len(scene.spalls)).reshape(len(scene.spalls), 2, -1)
+    spalls = tuple(
+        dataclasses.replace(spall, length=Taylor(spall.length, by=rows[0]), width=Taylor(spall.width, by=rows[1]))
+        for spall, rows in zip(scene.spalls, seeds, strict=True)
+    )
+    return dataclasses.replace(scene, spalls=spalls)
 
 
 def secant(load: Load, displacement: Any) -> Any:

@@ -4,28 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import json
 import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 import numpy as np
 from annotated_types import Interval, Unit
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from difftrb.contact import height_map
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import geometry, messages
 from difftrb.core.bearing_checks import across
 from difftrb.core.geometry import DESIGN_LOAD, FILE_RULES, LineContact, Real, Spall, TaperedBearing
-from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence, shown
+from difftrb.core.messages import shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.ring import effect, effects
+from difftrb.ring.catalogue_estimate import CatalogueBearing
 from difftrb.ring.effect import Effect
 from difftrb.ring.ring import Load, needed_axial
 from difftrb.scene import checks
+from difftrb.scene.bearing_table import in_full, validated
 from difftrb.scene.scene import COARSEST, DEFAULT_LAW, Definition, DesignLoad, Phase, Scene
 
 PACKAGED_MAPS = ("spall_map.npz",)
@@ -33,8 +34,6 @@ DEEPEST = 32
 """Points of a line of a scene file, without those of numbers: no key has so many parts."""
 PHASES = 16
 """Of one roller pitch, at which rings under moments are asked for an equilibrium."""
-TAKES = {"bearing": f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a [bearing] table"}
-"""What keys take of which annotations do not tell all."""
 
 
 class NoEquilibriumError(SceneError):
@@ -87,8 +86,8 @@ class StiffnessTable:
 
 @dataclasses.dataclass(frozen=True)
 class SceneFile:
-    """A whole scene file, table by table. After `parse`, a `HeightMap` may stand among the spalls, and `effects` are
-    those that `[effects]` names."""
+    """A whole scene file, table by table. After `parse`, a `HeightMap` may stand among the spalls, `effects` are those
+    that `[effects]` names, and `catalogue` is what the bearing was estimated from, if it was."""
 
     __pydantic_config__ = FILE_RULES
 
@@ -98,6 +97,7 @@ class SceneFile:
     contact: ContactTable = ContactTable()
     stiffness: StiffnessTable = StiffnessTable()
     effects: tuple[Effect, ...] = ()
+    catalogue: CatalogueBearing | None = None
 
     def scene(self) -> Scene:
         """The scene this file describes."""
@@ -176,49 +176,40 @@ def _deep(text: str, path: str | Path) -> None:
 def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
     """Check a scene file's tables, which are changed by it, as `parse` does its text."""
     _known_law(content, path)
-    if isinstance(content.get("bearing"), str):
-        name = content["bearing"]
-        if name not in geometry.NAMED_BEARINGS:
-            known = ", ".join(geometry.NAMED_BEARINGS)
-            raise SceneError(f"{path}: bearing = {shown(name)} is unknown; use {known} or a [bearing] table")
-        content["bearing"] = dataclasses.asdict(geometry.bearing(name))
+    catalogue = in_full(content, path)
     if isinstance(content.get("spall"), dict):
         raise SceneError(f"{path}: [spall] is a list of tables; write [[spall]]")
     maps = _height_maps(content, path)
     kinds = effects.registered()
-    try:  # as JSON, where strictness still lets a table become a dataclass and a list a tuple
-        read = _adapter(kinds).validate_json(json.dumps(content, default=str))
-    except ValidationError as error:
-        worst = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY)  # a misspelt key explains a missing one
-        raise SceneError(f"{path}: {in_one_sentence(worst, _schema(kinds), TAKES)}") from None
-    except RecursionError:
-        raise SceneError(f"{path}: is nested too deeply for a scene") from None
-    file = _as_read(read, kinds)
+    file = _as_read(validated(_adapter(kinds), content, path, _schema(kinds)), kinds)
     if (sentence := across(file.bearing, file.spall)) is not None:
         raise SceneError(f"{path}: {sentence}")
     spalls: list[Any] = list(file.spall)
     for i, name in maps.items():
         spalls[i] = _loaded(name, spalls[i], f"{path}: spall.{i}.height_map", Path(path).parent)
-    return dataclasses.replace(file, spall=tuple(spalls))
+    return dataclasses.replace(file, spall=tuple(spalls), catalogue=catalogue)
 
 
 @functools.cache
-def _schema(kinds: tuple[type[Effect], ...]) -> type[SceneFile]:
+def _schema(kinds: tuple[type[Effect], ...]) -> type:
     """Of scene files that may name these effects."""
-    table = effect.file_table(kinds)
-    field = ("effects", table, dataclasses.field(default_factory=table))
-    return dataclasses.make_dataclass("SceneFile", [field], bases=(SceneFile,), frozen=True)
+    hints, table = get_type_hints(SceneFile, include_extras=True), effect.file_table(kinds)
+    own = [field for field in dataclasses.fields(SceneFile) if field.name not in ("effects", "catalogue")]
+    rows: list[Any] = [(field.name, hints[field.name], dataclasses.field(default=field.default)) for field in own]
+    rows.append(("effects", table, dataclasses.field(default_factory=table)))
+    rules = {"__pydantic_config__": FILE_RULES}
+    return dataclasses.make_dataclass("SceneFile", rows, frozen=True, namespace=rules)
 
 
 @functools.cache
-def _adapter(kinds: tuple[type[Effect], ...]) -> TypeAdapter[SceneFile]:
+def _adapter(kinds: tuple[type[Effect], ...]) -> TypeAdapter[Any]:
     """Made once, which takes longer than to check a file, and only if a file is read."""
     return TypeAdapter(_schema(kinds))
 
 
-def _as_read(read: SceneFile, kinds: tuple[type[Effect], ...]) -> SceneFile:
+def _as_read(read: Any, kinds: tuple[type[Effect], ...]) -> SceneFile:
     """The file with the effects that it names."""
-    tables: dict[str, Any] = {field.name: getattr(read, field.name) for field in dataclasses.fields(SceneFile)}
+    tables: dict[str, Any] = {field.name: getattr(read, field.name) for field in dataclasses.fields(read)}
     every = (getattr(read.effects, kind.key) for kind in kinds)
     tables["effects"] = tuple(one for one in every if one is not None)
     return SceneFile(**tables)

@@ -16,8 +16,9 @@ from difftrb.law.base import AUTO, LAWS, Law
 from difftrb.law.samples import Progress
 from difftrb.ring.effects import Raceways
 from difftrb.scene import checks, scene_laws
-from difftrb.scene.prepared import Assessment, Solution, assess_prepared, solve_plain, solve_prepared
+from difftrb.scene.prepared import assess_prepared, solve_plain, solve_prepared
 from difftrb.scene.scene import Finer, LawName, Picked, PitchMean, Scene, is_auto, named
+from difftrb.scene.solution import Assessment, Solution
 
 LADDER = (1e-2, 1e-3, 1e-4)
 """Accuracies of the contact solves of "auto", the cheapest first."""

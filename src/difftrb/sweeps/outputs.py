@@ -22,8 +22,8 @@ from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress
 from difftrb.scene import expected_loads
 from difftrb.scene.checks import of_one_shape
-from difftrb.scene.prepared import Solution
 from difftrb.scene.scene import LawName, PitchMean, Scene, healthy, is_auto, outer_law
+from difftrb.scene.solution import Solution
 from difftrb.scene.solving import by_table, prepare, solve
 from difftrb.sweeps.axes import Axis, number_at, replaced
 

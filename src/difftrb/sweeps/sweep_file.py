@@ -12,11 +12,10 @@ from typing import Any
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
-from difftrb.core import geometry
 from difftrb.core.messages import dotted, known, shown
 from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
-from difftrb.scene import scene_file
+from difftrb.scene import bearing_table, scene_file
 from difftrb.scene.scene_file import NoEquilibriumError, SceneFile
 from difftrb.sweeps import axes as axes_
 from difftrb.sweeps import outputs, sweeping
@@ -134,6 +133,7 @@ def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
 
 def _check_ends(content: dict[str, Any], made: tuple[Axis, ...], file: SweepFile) -> None:
     """Refuse an end of an axis that the scene's own checks refuse, as if it stood in the file."""
+    bearing_table.in_full(content, file.path)
     ends = [(key, float(end)) for axis in made for key, values in zip(axis.keys, axis.values, strict=True)
             for end in (values.min(), values.max())]  # fmt: skip
     for key, end in ends:
@@ -141,7 +141,7 @@ def _check_ends(content: dict[str, Any], made: tuple[Axis, ...], file: SweepFile
         *way, name = key.split(".")
         at: Any = changed
         for step in way:
-            at = at[int(step)] if isinstance(at, list) else _table(at, step)
+            at = at[int(step)] if isinstance(at, list) else at.setdefault(step, {})
         at[name] = end
         _check(changed, file)
 
@@ -155,9 +155,3 @@ def _check(content: dict[str, Any], file: SweepFile) -> None:
         return  # a member like others: NaN
     except SceneError as error:
         raise SweepError(str(error).removeprefix(f"{file.path}: ")) from None
-
-
-def _table(at: dict[str, Any], step: str) -> dict[str, Any]:
-    if step == "bearing" and isinstance(at.get(step), str):
-        at[step] = {k: v for k, v in dataclasses.asdict(geometry.bearing(at[step])).items() if v is not None}
-    return at.setdefault(step, {})

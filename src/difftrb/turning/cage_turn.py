@@ -1,0 +1,285 @@
+"""Stiffness, displacement and loads over the cage's angle, with their derivatives by the spalls' sizes.
+
+Cage phases are solved together: numbers of a plain ring by numpy, all phases as one axis; else by one program that is
+mapped over them. As the cage turns by Δ, the outer ring at rest, the inner ring turns by Δ / cage_share, and rollers
+spin by spin_share Δ against the cage: spalls on these surfaces move along.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.core import arrays as xp
+from difftrb.core import fields, geometry, implicit, status
+from difftrb.core.geometry import Real, TaperedBearing
+from difftrb.core.status import SceneError
+from difftrb.law.base import LAWS
+from difftrb.law.samples import Progress
+from difftrb.ring import effect, effects
+from difftrb.scene import checks, prepared, solving
+from difftrb.scene.scene import COARSEST, PitchMean, Scene, is_auto, is_plain, named
+from difftrb.turning.frequencies import cage_rate
+
+if TYPE_CHECKING:
+    from jax import Array
+    from jaxtyping import Complex, Float, Int
+
+PHASES = 64
+MOST = 4096
+FINEST = 1e-4
+"""Accuracy of contact solves that "auto" may need to fall back on."""
+Repeats = Literal["pitch", "turn", "never"]
+"""After which angle of the cage all is as before: one roller pitch, its whole turn (rollers differ), or none (spalls
+move along with the inner ring or with rollers)."""
+
+
+class Orders(NamedTuple):
+    """Fourier coefficients over what repeats: value(θ) = Re Σ c_n exp(i n θ), θ = 2π (cage − first)/span.
+
+    Attributes:
+      order: n, shape (orders,), from 0: multiples of BPFO, or of FTF where rollers differ.
+      stiffness: [N/mm], shape (orders, axes, axes). displacement: [mm], shape (orders, axes).
+    """
+
+    order: Int[Array, " orders"]
+    stiffness: Complex[Array, "orders axes axes"]
+    displacement: Complex[Array, "orders axes"]
+
+
+@fields.register
+@dataclasses.dataclass(frozen=True, repr=False)
+class CageTurn(status.Judged):
+    """A ring over the angle of its cage. All arrays have phases first.
+
+    Attributes:
+      cage: angle of roller 0 from the load line [rad], shape (phases,), evenly spaced, `span` apart in all.
+      displacement: radial, lateral, axial [mm] (with rings that tilt also about radial and lateral [rad]), shape
+        (phases, axes): the quasi-static waveform under the constant load.
+      loads: on the outer raceway [N], shape (phases, rollers).
+      stiffness: tangent dF/du [N/mm] (with tilt also [N/rad], [N mm/rad]), shape (phases, axes, axes).
+      by_length, by_width: derivatives of the stiffness by every spall's size [per mm], shape (phases, axes, axes,
+        spalls); None if they were not asked for.
+      status_code: of every phase, shape (phases,); `status` is the worst one's sentence.
+      span: angle of the cage that the phases divide [rad]. bearing: whose cage it is.
+      repeats: "pitch", "turn" or "never": see `Repeats`.
+    """
+
+    cage: Float[Array, " phases"]
+    displacement: Float[Array, "phases axes"]
+    loads: Float[Array, "phases rollers"]
+    stiffness: Float[Array, "phases axes axes"]
+    by_length: Float[Array, "phases axes axes spalls"] | None
+    by_width: Float[Array, "phases axes axes spalls"] | None
+    status_code: Int[Array, " phases"]
+    span: Real
+    bearing: TaperedBearing
+    repeats: Repeats = dataclasses.field(metadata={"static": True})
+
+    @property
+    def mean_stiffness(self) -> jax.Array:
+        """Over the phases [N/mm], shape (axes, axes)."""
+        return jnp.mean(self.stiffness, axis=0)
+
+    @property
+    def waveform(self) -> jax.Array:
+        """Displacement against its mean [mm], shape (phases, axes): what a sensor would see at creeping speed."""
+        return self.displacement - jnp.mean(self.displacement, axis=0, keepdims=True)
+
+    def time(self, speed_rpm: Real) -> jax.Array:
+        """When the cage is there [s], shape (phases,), from 0, the inner ring at `speed_rpm` and the outer at rest."""
+        return (self.cage - self.cage[0]) / cage_rate(self.bearing, speed_rpm)
+
+    def orders(self, highest: int = 16) -> Orders:
+        """Fourier orders 0 … `highest` (at most half the phases) of stiffness and displacement. Raises `SceneError` if
+        nothing repeats, or there are too few phases."""
+        if self.repeats == "never":
+            raise SceneError("orders: over this span of the cage's angle nothing repeats; leave span out, and spalls "
+                             "on the inner raceway and on rollers")  # fmt: skip
+        count = self.cage.shape[0]
+        if not 0 <= highest <= count // 2:
+            raise SceneError(f"highest = {highest}: must be a whole number in 0 … {count // 2}, half of the phases")
+
+        def coefficients(values: jax.Array) -> jax.Array:
+            found = jnp.fft.rfft(values, axis=0)[: highest + 1] / count
+            doubled = jnp.where((np.arange(highest + 1) > 0) & (2 * np.arange(highest + 1) < count), 2.0, 1.0)
+            return found * doubled.reshape(-1, *[1] * (values.ndim - 1))
+
+        return Orders(jnp.arange(highest + 1), coefficients(self.stiffness), coefficients(self.displacement))
+
+    def in_series(self, *others: Any) -> CageTurn:
+        """With springs in series, a shaft and a housing, say: each the stiffness of one [N/mm] along all axes, shape
+        (axes,), or a matrix, shape (axes, axes); radial, lateral, axial. The load stays: it passes through all.
+        Displacements stay those of the bearing."""
+        axes = self.stiffness.shape[-1]
+        give = sum((jnp.linalg.inv(_as_matrix(other, axes)) for other in others), jnp.zeros((axes, axes)))
+        own = jnp.eye(axes) + jnp.einsum("pij,jk->pik", self.stiffness, give)
+        total = jnp.linalg.solve(own, self.stiffness)  # (K⁻¹ + C)⁻¹ = (1 + K C)⁻¹ K
+        share = jnp.linalg.inv(own)  # dK_total = (1 + K C)⁻¹ dK (1 + C K)⁻¹
+
+        def through(slopes: jax.Array | None) -> jax.Array | None:
+            return None if slopes is None else jnp.einsum("pij,pjks,plk->pils", share, slopes, share)
+
+        by = through(self.by_length), through(self.by_width)
+        return dataclasses.replace(self, stiffness=total, by_length=by[0], by_width=by[1])
+
+    def __repr__(self) -> str:
+        """On one line."""
+        if not xp.are_numbers((self.cage, self.stiffness)):
+            return f"CageTurn(traced, {self.cage.shape[0]} phases)"
+        stiffness = np.asarray(self.stiffness)
+        parts = [f"{name} {stiffness[:, k, k].min():.6g} … {stiffness[:, k, k].max():.6g}"
+                 for k, name in ((0, "radial"), (2, "axial"))]  # fmt: skip
+        return f"CageTurn of {stiffness.shape[0]} phases: {', '.join(parts)} N/mm; {self.status}"
+
+
+def _as_matrix(stiffness: Any, axes: int) -> jax.Array:
+    given = jnp.asarray(stiffness, float)
+    if given.shape == (axes,):
+        return jnp.diag(given)
+    if given.shape == (axes, axes):
+        return given
+    raise SceneError(f"a stiffness in series has shape {given.shape}: give ({axes},) or ({axes}, {axes}) [N/mm]")
+
+
+# ------------------------------------------------------------------------------------------------ solving
+
+
+def stiffness(
+    scene: Scene, phases: int = PHASES, span: float | None = None, slopes: bool | None = None,
+    progress: Progress | None = None,
+) -> CageTurn:  # fmt: skip
+    """A scene over its cage's angle, from `scene.phase` on (from 0 for "mean").
+
+    `phases` is how many, 1…4096, default 64. `span` is the angle they divide [rad]: by default one roller pitch, after
+    which spalls on the outer raceway meet the next roller alike; where rollers differ the cage's whole turn; with
+    spalls on the inner raceway or a roller one turn of the inner ring. Law "auto" is "table" where that knows all
+    phases, else contacts are solved phase by phase, which takes minutes; `progress` is told. `slopes` asks for
+    derivatives by the spalls' sizes; default: where they cost next to nothing, of a plain ring's numbers.
+
+    Differentiable by every number of the scene, `jit` and `vmap` as `solve`. Raises `SceneError` as `solve`; phases
+    without a solution have NaN and a status.
+    """
+    if not isinstance(phases, int) or not 1 <= phases <= MOST:
+        raise SceneError(f"phases = {phases}: must be a whole number in 1 … {MOST}")
+    scene = checks.checked(scene)
+    start: Any = 0.0 if isinstance(scene.phase, PitchMean) else scene.phase
+    repeats, natural = _repetition(scene)
+    if span is not None:
+        repeats, natural = "never", span
+    spread = natural * (np.arange(phases) / phases)
+    found = _solved(dataclasses.replace(scene, phase=start), spread, slopes, progress)
+    return CageTurn(jnp.asarray(start + spread), *found, natural, scene.bearing, repeats)
+
+
+def _repetition(scene: Scene) -> tuple[Repeats, Real]:
+    if any(getattr(spall, "surface", "outer") != "outer" for spall in scene.spalls):
+        return "never", 2.0 * np.pi * geometry.cage_share(scene.bearing)
+    if effect.among(scene.effects, effects.Diameters) is not None:
+        return "turn", 2.0 * np.pi
+    return "pitch", geometry.roller_pitch(scene.bearing)
+
+
+class _Found(NamedTuple):
+    """As in `CageTurn`."""
+
+    displacement: Any
+    loads: Any
+    stiffness: Any
+    by_length: Any
+    by_width: Any
+    status_code: Any
+
+
+def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress | None) -> _Found:
+    """At the scene's phase and angles of the cage beyond it [rad], shape (phases,)."""
+    by_table = is_auto(scene)
+    kind = None if by_table else LAWS.get(getattr(scene.law, "name", ""))
+    if kind is not None and kind.one_scene:
+        return _one_by_one(scene, spread, progress)
+    ready = solving.by_table(scene) if by_table else solving.prepare(scene, progress)
+    numbers = xp.are_numbers((ready, spread))
+    if numbers and is_plain(ready) and slopes is not False:
+        found = _by_numbers(ready, spread)
+    elif slopes:
+        found = _with_slopes(ready, spread)
+    else:
+        found = _without_slopes(ready, spread)
+    if by_table and numbers and np.isin(np.asarray(found.status_code), solving.UNKNOWN).any():
+        accuracy = min(max(scene.accuracy, FINEST), COARSEST)
+        return _one_by_one(named(scene, "direct", accuracy), spread, progress)
+    return found
+
+
+def _by_numbers(scene: Scene, spread: Any) -> _Found:
+    """A plain ring at all phases at once, in numpy, with slopes."""
+    with np.errstate(all="ignore"):
+        numbers = xp.numbers(scene)
+        rest = _plain(np.asarray(spread, float), prepared.with_sizes_expanded(numbers))
+        by = xp.by(rest.tangent)
+    tangent, count = xp.value(rest.tangent), len(scene.spalls)
+    slopes = np.zeros((2 * count, *tangent.shape)) if by is None else by
+    slopes = np.moveaxis(slopes.reshape(count, 2, *tangent.shape), (0, 1), (-2, -1))
+    slopes = np.where(np.isnan(tangent)[..., None, None], np.nan, slopes)
+    parts = xp.values((rest.displacement, rest.loads, tangent, slopes[..., 0], slopes[..., 1], rest.status_code))
+    return _Found(*map(jnp.asarray, parts))
+
+
+def _without_slopes(scene: Scene, spread: Any) -> _Found:
+    """Any ring: a plain one by one expansion, whose derivatives outside `jit` compile nothing; else by a program."""
+    rest = implicit.expanded(partial(_plain, spread), scene) if is_plain(scene) else _mapped(scene, spread)
+    return _Found(rest.displacement, rest.loads, rest.tangent, None, None, rest.status_code)
+
+
+@jax.jit
+def _with_slopes(scene: Scene, spread: Any) -> _Found:
+    def at(sizes: jax.Array) -> tuple[jax.Array, _Found]:
+        spalls = (dataclasses.replace(s, length=v[0], width=v[1]) for s, v in zip(scene.spalls, sizes, strict=True))
+        found = _without_slopes(dataclasses.replace(scene, spalls=tuple(spalls)), spread)
+        return found.stiffness, found
+
+    sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
+    slopes, found = jax.jacfwd(at, has_aux=True)(sizes)
+    slopes = jnp.where(jnp.isnan(found.stiffness)[..., None, None], jnp.nan, slopes)
+    return found._replace(by_length=slopes[..., 0], by_width=slopes[..., 1])
+
+
+def _plain(spread: Any, scene: Scene) -> Any:
+    return prepared.at_phases(scene, xp.asarray(scene.phase) + spread)
+
+
+@jax.jit
+def _mapped(scene: Scene, spread: Any) -> Any:
+    return jax.vmap(lambda more: prepared.at_phase(turned := _turned(scene, scene.phase + more), turned.phase)[0])(
+        spread
+    )
+
+
+def _turned(scene: Scene, cage: Any) -> Scene:
+    """The scene with the cage at this angle, and spalls on inner raceway and roller moved along."""
+    turn = cage - scene.phase
+    ways = {"inner": 1.0 / geometry.cage_share(scene.bearing), "roller": -geometry.spin_share(scene.bearing)}
+    spalls = tuple(
+        spall if spall.surface == "outer"
+        else dataclasses.replace(spall, angle=geometry.turned(spall.angle + ways[spall.surface] * turn))
+        for spall in scene.spalls
+    )  # fmt: skip
+    return dataclasses.replace(scene, phase=cage, spalls=spalls)
+
+
+def _one_by_one(scene: Scene, spread: Any, progress: Progress | None) -> _Found:
+    """Contacts solved for each phase; needs numbers."""
+    if not xp.are_numbers((scene, spread)):
+        raise SceneError("contact.law = 'direct': solves contacts phase by phase and cannot be traced; use 'table'")
+    found = []
+    for k, more in enumerate(np.asarray(spread, float)):
+        ready = solving.prepare(_turned(scene, scene.phase + more))
+        found.append((_by_numbers if is_plain(ready) else _without_slopes)(ready, np.zeros(1)))
+        if progress is not None:
+            progress(k + 1, len(spread))
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *found)
