@@ -33,9 +33,11 @@ if TYPE_CHECKING:
     from difftrb.scene.scene import Scene, healthy
     from difftrb.scene.scene_file import load_scene
     from difftrb.scene.solving import assess, prepare, solve
-    from difftrb.sweeps.chunks import write_sweep
-    from difftrb.sweeps.gathered import Swept, load_sweep
-    from difftrb.sweeps.sweeping import sweep
+    from difftrb.sweeps.chunks import compute_chunk, write_sweep
+    from difftrb.sweeps.store import load_sweep
+    from difftrb.sweeps.sweep_file import load_plan
+    from difftrb.sweeps.sweeping import plan_sweep, sweep
+    from difftrb.sweeps.swept import Swept
 
 _HOMES = {
     "scene.audit": ("Audit", "verify"),
@@ -57,9 +59,11 @@ _HOMES = {
     "scene.prepared": ("Assessment", "Solution"),
     "scene.solving": ("assess", "prepare", "solve"),
     "core.status": ("DifftrbError", "SceneError", "SolveError", "SweepError"),
-    "sweeps.chunks": ("write_sweep",),
-    "sweeps.gathered": ("Swept", "load_sweep"),
-    "sweeps.sweeping": ("sweep",),
+    "sweeps.chunks": ("compute_chunk", "write_sweep"),
+    "sweeps.store": ("load_sweep",),
+    "sweeps.sweep_file": ("load_plan",),
+    "sweeps.sweeping": ("plan_sweep", "sweep"),
+    "sweeps.swept": ("Swept",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
