@@ -3,13 +3,13 @@
 python experiments/sweep_at_scale.py scale [LAW] [--members N] [--over bearings]   a tenth and all of N (1e6), 1 and 2
                                                                  devices
 python experiments/sweep_at_scale.py batch [LAW] [--over bearings]             members computed at once, one core
-python experiments/sweep_at_scale.py processes                   two processes over loopback: the same bytes as one
-python experiments/sweep_at_scale.py kills [TIMES]               kill -9 at random moments, resume: the same bytes
+python experiments/sweep_at_scale.py processes                   two processes on one store, timed against one
+python experiments/sweep_at_scale.py kills [TIMES]               kill -9 of one of two at random moments, resume
 python experiments/sweep_at_scale.py contacts [--out DIR]        Fig. 13 of the paper as a surface: 4096 solves
 
 `scale` sweeps length × width × phase × load, stiffness radial and axial with derivatives by length and width, into
 files, or over bearings: length × width × a roller's diameter × crown, derivatives by all four; every figure is of a
-fresh process whose law and program are in the cache, and ends with the file of all results.
+fresh process whose law and program are in the cache.
 Its last lines are the cost of larger sweeps and machines, from these measurements.
 """
 
@@ -22,7 +22,6 @@ import random
 import resource
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -42,8 +41,9 @@ from difftrb.core.machine import lanes_of
 from difftrb.report import plot
 from difftrb.scene import scene_file
 from difftrb.sweeps import chunks, sweep_plot, sweeping
-from difftrb.sweeps.gathered import labelled
 from difftrb.sweeps.plan import MOST_MEMBERS, Plan, Program
+from difftrb.sweeps.store import store_of
+from difftrb.sweeps.swept import coordinates_of, labelled, manifest_of
 
 NAMES, SIZES = ("radial_stiffness", "axial_stiffness"), ("spall.0.length", "spall.0.width")
 FILE = f"""{scene_file.example("spall")}
@@ -80,7 +80,7 @@ def plan(members: int, law: str, batch: int | None = None, over: str = "loads") 
         "spall.0.width": {"from": 3.0, "to": 10.0, "count": 20},
         **OVER[over],
     }
-    return sweeping.planned(NAMES, scene, axes, SIZES if over == "loads" else tuple(axes), batch=batch)
+    return sweeping.plan_sweep(NAMES, scene, axes, SIZES if over == "loads" else tuple(axes), batch=batch)
 
 
 def child(members: int, law: str, devices: int, over: str = "loads") -> dict[str, float]:
@@ -97,15 +97,14 @@ def child(members: int, law: str, devices: int, over: str = "loads") -> dict[str
         started = time.perf_counter()
         ended = chunks.run(made, Path(folder), devices=devices, progress=mark)
         seconds = time.perf_counter() - started
-        disk = sum(file.stat().st_size for file in Path(folder).iterdir())
+        disk = sum(file.stat().st_size for file in Path(folder).rglob("*") if file.is_file())
     (first, worked, had), (last, worked_at_last, done) = marks[1], marks[-1]
     return {
-        "members": made.layout.members,
+        "members": made.members,
         "failed": ended.failed,
         "seconds": seconds,
         "steady": 1e6 * (last - first) / max(1, done - had),
         "processor": 1e6 * (worked_at_last - worked) / max(1, done - had),
-        "gathering": seconds - (last - started),
         "before": before / 1e3,
         "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
         "disk": disk,
@@ -127,8 +126,8 @@ def scale(law: str, members: int, over: str) -> None:
         fresh(count, law, devices, over)  # compiles
         rows[count, devices] = row = fresh(count, law, devices, over)
         print(
-            f"{law}, {row['members']:,} members over {over}, {devices} devices: {row['seconds']:.2f} s, of which "
-            f"{row['gathering']:.2f} s for one file; {row['steady']:.2f} µs a member once running, "
+            f"{law}, {row['members']:,} members over {over}, {devices} devices: {row['seconds']:.2f} s; "
+            f"{row['steady']:.2f} µs a member once running, "
             f"{row['processor']:.2f} µs of processor time; peak {row['peak']:.0f} MB ({row['before']:.0f} at the "
             f"start); {row['failed']:,} without a solution",
             flush=True,
@@ -143,15 +142,13 @@ def larger(one: dict[str, float], members: float, cores: int = 64, gain: float =
     """A cost model on paper: of what one device was measured to take, for `cores` such devices and for `cards` that
     are assumed `gain` times as fast."""
     each, size, hours = one["steady"], one["disk"] / one["members"], one["steady"] * members / 3.6e9
-    rate = 0.5 * size * cards * gain / each
-    gathering = one["gathering"] / one["members"] * members / 60.0
+    rate = size * cards * gain / each
     return [
         f"on paper, {members:.0e} members:",
         f"  one CPU device {hours:.1f} h, {cores} of them {60.0 * hours / cores:.0f} min",
         f"  {cards} GPUs, if each is {gain:g} times a CPU device, {3600.0 * hours / gain / cards:.0f} s",
-        f"  disk {size * members / 1e9:.0f} GB, half in {members / MOST_MEMBERS:,.0f} chunks, half in one",
-        f"  what breaks first: such GPUs make {rate:.0f} MB/s of chunks, to be copied and written; one process then "
-        f"takes {gathering:.0f} min to put them into one file",
+        f"  disk {size * members / 1e9:.0f} GB in {members / MOST_MEMBERS:,.0f} chunks",
+        f"  what breaks first: such GPUs make {rate:.0f} MB/s of chunks, to be copied and written",
     ]
 
 
@@ -160,15 +157,15 @@ def batches(law: str, over: str) -> None:
     for batch in (64, 128, 256, 1024, 4096):
         made = plan(40_000, law, batch, over)
         program = Program(made, lanes_of(1))
-        program.parts([0])
+        program.calls([0])
         times = []
         for _ in range(3):
             started = time.perf_counter()
-            count = min(8, made.layout.blocks // made.part)
-            program.parts(range(count))
+            count = max(1, min(8, made.blocks.number // made.call))
+            program.calls(range(0, count * made.call, made.call))
             times.append(time.perf_counter() - started)
-        members = count * made.part * made.layout.size
-        print(f"{law}: {made.layout.size:6d} at once: {1e6 * min(times) / members:.2f} µs a member", flush=True)
+        members = count * made.call * made.blocks.size
+        print(f"{law}: {made.blocks.size:6d} at once: {1e6 * min(times) / members:.2f} µs a member", flush=True)
 
 
 def command(file: Path, out: Path, *more: str) -> list[str]:
@@ -177,10 +174,14 @@ def command(file: Path, out: Path, *more: str) -> list[str]:
 
 
 def same(one: Path, other: Path) -> list[str]:
-    """Names of chunks, manifests and results whose bytes differ, or that only one folder has."""
-    names = {p.name for folder in (one, other) for p in folder.iterdir() if p.suffix in (".npz", ".json")}
-    return sorted(n for n in names if not all((f / n).exists() for f in (one, other))
-                  or (one / n).read_bytes() != (other / n).read_bytes())  # fmt: skip
+    """Names of files of results whose bytes differ, or that only one folder has."""
+
+    def bytes_of(folder: Path) -> dict[str, bytes]:
+        return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*")
+                if path.is_file() and path.suffix not in (".png", ".svg")}  # fmt: skip
+
+    here, there = bytes_of(one), bytes_of(other)
+    return sorted(name for name in here.keys() | there.keys() if here.get(name) != there.get(name))
 
 
 def by_one(folder: Path, text: str) -> tuple[Path, float]:
@@ -192,44 +193,37 @@ def by_one(folder: Path, text: str) -> tuple[Path, float]:
     return file, time.perf_counter() - started
 
 
-def processes(folder: Path, text: str = FILE) -> list[str]:
-    """What differs between a sweep by one process and by two over loopback."""
+def started(file: Path, out: Path, *more: str) -> subprocess.Popen[bytes]:
+    """A process that sweeps."""
+    return subprocess.Popen(command(file, out, *more), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def processes(folder: Path, text: str = FILE) -> tuple[list[str], float]:
+    """What differs between a sweep by one process and by two that know nothing of each other; seconds of the two."""
     file, _ = by_one(folder, text)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    both = [
-        subprocess.Popen(
-            command(
-                file, folder / "two", "--coordinator", f"127.0.0.1:{port}", "--processes", "2", "--process", str(i)
-            ),
-            stdout=subprocess.DEVNULL,
-        )
-        for i in range(2)
-    ]
+    began = time.perf_counter()
+    both = [started(file, folder / "two", "--share", f"{i}/2", "--devices", "1") for i in (1, 2)]
     for process in both:
         process.wait(300)
-    return same(folder / "one", folder / "two")
+    return same(folder / "one", folder / "two"), time.perf_counter() - began
 
 
 def kills(folder: Path, times: int, text: str = FILE, longest: float | None = None) -> tuple[list[str], list[int]]:
-    """What differs between a sweep and one that was killed at `times` random moments and resumed; the number of chunks
-    that were there after each."""
+    """What differs between a sweep and one of two processes of which one was killed at `times` random moments; the
+    number of chunks that were there after each. The other finishes without being told."""
     file, seconds = by_one(folder, text)
-    longest, out = longest or seconds, folder / "killed"
-    there = []
-    for _ in range(times):
-        running = subprocess.Popen(command(file, out, "--resume"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    longest, there, differing = longest or seconds, [], set[str]()
+    for k in range(times):
+        out = folder / f"killed-{k}"
+        one, other = (started(file, out, "--share", f"{i}/2") for i in (1, 2))
         time.sleep(random.uniform(0.3, 1.0) * longest)
-        running.send_signal(signal.SIGKILL)
-        running.wait()
-        there.append(len(list(out.glob("chunk_*.npz"))))
-        if there[-1] == len(list((folder / "one").glob("chunk_*.npz"))):
-            for path in sorted(out.glob("chunk_*"))[1::2]:  # so that there is something left for the next
-                path.unlink()
-    subprocess.run(command(file, out, "--resume"), capture_output=True)
-    assert not list(out.glob("*.part"))
-    return same(folder / "one", out), there
+        one.send_signal(signal.SIGKILL)
+        one.wait()
+        there.append(int(store_of(out).done().sum()) if out.exists() and store_of(out).about else 0)
+        other.wait(300)
+        differing.update(same(folder / "one", out))
+        shutil.rmtree(out)
+    return sorted(differing), there
 
 
 def contacts(side: int = 64, accuracy: float = 1e-3, devices: int | None = None) -> tuple[trb.Swept, float, float]:
@@ -240,16 +234,16 @@ def contacts(side: int = 64, accuracy: float = 1e-3, devices: int | None = None)
         return trb.solve_contact(tree["contact"], 3000.0, tree["spall"], tree["offset"], accuracy)
 
     axes = {"offset": np.linspace(-0.7, 0.7, side), "spall.length": np.linspace(0.5, 8.0, side)}
-    made = sweeping.planned("approach", base, axes, batch=1, solved=solved)
+    made = sweeping.plan_sweep("approach", base, axes, batch=1, solved=solved)
     made = dataclasses.replace(made, units=made.units | {"offset": "mm"})
     program = Program(made, lanes_of(devices))
     started = time.perf_counter()
-    program.parts([0])
+    program.calls([0])
     compiled = time.perf_counter()
-    columns = [found for _, found in program.all(range(made.chunks))]
+    columns = [program.chunk(number) for number in range(made.chunks)]
     seconds = time.perf_counter() - compiled
     whole = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
-    return labelled(made, whole), compiled - started, seconds
+    return labelled(manifest_of(made), coordinates_of(made), whole), compiled - started, seconds
 
 
 def main() -> None:
@@ -278,7 +272,8 @@ def main() -> None:
         folder = Path(tempfile.mkdtemp())
         try:
             if options.what == "processes":
-                print(f"differing between one process and two: {processes(folder) or 'nothing'}")
+                differing, seconds = processes(folder)
+                print(f"differing between one process and two: {differing or 'nothing'}; the two took {seconds:.1f} s")
             else:
                 differing, there = kills(folder, int(more[0]) if more else 10)
                 print(f"after kills there were {there} chunks; differing in the end: {differing or 'nothing'}")

@@ -34,9 +34,11 @@ if TYPE_CHECKING:
     from difftrb.scene.scene_file import load_scene
     from difftrb.scene.solution import Assessment, Solution
     from difftrb.scene.solving import assess, prepare, solve
-    from difftrb.sweeps.chunks import write_sweep
-    from difftrb.sweeps.gathered import Swept, load_sweep
-    from difftrb.sweeps.sweeping import sweep
+    from difftrb.sweeps.chunks import compute_chunk, write_sweep
+    from difftrb.sweeps.store import load_sweep
+    from difftrb.sweeps.sweep_file import load_plan
+    from difftrb.sweeps.sweeping import plan_sweep, sweep
+    from difftrb.sweeps.swept import Swept
     from difftrb.turning import ross
     from difftrb.turning.cage_turn import CageTurn, stiffness
     from difftrb.turning.frequencies import DefectFrequencies, defect_frequencies
@@ -62,9 +64,11 @@ _HOMES = {
     "scene.solution": ("Assessment", "Solution"),
     "scene.solving": ("assess", "prepare", "solve"),
     "core.status": ("DifftrbError", "SceneError", "SolveError", "SweepError"),
-    "sweeps.chunks": ("write_sweep",),
-    "sweeps.gathered": ("Swept", "load_sweep"),
-    "sweeps.sweeping": ("sweep",),
+    "sweeps.chunks": ("compute_chunk", "write_sweep"),
+    "sweeps.store": ("load_sweep",),
+    "sweeps.sweep_file": ("load_plan",),
+    "sweeps.sweeping": ("plan_sweep", "sweep"),
+    "sweeps.swept": ("Swept",),
     "turning.cage_turn": ("CageTurn", "stiffness"),
     "turning.frequencies": ("DefectFrequencies", "defect_frequencies"),
 }

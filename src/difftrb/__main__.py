@@ -159,10 +159,10 @@ def _sweep(options: Any) -> int:
     from difftrb.report import remarks
     from difftrb.sweeps import chunks, sweep_file, sweeping
 
-    folder: Path = options.out
-    if folder is None and not options.dry_run:
+    out: str | None = options.out
+    if out is None and not options.dry_run:
         return terminal.refuse("sweep needs --out DIR, or --dry-run", EXIT_BAD_FILE)
-    machine.join(options.coordinator, options.processes, options.process)  # before anything is computed
+    share = machine.share_of(options.share)
     file = sweep_file.read(options.scene)
     if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
         light = remarks.light_contact_load if file.of_contact else remarks.light_ring_load
@@ -172,22 +172,24 @@ def _sweep(options: Any) -> int:
     terminal.say_picked(plan.base)
     if options.dry_run:
         with terminal.busy("measuring a small batch"):
-            print(sweeping.forecast(plan, options.devices, folder))
+            print(sweeping.forecast(plan, options.devices, out))
         return EXIT_OK
     with terminal.members("sweeping") as progress:
-        ended = chunks.run(plan, folder, file.text, options.resume, options.devices, progress, terminal.say)
-    if ended.file is not None:
+        ended = chunks.run(
+            plan, str(out), options.resume, options.devices, progress, terminal.say, share, options.scheduler
+        )
+    shown: Any = ended.shown
+    if shown is not None and "://" not in str(out):
         try:
             from difftrb.sweeps import sweep_plot
 
-            shown: Any = ended.shown
             names = [name for name in shown.values if not shown.own_dims[name]]
-            terminal.draw(folder, lambda _: ((name, sweep_plot.swept(shown, name)) for name in names))
+            terminal.draw(Path(str(out)), lambda _: ((name, sweep_plot.swept(shown, name)) for name in names))
         except OSError as error:
-            reason = f"{error.filename}: {error.strerror or error}: {ended.file.name} is whole, figures are missing"
+            reason = f"{error.filename}: {error.strerror or error}: {ended.where} is whole, figures are missing"
             reason += "; make room or allow writing there, and go on with --resume"
             return terminal.refuse(reason, EXIT_BAD_FILE)
-        print(ended.sentence(folder))
+    print(ended.sentence())
     return EXIT_OK if ended.failed == 0 else EXIT_NO_SOLUTION
 
 
@@ -290,14 +292,13 @@ COMMANDS = (
     )),
     Command("sweep", _sweep, "Many scenes: a scene file's [sweep] names axes, outputs and gradients.", (
         _option("scene", metavar="SCENE"),
-        _option("--out", metavar="DIR", type=Path, help="where chunks, manifest.json, sweep.nc and figures go"),
-        _option("--resume", action="store_true", help="go on with the sweep in DIR"),
+        _option("--out", metavar="DIR", help="where sweep.zarr and figures go: a folder, or a URL as s3://bucket/name"),
+        _option("--resume", action="store_true", help="go on with the sweep in DIR, also while others compute it"),
         _option("--dry-run", action="store_true", help="say members, memory, disk and time, and compute nothing"),
         _option("--devices", type=int, metavar="N", help="devices, or threads of a CPU, to use (default: all)"),
         _option("--batch", type=int, metavar="N", help="members computed at once (default: by size and platform)"),
-        _option("--coordinator", metavar="HOST:PORT", help="of several processes: where the first one listens"),
-        _option("--processes", type=int, metavar="N", help="of several processes: how many there are"),
-        _option("--process", type=int, metavar="I", help="of several processes: this one's number, from 0"),
+        _option("--share", metavar="I/N", help="of N processes on one DIR: where this one begins (default: Slurm's)"),
+        _option("--scheduler", metavar="ADDRESS", help="compute on a Dask cluster, say tcp://host:8786, or local"),
     )),
     Command("explore", _explore, "A page on this machine with sliders for spall, loads and phase (no SCENE: as run).", (
         SCENE,

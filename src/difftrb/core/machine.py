@@ -1,4 +1,4 @@
-"""What computes here: cores, memory, time, a yardstick; and the devices, threads and processes of a sweep."""
+"""What computes here: cores, memory, time, a yardstick; and the devices, threads and share of a sweep."""
 
 from __future__ import annotations
 
@@ -17,9 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core.status import SweepError
-
-COORDINATOR, PROCESSES, PROCESS = "JAX_COORDINATOR_ADDRESS", "JAX_NUM_PROCESSES", "JAX_PROCESS_ID"
-"""Environment variables for `join`."""
 
 
 def yardstick_work(size: int = 512) -> Callable[[], Any]:
@@ -107,54 +104,16 @@ def accelerator() -> Any:
     return next((device for device in jax.local_devices() if device.platform != "cpu"), None)
 
 
-def join(
-    coordinator: str | None = None,
-    processes: int | None = None,
-    process: int | None = None,
-    environment: Mapping[str, str] = os.environ,
-) -> None:
-    """Make this process one of several that share a sweep; before the first computation. Alone it does nothing.
-
-    Args:
-      coordinator: address and port of the first process, "10.0.0.1:1234". processes: how many there are. process: the
-        number of this one, from 0. Default: the environment variables above; under Slurm and the like all three are
-        found by JAX itself.
-
-    Raises `SweepError` if some are missing or wrong, or the coordinator does not answer.
-    """
-    coordinator = coordinator or environment.get(COORDINATOR)
-    count = processes if processes is not None else _whole(environment, PROCESSES)
-    number = process if process is not None else _whole(environment, PROCESS)
-    if coordinator is None and count is None and number is None:
-        if int(environment.get("SLURM_NTASKS", "1")) > 1 and "SLURM_PROCID" in environment:
-            jax.distributed.initialize()
-        return
-    if coordinator is None or count is None or number is None:
-        raise SweepError("several processes need all of --coordinator HOST:PORT, --processes N and --process I "
-                         f"(or {COORDINATOR}, {PROCESSES} and {PROCESS})")  # fmt: skip
-    if not 0 <= number < count:
-        raise SweepError(f"process = {number}: must be in 0 … {count - 1}, for {count} processes")
-    if coordinator.count(":") < 1 or not coordinator.rpartition(":")[2].isdigit():
-        raise SweepError(f"coordinator = {coordinator!r}: must be HOST:PORT")
-    if count > 1:
-        try:
-            jax.distributed.initialize(coordinator, count, number)
-        except RuntimeError as error:
-            raise SweepError(f"coordinator = {coordinator!r}: {str(error).splitlines()[0]}") from None
-
-
-def _whole(environment: Mapping[str, str], name: str) -> int | None:
-    text = environment.get(name)
-    if text is None:
-        return None
-    if not text.isdigit():
-        raise SweepError(f"{name} = {text!r}: must be a whole number")
-    return int(text)
-
-
-def wait(point: str) -> None:
-    """For all processes to come to this point."""
-    if jax.process_count() > 1:
-        from jax.experimental import multihost_utils
-
-        multihost_utils.sync_global_devices(f"difftrb {point}")
+def share_of(given: str | None, environment: Mapping[str, str] = os.environ) -> tuple[int, int] | None:
+    """This process's number and how many there are, from "I/N", by default of a task of a Slurm array or step; None
+    alone. Raises `SweepError`."""
+    if given is None and "SLURM_ARRAY_TASK_ID" in environment:
+        task, first, last, step = (int(environment.get(f"SLURM_ARRAY_TASK_{name}", default))
+                                   for name, default in (("ID", 0), ("MIN", 0), ("MAX", 0), ("STEP", 1)))  # fmt: skip
+        given = f"{(task - first) // step + 1}/{(last - first) // step + 1}"
+    elif given is None and "SLURM_PROCID" in environment:
+        given = f"{int(environment['SLURM_PROCID']) + 1}/{environment.get('SLURM_NTASKS', '1')}"
+    number, _, many = (given or "1/1").partition("/")
+    if not (number.isdecimal() and many.isdecimal() and 1 <= int(number) <= int(many)):
+        raise SweepError(f"--share {given}: must be I/N, this process's number and how many there are, say 1/4 … 4/4")
+    return (int(number), int(many)) if given and int(many) > 1 else None

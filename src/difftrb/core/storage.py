@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+import time
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -76,10 +77,12 @@ def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
         raise OSError(error.errno, error.strerror, str(target)) from None
 
 
-def leftovers(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Scratch files in a folder that nobody finished, if nobody writes there now, each after the name it was for."""
-    for scratch in folder.glob(f"*-*{SCRATCH}"):
-        yield scratch.name.rpartition("-")[0], scratch
+def remove_leftovers(folder: Path, pattern: str, seconds: float = 3600.0) -> None:
+    """Remove scratch files that nobody has written to for so long: their process was killed."""
+    for scratch in folder.rglob(pattern):
+        with contextlib.suppress(OSError):  # another process removes it, or ends it well
+            if time.time() - scratch.stat().st_mtime > seconds:
+                scratch.unlink()
 
 
 def _umask() -> int:

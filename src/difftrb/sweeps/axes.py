@@ -251,44 +251,86 @@ def check(tree: Any, axes: Sequence[Axis], gradients: Sequence[str] = ()) -> dic
     return units
 
 
-# ------------------------------------------------------------------------------------------------ members and blocks
+# ------------------------------------------------------------------------------------------------ boxes of members
 
 
-class Layout:
-    """Members, numbered with the last axis changing fastest, cut into blocks that are computed at once.
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """Members, numbered with the last axis changing fastest, cut into boxes of one shape: blocks, and chunks of them.
 
-    A block is a part of one axis times all axes behind it, at one place of those before it. So what does not change
-    inside a block is computed once. Blocks depend on axes and `batch` alone, not on files, devices or processes.
+    A box is a part of one axis times all axes behind it, at one place of those before it. So its members follow one
+    another, and what does not change inside it is computed once. Boxes at the end of the cut axis may be shorter.
 
     Attributes:
-      counts: values of every axis. members: of the whole sweep. split: the axis that is cut into `parts`.
-      behind: members for one value of that axis. part: its values in a block; the last part may be short, and is
-        filled up. blocks: number of blocks. size: members of a block, with those that fill it up.
+      counts: values of every axis. shape: of them in a box: 1 before the cut axis, all behind it.
     """
 
-    def __init__(self, counts: tuple[int, ...], batch: int) -> None:
-        """Cut so that a block has `batch` members at most, or one value of the axis that is cut."""
-        self.counts, self.members = counts, math.prod(counts)
-        long = (i for i in range(len(counts) - 1, 0, -1) if math.prod(counts[i:]) >= batch)
-        self.split = next(long, 0)
-        self.behind = math.prod(counts[self.split + 1 :])
-        self.parts = -(-counts[self.split] // max(1, batch // self.behind))
-        self.part = -(-counts[self.split] // self.parts)
-        self.blocks = math.prod(counts[: self.split]) * self.parts
-        self.size = self.part * self.behind
+    counts: tuple[int, ...]
+    shape: tuple[int, ...]
 
-    def first(self, block: int) -> int:
-        """The first member of a block; `members` for the block behind the last."""
-        before, part = divmod(block, self.parts)
-        count = self.counts[self.split]
-        return (before * count + min(part * self.part, count)) * self.behind
+    @classmethod
+    def of(cls, counts: tuple[int, ...], most: int, unit: tuple[int, ...] | None = None) -> Grid:
+        """Cut into boxes of `most` members or about one value of the cut axis, each of whole boxes of shape `unit`."""
+        cut = next((i for i in range(len(counts) - 1, 0, -1) if math.prod(counts[i:]) >= most), 0)
+        parts = up(counts[cut], max(1, most // math.prod(counts[cut + 1 :])))
+        step = unit[cut] if unit else 1
+        return cls(counts, (*(1,) * cut, up(up(counts[cut], parts), step) * step, *counts[cut + 1 :]))
 
-    def places(self, block: jax.Array) -> list[jax.Array]:
-        """Places on every axis: shape () before the cut axis, else (values,). Works inside jit."""
-        before, part = block // self.parts, block % self.parts
-        outer: list[jax.Array] = []
-        for count in reversed(self.counts[: self.split]):
-            outer.append(before % count)
-            before = before // count
-        inside = jnp.minimum(part * self.part + jnp.arange(self.part), self.counts[self.split] - 1)
-        return [*reversed(outer), inside, *(jnp.arange(count) for count in self.counts[self.split + 1 :])]
+    @property
+    def boxes(self) -> tuple[int, ...]:
+        """Number of boxes along every axis."""
+        return tuple(map(up, self.counts, self.shape))
+
+    @property
+    def number(self) -> int:
+        """Of boxes."""
+        return math.prod(self.boxes)
+
+    @property
+    def size(self) -> int:
+        """Members of a whole box."""
+        return math.prod(self.shape)
+
+    @property
+    def split(self) -> int:
+        """The first axis with several values in a box; the last if there is none."""
+        return next((i for i, size in enumerate(self.shape) if size > 1), len(self.shape) - 1)
+
+    def place(self, box: Any) -> list[Any]:
+        """Where a box is, counted in boxes along every axis. Works inside jit."""
+        places = []
+        for number in reversed(self.boxes):
+            places.append(box % number)
+            box = box // number
+        return places[::-1]
+
+    def slices(self, box: int) -> tuple[slice, ...]:
+        """The values of a box on every axis."""
+        found = zip(self.place(box), self.shape, self.counts, strict=True)
+        return tuple(slice(place * size, min((place + 1) * size, count)) for place, size, count in found)
+
+    def members(self, box: int) -> range:
+        """Numbers of the members of a box."""
+        first, many = 0, 1
+        for part, count in zip(self.slices(box), self.counts, strict=True):
+            first, many = first * count + part.start, many * (part.stop - part.start)
+        return range(first, first + many)
+
+    def within(self, slices: tuple[slice, ...]) -> range:
+        """Boxes inside a box of another grid, which has whole ones of this."""
+        first, many = 0, 1
+        for part, size, number in zip(slices, self.shape, self.boxes, strict=True):
+            first, many = first * number + part.start // size, many * up(part.stop - part.start, size)
+        return range(first, first + many)
+
+    def values(self, box: jax.Array) -> list[jax.Array]:
+        """Places of a box's values on every axis: shape () before `split`, else (values,), the last one again for those
+        that are missing. Works inside jit."""
+        ends = zip(self.place(box), self.shape, self.counts, strict=True)
+        return [place if i < self.split else jnp.minimum(place * size + jnp.arange(size), count - 1)
+                for i, (place, size, count) in enumerate(ends)]  # fmt: skip
+
+
+def up(count: int, size: int) -> int:
+    """How many boxes of this size hold so many."""
+    return -(-count // size)

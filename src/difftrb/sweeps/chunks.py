@@ -1,39 +1,31 @@
-"""A sweep on disk: one file per chunk, written whole or not at all, and at the end one file with everything.
-
-`manifest.json` says what is swept and in which chunks. A chunk's file is named after its number, and holds the
-manifest's identity. So after any interruption the files that are there say what is left to do.
-"""
+"""A sweep into a store, chunk by chunk: in threads here, beside any number of processes, or by Dask's workers."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import hashlib
-import json
-import re
+import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from importlib import metadata
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-import jax
 import numpy as np
 
 from difftrb.core import status, storage
-from difftrb.core.machine import lanes_of, wait
+from difftrb.core.machine import cores, lanes_of
 from difftrb.core.status import SweepError
-from difftrb.law.base import Law
-from difftrb.scene.scene import Scene
-from difftrb.sweeps import gathered, sweeping
-from difftrb.sweeps.axes import Axis
-from difftrb.sweeps.gathered import MANIFEST, RESUME, WHOLE, Swept, counted, labelled
+from difftrb.sweeps import sweeping
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import Plan, Program, check_names, front
+from difftrb.sweeps.plan import KEPT, Plan, Program, check_names, front, in_turn
+from difftrb.sweeps.store import INSTALL, RESUME, Npz, Zarr, store_of
+from difftrb.sweeps.swept import Swept, coordinates_of, counted, labelled, manifest_of
 
-FORMAT = 2
-LISTED = 10_000
-"""Values of an axis, at most, that are listed in the manifest."""
+TASKS = 10_000
+"""Chunks that a scheduler knows at once."""
+RETRIES = 3
+"""How often a chunk is tried again that failed on a worker."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,13 +33,13 @@ class Ended:
     """What became of a sweep.
 
     Attributes:
-      counts: members by the sentence of their status. computed: chunks that were computed now.
-      file: with all results. shown: those of `plan.front`. Both None in processes but the first.
+      counts: members by the sentence of their status. computed: chunks that were computed now. where: the store.
+      shown: results of `plan.front`; None in processes with a share but the first.
     """
 
     counts: dict[str, int]
     computed: int
-    file: Path | None = None
+    where: str
     shown: Swept | None = None
 
     @property
@@ -55,224 +47,233 @@ class Ended:
         """Members without a solution."""
         return sum(self.counts.values()) - self.counts.get(status.describe(status.CONVERGED), 0)
 
-    def sentence(self, folder: Path | str) -> str:
-        """All of it in words; results are in `folder`."""
+    def sentence(self) -> str:
+        """All of it in words."""
         members = sum(self.counts.values())
         lines = [f"{members:,} members, {members - self.failed:,} converged, {self.failed:,} without a solution (NaN)"]
         lines += [f"{count:,}: {sentence}" for sentence, count in self.counts.items() if sentence != "converged"]
-        lines.append(f"written to {folder}: {self.file.name if self.file else 'chunks'}, manifest.json, figures")
-        return "\n".join(lines)
-
-
-def manifest_of(plan: Plan, text: str = "") -> dict[str, Any]:
-    """All about a sweep but its results: axes, units, versions, law, chunks. The same in every process.
-
-    Its identity is a digest of all the rest and of every number that goes in. `text` is the scene file's.
-    """
-    law = cast(Law, plan.base.law) if isinstance(plan.base, Scene) else None
-    dims = plan.own_dims
-    about: dict[str, Any] = {
-        "format": FORMAT,
-        "scene": text,
-        "title": plan.title,
-        "axes": [{"keys": list(a.keys), "count": a.count, **_values(a)} for a in plan.axes],
-        "gradients": list(plan.gradients),
-        "outputs": {name: {"dims": dims[name], "shape": plan.shapes[name].shape} for name in plan.names},
-        "units": plan.all_units,
-        "statuses": {str(code): sentence for code, sentence in status.SENTENCES.items()},
-        "versions": {name: metadata.version(name) for name in ("difftrb", "jax", "jaxlib", "numpy")},
-        "platform": jax.default_backend(),
-        "law": law and {"name": law.name, "error": _number(law.error), "loads": [_number(v) for v in law.load_range]},
-        "members": plan.layout.members,
-        "batch": plan.batch,
-        "chunks": {"count": plan.chunks, "blocks": plan.chunk, "block": plan.layout.size, "first_file": _name(0)},
-    }
-    about = json.loads(json.dumps(about))  # as it comes back from disk
-    digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
-    base = dataclasses.replace(plan.base, picked=None) if isinstance(plan.base, Scene) else plan.base  # it holds times
-    digest.update(repr(jax.tree.structure(base)).encode())
-    for leaf in jax.tree.leaves(base):
-        is_number = isinstance(leaf, jax.Array | np.ndarray | float | int)
-        digest.update(np.asarray(leaf, float).tobytes() if is_number else repr(leaf).encode())
-    return about | {"identity": digest.hexdigest()}
-
-
-def _values(axis: Axis) -> dict[str, Any]:
-    """An axis's values, or a digest of long ones; the file with everything has them all."""
-    digest = hashlib.sha256(axis.values.tobytes()).hexdigest()
-    return {"values": axis.values.tolist()} if axis.count <= LISTED else {"digest": digest}
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _name(chunk: int) -> str:
-    return f"chunk_{chunk:06d}.npz"
+        return "\n".join([*lines, f"written to {self.where}"])
 
 
 def run(
     plan: Plan,
-    folder: Path,
-    text: str = "",
+    out: str | Path,
     resume: bool = False,
     devices: int | None = None,
     progress: Callable[[int, int, int], None] | None = None,
     say: Callable[[str], None] | None = None,
+    share: tuple[int, int] | None = None,
+    scheduler: str | None = None,
 ) -> Ended:
-    """Compute a sweep into `folder`: chunks, `manifest.json` and, at the end, `sweep.nc` or `sweep.npz`.
+    """Compute a sweep into a store in the folder, or behind the URL, `out`.
 
     Args:
-      plan: from `sweeping.planned`. text: the scene file's, kept in the manifest.
-      resume: go on with what is there; damaged files are made again. Without it a folder with a sweep is refused.
-      devices: see `machine.lanes_of`.
-      progress: told how many of how many members are done in this process, and how many of them have no solution.
+      plan: from `sweeping.plan_sweep`.
+      resume: go on with what is there, beside others that do; damaged chunks are made again. Without it, and without a
+        share, a store with a sweep is refused.
+      devices: of this process, see `machine.lanes_of`; of each of Dask's workers, there 1 by default.
+      progress: told how many of how many members are done, and how many of them have no solution.
       say: told sentences on what is made again.
+      share: (i, n), i in 1 … n: begin with this part of the chunks. Then what is left of the others is taken, too; what
+        others have done is not read, and not counted.
+      scheduler: address of a Dask scheduler, or "local" for one here; its workers have to reach `out`.
 
-    With `jax.distributed` every process writes its own chunks, the first one the rest. Raises `SweepError`: what is
-    written stays, and stays good.
+    Raises `SweepError`: what is written stays, and stays good.
     """
-    manifest = manifest_of(plan, text)
-    netcdf, lanes = gathered.has_netcdf(), lanes_of(devices)  # known before anything is written
-    _check(plan, folder, manifest, resume)
-    wait("sweep: checked")
-    mine = range(jax.process_index(), plan.chunks, jax.process_count())
-    with _stays_good(folder, plan):
-        _begin(folder, manifest)
-        left, counts = _left(plan, folder, manifest, mine, say) if resume else (mine, Counter())
-    of = plan.layout.members
-    if jax.process_count() > 1:
-        of = sum(last - first for first, last in map(plan.members, mine))
+    lanes = lanes_of(None if scheduler else devices)  # known before anything is written
+    store, done = _begun(plan, out, resume or share is not None)
+    first, last = ((share[0] + i) * plan.chunks // share[1] for i in (-1, 0)) if share else (0, plan.chunks)
+    counts, computed, ready, met = Counter(), 0, 0, threading.Event()
 
     def tell() -> None:
         if progress is not None:
-            progress(counts.total(), of, counts.total() - counts[status.CONVERGED])
+            progress(ready, plan.members, counts.total() - counts[status.CONVERGED])
+
+    def own(chunk: int) -> bool:
+        return first <= chunk < last
+
+    def engine() -> contextlib.AbstractContextManager[tuple[Any, ...]]:
+        if scheduler:
+            return _workers(scheduler, plan, store, devices or 1)
+        program = Program(plan, lanes)
+        return program.ahead(lambda chunk: _taken(program.chunk, store, chunk, own(chunk)))
 
     tell()
-    with _stays_good(folder, plan), contextlib.closing(Program(plan, lanes).all(left)) as columns:
-        for chunk, found in columns:
-            extra = {"identity": np.array(manifest["identity"]), "first": np.array(plan.members(chunk)[0])}
-            storage.write(folder / _name(chunk), found | extra)
-            counts.update(found[STATUS].tolist())
+    order = _order(done, range(first, last) if share or not done.any() else range(0), met)
+    with _stays_good(store, plan), contextlib.ExitStack() as stack:
+        submit, *more = stack.enter_context(engine())
+        for chunk, found, what in in_turn(submit, order, *more):
+            computed += what != THERE
+            ready += len(plan.grid.members(chunk))
+            counts.update(found)
+            if what == THERE and not own(chunk):
+                met.set()
+            if what == DAMAGED and say is not None:
+                say(f"{store.where}: chunk {chunk} is damaged: computed again")
             tell()
-    wait("sweep: computed")
-    if jax.process_index():
-        return Ended(counted(counts), len(left))
-    with _stays_good(folder, plan):
-        file, all_counts, shown = _gathered(plan, folder, manifest, netcdf)
-    return Ended(counted(all_counts), len(left), file, shown)
+        shown = _shown(plan, store) if share is None or share[0] == 1 else None
+    return Ended(counted(counts), computed, store.where, shown)
 
 
-def _check(plan: Plan, folder: Path, manifest: dict[str, Any], resume: bool) -> None:
-    """Refuse a sweep that cannot be written into `folder`, before anything is computed."""
-    check_names(plan)
-    _refuse_others(folder, manifest, resume)
-    sweeping.check_chunks(plan)
-    with _stays_good(folder, plan):
-        sweeping.check_disk(plan, folder, _there(folder) if resume else 0)
+THERE, NEW, DAMAGED = "there", "new", "damaged"
+Taken = tuple[int, Counter, str]
+"""Of a chunk: its number, its members by status where they were read, and how it was found."""
 
 
-def _begin(folder: Path, manifest: dict[str, Any]) -> None:
-    """Write the manifest, in the first process, and remove this process's files that were left half written."""
-    if jax.process_index() == 0:
-        folder.mkdir(parents=True, exist_ok=True)
-        with storage.replacing(folder / MANIFEST) as scratch:
-            scratch.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
-    for name, scratch in storage.leftovers(folder):
-        chunk = re.fullmatch(r"chunk_(\d+)\.npz", name)
-        owner = int(chunk[1]) % jax.process_count() if chunk else 0 if name in (MANIFEST, *WHOLE) else None
-        if owner == jax.process_index():
-            scratch.unlink()
+def _taken(compute: Callable[[int], storage.Arrays], store: Npz | Zarr, chunk: int, read: bool) -> Taken:
+    """Have a chunk in the store: computed, if it is not there or, where that is to be found out, damaged."""
+    what = NEW
+    if store.has(chunk):
+        if not read:
+            return chunk, Counter(), THERE
+        if (found := store.read(chunk)) is not None:
+            return chunk, Counter(found[STATUS].tolist()), THERE
+        what = DAMAGED
+    store.write(chunk, found := compute(chunk))
+    return chunk, Counter(found[STATUS].tolist()), what
 
 
-def _left(
-    plan: Plan, folder: Path, manifest: dict[str, Any], mine: Sequence[int], say: Callable[[str], None] | None
-) -> tuple[list[int], Counter]:
-    """Of the chunks `mine` those that are missing or damaged, and the members of the others by status."""
-    left, counts = [], Counter()
-    for chunk in mine:
-        path = folder / _name(chunk)
-        if (found := _read_chunk(path, plan, manifest, chunk)) is not None:
-            counts.update(found[STATUS].tolist())
-            continue
-        if path.exists() and say is not None:
-            say(f"{path} is damaged: computed again")
-        left.append(chunk)
-    return left, counts
+def _order(done: np.ndarray, own: range, met: threading.Event) -> Iterator[int]:
+    """All chunks, each once: first this process's own; then from where nobody was before until others are met."""
+    given, random = np.zeros(len(done), bool), np.random.default_rng()
+    given[own.start : own.stop] = True
+    yield from own
+    met.clear()
+    while not given.all():
+        left = np.flatnonzero(~given & ~done) if not (given | done).all() else np.flatnonzero(~given)
+        for chunk in range(int(random.choice(left)), len(given)):
+            if given[chunk] or met.is_set():
+                break
+            given[chunk] = True
+            yield chunk
+        met.clear()
 
 
-def _gathered(plan: Plan, folder: Path, manifest: dict[str, Any], netcdf: bool) -> tuple[Path, Counter, Swept]:
-    """Path of the file with everything, the members by status, and the results along the first one or two axes."""
-
-    def pieces(names: Sequence[str] | None = None) -> Iterator[tuple[int, storage.Arrays]]:
-        for chunk in range(plan.chunks):
-            found = _read_chunk(folder / _name(chunk), plan, manifest, chunk, names)
-            if found is None:
-                raise SweepError(f"{folder / _name(chunk)}: is missing or damaged; {RESUME}")
-            yield plan.members(chunk)[0], found
-
-    plane, members = front(plan)
-    file, counts, taken = folder, Counter(), {name: [] for name in plan.shapes}
-    for file, first, found in gathered.write(plan, folder, manifest, pieces, netcdf):  # noqa: B007
-        counts.update(found[STATUS].tolist())
-        low, high = np.searchsorted(members, (first, first + len(found[STATUS])))
-        for name, array in found.items():
-            taken[name].append(array[members[low:high] - first])
-    return file, counts, labelled(plane, {name: np.concatenate(arrays) for name, arrays in taken.items()}, manifest)
-
-
-def _there(folder: Path) -> int:
-    """Number of chunks in a folder, which need not exist; damaged ones count."""
-    return sum(1 for _ in folder.glob("chunk_*.npz"))
+# ------------------------------------------------------------------------------------------------ workers
 
 
 @contextlib.contextmanager
-def _stays_good(folder: Path, plan: Plan) -> Iterator[None]:
-    """Errors of the disk, and of packages that are gone, become a `SweepError` that says what is written."""
+def _workers(address: str, plan: Plan, store: Npz | Zarr, devices: int) -> Iterator[tuple[Any, int, Any]]:
+    """For `in_turn`: Dask's workers. A chunk whose worker dies is given to another."""
+    try:
+        import distributed  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise SweepError("--scheduler needs dask.distributed: pip install 'difftrb[cluster]'") from None
+    with contextlib.ExitStack() as stack:
+        try:
+            if address == "local":
+                local: Any = distributed.LocalCluster(n_workers=max(1, cores() // devices), threads_per_worker=1)
+                address = stack.enter_context(local).scheduler_address
+            client = stack.enter_context(distributed.Client(address))
+        except (OSError, ValueError) as error:
+            raise SweepError(f"--scheduler {address}: {str(error).splitlines()[0]}") from None
+        both = client.submit(_given, plan, store, pure=False)  # sent once, and made again where a worker has lost it
+
+        def alive() -> None:
+            link = client.scheduler_comm
+            if client.status != "running" or link is None or link.comm is None or link.comm.closed():
+                raise OSError(None, "the scheduler is gone", address)
+
+        task = partial(_task, devices=devices)
+        yield lambda chunk: client.submit(task, both, chunk, pure=False, retries=RETRIES), TASKS, alive
+
+
+def _given(plan: Plan, store: Npz | Zarr) -> tuple[Plan, Npz | Zarr]:
+    return plan, store
+
+
+def _task(both: tuple[Plan, Npz | Zarr], chunk: int, devices: int) -> Taken:
+    plan, store = both
+    return _taken(_program(plan, devices).chunk, store, chunk, True)
+
+
+@lru_cache(maxsize=KEPT)
+def _program(plan: Plan, devices: int | None) -> Program:
+    return Program(plan, lanes_of(devices))
+
+
+def compute_chunk(
+    plan: Plan, chunk: int, out: str | Path | None = None, devices: int | None = None
+) -> dict[str, np.ndarray]:
+    """One chunk of a sweep, for engines such as Ray, Parsl or Slurm's arrays; may run anywhere, any time, twice.
+
+    Args:
+      plan: from `plan_sweep` or `load_plan`. chunk: number, in 0 … `plan.chunks` − 1.
+      out: folder or URL. A chunk that is sound there is read, another one is computed and written there. Default: it is
+        computed.
+      devices: as in `sweep`.
+
+    Returns columns by name, shape (members, …): results, derivatives ("radial_stiffness_by_spall.0.length") and
+    "status_code". Raises `SweepError`.
+    """
+    if not 0 <= chunk < plan.chunks:
+        raise SweepError(f"chunk = {chunk}: must be in 0 … {plan.chunks - 1}")
+    status.require_float64()
+    program = _program(plan, devices)
+    if out is None:
+        return program.chunk(chunk)
+    store, _ = _begun(plan, out, True)
+    with _stays_good(store, plan):
+        _taken(program.chunk, store, chunk, True)
+        return store.whole(chunk)
+
+
+# ------------------------------------------------------------------------------------------------ stores
+
+
+def _begun(plan: Plan, out: str | Path, resume: bool) -> tuple[Npz | Zarr, np.ndarray]:
+    """The store for a plan, and which chunks are there. Refuses what cannot be written, before anything is computed."""
+    check_names(plan)
+    sweeping.check_chunks(plan)
+    about = manifest_of(plan)
+    with _stays_good(out, plan):
+        store = store_of(out)
+        theirs = store.about
+        if store.identity and not resume:
+            raise SweepError(f"{out}: holds a sweep already; {RESUME}, or name another folder")
+        if store.identity and store.identity != about["identity"]:
+            words = {"scene": "of another scene file", "axes": "over other axes", "columns": "of other outputs",
+                     "gradients": "with other gradients", "versions": "with other versions of difftrb, jax or numpy",
+                     "platform": "on another platform", "batch": "with another batch"}  # fmt: skip
+            what = next((words[key] for key in words if theirs.get(key) != about[key]), "of a scene with other numbers")
+            raise SweepError(f"{out}: the sweep there is {what}; undo the change, or name another folder")
+        store.about = about
+        done = store.done()
+        sweeping.check_disk(plan, str(out), int(done.sum()))
+        store.begin(about, coordinates_of(plan))
+    return store, done
+
+
+@contextlib.contextmanager
+def _stays_good(store: Npz | Zarr | str | Path, plan: Plan) -> Iterator[None]:
+    """Errors of the disk or bucket, and of packages that are gone, become a `SweepError` that says what is written."""
     try:
         yield
     except (OSError, ImportError) as error:
-        there = _there(folder)
-        mend = gathered.INSTALL if isinstance(error, ImportError) else "make room or allow writing there"
+        there = 0
+        if isinstance(store, Npz | Zarr):
+            with contextlib.suppress(OSError, ImportError):
+                there = int(store.done().sum())
+        mend = INSTALL if isinstance(error, ImportError) else "make room or allow writing there"
         what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
+        where = getattr(store, "where", store)
         named = str(getattr(error, "filename", None) or storage.SCRATCH)
-        where = folder if named.endswith(storage.SCRATCH) else named
+        where = where if named.endswith((storage.SCRATCH, ".partial")) else named
         why = getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise SweepError(f"{where}: {why}: {what if there else 'nothing is written'}") from None
 
 
-def _refuse_others(folder: Path, manifest: dict[str, Any], resume: bool) -> None:
-    """Refuse a folder with another sweep and, unless it is resumed, with this one."""
-    path = folder / MANIFEST
-    if folder.exists() and not folder.is_dir():
-        raise SweepError(f"{folder}: is a file; name a folder")
-    if path.exists() and not resume:
-        raise SweepError(f"{folder}: holds a sweep already; {RESUME}, or name another folder")
-    try:
-        theirs = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        theirs = {}
-    if not isinstance(theirs, dict) or not theirs or theirs.get("identity") == manifest["identity"]:
-        return  # a missing or damaged one is written again: chunks hold their identity, too
-    words = {"scene": "of another scene file", "axes": "over other axes", "outputs": "of other outputs",
-             "gradients": "with other gradients", "versions": "with other versions of difftrb, jax or numpy",
-             "platform": "on another platform", "batch": "with another batch"}  # fmt: skip
-    what = next((words[key] for key in words if theirs.get(key) != manifest[key]), "of a scene with other numbers")
-    raise SweepError(f"{folder}: the sweep there is {what}; undo the change, or name another folder")
-
-
-def _read_chunk(
-    path: Path, plan: Plan, manifest: dict[str, Any], chunk: int, names: Sequence[str] | None = None
-) -> storage.Arrays | None:
-    """A chunk's columns (or those of `names`); None if it is missing, damaged, or another sweep's."""
-    found = storage.read(path, None if names is None else [*names, "identity", "first"])
-    first, last = plan.members(chunk)
-    if found is None or str(found.pop("identity", "")) != manifest["identity"] or found.pop("first", -1) != first:
-        return None
-    fits = found.keys() == set(plan.shapes if names is None else names) and all(
-        array.shape == (last - first, *plan.shapes[name].shape) for name, array in found.items()
-    )
-    return found if fits else None
+def _shown(plan: Plan, store: Npz | Zarr) -> Swept:
+    """Results along the first one or two axes."""
+    plane, members = front(plan)
+    places = np.unravel_index(members, plan.counts)
+    boxes = np.ravel_multi_index([p // size for p, size in zip(places, plan.grid.shape, strict=True)], plan.grid.boxes)
+    taken: dict[str, list[np.ndarray]] = {name: [] for name in plan.shapes}
+    for chunk in np.unique(boxes):
+        for name, array in store.whole(int(chunk)).items():
+            taken[name].append(array[members[boxes == chunk] - plan.grid.members(int(chunk)).start])
+    columns = {name: np.concatenate(arrays) for name, arrays in taken.items()}
+    return labelled(manifest_of(plane), coordinates_of(plane), columns)
 
 
 def write_sweep(
@@ -287,11 +288,14 @@ def write_sweep(
     resume: bool = False,
     devices: int | None = None,
     progress: Callable[[int, int, int], None] | None = None,
+    share: tuple[int, int] | None = None,
+    scheduler: str | None = None,
 ) -> Ended:
-    """`sweep` into files, with memory that does not grow with the number of members; `load_sweep` reads them.
+    """`sweep` into a store, with memory that does not grow with the number of members; `load_sweep` reads it.
 
     Arguments as in `sweep` and `run`. A function is known by its name: one that was changed needs another name, or
-    another folder. Raises `SweepError` as these do, and before anything is computed if chunks and the file with
-    everything, together about twice the results, do not fit into what is free in `folder`.
+    another folder. Raises `SweepError` as these do, and before anything is computed if the results do not fit into what
+    is free in `folder`, which may be a URL.
     """
-    return run(sweeping.planned(what, base, axes, gradients, mode, batch), Path(folder), "", resume, devices, progress)
+    plan = sweeping.plan_sweep(what, base, axes, gradients, mode, batch)
+    return run(plan, folder, resume, devices, progress, None, share, scheduler)

@@ -1,6 +1,6 @@
 """Outputs: what a sweep can be asked for by name. And the one roller law that all scenes of a sweep share.
 
-An output declares its name, unit, label, dimensions and function in one place. Sweep files, `sweep.nc`, figures and
+An output declares its name, unit, label, dimensions and function in one place. Sweep files, stores, figures and
 errors take them from there. A module that calls `register` adds an output; nothing else has to change.
 """
 

@@ -1,17 +1,20 @@
 """What is swept, and the program that computes it on devices or threads.
 
-Blocks of members (`axes.Layout`) are computed one after another by `lax.map`, the members of one by `vmap` along one
-axis after another, so that what an axis does not change is computed once. A chunk, which ends up in one file, is some
-blocks in parts of equal size. Devices or threads take parts as they are free; their number changes no bit of a number.
+Blocks of members (`axes.Grid`) are computed one after another by `lax.map`, the members of one by `vmap` along one
+axis after another, so that what an axis does not change is computed once. A chunk, which is stored as one, is a box of
+blocks, computed by calls of equally many. Devices or threads take calls as they are free; their number changes no bit.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import math
 import queue
-from collections.abc import Callable, Generator, Sequence
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, cast
 
 import jax
@@ -19,20 +22,27 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import SingleDeviceSharding
 
-from difftrb.core import status
+from difftrb.core import jax_config, status
 from difftrb.core.messages import shown
 from difftrb.core.status import SweepError
-from difftrb.sweeps.axes import Axis, Layout, number_at, replaced
+from difftrb.sweeps.axes import Axis, Grid, number_at, replaced, up
 from difftrb.sweeps.outputs import STATUS
 
-PARTS, SHARE, MOST_MEMBERS = 16, 64, 2**17
-"""Of a chunk: the parts it is computed in; which share of the sweep it is; members, at most (or so many blocks)."""
-AHEAD = 2
-"""Chunks that are computed while one is dealt with: no lane waits for the last part of a chunk."""
+CALLS, SHARE, MOST_MEMBERS = 16, 64, 2**17
+"""Of a chunk: the calls it is computed by; which share of the sweep it is; members, about (or so many blocks)."""
+AT_ONCE = 3
+"""Chunks that are dealt with at once: no lane waits for the last call of a chunk, or for a disk."""
+KEPT = 4
+"""Plans and programs from elsewhere that a process keeps, at most."""
 SHOWN = 500
 """Values of an axis in a figure, at most."""
-OWN_NAMES = ("identity", "first", "about", "file", "allow_pickle", STATUS)
+OWN_NAMES = ("identity", "chunk", "file", "allow_pickle", "c", STATUS)
 """Names that results and keys cannot have: what stands beside them in files, and arguments of `np.savez`."""
+
+
+def stored(name: str) -> str:
+    """Name of a key or column in files and datasets: without dots, so that it is an attribute there."""
+    return name.replace(".", "_")
 
 
 def column_of(name: str, by: str | None = None) -> str:
@@ -40,9 +50,9 @@ def column_of(name: str, by: str | None = None) -> str:
     return name if by is None else f"{name}_by_{by}"
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Plan:
-    """What is swept.
+    """What is swept; it can be sent to other processes by cloudpickle, which Dask, Ray and Parsl use.
 
     Attributes:
       base: the scene, or any other tree of dataclasses, dicts and tuples. Members differ from it at the axes' keys.
@@ -52,7 +62,8 @@ class Plan:
       units: of keys and results; one that is not there is without unit.
       dims: names of the results' own dimensions; default the result's name with a number.
       batch: members of a block, at most.
-      title: what tells this sweep from others, beside the attributes here.
+      title: what tells this sweep from others, beside the attributes here. text: of its scene file.
+      token: tells this plan from others, also in other processes.
     """
 
     base: Any
@@ -63,11 +74,39 @@ class Plan:
     dims: dict[str, tuple[str, ...]]
     batch: int
     title: str = ""
+    text: str = ""
+    token: str = dataclasses.field(default_factory=lambda: uuid.uuid4().hex, init=False)
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Values of every axis."""
+        return tuple(axis.count for axis in self.axes)
+
+    @property
+    def members(self) -> int:
+        """Number of members."""
+        return math.prod(self.counts)
 
     @cached_property
-    def layout(self) -> Layout:
-        """Of its members."""
-        return Layout(tuple(axis.count for axis in self.axes), self.batch)
+    def blocks(self) -> Grid:
+        """What is computed at once. Depends on axes and `batch` alone, as the numbers' last bits do."""
+        return Grid.of(self.counts, self.batch)
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The chunks."""
+        most = max(CALLS * self.blocks.size, min(self.members // SHARE, MOST_MEMBERS))
+        return Grid.of(self.counts, most, self.blocks.shape)
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        return self.grid.number
+
+    @cached_property
+    def call(self) -> int:
+        """Blocks that one call of the program computes."""
+        return up(math.prod(map(up, self.grid.shape, self.blocks.shape)), CALLS)
 
     @cached_property
     def shapes(self) -> dict[str, jax.ShapeDtypeStruct]:
@@ -107,27 +146,32 @@ class Plan:
             for key in self.gradients
         }
 
-    @property
-    def chunk(self) -> int:
-        """Blocks of a chunk."""
-        blocks, size = self.layout.blocks, self.layout.size
-        chunk = min(blocks, max(PARTS, min(blocks // SHARE, MOST_MEMBERS // size)))
-        return -(-chunk // PARTS) * PARTS if chunk > PARTS else chunk
+    def __reduce__(self) -> Any:
+        """Numbers stay float64 wherever a plan is sent, and one that comes twice is there once, compiled once."""
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.init}
+        return _arrived, (_Ready(jax.config.read("jax_compilation_cache_dir") is not None), self.token, fields)
 
-    @property
-    def part(self) -> int:
-        """Blocks of a part of a chunk, computed by one call."""
-        return -(-self.chunk // PARTS)
 
-    @property
-    def chunks(self) -> int:
-        """Number of chunks."""
-        return -(-self.layout.blocks // self.chunk)
+class _Ready:
+    """Sets up JAX in the process that unpickles it, before what is pickled behind it."""
 
-    def members(self, chunk: int) -> tuple[int, int]:
-        """The first member of a chunk and the one behind its last."""
-        ends = chunk * self.chunk, min((chunk + 1) * self.chunk, self.layout.blocks)
-        return self.layout.first(ends[0]), self.layout.first(ends[1])
+    def __init__(self, cache: bool) -> None:
+        self.cache = cache
+
+    def __reduce__(self) -> Any:
+        return jax_config.set_up_jax, (self.cache,)
+
+
+_HERE: dict[str, Plan] = {}
+"""Plans that came from other processes, the last few."""
+
+
+def _arrived(_: None, token: str, fields: dict[str, Any]) -> Plan:
+    if token not in _HERE:
+        for old in list(_HERE)[: -KEPT + 1]:
+            del _HERE[old]
+        _HERE[token] = Plan(**fields)
+    return _HERE[token]
 
 
 def _member(plan: Plan, at: Sequence[jax.Array]) -> dict[str, jax.Array]:
@@ -164,19 +208,19 @@ def _member(plan: Plan, at: Sequence[jax.Array]) -> dict[str, jax.Array]:
 
 def _block(plan: Plan, values: list[jax.Array], block: jax.Array) -> dict[str, jax.Array]:
     """All members of one block, shape (size, …)."""
-    layout = plan.layout
-    at = [value[:, place] for value, place in zip(values, layout.places(block), strict=True)]
-    if layout.size == 1:  # without vmap, under which both branches of a choice are computed
+    grid = plan.blocks
+    at = [value[:, place] for value, place in zip(values, grid.values(block), strict=True)]
+    if grid.size == 1:  # without vmap, under which both branches of a choice are computed
         one = _member(plan, [a.reshape(a.shape[:1]) for a in at])
         return {name: value[None] for name, value in one.items()}
 
     def member(at: list[jax.Array]) -> dict[str, jax.Array]:
         return _member(plan, at)
 
-    for axis in reversed(range(layout.split, len(at))):
+    for axis in reversed(range(grid.split, len(at))):
         member = jax.vmap(member, in_axes=([1 if i == axis else None for i in range(len(at))],))
-    depth = len(at) - layout.split
-    return {name: value.reshape(layout.size, *value.shape[depth:]) for name, value in member(at).items()}
+    depth = len(at) - grid.split
+    return {name: value.reshape(grid.size, *value.shape[depth:]) for name, value in member(at).items()}
 
 
 def front(plan: Plan) -> tuple[Plan, np.ndarray]:
@@ -185,7 +229,7 @@ def front(plan: Plan) -> tuple[Plan, np.ndarray]:
     Also the numbers of its members in the whole plan, rising.
     """
     many = [i for i, axis in enumerate(plan.axes) if axis.count > 1][:2] or [0]
-    counts = plan.layout.counts
+    counts = plan.counts
     places = [np.linspace(0, n - 1, min(n, SHOWN)).round().astype(int) if i in many else np.array([n // 2])
               for i, n in enumerate(counts)]  # fmt: skip
     members = np.ravel_multi_index(np.ix_(*places), counts).ravel()
@@ -198,22 +242,24 @@ def front(plan: Plan) -> tuple[Plan, np.ndarray]:
 def check_names(plan: Plan) -> None:
     """Raise `SweepError` for names of results and keys that cannot stand in a file, or not beside each other."""
     keys = [key for axis in plan.axes for key in axis.keys]
-    for name in (*keys, *(name for name in plan.shapes if name != STATUS)):
-        if name in OWN_NAMES or not name.isprintable() or "/" in name or not name.strip("."):
+    columns = [name for name in plan.shapes if name != STATUS]
+    for name in (*keys, *columns):
+        if name in OWN_NAMES or not name.isprintable() or "/" in name or not name.strip("._"):
             raise SweepError(f"{shown(name)}: cannot be a name in a file, or has a meaning there; name it otherwise")
-    for name in plan.shapes:
-        if name in keys:
-            raise SweepError(f"{shown(name)}: this result is named as an axis; name it otherwise")
-    for name in sorted({dim for own in plan.own_dims.values() for dim in own}):
-        if name in keys:
-            raise SweepError(f"{shown(name)}: this axis is named as a dimension of a result; name it otherwise")
+    taken: dict[str, str] = {}
+    dims = sorted({dim for own in plan.own_dims.values() for dim in own})
+    for what, names in (("an axis", keys), ("a result", columns), ("a dimension of a result", dims)):
+        for name in names:
+            if stored(name) in taken:
+                raise SweepError(f"{shown(name)}: {what} is named as {taken[stored(name)]}; name it otherwise")
+            taken[stored(name)] = what
 
 
 class Program:
     """The program of a plan, compiled when first used, and the lanes it runs in: devices, or threads of one of them.
 
     Every call computes the same number of blocks by the same executable, whatever the number of lanes: XLA compiles a
-    program for several devices differently, with other last bits.
+    program for several devices differently, with other last bits. Several threads may ask for chunks.
     """
 
     def __init__(self, plan: Plan, lanes: Sequence[Any]) -> None:
@@ -225,58 +271,73 @@ class Program:
             self._free.put((lane, there[lane]))
         self._pool = ThreadPoolExecutor(len(lanes))
 
-    def _call(self, part: int) -> dict[str, np.ndarray]:
-        """The columns of one part of a chunk, numbered through all chunks, shape (blocks, size, …)."""
-        plan = self.plan
-        blocks = np.minimum(part * plan.part + np.arange(plan.part), plan.layout.blocks - 1)
+    def _call(self, first: int) -> dict[str, np.ndarray]:
+        """The columns of some blocks, shape (blocks, size, …); behind the last one, that one again."""
+        blocks = np.minimum(first + np.arange(self.plan.call), self.plan.blocks.number - 1)
         lane, values = self._free.get()
         try:
-            found = plan.compute(jax.device_put(blocks, SingleDeviceSharding(lane)), values)
+            found = self.plan.compute(jax.device_put(blocks, SingleDeviceSharding(lane)), values)
             return {name: np.asarray(array) for name, array in found.items()}
         finally:
             self._free.put((lane, values))
 
-    def parts(self, numbers: Sequence[int]) -> None:
-        """Compute some parts, on trial."""
-        for running in [self._pool.submit(self._call, part) for part in numbers]:
-            running.result()
+    def calls(self, blocks: Iterable[int]) -> list[dict[str, np.ndarray]]:
+        """Make calls that begin at these blocks."""
+        running = [self._pool.submit(self._call, first) for first in blocks]
+        try:
+            return [call.result() for call in running]
+        finally:  # of one that failed
+            for call in running:
+                call.cancel()
 
     def scratch(self) -> int:
         """Bytes that a call takes while it runs, with its results."""
         lane, values = self._free.get()
         self._free.put((lane, values))
-        needed = cast(Any, self.plan.compute).lower(np.arange(self.plan.part), values).compile().memory_analysis()
+        needed = cast(Any, self.plan.compute).lower(np.arange(self.plan.call), values).compile().memory_analysis()
         return int(needed.temp_size_in_bytes + needed.output_size_in_bytes) if needed is not None else 0
 
-    def start(self, chunk: int) -> Callable[[], dict[str, np.ndarray]]:
-        """Begin to compute a chunk; what is returned waits for it, and gives its columns, shape (members, …)."""
-        plan, layout = self.plan, self.plan.layout
-        first = chunk * plan.chunk
-        last = min(first + plan.chunk, layout.blocks)
-        parts = range(first // plan.part, -(-last // plan.part))
-        running = [self._pool.submit(self._call, part) for part in parts]
-        sizes = [layout.first(block + 1) - layout.first(block) for block in range(first, last)]
+    def chunk(self, number: int) -> dict[str, np.ndarray]:
+        """Compute a chunk: its columns, shape (members, …)."""
+        grid = self.plan.blocks
+        blocks = grid.within(self.plan.grid.slices(number))
+        found = self.calls(blocks[:: self.plan.call])
+        columns = {name: np.concatenate([call[name] for call in found]) for name in found[0]}
+        sizes = [len(grid.members(block)) for block in blocks]
+        if min(sizes) == grid.size:
+            return {name: a[: len(sizes)].reshape(-1, *a.shape[2:]) for name, a in columns.items()}
+        return {name: np.concatenate([array[i, :size] for i, size in enumerate(sizes)])
+                for name, array in columns.items()}  # fmt: skip
 
-        def finish() -> dict[str, np.ndarray]:
-            found = [part.result() for part in running]
-            columns = {name: np.concatenate([part[name] for part in found])[: len(sizes)] for name in found[0]}
-            if min(sizes) == layout.size:
-                return {name: array.reshape(-1, *array.shape[2:]) for name, array in columns.items()}
-            return {name: np.concatenate([array[i, :size] for i, size in enumerate(sizes)])
-                    for name, array in columns.items()}  # fmt: skip
+    @contextlib.contextmanager
+    def ahead(self, deal: Callable[..., Any]) -> Iterator[tuple[Callable[..., Any]]]:
+        """For `in_turn`: what has a few chunks dealt with at once, in threads."""
+        with ThreadPoolExecutor(AT_ONCE) as threads:
+            try:
+                yield (partial(threads.submit, deal),)
+            finally:  # of a sweep that stopped early
+                threads.shutdown(wait=False, cancel_futures=True)
+                self._pool.shutdown(cancel_futures=True)
 
-        return finish
 
-    def all(self, chunks: Sequence[int]) -> Generator[tuple[int, dict[str, np.ndarray]]]:
-        """Columns chunk by chunk; the next one is computed while this one is dealt with."""
-        waiting: list[tuple[int, Callable[[], dict[str, np.ndarray]]]] = []
-        try:
-            for chunk in chunks:
-                waiting.append((chunk, self.start(chunk)))
-                if len(waiting) > AHEAD:
-                    number, finish = waiting.pop(0)
-                    yield number, finish()
-            for number, finish in waiting:
-                yield number, finish()
-        finally:  # of one that stopped early
-            self._pool.shutdown(cancel_futures=True)
+def in_turn(
+    submit: Callable[[int], Any], chunks: Iterable[int], many: int = AT_ONCE, alive: Callable[[], None] = lambda: None
+) -> Iterator[Any]:
+    """Submit chunks, `many` at once, and give what each comes to, as they finish. While none does, ask `alive`."""
+    finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def ended() -> Any:
+        while True:
+            with contextlib.suppress(queue.Empty):
+                return finished.get(timeout=1.0).result()
+            alive()
+
+    running = 0
+    for chunk in chunks:
+        submit(chunk).add_done_callback(finished.put)
+        running += 1
+        if running == many:
+            yield ended()
+            running -= 1
+    for _ in range(running):
+        yield ended()

@@ -50,7 +50,7 @@ class SweepFile:
             else:
                 base, solved, batch = self.scene, _contact, batch or 1
             asked = self.axes, self.gradients, self.mode, batch, progress
-            return sweeping.planned(self.outputs, base, *asked, solved=solved)
+            return sweeping.plan_sweep(self.outputs, base, *asked, solved=solved, text=self.text)
 
 
 @contextlib.contextmanager
@@ -69,6 +69,14 @@ def _contact(file: SceneFile) -> ContactSolution:
 def read(path: str | Path) -> SweepFile:
     """Read and check a scene file with a table `[sweep]`. Raises `SceneError`."""
     return parse(scene_file.text_of(path), path)
+
+
+def load_plan(path: str | Path, batch: int | None = None) -> Plan:
+    """What a scene file with a table `[sweep]` asks for, to be computed by `compute_chunk`; `batch` as in `sweep`.
+
+    Raises `SceneError`.
+    """
+    return read(path).plan(batch)
 
 
 def parse(text: str, path: str | Path = "scene") -> SweepFile:

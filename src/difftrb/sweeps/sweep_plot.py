@@ -9,8 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from difftrb.report.plot import ACCENT, HEALTHY
-from difftrb.sweeps.gathered import Swept
 from difftrb.sweeps.outputs import label_of
+from difftrb.sweeps.swept import Swept
 
 
 def swept(result: Swept, name: str) -> Any:

@@ -25,10 +25,10 @@ from difftrb.scene import checks
 from difftrb.scene.scene import Scene
 from difftrb.sweeps import axes as axes_
 from difftrb.sweeps import outputs
-from difftrb.sweeps.axes import Axis
-from difftrb.sweeps.gathered import Swept, labelled
+from difftrb.sweeps.axes import Axis, up
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import AHEAD, MOST_MEMBERS, SHARE, Plan, Program
+from difftrb.sweeps.plan import AT_ONCE, MOST_MEMBERS, SHARE, Plan, Program, in_turn
+from difftrb.sweeps.swept import Swept, coordinates_of, labelled, manifest_of
 
 BATCH = {"cpu": 1024, "gpu": 65536}
 """Members computed at once: on a busy CPU 240 to 4000 took the same time within noise (experiments/sweep_at_scale.py
@@ -40,7 +40,7 @@ MOST = 10**12
 """Members of a sweep, at most: at a microsecond each they take twelve days."""
 
 
-def planned(
+def plan_sweep(
     what: Callable[[Any], Any] | Sequence[str],
     base: Any,
     given: Mapping[str, Any],
@@ -49,10 +49,12 @@ def planned(
     batch: int | None = None,
     progress: Progress | None = None,
     solved: Callable[[Any], ContactSolution] | None = None,
+    text: str = "",
 ) -> Plan:
     """A plan, checked, the roller law of a scene made once for all members; arguments and errors as in `sweep`.
 
-    With `solved`, which gives the single contact of a member, names are those of `outputs.CONTACT`.
+    With `solved`, which gives the single contact of a member, names are those of `outputs.CONTACT`. `text` is the scene
+    file's.
     """
     status.require_float64()
     made = axes_.axes_of(given, mode)
@@ -72,7 +74,7 @@ def planned(
         chosen = [outputs.registered()[name] for name in names]
         units |= {output.name: output.unit for output in chosen}
         dims = {output.name: output.dims for output in chosen}
-    return Plan(base, made, function, tuple(gradients), units, dims, _batch(made, batch), title)
+    return Plan(base, made, function, tuple(gradients), units, dims, _batch(made, batch), title, text)
 
 
 def _check_ends(scene: Scene, made: Sequence[Axis]) -> None:
@@ -122,7 +124,7 @@ def bytes_of_member(plan: Plan) -> int:
 
 def _bytes_of_chunks(plan: Plan) -> int:
     """Bytes of the chunks that are in memory at once while a sweep runs: in parts, and put together."""
-    return 2 * (AHEAD + 2) * plan.chunk * plan.layout.size * bytes_of_member(plan)
+    return 3 * AT_ONCE * plan.grid.size * bytes_of_member(plan)
 
 
 def _check_members(counts: Sequence[int], columns: int) -> None:
@@ -138,7 +140,7 @@ def check_chunks(plan: Plan) -> None:
     needed, free = _bytes_of_chunks(plan), free_memory()
     if needed > free:
         raise SweepError(
-            f"chunks of {plan.chunk * plan.layout.size:,} members with {_in_bytes(bytes_of_member(plan))} each take "
+            f"chunks of {plan.grid.size:,} members with {_in_bytes(bytes_of_member(plan))} each take "
             f"{_in_bytes(needed)} of memory, of which {_in_bytes(free)} are free; give a smaller batch, or smaller "
             "results"
         )
@@ -148,31 +150,32 @@ def _check_memory(plan: Plan) -> None:
     """Refuse a sweep whose results do not fit into memory."""
     check_chunks(plan)
     each, free, chunks = bytes_of_member(plan), free_memory(), _bytes_of_chunks(plan)
-    needed = plan.layout.members * each + chunks
+    needed = plan.members * each + chunks
     if needed > free:
         raise SweepError(
-            f"{_product(plan.layout.counts)} of {each} bytes take {_in_bytes(needed)} of memory, of which "
+            f"{_product(plan.counts)} of {each} bytes take {_in_bytes(needed)} of memory, of which "
             f"{_in_bytes(free)} are free, enough for {max(0, int(free - chunks)) // each:,}; give fewer, or use "
             "difftrb.write_sweep, whose memory does not grow"
         )
 
 
-def check_disk(plan: Plan, folder: Path, there: int) -> None:
-    """Raise `SweepError` if chunks, of which some are `there`, and one file with all do not fit into `folder`."""
-    each, free = bytes_of_member(plan), free_disk(folder)
-    left = 1.0 - min(there, plan.chunks) / plan.chunks
-    needed = (1.0 + left) * plan.layout.members * each
+def check_disk(plan: Plan, out: str, there: int) -> None:
+    """Raise `SweepError` if the chunks, of which some are `there`, do not fit into the folder `out`."""
+    each, free = bytes_of_member(plan), free_disk(out)
+    needed = (1.0 - there / plan.chunks) * plan.members * each
     if needed > free:
         raise SweepError(
-            f"{folder}: {_product(plan.layout.counts)} of {each} bytes{' still' if there else ''} take "
-            f"{_in_bytes(needed)} of disk, in chunks and in one file, of which {_in_bytes(free)} are free there, "
-            f"enough for {int(free / (1.0 + left)) // each:,}; make room, name another folder, or give fewer"
+            f"{out}: {_product(plan.counts)} of {each} bytes{' still' if there else ''} take {_in_bytes(needed)} of "
+            f"disk, of which {_in_bytes(free)} are free there; make room, name another folder, or give fewer"
         )
 
 
-def free_disk(folder: Path) -> int:
-    """Bytes that can be written into a folder, which need not be there yet."""
-    return shutil.disk_usage(next(at for at in (folder.absolute(), *folder.absolute().parents) if at.exists())).free
+def free_disk(out: str) -> float:
+    """Bytes that can be written into a folder, which need not be there yet; infinite behind a URL."""
+    if "://" in out:
+        return math.inf
+    folder = Path(out).absolute()
+    return shutil.disk_usage(next(at for at in (folder, *folder.parents) if at.exists())).free
 
 
 def _in_bytes(count: float) -> str:
@@ -188,36 +191,34 @@ def _product(counts: Sequence[int]) -> str:
     return f"{' × '.join(f'{count:,}' for count in counts)}{f' = {math.prod(counts):,}' * (len(counts) > 1)} members"
 
 
-def forecast(plan: Plan, devices: int | None = None, folder: Path | None = None) -> str:
-    """What a sweep will take, in words: members, files, memory, and time from parts computed on trial.
+def forecast(plan: Plan, devices: int | None = None, out: str | None = None) -> str:
+    """What a sweep will take, in words: members, chunks, memory, and time from calls made on trial.
 
-    The program is compiled, and one part of a chunk computed in every lane at once, twice. Time is of this process and
-    all its lanes. With a `folder` the text says how much room is there.
+    The program is compiled, and called in every lane at once, twice. Time is of this process and all its lanes. With a
+    folder `out` the text says how much room is there.
     """
     lanes = lanes_of(devices)
     check_chunks(plan)
-    program = Program(plan, lanes)
-    parts = -(-plan.layout.blocks // plan.part)
+    program, blocks = Program(plan, lanes), plan.blocks.number
+    calls = up(blocks, plan.call)
 
     def timed(numbers: Sequence[int]) -> float:
         started = time.perf_counter()
-        program.parts(numbers)
+        program.calls(numbers)
         return time.perf_counter() - started
 
     first = timed([0])
-    call = min(timed([lane * parts // len(lanes) for lane in range(len(lanes))]) for _ in range(2))
-    share = -(-plan.chunks // jax.process_count()) / plan.chunks
-    seconds = share * parts * call / min(len(lanes), parts)
-    members, each = plan.layout.members, bytes_of_member(plan)
-    memory = program.scratch() * len(lanes) + _bytes_of_chunks(plan)
-    room = "" if folder is None else f"; {_in_bytes(free_disk(folder))} are free in {folder}"
-    counts = " × ".join(str(axis.count) for axis in plan.axes)
+    call = min(timed([lane * blocks // len(lanes) for lane in range(len(lanes))]) for _ in range(2))
+    seconds = calls * call / min(len(lanes), calls)
+    each, memory = bytes_of_member(plan), program.scratch() * len(lanes) + _bytes_of_chunks(plan)
+    room = f"; {_in_bytes(free_disk(out))} are free in {out}" if out and "://" not in out else ""
+    counts = " × ".join(map(str, plan.counts))
     return "\n".join([
-        f"members   {members:,} = {counts}, in {plan.chunks:,} files of {plan.chunk * plan.layout.size:,} or fewer",
-        f"disk      {_in_bytes(2 * each * members)}: {each} bytes a member, in chunks and in one file{room}",
+        f"members   {plan.members:,} = {counts}, in {plan.chunks:,} chunks of {plan.grid.size:,} or fewer",
+        f"disk      {_in_bytes(each * plan.members)}: {each} bytes a member{room}",
         f"memory    {_in_bytes(memory)} beside JAX itself, whatever the number of members",
         f"time      {_duration(seconds)} on {len(lanes)} device{'s' if len(lanes) > 1 else ''}, and "
-        f"{_duration(first - call)} to compile; {1e6 * seconds / members:.3g} µs a member",
+        f"{_duration(first - call)} to compile; {1e6 * seconds / plan.members:.3g} µs a member",
     ])  # fmt: skip
 
 
@@ -261,15 +262,21 @@ def sweep(
     for ends of axes that no scene may have, for more than 1e12 members, and before anything is computed if the results
     do not fit into free memory; `SceneError` for a scene that `solve` would refuse.
     """
-    plan = planned(what, base, axes, gradients, mode, batch)
+    plan = plan_sweep(what, base, axes, gradients, mode, batch)
     _check_memory(plan)
-    columns = {name: np.empty((plan.layout.members, *shape.shape), shape.dtype) for name, shape in plan.shapes.items()}
+    columns = {name: np.empty((plan.members, *shape.shape), shape.dtype) for name, shape in plan.shapes.items()}
+    program = Program(plan, lanes_of(devices))
+
+    def fill(chunk: int) -> int:
+        members = plan.grid.members(chunk)
+        for name, array in program.chunk(chunk).items():
+            columns[name][members.start : members.stop] = array
+        return len(members)
+
     done = 0
-    for _, found in Program(plan, lanes_of(devices)).all(range(plan.chunks)):
-        members = len(found[STATUS])
-        for name, array in found.items():
-            columns[name][done : done + members] = array
-        done += members
-        if progress is not None:
-            progress(done, plan.layout.members)
-    return labelled(plan, columns)
+    with program.ahead(fill) as (submit,):
+        for members in in_turn(submit, range(plan.chunks)):
+            done += members
+            if progress is not None:
+                progress(done, plan.members)
+    return labelled(manifest_of(plan), coordinates_of(plan), columns)

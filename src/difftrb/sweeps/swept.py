@@ -1,0 +1,155 @@
+"""Results of a sweep: arrays with labels, and what is said about them."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Mapping
+from importlib import metadata
+from typing import Any, cast
+
+import jax
+import numpy as np
+
+from difftrb.core import status
+from difftrb.law.base import Law
+from difftrb.scene.scene import Scene
+from difftrb.sweeps.outputs import STATUS, label_of
+from difftrb.sweeps.plan import Plan, column_of, stored
+
+FORMAT = 3
+LISTED = 10_000
+"""Values of an axis, at most, that are listed in a manifest."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Swept:
+    """Results of a sweep, with labels.
+
+    Attributes:
+      dims: names of the dimensions of all arrays: the axes' keys, or "member" for zipped axes.
+      coordinates: values by key, shape (count,) each; those of zipped axes all lie along "member".
+      values: by name, shape (counts of all axes…, own dimensions…); NaN where the member's status is not 0.
+      gradients: derivatives of every value by name and then by key, of the same shape.
+      status_code: of every member, see `difftrb.status`.
+      units: by name and key. own_dims: names of the values' own dimensions.
+      about: what was swept and with which versions, as it stands in a store.
+    """
+
+    dims: tuple[str, ...]
+    coordinates: dict[str, np.ndarray]
+    values: dict[str, np.ndarray]
+    gradients: dict[str, dict[str, np.ndarray]]
+    status_code: np.ndarray
+    units: dict[str, str]
+    own_dims: dict[str, tuple[str, ...]]
+    about: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many members ended with which status, by its sentence."""
+        return counted(Counter(self.status_code.ravel().tolist()))
+
+    def to_xarray(self) -> Any:
+        """An `xarray.Dataset`, as `xarray.open_zarr` gives it. Needs xarray: `pip install 'difftrb[io]'`."""
+        import xarray  # pyright: ignore[reportMissingImports]
+
+        columns = {STATUS: self.status_code} | self.values | {
+            column_of(name, key): slope for name, slopes in self.gradients.items() for key, slope in slopes.items()
+        }  # fmt: skip
+        dims = dims_of(self.about)
+        return xarray.Dataset(
+            {stored(name): (dims[name], array, attributes(self.about, name)) for name, array in columns.items()},
+            {stored(key): (dims[key], array, attributes(self.about, key)) for key, array in self.coordinates.items()},
+        )
+
+
+def dims_of(about: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    """Dimensions of all coordinates and columns, as datasets name them."""
+    axes = tuple(stored(axis["name"]) for axis in about["axes"])
+    found = {key: (stored(axis["name"]),) for axis in about["axes"] for key in axis["keys"]}
+    return found | {name: (*axes, *column["dims"]) for name, column in about["columns"].items()}
+
+
+def attributes(about: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Unit and label of a coordinate or column, as datasets call them."""
+    if name == STATUS:
+        return {"long_name": "; ".join(f"{code}: {text}" for code, text in about["statuses"].items())}
+    of, by = about["columns"].get(name, {}).get("of", (name, None))
+    label = label_of(of) + (f" by {by}" if by else "")
+    return {"units": about["units"].get(name, "")} | ({"long_name": label} if name in about["columns"] else {})
+
+
+def counted(codes: Mapping[int, int]) -> dict[str, int]:
+    """Counts by the sentence of the status, the most frequent first."""
+    return {status.describe(code): count for code, count in sorted(codes.items(), key=lambda item: -item[1])}
+
+
+def labelled(about: dict[str, Any], coordinates: dict[str, np.ndarray], columns: Mapping[str, np.ndarray]) -> Swept:
+    """`Swept` of columns of all members, in their order, shape (members, …)."""
+    counts = tuple(axis["count"] for axis in about["axes"])
+    shaped = {name: array.reshape(*counts, *array.shape[1:]) for name, array in columns.items()}
+    names = [name for name, column in about["columns"].items() if name != STATUS and column["of"][1] is None]
+    return Swept(
+        tuple(axis["name"] for axis in about["axes"]),
+        coordinates,
+        {name: shaped[name] for name in names},
+        {name: {key: shaped[column_of(name, key)] for key in about["gradients"]} for name in names},
+        shaped[STATUS],
+        about["units"],
+        {name: tuple(about["columns"][name]["dims"]) for name in names},
+        about,
+    )
+
+
+def coordinates_of(plan: Plan) -> dict[str, np.ndarray]:
+    """Values of every key, shape (count,)."""
+    return {key: values for axis in plan.axes for key, values in zip(axis.keys, axis.values, strict=True)}
+
+
+def manifest_of(plan: Plan) -> dict[str, Any]:
+    """All about a sweep but its results: axes, columns, units, versions, law, chunks. The same in every process.
+
+    Its identity is a digest of all the rest and of every number that goes in.
+    """
+    law = cast(Law, plan.base.law) if isinstance(plan.base, Scene) else None
+    dims = plan.own_dims | {STATUS: ()}
+    of = {column_of(name, by): (name, by) for name in (*plan.names, STATUS) for by in (None, *plan.gradients)}
+    about: dict[str, Any] = {
+        "format": FORMAT,
+        "scene": plan.text,
+        "title": plan.title,
+        "axes": [{"name": axis.name, "keys": axis.keys, "count": axis.count, **_values(axis.values)}
+                 for axis in plan.axes],
+        "gradients": plan.gradients,
+        "columns": {name: {"of": of[name], "dims": dims[of[name][0]], "shape": s.shape, "dtype": str(s.dtype)}
+                    for name, s in plan.shapes.items()},
+        "units": plan.all_units,
+        "statuses": {str(code): sentence for code, sentence in status.SENTENCES.items()},
+        "versions": {name: metadata.version(name) for name in ("difftrb", "jax", "jaxlib", "numpy")},
+        "platform": jax.default_backend(),
+        "law": law and {"name": law.name, "error": _number(law.error), "loads": [_number(v) for v in law.load_range]},
+        "members": plan.members,
+        "batch": plan.batch,
+        "chunks": {"count": plan.chunks, "shape": plan.grid.shape, "block": plan.blocks.shape},
+    }  # fmt: skip
+    about = json.loads(json.dumps(about))  # as it comes back from disk
+    digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
+    base = dataclasses.replace(plan.base, picked=None) if isinstance(plan.base, Scene) else plan.base  # it holds times
+    digest.update(repr(jax.tree.structure(base)).encode())
+    for leaf in jax.tree.leaves(base):
+        is_number = isinstance(leaf, jax.Array | np.ndarray | float | int)
+        digest.update(np.asarray(leaf, float).tobytes() if is_number else repr(leaf).encode())
+    return about | {"identity": digest.hexdigest()}
+
+
+def _values(values: np.ndarray) -> dict[str, Any]:
+    """An axis's values, or a digest of long ones."""
+    digest = hashlib.sha256(values.tobytes()).hexdigest()
+    return {"values": values.tolist()} if values.shape[1] <= LISTED else {"digest": digest}
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None
