@@ -87,7 +87,7 @@ def test_a_page_of_effects_says_what_acts(capsys, tmp_path: Path) -> None:
     assert "centrifugal force on the rollers: speed_rpm = " in html
     assert "(effects.centrifugal)" not in html
     assert "stiffness" not in page.ids
-    assert "`difftrb sweep` over stiffness.phase" in html
+    assert "<code>difftrb stiffness</code> tells it of all" in html
 
 
 def test_stiffness_over_the_turn_is_that_of_every_phase(scene: trb.Scene) -> None:

@@ -88,7 +88,7 @@ def test_defect_frequencies_are_the_textbooks(bearing: trb.TaperedBearing) -> No
     assert float(found.bpfo + found.bpfi) == pytest.approx(bearing.rollers * 25.0)
     both = trb.defect_frequencies(bearing, 1500.0, 1500.0)
     assert float(both.bpfo) == float(both.bsf) == 0.0
-    with pytest.raises(trb.SceneError, match="not known"):
+    with pytest.raises(trb.SceneError, match="no bearing named"):
         trb.defect_frequencies("no bearing", 1500.0)
     slope = jax.grad(lambda rpm: trb.defect_frequencies(bearing, rpm).bpfo)(1500.0)
     assert float(slope) == pytest.approx(float(found.bpfo) / 1500.0)
@@ -182,5 +182,5 @@ def test_passage_moves_the_shaft_as_the_waveform_says(turn: CageTurn) -> None:
     across = trb.ross.axes()
     rest = 1e-3 * across @ np.asarray(turn.waveform[0])
     K = trb.ross.stiffness_in_metres(turn)
-    np.testing.assert_allclose(force(0, rest), K @ rest, rtol=1e-9)
+    np.testing.assert_allclose(force(0, rest), K @ rest, rtol=1e-9, atol=1e-9)
     assert jnp.all(jnp.isfinite(force(5, rest)))

@@ -192,9 +192,9 @@ def save(ax: Any, folder: Path, name: str) -> None:
     """Write a figure, or that of an Axes, as PNG and SVG into `folder` and close it. SVG keeps words as words."""
     figure = ax if isinstance(ax, Figure) else ax.figure
     with plt.rc_context({"svg.fonttype": "none", "font.family": ["DejaVu Sans", "sans-serif"]}):
-        figure.savefig(folder / f"{name}.svg", dpi=144)
+        figure.savefig(folder / f"{name}.svg", dpi=110)
         figure.set_layout_engine("none")  # it stays as laid out
-        figure.savefig(folder / f"{name}.png", dpi=144, pil_kwargs={"compress_level": 2})
+        figure.savefig(folder / f"{name}.png", dpi=120, pil_kwargs={"compress_level": 1})
     plt.close(figure)
 
 

@@ -12,7 +12,7 @@ from difftrb.scene.solution import Assessment
 
 NO_TURN = (
     "Stiffness over the cage's turn is drawn for scenes without effects, whose law holds at every phase; `difftrb "
-    "sweep` over stiffness.phase does it for all."
+    "stiffness` tells it of all."
 )
 NO_MAP = (
     "Loss over length and width is drawn for scenes without effects, whose law holds at every phase, and for a wide "

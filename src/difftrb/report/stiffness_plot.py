@@ -69,7 +69,7 @@ def loss_over_sizes(found: LossMap, scene: Scene, mean: Assessment) -> Figure:
 def _map(found: LossMap, row: int, ax: Axes) -> None:
     x, y, loss = found.lengths, found.widths, found.loss[row]
     ax.set_facecolor(ACCENT)  # where the law knows no spall
-    fine_x, fine_y = (np.linspace(axis[0], axis[-1], 8 * len(axis)) for axis in (x, y))
+    fine_x, fine_y = (np.linspace(axis[0], axis[-1], 6 * len(axis)) for axis in (x, y))
     smooth = _between(x, loss, found.by_length[row], fine_x)
     by_width = np.stack([np.interp(fine_x, x, column) for column in found.by_width[row].T], axis=1)
     smooth = _between(y, smooth.T, by_width.T, fine_y)  # (widths, lengths)

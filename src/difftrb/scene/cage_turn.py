@@ -88,7 +88,7 @@ def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap |
     return LossMap(lengths, widths, *values)
 
 
-def sizes_around(scene: Scene, lengths: int = 6, widths: int = 5) -> tuple[np.ndarray, np.ndarray]:
+def sizes_around(scene: Scene, lengths: int = 5, widths: int = 5) -> tuple[np.ndarray, np.ndarray]:
     """Lengths and widths [mm] about the first spall's of a prepared scene: from an eighth of it to two and a half times
     the length, twice the width, as far as the law goes."""
     scene = xp.numbers(scene)
