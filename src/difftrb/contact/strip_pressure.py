@@ -13,9 +13,9 @@ from difftrb.contact import strip_model
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.strip_model import Strips, Way
 
-ACROSS = np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 161)) * 0.9999
+ACROSS = np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 81)) * 0.9999
 """Points of a row, by half its width from its middle; denser at its ends."""
-ALONG = 6
+ALONG = 4
 """Points between two rows."""
 
 

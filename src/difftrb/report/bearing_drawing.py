@@ -26,7 +26,8 @@ RING = 1.1
 def bearing(scene: Scene, solution: Solution) -> Figure:
     """Three drawings, each with equal scales: section through the first spall, view along the axis with rollers at
     their places and shaded by their loads, and the outer raceway unrolled."""
-    figure = plt.figure(figsize=(12.5, 4.3), layout="constrained")
+    figure = plt.figure(figsize=(12.5, 4.3))
+    figure.subplots_adjust(left=0.01, right=0.99, bottom=0.02, top=0.93, wspace=0.16)  # to lay it out takes longer
     section, front, unrolled = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.05))
     section_view(scene, section)
     front_view(scene, solution, front)

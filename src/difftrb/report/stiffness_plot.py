@@ -17,7 +17,8 @@ DIRECTIONS = (("radial", 0), ("axial", 2))
 
 def over_turn(turn: Turn, scene: Scene) -> Figure:
     """Radial and axial stiffness over one roller pitch, healthy and with spalls; dashed where the scene's phase is."""
-    figure, axes = plt.subplots(1, 2, figsize=(10.5, 3.5), layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(10.5, 3.5))
+    figure.subplots_adjust(left=0.07, right=0.98, bottom=0.27, top=0.82, wspace=0.14)  # to lay it out takes longer
     pitch = turn.phases[-1]
     for ax, (name, k) in zip(axes, DIRECTIONS, strict=True):
         sound, spalled = turn.healthy[:, k, k] / 1e3, turn.stiffness[:, k, k] / 1e3
