@@ -1,4 +1,4 @@
-"""The command line: `difftrb run | contact | accuracy | fit | sweep | stiffness | check | example`; `COMMANDS` is their table.
+"""The command line: `difftrb run | contact | accuracy | fit | sweep | stiffness | check | example`; see `COMMANDS`.
 
 Modules are imported by the commands that need them: `--version` and `example` load no JAX.
 """

@@ -61,5 +61,5 @@ def text(found: turn_file.Table) -> Table:
     for k, axis in enumerate(found.axes[:SHOWN]):
         own = found.arrays["stiffness"][:, k, k]
         sizes = np.abs(found.orders["stiffness"][1:4, k, k]) if found.orders else []
-        table.add_row(axis, *(f"{value:,.0f}" for value in (own.mean(), own.min(), own.max(), *sizes)))
+        table.add_row(axis, *(f"{value:.5g}" for value in (own.mean(), own.min(), own.max(), *sizes)))
     return table

@@ -44,8 +44,11 @@ def table(turn: CageTurn, units: Units = "mm", speed_rpm: float | None = None) -
     by = force[:, None] / length[None, :]
     arrays = {"cage": np.asarray(turn.cage), "displacement": np.asarray(turn.displacement) * length,
               "stiffness": np.asarray(turn.stiffness) * by}  # fmt: skip
-    unit: dict[str, Any] = {"cage": "rad", "displacement": [_si(labels.length_of(a), units) for a in axes],
-                            "stiffness": [[_si(labels.stiffness_of(a, b), units) for b in axes] for a in axes]}  # fmt: skip
+    unit: dict[str, Any] = {
+        "cage": "rad",
+        "displacement": [_si(labels.length_of(a), units) for a in axes],
+        "stiffness": [[_si(labels.stiffness_of(a, b), units) for b in axes] for a in axes],
+    }
     for name, slopes in (("by_length", turn.by_length), ("by_width", turn.by_width)):
         if slopes is not None and slopes.shape[-1]:
             arrays[name] = np.asarray(slopes) * by[:, :, None] / metre
