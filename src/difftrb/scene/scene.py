@@ -31,9 +31,7 @@ COARSEST = 1e-2
 SHOWN = 4
 """Spalls that a scene's `repr` names."""
 Accuracy = Annotated[float, Interval(ge=1e-4, le=COARSEST)]
-AutoSHOWN = 4
-"""Spalls that a scene's `repr` names."""
-Accuracy = Annotated[float, Interval(ge=1e-3, le=1e-1)]
+AutoAccuracy = Annotated[float, Interval(ge=1e-3, le=1e-1)]
 """What can be asked of the law "auto": below, contact solves at 1e-4 are not known to suffice; above, why ask."""
 Phase = Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
 
@@ -140,8 +138,8 @@ class Scene:
         fields.whole_to_float(self, ("design_load", "phase"))
 
     def replace(self, *, spall: int | None = None, **values: Any) -> Scene:
-        """The scene with other values by their names: of its own fields, of the load (`radial`, `axial`), of the bearing
-        (`roller_length`, …), or of a spall (`length`, `width`, `depth`, `angle`, `axial_offset`, `surface`).
+        """The scene with other values by their names: of its own fields, of the load (`radial`, `axial`), of the
+        bearing (`roller_length`, …), or of a spall (`length`, `width`, `depth`, `angle`, `axial_offset`, `surface`).
 
         `spall` says which one, from 0; default the only one. Raises `SceneError` for a name that nothing has, and for
         a spall's without a spall or with several.

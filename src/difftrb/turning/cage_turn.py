@@ -117,7 +117,7 @@ class CageTurn(status.Judged):
         Displacements stay those of the bearing."""
         axes = self.stiffness.shape[-1]
         give = sum((jnp.linalg.inv(_as_matrix(other, axes)) for other in others), jnp.zeros((axes, axes)))
-        own = jnp.eye(axes) + jnp.einsum("pij,jk->pik", self.stiffness, give)
+        own = jnp.eye(axes)[None] + jnp.einsum("pij,jk->pik", self.stiffness, give)
         total = jnp.linalg.solve(own, self.stiffness)  # (K⁻¹ + C)⁻¹ = (1 + K C)⁻¹ K
         share = jnp.linalg.inv(own)  # dK_total = (1 + K C)⁻¹ dK (1 + C K)⁻¹
 
