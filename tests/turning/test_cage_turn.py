@@ -1,4 +1,4 @@
-"""Stiffness over the cage's angle: it is the ring's at every phase, repeats, and goes into files and into ROSS."""
+"""Stiffness over the cage's angle: equal to solves one by one, its derivatives, orders, springs, files, the command."""
 
 import csv
 import dataclasses
@@ -16,171 +16,177 @@ from difftrb.core import geometry
 from difftrb.turning import turn_file
 from difftrb.turning.cage_turn import CageTurn
 
-PHASES = 8
+
+@pytest.fixture(scope="module")
+def spalled() -> trb.Scene:
+    return trb.Scene("32008J", trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),))
 
 
 @pytest.fixture(scope="module")
-def scene(bearing: trb.TaperedBearing) -> trb.Scene:
-    return trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),))
-
-
-@pytest.fixture(scope="module")
-def turn(scene: trb.Scene) -> CageTurn:
-    return trb.stiffness(scene, PHASES)
-
-
-def test_every_phase_is_the_ring_at_that_phase(scene: trb.Scene, turn: CageTurn) -> None:
-    turn.check()
-    for k in (0, 3):
-        there = trb.solve(dataclasses.replace(scene, phase=float(turn.cage[k])))
-        np.testing.assert_allclose(turn.stiffness[k], there.stiffness, rtol=1e-9, atol=1.0)
-        np.testing.assert_allclose(turn.displacement[k], there.displacement, rtol=1e-9, atol=1e-15)
-        np.testing.assert_allclose(turn.loads[k], there.loads, rtol=1e-9, atol=1e-6)
-
-
-@pytest.mark.gradient
-def test_slopes_are_those_of_the_ring_and_of_differences(scene: trb.Scene, turn: CageTurn) -> None:
-    at = dataclasses.replace(scene, phase=float(turn.cage[3]))
-    by = jax.grad(lambda s: trb.solve(s).stiffness[0, 0])(at).spalls[0]
-    assert turn.by_length is not None
-    assert turn.by_width is not None
-    assert float(turn.by_length[3, 0, 0, 0]) == pytest.approx(float(by.length), rel=1e-7)
-    assert float(turn.by_width[3, 0, 0, 0]) == pytest.approx(float(by.width), rel=1e-7, abs=1e-3)
-    both = [trb.stiffness(dataclasses.replace(scene, spalls=(trb.Spall(4.0 + e, 7.0),)), PHASES).stiffness
-            for e in (1e-4, -1e-4)]  # fmt: skip
-    np.testing.assert_allclose(turn.by_length[..., 0], (both[0] - both[1]) / 2e-4, rtol=1e-4, atol=50.0)
-
-
-def test_all_repeats_after_a_pitch(scene: trb.Scene, turn: CageTurn) -> None:
-    assert turn.repeats == "pitch"
-    assert float(turn.span) == pytest.approx(float(geometry.roller_pitch(scene.bearing)))
-    orders = turn.orders(PHASES // 2)
-    angle = 2.0 * np.pi * np.arange(PHASES) / PHASES
-    back = sum(np.real(np.asarray(c)[..., None] * np.exp(1j * n * angle)) for n, c in enumerate(orders.stiffness))
-    np.testing.assert_allclose(np.moveaxis(back, -1, 0), turn.stiffness, rtol=1e-9, atol=1e-3)
-    with pytest.raises(trb.SceneError, match="highest = 9"):
-        turn.orders(9)
-    with pytest.raises(trb.SceneError, match="phases = 0"):
-        trb.stiffness(scene, 0)
-
-
-def test_springs_in_series_give_as_much_as_all_together(turn: CageTurn) -> None:
-    housing = np.array([4e5, 4e5, 2e5])
-    total = turn.in_series(housing)
-    for k in range(PHASES):
-        give = np.linalg.inv(turn.stiffness[k]) + np.diag(1.0 / housing)
-        np.testing.assert_allclose(total.stiffness[k], np.linalg.inv(give), rtol=1e-9, atol=1e-3)
-    step = dataclasses.replace(turn, stiffness=turn.stiffness + 1e-6 * turn.by_length[..., 0]).in_series(housing)
-    np.testing.assert_allclose((step.stiffness - total.stiffness) / 1e-6, total.by_length[..., 0], rtol=1e-3, atol=5.0)
-    with pytest.raises(trb.SceneError, match="shape"):
-        turn.in_series(np.ones(2))
+def turn(spalled: trb.Scene) -> CageTurn:
+    return trb.stiffness(spalled, 32).check()
 
 
 @pytest.mark.exact
-def test_defect_frequencies_are_the_textbooks(bearing: trb.TaperedBearing) -> None:
-    """Harris, Rolling Bearing Analysis, §25.4, for contact angle β and D/D_pw cosα as tan γ/tan β."""
-    found = trb.defect_frequencies(bearing, 1500.0)
-    assert float(found.shaft) == 25.0
-    ratio = 1.0 - 2.0 * float(found.ftf) / 25.0
-    assert 0.05 < ratio < 0.25
-    assert float(found.bpfo) == pytest.approx(0.5 * bearing.rollers * 25.0 * (1.0 - ratio))
-    assert float(found.bpfi) == pytest.approx(0.5 * bearing.rollers * 25.0 * (1.0 + ratio))
-    assert float(found.bpfo + found.bpfi) == pytest.approx(bearing.rollers * 25.0)
-    both = trb.defect_frequencies(bearing, 1500.0, 1500.0)
-    assert float(both.bpfo) == float(both.bsf) == 0.0
-    with pytest.raises(trb.SceneError, match="no bearing named"):
-        trb.defect_frequencies("no bearing", 1500.0)
-    slope = jax.grad(lambda rpm: trb.defect_frequencies(bearing, rpm).bpfo)(1500.0)
-    assert float(slope) == pytest.approx(float(found.bpfo) / 1500.0)
+@pytest.mark.portable
+def test_each_phase_is_that_solved_alone(spalled: trb.Scene, turn: CageTurn) -> None:
+    for k in (0, 11, 20):
+        alone = trb.assess(spalled.replace(phase=float(turn.cage[k])))
+        np.testing.assert_allclose(turn.stiffness[k], alone.spalled.stiffness, rtol=1e-9, atol=1e-3)
+        np.testing.assert_allclose(turn.displacement[k], alone.spalled.displacement, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(turn.loads[k], alone.spalled.loads, rtol=1e-9, atol=1e-6)
+        assert turn.by_length is not None
+        assert turn.by_width is not None
+        np.testing.assert_allclose(turn.by_length[k, 0, 0], alone.by_length[0], rtol=1e-7)
+        np.testing.assert_allclose(turn.by_width[k, 0, 0], alone.by_width[0], rtol=1e-7, atol=1e-3)
 
 
-def test_files_have_units_and_axes(turn: CageTurn, tmp_path: Path) -> None:
-    for kind in (".csv", ".json", ".npz"):
-        turn_file.write(turn, tmp_path / f"K{kind}", "si", 1500.0)
-    with (tmp_path / "K.csv").open(encoding="utf-8") as file:
-        rows = list(csv.reader(file))
-    column = rows[0].index("stiffness_radial_radial [N/m]")
-    assert len(rows) == PHASES + 1
-    np.testing.assert_allclose([float(row[column]) for row in rows[1:]], 1e3 * turn.stiffness[:, 0, 0], rtol=1e-12)
-    record = json.loads((tmp_path / "K.json").read_text(encoding="utf-8"))
-    assert record["axes"] == ["radial", "lateral", "axial"]
-    assert record["defect_frequencies"]["bpfo"] > 0.0
-    np.testing.assert_allclose(record["stiffness"], 1e3 * turn.stiffness, rtol=1e-12)
-    with np.load(tmp_path / "K.npz") as found:
-        np.testing.assert_allclose(found["displacement"], 1e-3 * turn.displacement, rtol=1e-12)
-        assert found["time"][1] > found["time"][0] == 0.0
-    with pytest.raises(trb.SceneError, match=r"must end with \.csv"):
-        turn_file.write(turn, tmp_path / "K.txt")
-    with pytest.raises(trb.SceneError, match="units = 'inch'"):
-        turn_file.table(turn, "inch")  # type: ignore[arg-type]
+@pytest.mark.exact
+def test_the_mean_is_the_scenes_own(spalled: trb.Scene) -> None:
+    """Equal steps over a kinked period against Gauss between its kinks."""
+    mean = trb.solve(spalled.replace(phase="mean")).stiffness
+    np.testing.assert_allclose(trb.stiffness(spalled, 1024).mean_stiffness, mean, rtol=2e-4, atol=500.0)
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], turn: CageTurn) -> None:
-    out = tmp_path / "K.json"
-    assert cli.main(["--no-cache", "stiffness", "--phases", str(PHASES), "--out", str(out), "--speed", "1500"]) == 0
-    printed = capsys.readouterr().out
-    assert "BPFO" in printed
-    assert "order 1" in printed
-    np.testing.assert_allclose(json.loads(out.read_text(encoding="utf-8"))["stiffness"], turn.stiffness, rtol=1e-12)
-    assert cli.main(["--no-cache", "stiffness", "--phases", "4", "--json", "--housing", "4e5,2e5"]) == 0
-    assert np.asarray(json.loads(capsys.readouterr().out)["stiffness"])[:, 0, 0].max() < 4e5
-    assert cli.main(["--no-cache", "stiffness", "--housing", "4e5"]) == 2
-    assert "give RADIAL,AXIAL" in capsys.readouterr().err
+@pytest.mark.gradient
+def test_derivatives_by_two_routes(spalled: trb.Scene, turn: CageTurn) -> None:
+    """`jax.grad` through all phases against the slopes that come with them, and against steps."""
+
+    def total(scene: trb.Scene) -> jax.Array:
+        return jnp.sum(trb.stiffness(scene, 32).stiffness[:, 0, 0])
+
+    slope = jax.grad(total)(spalled)
+    assert turn.by_length is not None
+    assert turn.by_width is not None
+    assert float(slope.spalls[0].length) == pytest.approx(float(turn.by_length[:, 0, 0, 0].sum()), rel=1e-9)
+    assert float(slope.spalls[0].width) == pytest.approx(float(turn.by_width[:, 0, 0, 0].sum()), rel=1e-9, abs=1e-3)
+    by_steps = (total(spalled.replace(axial=4500.01)) - total(spalled.replace(axial=4499.99))) / 0.02
+    assert float(slope.load.axial) == pytest.approx(float(by_steps), rel=1e-5)
 
 
-# ------------------------------------------------------------------------------------------------ ROSS
+@pytest.mark.exact
+def test_orders_make_the_stiffness_again(turn: CageTurn) -> None:
+    orders = turn.orders(16)
+    angle = 2.0 * np.pi * np.arange(32) / 32
+    again = np.real(np.einsum("nij,np->pij", np.asarray(orders.stiffness), np.exp(1j * np.outer(np.arange(17), angle))))
+    np.testing.assert_allclose(again, turn.stiffness, rtol=1e-9, atol=1e-3)
+    np.testing.assert_allclose(turn.waveform.mean(axis=0), 0.0, atol=1e-15)
 
 
-def test_axes_of_ross(turn: CageTurn) -> None:
-    """Radial is −y, lateral is x, axial is z: as gravity pulls on a lying shaft."""
-    K = trb.ross.stiffness_in_metres(turn)
-    mean = 1e3 * np.asarray(turn.mean_stiffness)
-    np.testing.assert_allclose(K[1, 1], mean[0, 0], rtol=1e-12)
-    np.testing.assert_allclose(K[0, 0], mean[1, 1], rtol=1e-12)
-    np.testing.assert_allclose(K[2, 2], mean[2, 2], rtol=1e-12)
-    np.testing.assert_allclose(K[1, 2], -mean[0, 2], rtol=1e-12)
-    with pytest.raises(trb.SceneError, match="axial = 0"):
-        trb.ross.axes(axial=0)  # type: ignore[arg-type]
-    assert trb.ross.stiffness_in_metres(np.eye(3)) == pytest.approx(1e3 * np.eye(3))
+@pytest.mark.exact
+@pytest.mark.gradient
+def test_springs_in_series(turn: CageTurn) -> None:
+    """Compliances add; slopes go along as steps say."""
+    shaft, housing = np.array([2e6, 2e6, 1e6]), np.diag([3e6, 4e6, 5e5])
+    total = turn.in_series(shaft, housing)
+    whole = np.linalg.inv(np.linalg.inv(np.asarray(turn.stiffness)) + np.diag(1.0 / shaft) + np.linalg.inv(housing))
+    np.testing.assert_allclose(total.stiffness, whole, rtol=1e-9, atol=1e-3)
+    assert turn.by_length is not None
+    assert total.by_length is not None
+    moved = [dataclasses.replace(turn, stiffness=turn.stiffness + h * turn.by_length[..., 0]) for h in (1e-3, -1e-3)]
+    steps = (moved[0].in_series(shaft, housing).stiffness - moved[1].in_series(shaft, housing).stiffness) / 2e-3
+    np.testing.assert_allclose(total.by_length[..., 0], steps, rtol=1e-5, atol=1.0)
 
 
-def test_ross_itself(turn: CageTurn) -> None:
-    """Natural frequencies are those with the same matrix entered by hand; passing rollers shake the shaft a little."""
-    ross = pytest.importorskip("ross")
-    steel = ross.Material(name="steel", rho=7810.0, E=211e9, G_s=81.2e9)
-    shaft = [ross.ShaftElement(L=0.1, idl=0.0, odl=0.04, material=steel, n=n) for n in range(4)]
-    disk = ross.DiskElement(n=2, m=10.0, Id=0.02, Ip=0.04)
-    K = trb.ross.stiffness_in_metres(turn)
-    by_hand = {"kxx": K[0, 0], "kxy": K[0, 1], "kyx": K[1, 0], "kyy": K[1, 1], "kzz": K[2, 2], "cxx": 1e3}
-    rotors = [
-        ross.Rotor(shaft, [disk], [make(n) for n in (0, 4)])
-        for make in (
-            lambda n: trb.ross.bearing_element(turn, n, 1e3, coupled=False),
-            lambda n: ross.BearingElement(n=n, **by_hand),
-            lambda n: trb.ross.bearing_element(turn, n, 1e3),
-        )
-    ]
-    ours, theirs, coupled = (rotor.run_modal(speed=100.0).wn for rotor in rotors)
-    np.testing.assert_allclose(ours, theirs, rtol=1e-9)
-    assert not np.allclose(coupled, theirs, rtol=1e-6)
-    t = np.linspace(0.0, 0.02, 401)
-    force = trb.ross.passage_force(turn, rotors[2], 0, 100.0, t)
-    found = np.array([force(k, np.zeros(rotors[2].ndof)) for k in range(len(t))])
-    assert np.isfinite(found).all()
-    assert np.abs(found[:, :3]).max() > 0.0
-    assert not found[:, 3:].any()
+@pytest.mark.exact
+def test_defect_frequencies_are_the_textbooks() -> None:
+    """With D/D_pw cosα as tan γ/tan β; of both rings turning only the difference counts."""
+    bearing = trb.bearing("32008J")
+    beta, ratio = geometry.roller_axis_angle(bearing), 0.0
+    ratio = np.tan(bearing.roller_angle) / np.tan(beta)
+    f = trb.defect_frequencies(bearing, 3300.0, 300.0)
+    assert float(f.shaft) == 50.0
+    assert float(f.ftf) == pytest.approx(25.0 * (1.0 - ratio), rel=2e-3)
+    assert float(f.bpfo) == pytest.approx(23 * 25.0 * (1.0 - ratio), rel=2e-3)
+    assert float(f.bpfi) == pytest.approx(23 * 25.0 * (1.0 + ratio), rel=2e-3)
+    by_size = np.sin(beta) / (2.0 * np.tan(bearing.roller_angle))  # D_pw/(2 D)
+    assert float(f.bsf) == pytest.approx(50.0 * by_size * (1.0 - ratio**2), rel=2e-3)
+    with pytest.raises(trb.SceneError, match="no bearing named '6205'"):
+        trb.defect_frequencies("6205", 3000.0)
+    with pytest.raises(trb.SceneError, match=r"speed\.inner_rpm = 10000000"):
+        trb.defect_frequencies(bearing, 1e7)
 
 
-def test_passage_moves_the_shaft_as_the_waveform_says(turn: CageTurn) -> None:
-    """At rest in the waveform the force of the turn is met by the mean spring: no shaft is needed to see it."""
+@pytest.mark.gradient
+def test_defect_frequencies_are_differentiable() -> None:
+    bearing = trb.bearing("32008J")
+    slope = jax.grad(lambda b: trb.defect_frequencies(b, 3000.0).bsf)(bearing).roller_angle
+    ends = [dataclasses.replace(bearing, roller_angle=bearing.roller_angle + h) for h in (1e-7, -1e-7)]
+    high, low = (float(trb.defect_frequencies(b, 3000.0).bsf) for b in ends)
+    assert float(slope) == pytest.approx((high - low) / 2e-7, rel=1e-5)
 
-    class Rotor:
-        number_dof, ndof = 3, 3
 
-    t = np.linspace(0.0, 0.01, 11)
-    force = trb.ross.passage_force(turn, Rotor(), 0, 100.0, t)
-    across = trb.ross.axes()
-    rest = 1e-3 * across @ np.asarray(turn.waveform[0])
-    K = trb.ross.stiffness_in_metres(turn)
-    np.testing.assert_allclose(force(0, rest), K @ rest, rtol=1e-9, atol=1e-9)
-    assert jnp.all(jnp.isfinite(force(5, rest)))
+def test_what_moves_along_does_not_repeat(turn: CageTurn) -> None:
+    """Where rollers differ the cage's whole turn is one period; other spans have no orders."""
+    differ = trb.effects.Diameters(tuple([1e-4] + [0.0] * 22))
+    whole = trb.stiffness(trb.Scene("32008J", trb.Load(0.0, 9000.0), law="palmgren", effects=differ), 23)  # type: ignore[arg-type]
+    assert whole.repeats == "turn"
+    assert float(whole.span) == pytest.approx(2.0 * np.pi)
+    radial = np.asarray(whole.stiffness[:, 0, 0])
+    assert radial.max() > radial.min()
+    part = trb.stiffness(trb.Scene("32008J", trb.Load(9000.0, 4500.0), law="liu2018"), 4, span=0.1)
+    with pytest.raises(trb.SceneError, match="nothing repeats"):
+        part.orders()
+    with pytest.raises(trb.SceneError, match="highest = 17"):
+        turn.orders(17)
+    with pytest.raises(trb.SceneError, match="phases = 0"):
+        trb.stiffness(trb.Scene("32008J", trb.Load(9000.0, 4500.0)), 0)
+
+
+def test_files_agree(turn: CageTurn, tmp_path: Path) -> None:
+    """CSV, JSON and NPZ have the same numbers, in N/mm and in N/m."""
+    for kind in ("csv", "json", "npz"):
+        turn_file.write(turn, tmp_path / f"K.{kind}", "si", 3000.0)
+    with open(tmp_path / "K.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    told = json.loads((tmp_path / "K.json").read_text(encoding="utf-8"))
+    arrays = np.load(tmp_path / "K.npz")
+    expected = 1e3 * np.asarray(turn.stiffness)
+    np.testing.assert_allclose(arrays["stiffness"], expected)
+    np.testing.assert_allclose(told["stiffness"], expected)
+    np.testing.assert_allclose([float(row["stiffness_radial_axial [N/m]"]) for row in rows], expected[:, 0, 2])
+    np.testing.assert_allclose([float(row["time [s]"]) for row in rows], turn.time(3000.0))
+    assert told["unit"]["stiffness"][0][0] == "N/m"
+    assert told["defect_frequencies"]["bpfo"] == pytest.approx(float(arrays["bpfo"]))
+    assert turn.by_length is not None
+    np.testing.assert_allclose(arrays["by_length"], 1e6 * np.asarray(turn.by_length))
+    with pytest.raises(trb.SceneError, match=r"must end with \.csv, \.json, \.npz"):
+        turn_file.write(turn, tmp_path / "K.xlsx")
+
+
+def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    out = tmp_path / "K.csv"
+    call = ["--no-cache", "stiffness", "--phases", "8", "--speed", "3000", "--housing", "1e6,5e5", "--out", str(out)]
+    assert cli.main(call) == 0
+    text = capsys.readouterr().out
+    assert "BPFO 508" in text.replace("\n", " ")
+    assert len(out.read_text(encoding="utf-8").splitlines()) == 9
+    assert cli.main(["--no-cache", "stiffness", "--phases", "8", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["axes"] == ["radial", "lateral", "axial"]
+    assert cli.main(["--no-cache", "stiffness", "--housing", "soft"]) == 2
+    assert "give RADIAL,AXIAL in N/mm" in capsys.readouterr().err
+
+
+def test_labels_and_reprs(spalled: trb.Scene, turn: CageTurn) -> None:
+    solution = trb.solve(spalled)
+    for shown in (spalled, solution, turn):
+        lines = repr(shown).splitlines()
+        assert len(lines) <= 8
+        assert max(map(len, lines)) <= 160
+    pytest.importorskip("xarray")
+    labelled = solution.to_xarray()
+    value = labelled["stiffness"].sel(axis="radial", motion="axial")
+    assert float(value) == float(solution.stiffness[0, 2])
+    assert labelled["loads"].attrs["units"] == "N"
+
+
+def test_scenes_are_replaced_by_name(spalled: trb.Scene) -> None:
+    other = spalled.replace(length=3.0, radial=8000.0, phase=0.1, roller_length=13.0)
+    assert (other.spalls[0].length, other.load.radial, other.phase) == (3.0, 8000.0, 0.1)
+    assert other.bearing.roller_length == 13.0
+    with pytest.raises(trb.SceneError, match="lenght is not known; did you mean length"):
+        spalled.replace(lenght=3.0)
+    with pytest.raises(trb.SceneError, match="the scene has 0 spalls"):
+        spalled.replace(spalls=(), length=3.0)
+    two = spalled.replace(spalls=spalled.spalls * 2)
+    assert [spall.width for spall in two.replace(width=2.0, spall=1).spalls] == [7.0, 2.0]

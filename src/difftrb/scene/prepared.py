@@ -199,7 +199,8 @@ def at_phases(scene: Scene, each: Any) -> ring.Equilibrium:
 
 def with_sizes_expanded(scene: Scene) -> Scene:
     """The scene with the length and width of every spall as parameters of an expansion: 0 and 1 of the first, …"""
-    seeds = np.eye(2 * len(scene.spalls)).reshape(len(scene.spalls), 2, 2 * len(scene.spalls))
+    count = len(scene.spalls)
+    seeds = np.eye(2 * count).reshape(count, 2, 2 * count)
     spalls = tuple(
         dataclasses.replace(spall, length=Taylor(spall.length, by=rows[0]), width=Taylor(spall.width, by=rows[1]))
         for spall, rows in zip(scene.spalls, seeds, strict=True)

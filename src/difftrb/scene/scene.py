@@ -13,7 +13,7 @@ from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
-from difftrb.core.messages import shown
+from difftrb.core.messages import known, shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import power
@@ -28,6 +28,8 @@ DEFAULT_LAW = laws.AUTO
 """Of scenes, in files and in Python."""
 COARSEST = 1e-2
 """Largest accuracy of a contact solve; only "auto" is asked for less, and of something else."""
+SHOWN = 4
+"""Spalls that a scene's `repr` names."""
 Accuracy = Annotated[float, Interval(ge=1e-4, le=COARSEST)]
 AutoAccuracy = Annotated[float, Interval(ge=1e-3, le=1e-1)]
 """What can be asked of the law "auto": below, contact solves at 1e-4 are not known to suffice; above, why ask."""
@@ -80,7 +82,7 @@ class Picked:
 
 
 @fields.register
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Scene:
     """A bearing, its load and its spalls, and how to compute with them. A pytree: every number is a leaf.
 
@@ -135,12 +137,51 @@ class Scene:
             object.__setattr__(self, name, value)
         fields.whole_to_float(self, ("design_load", "phase"))
 
+    def replace(self, *, spall: int | None = None, **values: Any) -> Scene:
+        """The scene with other values by their names: of its own fields, of the load (`radial`, `axial`), of the
+        bearing (`roller_length`, …), or of a spall (`length`, `width`, `depth`, `angle`, `axial_offset`, `surface`).
+
+        `spall` says which one, from 0; default the only one. Raises `SceneError` for a name that nothing has, and for
+        a spall's without a spall or with several.
+        """
+        parts: dict[str, dict[str, Any]] = {"scene": {}, "load": {}, "bearing": {}, "spall": {}}
+        owners = {"scene": Scene, "load": Load, "bearing": TaperedBearing, "spall": Spall}
+        names = {part: [field.name for field in dataclasses.fields(owner)] for part, owner in owners.items()}
+        for name, value in values.items():
+            part = next((part for part, own in names.items() if name in own), None)
+            if part is None:
+                raise SceneError(f"{name} is not known; {known(name, [n for own in names.values() for n in own])}")
+            parts[part][name] = value
+        scene = dataclasses.replace(self, **parts["scene"])
+        for part in ("load", "bearing"):
+            if parts[part]:
+                scene = dataclasses.replace(scene, **{part: dataclasses.replace(getattr(scene, part), **parts[part])})
+        if not parts["spall"]:
+            return scene
+        count = len(scene.spalls)
+        which = 0 if spall is None and count == 1 else spall
+        if which is None or not 0 <= which < count:
+            raise SceneError(f"{next(iter(parts['spall']))}: the scene has {count} spalls; say which by spall = 0 …")
+        changed = dataclasses.replace(cast(Any, scene.spalls[which]), **parts["spall"])
+        return dataclasses.replace(scene, spalls=(*scene.spalls[:which], changed, *scene.spalls[which + 1 :]))
+
+    def __repr__(self) -> str:
+        """On a few lines: bearing, load, every spall, law, phase and effects."""
+        name = next((name for name, one in geometry.NAMED_BEARINGS.items() if one is self.bearing), "own bearing")
+        rollers = getattr(self.bearing, "rollers", "?")
+        law = getattr(self.law, "name", type(self.law).__name__)
+        rows = [f"Scene: {name}, {rollers} rollers; {self.load}; law {law}, {self.definition}", f"  phase {self.phase}"]
+        rows += [f"  {spall}" for spall in self.spalls[:SHOWN]]
+        if len(self.spalls) > SHOWN:
+            rows.append(f"  and {len(self.spalls) - SHOWN} more spalls")
+        return "\n".join([*rows, *(f"  effect: {each.label}" for each in self.effects)])
+
 
 def _bearing(name: str) -> TaperedBearing:
     """A bearing by its name; raises `SceneError`."""
     if name not in geometry.NAMED_BEARINGS:
-        known = ", ".join(geometry.NAMED_BEARINGS)
-        raise SceneError(f"bearing = {shown(name)} is unknown; use {known} or a TaperedBearing")
+        names = ", ".join(geometry.NAMED_BEARINGS)
+        raise SceneError(f"bearing = {shown(name)} is unknown; use {names} or a TaperedBearing")
     return geometry.bearing(name)
 
 

@@ -99,8 +99,7 @@ class CageTurn(status.Judged):
         """Fourier orders 0 … `highest` (at most half the phases) of stiffness and displacement. Raises `SceneError` if
         nothing repeats, or there are too few phases."""
         if self.repeats == "never":
-            raise SceneError("orders: over this span of the cage's angle nothing repeats; leave span out, and spalls "
-                             "on the inner raceway and on rollers")  # fmt: skip
+            raise SceneError("orders: nothing repeats over this span; leave span out, and spalls on other surfaces")
         count = self.cage.shape[0]
         if not 0 <= highest <= count // 2:
             raise SceneError(f"highest = {highest}: must be a whole number in 0 … {count // 2}, half of the phases")
@@ -255,9 +254,11 @@ def _plain(spread: Any, scene: Scene) -> Any:
 
 @jax.jit
 def _mapped(scene: Scene, spread: Any) -> Any:
-    return jax.vmap(lambda more: prepared.at_phase(turned := _turned(scene, scene.phase + more), turned.phase)[0])(
-        spread
-    )
+    def at(more: jax.Array) -> Any:
+        turned = _turned(scene, scene.phase + more)
+        return prepared.at_phase(turned, turned.phase)[0]
+
+    return jax.vmap(at)(spread)
 
 
 def _turned(scene: Scene, cage: Any) -> Scene:

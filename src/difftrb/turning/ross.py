@@ -72,8 +72,8 @@ def bearing_element(
 def passage_force(
     turn: CageTurn, rotor: Any, n: int, speed: float, t: Any, load_angle: float = DOWN, axial: Axial = 1
 ) -> Callable[..., np.ndarray]:
-    """For `add_to_RHS` of `rotor.run_time_response(speed, F, t, method="newmark", …)`: what the bearing at node `n`
-    adds as rollers pass, beside the element with its mean stiffness.
+    """For `add_to_RHS` of `rotor.run_time_response(speed, F, t, method="newmark")`: what the bearing at node `n` adds
+    as rollers pass, beside the element with its mean stiffness.
 
     At displacement q from the mean place, f = K(φ) (u(φ) − ū) − (K(φ) − K̄) q, where u(φ) is where the shaft rests
     under the constant load at cage angle φ: `turn` interpolated, of which φ runs with the cage at `speed` [rad/s], the
