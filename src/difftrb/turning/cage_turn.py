@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -255,7 +255,7 @@ def _plain(spread: Any, scene: Scene) -> Any:
 @jax.jit
 def _mapped(scene: Scene, spread: Any) -> Any:
     def at(more: jax.Array) -> Any:
-        turned = _turned(scene, scene.phase + more)
+        turned = _turned(scene, cast(Any, scene.phase) + more)
         return prepared.at_phase(turned, turned.phase)[0]
 
     return jax.vmap(at)(spread)
