@@ -19,6 +19,7 @@ from difftrb.report import run_report
 from difftrb.scene import scene_file
 from difftrb.scene.scene import Picked
 from difftrb.scene.solving import apart, main_values
+from difftrb.sweeps.store import store_of
 
 TABLE_2 = trb.liu2018()
 SHORT = (
@@ -141,8 +142,7 @@ def test_sweep_is_by_the_table(bearing: trb.TaperedBearing, tmp_path: Path) -> N
     assert len(np.unique(swept.values["radial_stiffness"])) == 4
     written = [trb.write_sweep(["radial_stiffness"], auto, axes, tmp_path, resume=resume) for resume in (False, True)]
     assert written[1].computed == 0
-    manifest = json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))
-    assert manifest["law"]["name"] == "table"
+    assert store_of(tmp_path).about["law"]["name"] == "table"
 
 
 @pytest.mark.parametrize("law", ["auto", "table"])
