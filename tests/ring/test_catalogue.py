@@ -22,8 +22,8 @@ PRINTED = {
     "32216": {"d": 80.0, "D": 140.0, "T": 35.25, "e": 0.42, "C0": 260000.0},
 }
 """Catalogue lines. C0 of the latter two as in Wingertszahn et al. 2023, Tables A2 and 4. T, e and Y are what makers
-list; only T of 32208 and 32216 was checked against a second source. The spreads in `catalogue.RATIOS` were chosen with these
-three in view: they are no independent test of it."""
+list; only T of 32208 and 32216 was checked against a second source. The spreads in `catalogue.RATIOS` were chosen with
+these three in view: they are no independent test of it."""
 MEASURED = {
     "32208": {"pitch_diameter": 60.0, "roller_diameter": 10.0, "roller_length": 17.0, "rollers": 17},
     "32216": {"pitch_diameter": 108.5, "roller_diameter": 17.0, "roller_length": 22.7, "rollers": 16},
