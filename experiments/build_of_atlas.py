@@ -257,17 +257,14 @@ def _rows(
     last = load_curve.approach(beside.full, loads[:, -1:]) / approaches[:, -1:]
     way = (loads - loads[:, :1]) / (loads[:, -1:] - loads[:, :1])
     approaches = (approaches * (first * (1.0 - way) + last * way))[:, 1:-1]
-    healthy, full, low, high = edge_ramp.between(beside, approaches)
-    t = np.asarray(edge_ramp.place(edges[:, 1:-1], low, high))
-    usual, u = edge_ramp.usual(t), np.asarray(edge_ramp.beyond(t))
-    by_length = chebvander(_of_length(np.full(t.shape, length)), size.edge_lengths - 1)
+    inside = dataclasses.replace(beside, edge=edges[:, 1:-1])
+    terms, told = ramp_fit.asked(inside, approaches, loads[:, 1:-1])
+    healthy = load_curve.carried(beside.healthy, approaches)
+    by_length = chebvander(_of_length(np.full(told.shape, length)), size.edge_lengths - 1)
     by_level = chebvander(np.asarray(edge_ramp.level(beside, healthy)), size.levels - 1)
-    by_place = u[..., None] * chebvander(2.0 * u - 1.0, edge_ramp.TERMS - 1)
-    basis = np.einsum("lpa,lpb,lpc->lpabc", by_length, by_level, by_place).reshape(t.size, -1)
-    loss = healthy - full
-    weight = loss / healthy * np.minimum(healthy / DESIGN_LOAD, 1.0) ** EDGE_LIGHT
-    told = (loads[:, 1:-1] - full) / loss - usual
-    return (weight * usual).reshape(-1, 1) * basis, (weight * told).ravel()
+    weight = np.minimum(healthy / DESIGN_LOAD, 1.0) ** EDGE_LIGHT
+    basis = np.einsum("lp,lpa,lpb,lpc->lpabc", weight, by_length, by_level, terms)
+    return basis.reshape(told.size, -1), (weight * told).ravel()
 
 
 def _at_edges(size: Size, built: Atlas, k: int) -> list[tuple[Stand, Spall]]:

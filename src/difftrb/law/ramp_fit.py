@@ -140,23 +140,25 @@ def over(spall: Spall, distances: Any, side: float) -> Any:
     return xp.total(xp.where(next_to(spall, distances, side), beyond, 0.0))  # no gather: slow in a batch
 
 
-def through(ramp: Ramp, approach: Any, load: Any, ridge: float, levels: int = 1) -> Any:
+def through(ramp: Ramp, approach: Any, load: Any, ridge: float) -> Any:
     """What `edge_ramp.in_powers` takes, for contact solves with edges at `ramp.edge`, through all of them, nearly;
-    shape (…, levels, TERMS).
+    shape (…, 1, TERMS).
 
     `approach` [mm], `load` [N] of the solves, shape (…, n). `ridge`: noise of a share by the size of coefficients. What
     the solves do not tell stays small.
     """
+    return least_squares(*asked(ramp, approach, load), ridge)[..., None, :]
+
+
+def asked(ramp: Ramp, approach: Any, load: Any) -> tuple[Any, Any]:
+    """What contact solves as in `through` ask of the coefficients of s by u, each solve by how much land's load counts
+    in it: matrix and right side, shapes (…, n, TERMS) and (…, n)."""
     healthy, full, low, high = edge_ramp.between(ramp, approach)
     t, loss = edge_ramp.place(ramp.edge, low, high), healthy - full
     first, weight = edge_ramp.usual(t), xp.fixed(loss / healthy)
-    by_level = xp.stack(chebyshev(edge_ramp.level(ramp, healthy), levels - 1), axis=-1)
     u = edge_ramp.beyond(t)
     terms = u[..., None] * xp.stack(chebyshev(2.0 * u - 1.0, edge_ramp.TERMS - 1), axis=-1)
-    basis = (by_level[..., None] * terms[..., None, :]).reshape(*t.shape, -1)
-    told = weight * ((load - full) / loss - first)
-    found = least_squares((weight * first)[..., None] * basis, told, ridge)
-    return found.reshape(*t.shape[:-1], levels, edge_ramp.TERMS)
+    return (weight * first)[..., None] * terms, weight * ((load - full) / loss - first)
 
 
 def least_squares(matrix: Any, right: Any, ridge: float) -> Any:
