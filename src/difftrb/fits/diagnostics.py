@@ -51,8 +51,7 @@ def of(fit: Fit, scan: Scan) -> dict[str, Any]:
         )
     clear = ~unclear & fit.explained & (not wrong) & (not healthy)
     for other in fit.alternatives:
-        near = 1e-3 * np.abs(fit.values) + 1e-6
-        clear &= (other.values >= fit.intervals[:, 0] - near) & (other.values <= fit.intervals[:, 1] + near)
+        clear &= ~fit_result.outside(other.values, fit.values, fit.intervals)
     return {"remarks": tuple(remarks), "determined_each": clear}
 
 

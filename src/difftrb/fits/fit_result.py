@@ -273,6 +273,12 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
     )
 
 
+def outside(values: np.ndarray, best: np.ndarray, intervals: np.ndarray) -> np.ndarray:
+    """Which values, shape (…, parameters), lie outside of the intervals of the `best` ones, by more than rounding."""
+    near = 1e-3 * np.abs(best) + 1e-6
+    return (values < intervals[:, 0] - near) | (values > intervals[:, 1] + near)
+
+
 def weights(problem: Problem, found: Least, cases: list[int], scale: float, widest: np.ndarray) -> np.ndarray:
     """Shares of the probability of these minima, shape (cases,), each as a normal distribution of its own (Laplace) no
     wider than `widest`, in coordinates, shape (parameters,); χ² counts by `scale`."""

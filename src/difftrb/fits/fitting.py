@@ -257,8 +257,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
 def _alternatives(problem: Problem, tried: Tried, values: np.ndarray, intervals: np.ndarray) -> tuple[Alternative, ...]:
     """Minima within the limit that the best one's intervals do not hold."""
     found, best = tried.found, tried.best
-    near = 1e-3 * np.abs(values[best]) + 1e-6
-    outside = ((values < intervals[:, 0] - near) | (values > intervals[:, 1] + near)).any(axis=1)
+    outside = np.any(fit_result.outside(values, values[best], intervals), axis=1)
     within = 2.0 * (found.cost - found.cost[best]) < tried.limit
     cases = [best, *(k for k in search.distinct(problem, found) if k != best and outside[k] and within[k])]
     weight = fit_result.weights(problem, found, cases, tried.scale, search.scales(problem))

@@ -106,15 +106,17 @@ def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, c
     )
 
 
-def _down(problem: Problem, starts: np.ndarray, free: np.ndarray) -> Least:
-    return predicted.solved(problem, starts, free, 0, least_squares.STEPS, fit_result.ENOUGH)
-
-
-def _near(fit: Fit, problem: Problem, scan: Scan) -> np.ndarray:
-    """The fit's place, what else fitted well, and the lowest points of another problem of the same parameters."""
+def _down(fit: Fit, problem: Problem, scan: Scan) -> Least:
+    """Least squares of another problem of the fit's parameters, from the fit's place, what else fitted well, and the
+    lowest points of that problem."""
     low = np.argsort(search.costs(problem, scan), kind="stable")[:STARTS]
-    known = np.argsort(fit.known.cost, kind="stable")[:STARTS]
-    return np.concatenate([fit.place[None], scan.place[low], fit.known.place[known]])
+    starts = np.concatenate([fit.place[None], scan.place[low], _lowest(fit)])
+    return predicted.solved(problem, starts, np.ones_like(starts, bool), 0, least_squares.STEPS, fit_result.ENOUGH)
+
+
+def _lowest(fit: Fit) -> np.ndarray:
+    """Places that fit best, shape (STARTS, parameters)."""
+    return fit.known.place[np.argsort(fit.known.cost, kind="stable")[:STARTS]]
 
 
 def _rows(fit: Fit, scan: Scan) -> Iterator[Suspect]:
@@ -123,8 +125,7 @@ def _rows(fit: Fit, scan: Scan) -> Iterator[Suspect]:
         sigma = np.array(fit.sigma)
         sigma[k] *= UNWEIGHED
         problem = dataclasses.replace(fit.problem, sigma=jnp.asarray(sigma))
-        starts = _near(fit, problem, scan)
-        found = _down(problem, starts, np.ones_like(starts, bool))
+        found = _down(fit, problem, scan)
         told = float(found.beside[0][int(np.nanargmin(found.cost))][k])
         off = f"row {k + 1} is off: {row.quantity} = {row.value:g} {row.unit}, where the others let expect {told:.4g}"
         yield _suspect(fit, problem, found, off, "check that row, or fit with --robust student")
@@ -139,8 +140,7 @@ def _fractions(fit: Fit, scan: Scan) -> Iterator[Suspect]:
     factor = np.where(losses, 100.0, 1.0)
     problem = dataclasses.replace(fit.problem, measured=jnp.asarray(factor * values),
                                   sigma=jnp.asarray(factor * fit.sigma))  # fmt: skip
-    starts = _near(fit, problem, scan)
-    found = _down(problem, starts, np.ones_like(starts, bool))
+    found = _down(fit, problem, scan)
     yield _suspect(fit, problem, found, "losses are given as fractions", "give them in percent")
 
 
@@ -155,7 +155,7 @@ def _parameters(fit: Fit) -> Iterator[Suspect]:
     problem = dataclasses.replace(fit.problem, parameters=parameters, bounds=bounds,
                                   sound=None if whole else fit.problem.sound)  # fmt: skip
     still = np.asarray(bounds.coordinates(jnp.array([parameter.start(fit.problem.scene) for parameter in parameters])))
-    low = fit.known.place[np.argsort(fit.known.cost, kind="stable")[:STARTS]]
+    low = _lowest(fit)
     for i, parameter in enumerate(more, own):
         free = np.arange(len(parameters)) < own
         free[i] = True
