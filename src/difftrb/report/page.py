@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import difftrb
-from difftrb.report import remarks, run_report
+from difftrb.report import plot, remarks, run_report
 from difftrb.ring import effects
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
@@ -142,10 +142,8 @@ def _spalls(scene: Scene) -> str:
 
 
 def _where(scene: Scene) -> str:
-    phase = (
-        "in the mean over the cage's turn" if isinstance(scene.phase, PitchMean) else f"roller 0 at {scene.phase:g} rad"
-    )
-    return f"{scene.load.radial:,g} N radial, {scene.load.axial:,g} N axial; {phase}; {scene.definition} stiffness"
+    phase = f"{'in the ' if isinstance(scene.phase, PitchMean) else ''}{plot.phase_of(scene)}"
+    return f"{plot.loads_of(scene)}; {phase}; {scene.definition} stiffness"
 
 
 def _number(value: Any, style: str) -> str:

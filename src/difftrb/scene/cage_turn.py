@@ -16,7 +16,7 @@ from difftrb.core.taylor import Taylor
 from difftrb.law.base import LAWS, Law
 from difftrb.ring import phase_average, plain_ring, ring
 from difftrb.ring.ring import Equilibrium
-from difftrb.scene.prepared import secant
+from difftrb.scene.prepared import as_defined
 from difftrb.scene.scene import Scene, healthy, is_plain, outer_law
 
 
@@ -63,7 +63,7 @@ def over_turn(scene: Scene, count: int = 240) -> Turn | None:
         both = [_at(one, one.spalls, phases) for one in (scene, healthy(scene))]
     if any(int(rest.status_code) != status.CONVERGED for rest in both):
         return None
-    stiffness, loads = ([xp.value(each(rest)) for rest in both] for each in (partial(_stiffness, scene), _loads))
+    stiffness, loads = ([xp.value(each(rest)) for rest in both] for each in (partial(as_defined, scene), _loads))
     return Turn(phases, *stiffness, *loads)
 
 
@@ -123,10 +123,6 @@ def _at(scene: Scene, spalls: tuple[Spall, ...], phases: Any) -> Equilibrium:
     return plain_ring.equilibrium(scene.bearing, scene.load, spalls, outer_law(scene), phases)
 
 
-def _stiffness(scene: Scene, rest: Equilibrium) -> Any:
-    return rest.tangent if scene.definition == "tangent" else secant(scene.load, rest.displacement)
-
-
 def _loads(rest: Equilibrium) -> Any:
     return rest.loads
 
@@ -140,7 +136,7 @@ def _phases(scene: Scene, sound: Equilibrium, spalls: tuple[Spall, ...]) -> tupl
 def _mean(scene: Scene, sound: Equilibrium, spalls: tuple[Spall, ...]) -> Any:
     """Stiffness in the mean over the cage's turn [N/mm], shape (3, 3)."""
     phases, weights = _phases(scene, sound, spalls)
-    return xp.einsum("p,pij->ij", weights, _stiffness(scene, _at(scene, spalls, phases)))
+    return xp.einsum("p,pij->ij", weights, as_defined(scene, _at(scene, spalls, phases)))
 
 
 def _of_both(stiffness: Any) -> Any:
@@ -166,7 +162,7 @@ def _losses(scene: Scene, sound: Equilibrium, whole: np.ndarray, length: float, 
     rest = _at(scene, (spall, *others), phases)
     if int(rest.status_code) != status.CONVERGED:
         return np.full((3, 2, len(widths)), np.nan)
-    shares = (_of_both(_stiffness(scene, rest)) * weights).reshape(2, len(widths), count)
+    shares = (_of_both(as_defined(scene, rest)) * weights).reshape(2, len(widths), count)
     means = xp.total(shares)
     loss = 100.0 * (1.0 - means.value / whole[:, None])
     return np.stack([loss, *(-100.0 * means.by / whole[:, None])])

@@ -120,8 +120,7 @@ def _expanded(scene: Scene) -> Solution:
     """A plain ring's solution in any arithmetic."""
     each, weights = phases(scene)
     rest = at_phases(scene, each)
-    stiffness = rest.tangent if scene.definition == "tangent" else secant(scene.load, rest.displacement)
-    return _of_phases(scene, rest, stiffness, weights, {})
+    return _of_phases(scene, rest, as_defined(scene, rest), weights, {})
 
 
 def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: Any, more: Results) -> Solution:
@@ -169,7 +168,7 @@ def _traced(scene: Scene) -> Solution:
         if scene.definition == "tangent":
             return rest, rest.tangent, more
         axial = more.get("axial_force", scene.load.axial)
-        return rest, secant(dataclasses.replace(scene.load, axial=axial), rest.displacement), more
+        return rest, _secant(dataclasses.replace(scene.load, axial=axial), rest.displacement), more
 
     if isinstance(scene.phase, PitchMean):
         each, weights = phases(scene)
@@ -208,7 +207,12 @@ def with_sizes_expanded(scene: Scene) -> Scene:
     return dataclasses.replace(scene, spalls=spalls)
 
 
-def secant(load: Load, displacement: Any) -> Any:
+def as_defined(scene: Scene, rest: ring.Equilibrium) -> Any:
+    """A plain ring's stiffness, tangent or secant as the scene defines it [N/mm], shape (…, 3, 3)."""
+    return rest.tangent if scene.definition == "tangent" else _secant(scene.load, rest.displacement)
+
+
+def _secant(load: Load, displacement: Any) -> Any:
     """Force over displacement [N/mm] on a diagonal of the displacement's size, shape (…, n, n); 0 and NaN as in
     `Solution`."""
     count, parts = displacement.shape[-1], []
