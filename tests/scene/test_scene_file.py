@@ -90,7 +90,6 @@ BAD = {
     "phase too far": ("[load]", "[stiffness]\nphase = 7.0\n[load]", ["stiffness.phase = 7.0", "6.2832 rad or 'mean'"]),
     "too little axial load": ("axial = 4500.0", "axial = 2000.0", ["load.axial = 2000 N", "2272"]),
     "no axial load": ("axial = 4500.0", "axial = 0.0", ["load.axial = 0 N", "2272"]),
-    "inner spall in the ring": ('"outer"', '"inner"', ["spall.0.surface = 'inner'", "name effects.raceways"]),
     "no load at all": (
         "radial = 9000.0               # N, along the load line\naxial = 4500.0",
         "radial = 0\naxial = 0",

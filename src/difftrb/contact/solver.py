@@ -157,6 +157,25 @@ def approach_and_gradient(
     return _first_that_does(method, inputs, accuracy, lambda way, *a: _slopes(way, inputs, mirrored, *a))
 
 
+def gradients_of_approach_and_moment(
+    contact: LineContact, load: Real, spall: Defect = None, offset: Real | Sequence[Real] = 0.0,
+    accuracy: float = 1e-3, tilt: Real = 0.0,
+) -> tuple[ContactSolution, Inputs, Inputs]:  # fmt: skip
+    """`approach_and_gradient`, and the gradient of the moment of the same solve [N mm]."""
+    inputs, mirrored, method = given(contact, load, spall, offset, tilt, "auto")
+    grid_for(accuracy)
+
+    def by(way: Method, edges: int, own: float) -> tuple[ContactSolution, Inputs, Inputs]:
+        if way != "strips":
+            return _compiled_moment_slopes(way, inputs, mirrored, own)
+        solution, found, strips = _strips_of_numbers(inputs, mirrored, edges, own)
+        gradients = strip_model.gradient, strip_model.moment_gradient
+        by_approach, by_moment = (gradient(found, inputs, strips) for gradient in gradients)
+        return solution, by_approach, by_moment
+
+    return _first_that_does(method, inputs, accuracy, by)  # type: ignore[return-value]
+
+
 # ------------------------------------------------------------------------------------------ which way is chosen
 
 
@@ -250,6 +269,19 @@ def _compiled_slopes(method: Method, inputs: Inputs, mirrored: bool, accuracy: f
 
     (_, solution), slopes = jax.value_and_grad(approach, has_aux=True)(inputs)
     return solution, slopes
+
+
+@jit_quickly(static_argnums=(0, 2, 3))
+def _compiled_moment_slopes(
+    method: Method, inputs: Inputs, mirrored: bool, accuracy: float
+) -> tuple[ContactSolution, Inputs, Inputs]:
+    def both(inputs: Inputs) -> tuple[jax.Array, ContactSolution]:
+        solution = _by(method, inputs, mirrored, 0, accuracy)
+        return jnp.stack([solution.approach, solution.moment]), solution
+
+    _, back, solution = jax.vjp(both, inputs, has_aux=True)
+    (by_approach,), (by_moment,) = back(jnp.array([1.0, 0.0])), back(jnp.array([0.0, 1.0]))
+    return solution, by_approach, by_moment
 
 
 def _way(inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> Way:

@@ -76,6 +76,15 @@ def gradient(found: Strips, inputs: Inputs, way: Way) -> Inputs:
     return form.unflatten(implicit.rates(lambda some: _shifted(way, found, form.unflatten(some)), leaves))
 
 
+def moment_gradient(found: Strips, inputs: Inputs, way: Way) -> Inputs:
+    """Derivatives of the moment about the roller's middle [N mm], found for numbers, in the form of the inputs."""
+    problem, plan, ends = _problem(inputs, way, found.reach)
+    kernel = _kernel(way, inputs.spall is not None, *ends)
+    by_tilt = found._replace(settled=strip_settling.turned(plan, problem, kernel, found.settled))
+    leaves, form = jax.tree.flatten(inputs)
+    return form.unflatten(implicit.rates(lambda some: _shifted_moment(way, by_tilt, form.unflatten(some)), leaves))
+
+
 def _groups(inputs: Inputs, reach: Reach, way: Way) -> tuple[tuple[Rows, ...], int | None, tuple]:
     """The rows, the number of those over the spall, and what they are made of: the spall's ends and the contact's."""
     ends = tuple(end / reach.unit for end in (*spall_edges(inputs), reach.bottom, reach.top))
@@ -135,6 +144,18 @@ def _shifted(way: Way, found: Strips, inputs: Inputs) -> Any:
     problem, plan, ends = _problem(inputs, way, reach)
     kernel_of = partial(_kernel, way, inputs.spall is not None)
     return (found.settled.approach + strip_settling.shift(plan, problem, kernel_of, ends, found.settled)) / problem.push
+
+
+def _shifted_moment(way: Way, by_tilt: Strips, inputs: Inputs) -> Any:
+    """The moment [N mm] to first order in a change of the inputs, at what was found for them and `turned`."""
+    reach = carried_along(by_tilt.reach, inputs, way.edges)
+    problem, plan, ends = _problem(inputs, way, reach)
+    kernel_of = partial(_kernel, way, inputs.spall is not None)
+    groups, *_ = _groups(inputs, reach, way)
+    settled = by_tilt.settled
+    on = settled.active[plan.outline_of]
+    own = xp.total(xp.where(on, settled.loads[:, 0], 0.0) * strip_plan.arms(groups)[plan.rows])
+    return reach.line_load * reach.unit**2 * (own + strip_settling.shift(plan, problem, kernel_of, ends, settled))
 
 
 def _search(way: Way, inputs: Inputs) -> tuple[Any, Strips]:

@@ -183,8 +183,12 @@ def kernel_of(groups: tuple[Rows, ...], mirrored: bool, frequencies: Frequencies
     """The rows' kernel. In ln κ it is smooth: at the waves' frequencies it is interpolated from `nodes` of them."""
     at, through = _through(frequencies, nodes)
     products = xp.einsum("ijn,nk->ijk", strip_kernel.products(groups, at, mirrored), through)
-    arm = xp.concatenate([strip_rows.integrals(rows, lambda y: y) for rows in groups])
-    return Kernel(products, strip_rows.mass(groups), arm)
+    return Kernel(products, strip_rows.mass(groups), arms(groups))
+
+
+def arms(groups: tuple[Rows, ...]) -> Any:
+    """∫ hat y dy of all rows, (rows,)."""
+    return xp.concatenate([strip_rows.integrals(rows, lambda y: y) for rows in groups])
 
 
 @lru_cache

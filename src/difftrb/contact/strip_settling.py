@@ -153,15 +153,9 @@ def _pressed(
     plan: Plan, problem: Problem, table: Any, mass: Any, ends: Any, held: Any, active: Any
 ) -> tuple[Settled, Any]:
     """The pressure for these boundaries, and by how much outlines overlap the other body, on the mean."""
-    low, high = _intervals(plan, ends)
-    matrix = coupled(table, strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0]))
-    strength, tails = _strengths(plan, low, high), mass[None] * xp.moveaxis(_same(plan, held), -1, 0)
-    for end in (0, 1):
-        at = strength[..., end]
-        matrix = matrix + tails[end][:, None, :, None] * at[:, :, None, None] * at[None, None]
-    gap, weight = _terms(plan, problem, strip_waves.gap_integrals(plan.orders, low, high))
-    n = gap.size
-    quadratic = Quadratic(matrix.reshape(n, n), gap.ravel(), weight.ravel(), problem.load)
+    matrix = _matrix(plan, table, mass, ends, held)
+    gap, weight = _terms(plan, problem, strip_waves.gap_integrals(plan.orders, *_intervals(plan, ends)))
+    quadratic = Quadratic(matrix, gap.ravel(), weight.ravel(), problem.load)
     found = active_set.on_set(quadratic, xp.repeat(active[plan.outline_of], len(plan.orders)))
     zero, first = np.zeros(()), len(plan.orders) * np.arange(plan.rows.size)
     residual = quadratic.matrix[first] @ found.loads + gap[:, 0] - found.approach * weight[:, 0]
@@ -170,6 +164,30 @@ def _pressed(
         found.loads.reshape(gap.shape), found.by_load.reshape(gap.shape), found.approach, found.compliance, ends, held,
         active, zero,
     ), overlap  # fmt: skip
+
+
+def _matrix(plan: Plan, table: Any, mass: Any, ends: Any, held: Any) -> Any:
+    """What modes push each other down, (strips · modes, strips · modes)."""
+    low, high = _intervals(plan, ends)
+    matrix = coupled(table, strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0]))
+    strength, tails = _strengths(plan, low, high), mass[None] * xp.moveaxis(_same(plan, held), -1, 0)
+    for end in (0, 1):
+        at = strength[..., end]
+        matrix = matrix + tails[end][:, None, :, None] * at[:, :, None, None] * at[None, None]
+    n = plan.rows.size * len(plan.orders)
+    return matrix.reshape(n, n)
+
+
+def turned(plan: Plan, problem: Problem, kernel: Kernel, found: Settled) -> Settled:
+    """What was found, with the change by the roller's tilt in place of that by its load: of loads and of the approach,
+    by a gap that grows by the distance from the middle."""
+    table, mass = spread(plan.even, kernel.products, plan.rows), kernel.mass[plan.rows][:, plan.rows]
+    matrix = _matrix(plan, table, mass, found.ends, found.held)
+    _, weight = _terms(plan, problem, np.zeros((plan.rows.size, len(plan.orders))))
+    arm = kernel.arm[plan.rows][:, None] * np.eye(1, len(plan.orders))
+    on = xp.repeat(found.active[plan.outline_of], len(plan.orders))
+    by_tilt = active_set.on_set(Quadratic(matrix, arm.ravel(), weight.ravel(), np.zeros(())), on)
+    return found._replace(by_load=by_tilt.loads.reshape(weight.shape), compliance=by_tilt.approach)
 
 
 def spread(even: bool, products: Any, rows: np.ndarray) -> Any:
@@ -213,7 +231,8 @@ def shift(plan: Plan, problem: Problem, kernel_of: Callable[..., Kernel], ends: 
     """What the approach is off by, to first order in a change of the problem: 0 for the one that was solved.
 
     With W w + g = δ m, m·w = load and v = ∂w/∂load: dδ = v·(dW w + dg − δ dm) + ∂δ/∂load (dload − dm·w). Boundaries
-    that are free do not matter, those held by an edge move with it. W changes with the rows, whose kernel is
+    that are free do not matter, those held by an edge move with it. Of what was `turned`, it is the moment that is off
+    by this, all but what the rows' own arms add. W changes with the rows, whose kernel is
     `kernel_of(*ends)`, and with the rolling edges: each is expanded alone, for there are few of either.
     """
     on = found.active[plan.outline_of][:, None]

@@ -28,6 +28,7 @@ BOTTOM = 12
 OUTSIDE = 13
 SLIVER = 14
 OTHER_CONTACT = 15
+TILTS = 16
 UNDEFINED = 100
 
 SENTENCES = {
@@ -58,6 +59,9 @@ SENTENCES = {
     "know: use contact.law = 'direct' or 'auto', or move or shorten it",
     OTHER_CONTACT: "the roller is crowned too little, or too small or large for its crown, for the table: use "
     "contact.law = 'direct' or 'auto', or another design load",
+    TILTS: "a roller between both raceways tilts over a spall off its middle, which this roller law does not know: use "
+    "contact.law = 'direct' at one phase (of all phases: difftrb stiffness), or hold rollers by "
+    "effects.raceways.rollers = 'upright'",
     UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }
 

@@ -8,22 +8,23 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import status
+from difftrb.core import series, status
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, ramp_fit, samples
-from difftrb.law.base import Rest
+from difftrb.law.base import Law, Rest
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw, accuracy_at_edges
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve
-from difftrb.law.samples import Node, Progress
+from difftrb.law.roller_tilt import UPRIGHT, TiltCurve
+from difftrb.law.samples import Node, Progress, Turning
 
 if TYPE_CHECKING:
     from jax import Array
@@ -43,6 +44,8 @@ NARROWER = 0.25
 together they tell no more than a quadratic."""
 BENDS = 5e-4
 """Residual of a state's curve, in the logarithm of the load, beyond which it does."""
+TILT_DEGREE = 2
+"""Of a state's tilt over the logarithm of its load."""
 TOGETHER = 4
 """States are filled up to a multiple of this: every number of them would be a program of its own."""
 
@@ -61,14 +64,16 @@ class Reached(NamedTuple):
 
 
 class States(NamedTuple):
-    """Rollers that meet spalls, one behind the other along the first axis of every field.
+    """Rollers that meet spalls, or tilt by those on the other raceway, one behind the other along the first axis of
+    every field.
 
     Attributes:
       at: which roller each is: a one in zeros; zeros alone fill up.
       met: which spalls are in its reach: ones in zeros.
       log_loads: of its solves [log N]. approaches: [mm].
       given: `samples.inputs` of the contact, all spalls, and its distances from them, as solved.
-      slopes: of the approaches by these; 0 by spalls out of reach.
+      slopes: of the approaches by these, the tilt held; 0 by spalls out of reach.
+      tilts: of the roller in its solves, as this raceway sees it [rad].
     """
 
     at: Float[Array, "states rollers"]
@@ -77,6 +82,7 @@ class States(NamedTuple):
     approaches: Float[Array, "states loads"]
     given: Float[Array, "states inputs"]
     slopes: Float[Array, "states loads inputs"]
+    tilts: Float[Array, "states loads"]
 
 
 @jax.tree_util.register_dataclass
@@ -88,11 +94,13 @@ class LocalLaw:
       base: the curve of a healthy roller, and the contact.
       states: of the rollers that meet spalls; None: none does.
       settling: while states are looked for, none is refused.
+      tilts: whether rollers were free to tilt between both raceways.
     """
 
     base: DirectLaw
     states: States | None
     settling: bool = dataclasses.field(default=False, metadata={"static": True})
+    tilts: bool = dataclasses.field(default=False, metadata={"static": True})
     name = "direct"
     hard = False
     expands = True
@@ -140,11 +148,11 @@ class LocalLaw:
 
     def _approaches(self, states: States, spalls: tuple[Spall, ...], distances: Any) -> Any:
         """Of the solves, carried to what rollers meet now [mm], shape (states, loads)."""
-        count = len(spalls)
-        alike = samples.inputs(self.contact, spalls, 0.0)[:-count]
+        sizes = samples.count(len(spalls)) - len(spalls)
+        alike = samples.inputs(self.contact, spalls, np.zeros(len(spalls)))[:sizes]
         away = xp.einsum("sr,nr->sn", states.at, distances)
         moved = xp.concatenate(
-            [alike[None] - states.given[:, :-count], away - states.given[:, -count:]], axis=-1
+            [alike[None] - states.given[:, :sizes], away - states.given[:, sizes:]], axis=-1
         )  # fmt: skip
         change = xp.where(xp.any(states.at > 0.0, axis=1)[:, None], moved, 0.0)
         return states.approaches + xp.einsum("kli,ki->kl", states.slopes, change)
@@ -153,27 +161,42 @@ class LocalLaw:
         """See `Law`: only the scene it was made for, or its neighbours, or the same bearing without spalls."""
         if self.settling:
             return np.asarray(status.CONVERGED)
-        code = self.base.judge((), distances[:0], rest)
-        if not spalls:
+        code, states = self.base.judge((), distances[:0], rest), self.states
+        if not spalls and (states is None or states.met.shape[1]):
             return code
         distances, met = _of_one_phase(distances), np.zeros((len(spalls), distances.shape[-1]), bool)
         if rest is not None:
             rest = rest._replace(approach=rest.approach.reshape(-1), loads=rest.loads.reshape(-1))
-            met = xp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
-        states = self.states
+            if spalls:
+                met = xp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
         if states is None:
             return xp.where(xp.any(met), status.OTHER_SCENE, code)
         if states.met.shape[1] != len(spalls):
             return np.asarray(status.OTHER_SCENE)
         moved = self._approaches(states, spalls, distances) / states.approaches - 1.0
-        apart = (xp.einsum("sr,nr->sn", states.at, distances) - states.given[:, -len(spalls) :]) * states.met
-        same = (xp.max(xp.abs(moved)) < MOVED) & (xp.max(xp.abs(apart)) < ASIDE)
+        first = states.given.shape[1] - len(spalls)
+        apart = (xp.einsum("sr,nr->sn", states.at, distances) - states.given[:, first:]) * states.met
+        same = (xp.max(xp.abs(moved)) < MOVED) & (xp.max(xp.abs(apart), initial=0.0) < ASIDE)
         if rest is not None:
             load = xp.maximum(xp.einsum("sr,r->s", states.at, rest.loads), xp.exp(self.base.log_loads[0]))
             off = xp.abs(xp.log(load) - xp.mean(states.log_loads, axis=1)) * xp.max(states.at, axis=1)
             unknown = met & (xp.einsum("sn,sr->nr", states.met, states.at) == 0.0)
             same = same & (xp.max(off) < WITHIN) & ~xp.any(unknown)
         return xp.where(same, code, status.OTHER_SCENE)
+
+    def roller_tilts(self, loads: Any) -> Any:
+        """Tilt of every roller of the first row [rad] at its load on this raceway [N], both of shape (rollers,), by
+        those of its solves."""
+        states = self.states
+        if states is None:
+            return xp.zeros_like(loads)
+        at = states.at[:, : loads.shape[0]]
+        middle = xp.mean(states.log_loads, axis=1)
+        apart = states.log_loads - middle[:, None]
+        powers = xp.stack([apart**k for k in range(TILT_DEGREE + 1)], axis=-1)
+        found = ramp_fit.least_squares(powers, states.tilts, NOTHING)
+        here = xp.log(xp.maximum(xp.einsum("sr,r->s", at, loads), 1e-9)) - middle
+        return xp.einsum("s,sr->r", series.polynomial(xp.moved_last(found), here), at)
 
     def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:
         """See `Law`: not known, for there is no mean over phases."""
@@ -202,39 +225,63 @@ def through(log_loads: Any, approaches: Any) -> Curve:
 
 def around(
     base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], loads: np.ndarray, found: bool,
-    progress: Progress | None = None,
+    tilts: Sequence[TiltCurve] | None = None, progress: Progress | None = None,
 ) -> LocalLaw:  # fmt: skip
     """The law of rollers that carry about `loads` [N], shape (rollers reached,), from that of healthy ones.
 
     Contacts are solved around these loads: few and far apart while the loads are looked for, more once they are
-    `found`. Needs numbers, not tracers. What comes out is `settling`: it refuses nothing.
+    `found`. `tilts` are of every roller reached; None: all are held upright. Needs numbers, not tracers. What comes out
+    is `settling`: it refuses nothing.
     """
-    count, spread = (MANY, SPREAD) if found else (FEW, SEARCHED)
-    way = np.asarray(chebyshev_nodes(count, -1.0, 1.0))
+    spread, way = spread_of(found)
     logs = np.log(loads)[:, None] + spread * way
-    solved = _solved(base, spalls, reached, logs, progress)
+    curves = [UPRIGHT] * len(reached) if tilts is None else tilts
+    solved = _solved(base, spalls, reached, logs, curves, progress)
     for k, own in enumerate(solved):
         if found and (_bend(logs[k], own) > BENDS or _touches_at_some(own, len(reached[k].under))):
             logs[k] = np.log(loads[k]) + NARROWER * spread * way
-            (solved[k],) = _solved(base, spalls, reached[k : k + 1], logs[k : k + 1], progress)
+            of = slice(k, k + 1)
+            (solved[k],) = _solved(base, spalls, reached[of], logs[of], curves[of], progress)
     code = max(float(base.status_code), samples.worst_status([node for own in solved for node in own]))
-    states = _stacked(base, spalls, reached, logs, solved) if reached else None
-    return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True)
+    states = _stacked(base, spalls, reached, logs, solved, curves) if reached else None
+    return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True, tilts=tilts is not None)
+
+
+def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]:
+    """By how much in their logarithm the loads of one roller's solves are spread to either side, and where between −1
+    and 1 they stand; `count` of them, default as many as `around` solves."""
+    own, spread = (MANY, SPREAD) if found else (FEW, SEARCHED)
+    return spread, np.asarray(chebyshev_nodes(own if count is None else count, -1.0, 1.0))
+
+
+def healthy(law: Law) -> Law:
+    """The law of the same bearing without spalls, of one that may hold states of rollers that meet some."""
+    return dataclasses.replace(law, states=None) if isinstance(law, LocalLaw) else law
 
 
 def _solved(
     base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], log_loads: np.ndarray,
-    progress: Progress | None,
+    tilts: Sequence[TiltCurve], progress: Progress | None,
 ) -> list[list[Node]]:  # fmt: skip
     """Contacts of every roller reached at its `log_loads` [log N], shape (rollers reached, loads)."""
     cases = [
-        samples.case_under(load, [spalls[i] for i in each.under], each.away)
-        for each, row in zip(reached, log_loads, strict=True)
-        for load in np.exp(row)
+        samples.case_under(load, [spalls[i] for i in each.under], each.away)._replace(tilt=float(tilt))
+        for each, row, curve in zip(reached, log_loads, tilts, strict=True)
+        for load, tilt in zip(np.exp(row), curve.tilt(row), strict=True)
     ]
-    solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress)
+    turning = any(curve is not UPRIGHT for curve in tilts)
+    solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress, turning)
     count = log_loads.shape[1]
     return [solved[k : k + count] for k in range(0, len(solved), count)]
+
+
+def _slopes(solved: Sequence[Node], log_loads: np.ndarray, curve: TiltCurve, inputs: int) -> np.ndarray:
+    """Of one roller's approaches, by as many inputs, shape (loads, inputs), with what its tilt makes of them."""
+    slopes = np.array([node.slopes[:inputs] for node in solved])
+    if curve is UPRIGHT:
+        return slopes
+    moments = np.array([cast(Turning, node.turning).moment_slopes[:inputs] for node in solved])
+    return slopes + curve.gain(log_loads)[:, None] * moments
 
 
 def _bend(log_loads: np.ndarray, solved: Sequence[Node]) -> float:
@@ -246,14 +293,14 @@ def _bend(log_loads: np.ndarray, solved: Sequence[Node]) -> float:
 
 def _touches_at_some(solved: Sequence[Node], spalls: int) -> bool:
     """Whether an edge of the spalls is in the contact at some of the loads, and at others not: there is a kink."""
-    by_away = np.array([node.slopes for node in solved])[:, -spalls:]
+    by_away = np.array([node.slopes[samples.count(spalls) - spalls : samples.count(spalls)] for node in solved])
     touches = by_away != 0.0
     return bool(np.any(np.any(touches, axis=0) & ~np.all(touches, axis=0)))
 
 
 def _stacked(
     base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], logs: np.ndarray,
-    solved: Sequence[Sequence[Node]],
+    solved: Sequence[Sequence[Node]], tilts: Sequence[TiltCurve],
 ) -> States:  # fmt: skip
     """All that was solved; filled up to a multiple of `TOGETHER` states, so that scenes share programs."""
     count = len(spalls)
@@ -262,7 +309,8 @@ def _stacked(
     for k, (each, own) in enumerate(zip(reached, solved, strict=True)):
         under = list(each.under)
         met[k, under] = 1.0
-        slopes[k][:, samples.places(under, count)] = [node.slopes for node in own]
+        inputs = samples.count(len(under))  # those of a healthy contact name a spall of no size, too
+        slopes[k][:, samples.places(under, count)] = _slopes(own, logs[k], tilts[k], inputs)
         away = np.zeros(count)
         away[under] = each.away
         given[k] = samples.inputs(base.contact, spalls, away)
@@ -270,8 +318,9 @@ def _stacked(
     at[np.arange(len(reached)), [each.roller for each in reached]] = 1.0
     approaches = np.array([[node.approach for node in own] for own in solved])
     more = -len(reached) % TOGETHER
+    leaning = np.array([curve.tilt(row) for curve, row in zip(tilts, logs, strict=True)])
     filled = [np.concatenate([field, np.repeat(field[:1], more, axis=0)])
-              for field in (met, logs, approaches, given, slopes)]  # fmt: skip
+              for field in (met, logs, approaches, given, slopes, leaning)]  # fmt: skip
     at = np.concatenate([at, np.zeros((more, at.shape[1]))])
     filled[0][len(reached) :] = 0.0
     return States(jnp.asarray(at), *map(jnp.asarray, filled))

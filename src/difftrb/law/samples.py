@@ -21,6 +21,7 @@ from difftrb.core.geometry import LineContact, Real, Spall
 ALONG = 41
 """Places along a spall at which it is asked how far the roller stands off."""
 
+Asked = TypeVar("Asked")
 Solved = TypeVar("Solved")
 
 
@@ -51,11 +52,12 @@ Progress = Callable[[int, int], None]
 
 class Case(NamedTuple):
     """One contact: load [N], spall (None is healthy, a tuple is several), distance of the contact from the spall's
-    middle [mm], of several one each."""
+    middle [mm], of several one each, and the roller's tilt [rad]."""
 
     load: float
     spall: Spall | tuple[Spall, ...] | None = None
     distance: float | Sequence[float] = 0.0
+    tilt: float = 0.0
 
 
 def case_under(load: float, spalls: Sequence[Spall], away: Sequence[float]) -> Case:
@@ -67,10 +69,18 @@ def case_under(load: float, spalls: Sequence[Spall], away: Sequence[float]) -> C
     return Case(load, met, tuple(away))
 
 
+class Turning(NamedTuple):
+    """How a contact answers to tilt: approach by tilt [mm/rad], moment by tilt [N mm/rad] and by `inputs`."""
+
+    by_tilt: float
+    moment_by_tilt: float
+    moment_slopes: np.ndarray
+
+
 @dataclasses.dataclass(frozen=True)
 class Node:
-    """A solved `Case`: approach [mm], by the load [mm/N] and by `inputs`, shape (INPUTS,), longer with several spalls;
-    the rest as in `ContactSolution`."""
+    """A solved `Case`: approach [mm], by the load [mm/N] and, the tilt held, by `inputs`, shape (INPUTS,), longer with
+    several spalls; the rest as in `ContactSolution`; `turning` if it was asked for."""
 
     approach: float
     compliance: float
@@ -78,6 +88,8 @@ class Node:
     status_code: int
     half_width: float
     reach: float
+    moment: float = 0.0
+    turning: Turning | None = None
 
 
 def inputs(contact: LineContact, spall: Spall | tuple[Spall, ...] | None, distance: Real | Sequence[Real]) -> Any:
@@ -107,21 +119,36 @@ def places(under: Sequence[int], spalls: int) -> list[int]:
     return [*range(first), *sizes, *(first + size * spalls + i for i in under)]
 
 
-def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
+def solved(contact: LineContact, case: Case, accuracy: float, turning: bool = False) -> Node:
     """Solve one case, choosing the method automatically. Of a roller over the middle of a wide spall, `reach` is how
-    far from there a rolling edge would touch it [mm]; else 0."""
-    solution, (by_contact, by_load, by_spall, by_distance, _) = contacts.approach_and_gradient(
-        contact, case.load, case.spall, case.distance, accuracy
-    )
-    slopes = np.array(inputs(by_contact, cast(Any, by_spall), by_distance if case.spall is not None else 0.0))
-    if is_symmetric(case.spall):  # half the roller was solved
-        sizes = len(OF_SPALL)
-        slopes[AT.spall_axial_offset : len(OF_CONTACT) + sizes * len(listed(case.spall)) : sizes] = 0.0
+    far from there a rolling edge would touch it [mm]; else 0. `turning` asks for the slopes of the moment, too."""
+    given = contact, case.load, case.spall, case.distance, accuracy
+    answer = None
+    if turning:
+        solution, by, by_moment = contacts.gradients_of_approach_and_moment(*given, tilt=case.tilt)
+        answer = Turning(_or_zero(by.tilt), _or_zero(by_moment.tilt), _by_inputs(case, by_moment))
+    else:
+        solution, by = contacts.approach_and_gradient(*given, tilt=case.tilt)
     return Node(
-        float(solution.approach), float(by_load), slopes, int(solution.status_code),
+        float(solution.approach), float(by.load), _by_inputs(case, by), int(solution.status_code),
         0.5 * float(solution.contact_width),
         reach(contact, solution) if isinstance(case.spall, Spall) and case.distance == 0.0 else 0.0,
+        float(solution.moment), answer,
     )  # fmt: skip
+
+
+def _or_zero(slope: Real | None) -> float:
+    """By the tilt of a contact that was solved on half the roller, which has none."""
+    return 0.0 if slope is None else float(slope)
+
+
+def _by_inputs(case: Case, by: contacts.Inputs) -> np.ndarray:
+    """A gradient as `inputs` are ordered."""
+    slopes = np.array(inputs(by.contact, cast(Any, by.spall), by.offset if case.spall is not None else 0.0))
+    if is_symmetric(case.spall) and case.tilt == 0.0:  # half the roller was solved
+        sizes = len(OF_SPALL)
+        slopes[AT.spall_axial_offset : len(OF_CONTACT) + sizes * len(listed(case.spall)) : sizes] = 0.0
+    return slopes
 
 
 def reach(contact: LineContact, solution: ContactSolution) -> float:
@@ -165,13 +192,14 @@ def _least(values: np.ndarray) -> float:
 
 
 def all_solved(
-    contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
-) -> list[Node]:
-    """Solve every case, with slopes."""
-    return mapped(lambda case: solved(contact, case, accuracy), cases, progress)
+    contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None,
+    turning: bool = False,
+) -> list[Node]:  # fmt: skip
+    """Solve every case, with slopes; `turning` as in `solved`."""
+    return mapped(lambda case: solved(contact, case, accuracy, turning), cases, progress)
 
 
-def mapped(solve: Callable[[Case], Solved], cases: Sequence[Case], progress: Progress | None = None) -> list[Solved]:
+def mapped(solve: Callable[[Asked], Solved], cases: Sequence[Asked], progress: Progress | None = None) -> list[Solved]:
     """`solve` of every case, on all cores that this process may use."""
     nodes: list[Solved] = []
     # LAPACK's own threads, besides these, only wait for each other: exact edges would take twice as long

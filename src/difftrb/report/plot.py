@@ -87,7 +87,7 @@ class Pressed(NamedTuple):
 
 def contacts_at_spall(scene: Scene, solution: Solution) -> list[Pressed]:
     """The outer contacts of up to `MOST` loaded rollers that meet the first spall there; of the most loaded roller if
-    none does, or there is none. Each with the load and the offset that it has in `solution`."""
+    none does, or there is none. Each with the load, the offset and the tilt that it has in `solution`."""
     loads, contact = np.asarray(solution.loads), raceway_contact(scene, "outer")
     spall = next(iter(ring.spalls_on(scene.spalls, "outer")), None)
     rollers, away = [int(np.argmax(loads))], np.zeros(loads.size)
@@ -99,7 +99,8 @@ def contacts_at_spall(scene: Scene, solution: Solution) -> list[Pressed]:
         nearest = met[np.argsort(np.abs(away[met]), kind="stable")[:MOST]]
         rollers = sorted((int(j) for j in nearest), key=lambda j: away[j]) or rollers
     accuracy = min(scene.accuracy, FINE)
-    found = (pressure_patches(contact, loads[j], spall, -float(away[j]), accuracy) for j in rollers)
+    tilts = 1e-3 * np.asarray(solution.effects.get("roller_tilts", np.zeros(loads.size)))
+    found = (pressure_patches(contact, loads[j], spall, -float(away[j]), accuracy, float(tilts[j])) for j in rollers)
     return [Pressed(j, *one) for j, one in zip(rollers, found, strict=True)]
 
 

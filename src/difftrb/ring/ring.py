@@ -263,7 +263,8 @@ def _known(
         known = status.worst(known, terms.known)
     if terms.facing is None or terms.seat is None:
         return known
-    return status.worst(known, terms.facing.judge(state._replace(loads=roller_balance.inner_load(terms.seat, loads))))
+    inner = state._replace(loads=roller_balance.inner_load(terms.seat, loads))
+    return status.worst(known, terms.facing.tilts(roller_law, spalls, away, state), terms.facing.judge(inner))
 
 
 def _judged(

@@ -13,6 +13,7 @@ import numpy as np
 
 from difftrb.core import status
 from difftrb.core.geometry import Real, Spall
+from difftrb.law import local
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.ring.roller_balance import Seat
@@ -25,17 +26,31 @@ LEAST = 1e-12
 
 class Facing(NamedTuple):
     """The inner raceway as it is judged: its law, the spalls met there, their distances from the rollers' contacts
-    [mm], shape (spalls, rollers), and the contacts' equivalent radius [mm]."""
+    [mm], shape (spalls, rollers), the contacts' equivalent radius [mm], and whether rollers are free to tilt."""
 
     law: Law
     spalls: tuple[Spall, ...]
     distances: jax.Array
     radius: Real
+    free: bool = False
 
     def judge(self, rest: Rest) -> jax.Array:
         """Status: whether the law knows what it meets; `rest` as of the outer raceway."""
-        code = self.law.judge(self.spalls, self.distances, rest._replace(radius=self.radius))
+        rest = rest._replace(radius=self.radius)
+        code = status.worst(self.law.judge(self.spalls, self.distances, rest), self.tilts(self.law, self.spalls,
+                            self.distances, rest))  # fmt: skip
         return status.worst(code, jnp.asarray(self.law.status_code).astype(int))
+
+    def tilts(self, law: Law, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest) -> jax.Array:
+        """Status: whether `law` was made for rollers that may tilt as these do, or need not, for none meets a spall off
+        its middle."""
+        if getattr(law, "tilts", False) != self.free and isinstance(law, local.LocalLaw) and law.states is not None:
+            return jnp.asarray(status.OTHER_SCENE)
+        if not self.free or isinstance(law, local.LocalLaw):
+            return jnp.asarray(status.CONVERGED)
+        leans = [jnp.any(rest.in_reach(spall, away) & (spall.axial_offset != 0.0))
+                 for spall, away in zip(spalls, distances, strict=True)]  # fmt: skip
+        return jnp.where(jnp.any(jnp.asarray(leans, bool)), status.TILTS, status.CONVERGED)
 
 
 class Pair(NamedTuple):

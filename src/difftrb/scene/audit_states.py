@@ -10,9 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.contact.contact_solution import listed
 from difftrb.core.geometry import LineContact, Raceway, Spall
 from difftrb.law import samples
 from difftrb.law.base import Rest
+from difftrb.law.roller_tilt import Between, at_rest
 from difftrb.law.samples import Case, Node, Progress
 from difftrb.ring import effects, ring, roller_balance
 from difftrb.ring.effects import Through
@@ -37,10 +39,12 @@ class RacewayContact(NamedTuple):
 
 
 class State(NamedTuple):
-    """One roller at rest, and its contacts: with the outer raceway and, if it gives way, with the inner one."""
+    """One roller at rest, and its contacts: with the outer raceway and, if it gives way, with the inner one. It `tilts`
+    if it may, and a spall stands off its middle."""
 
     roller: int
     contacts: tuple[RacewayContact, ...]
+    tilts: bool = False
 
 
 class AtPhase(NamedTuple):
@@ -107,8 +111,24 @@ def _states(
             case = samples.case_under(carried, [spalls[i] for i in under], places)
             of_scene = tuple(scene.spalls.index(spalls[i]) for i in under)
             own.append(RacewayContact(raceway, contact, case, key_of(raceway, carried, under, places), of_scene))
-        states.append(State(j, tuple(own)))
+        between = terms.facing is not None and terms.facing.free and between_raceways(own)
+        states.append(_tilting(j, own) if between and between.leans else State(j, tuple(own)))
     return states
+
+
+def between_raceways(own: Sequence[RacewayContact]) -> Between:
+    """A roller between both raceways."""
+    cases = [(listed(each.case.spall), np.atleast_1d(np.asarray(each.case.distance, float)).tolist()) for each in own]
+    (outer, out), (inner, into) = cases
+    return Between((own[0].contact, own[1].contact), (outer, inner), (out[: len(outer)], into[: len(inner)]))
+
+
+def _tilting(roller: int, own: Sequence[RacewayContact]) -> State:
+    """A roller whose contacts are what both are together."""
+    marks = tuple(mark for each in own for mark in (*map(str, each.key[2]), *each.key[3]))
+    return State(
+        roller, tuple(each._replace(key=(*each.key[:3], (*each.key[3], "tilts", *marks))) for each in own), True
+    )
 
 
 def _met(
@@ -132,15 +152,19 @@ def key_of(raceway: Raceway, load: float, under: tuple[int, ...], places: Sequen
 
 
 def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress | None) -> dict[Key, Node]:
-    """The contacts of all states, by their keys; equal ones are solved once."""
-    wanted: dict[Key, RacewayContact] = {}
-    for state in states:
-        for each in state.contacts:
-            wanted.setdefault(each.key, each)
+    """The contacts of all states, by their keys; equal ones are solved once. Rollers that tilt are brought to rest."""
+    tilting = {state.contacts[0].key: state.contacts for state in states if state.tilts}
+    rolled = samples.mapped(
+        lambda own: at_rest(between_raceways(own), (own[0].case.load, own[1].case.load), accuracy),
+        list(tilting.values()), progress,
+    )  # fmt: skip
     solved: dict[Key, Node] = {}
+    for own, rest in zip(tilting.values(), rolled, strict=True):
+        solved |= {own[0].key: rest.outer, own[1].key: rest.inner}
+    wanted = {each.key: each for state in states if not state.tilts for each in state.contacts}
     for raceway in ("outer", "inner"):
-        own = [each for each in wanted.values() if each.raceway == raceway]
-        if own:
-            nodes = samples.all_solved(own[0].contact, [each.case for each in own], accuracy, progress)
-            solved |= {each.key: node for each, node in zip(own, nodes, strict=True)}
+        upright = [each for each in wanted.values() if each.raceway == raceway]
+        if upright:
+            nodes = samples.all_solved(upright[0].contact, [each.case for each in upright], accuracy, progress)
+            solved |= {each.key: node for each, node in zip(upright, nodes, strict=True)}
     return solved

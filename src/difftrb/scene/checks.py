@@ -206,14 +206,8 @@ def of_one_shape(spalls: tuple[Spall, ...]) -> bool:
 
 def _of_effects(scene: Scene) -> str | None:
     """What keeps the scene's spalls and effects from being had together."""
-    keys = {effect.key for effect in scene.effects}
     name = scene.law.name if isinstance(scene.law, LawName) else None
     for i, spall in enumerate(scene.spalls):
-        if spall.surface != "outer" and "raceways" not in keys:
-            return (
-                f"spall.{i}.surface = {spall.surface!r}: the plain ring meets spalls on the 'outer' raceway only; name "
-                "effects.raceways"
-            )
         if spall.surface == "roller" and isinstance(scene.phase, PitchMean):
             return (
                 f"spall.{i}.surface = 'roller' belongs to one roller, so phase = 'mean' has no meaning for it; give a "

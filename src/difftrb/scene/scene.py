@@ -16,7 +16,7 @@ from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall
 from difftrb.core.messages import known, shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
-from difftrb.law import power
+from difftrb.law import local, power
 from difftrb.law.base import Law
 from difftrb.ring import effect, effects, phase_average, plain_ring, ring
 from difftrb.ring.effect import Effect
@@ -95,8 +95,8 @@ class Scene:
     Attributes:
       bearing: its name, say "32008J", or your own `TaperedBearing`.
       load: radial and axial [N].
-      spalls: a tuple of them, or one; on the outer raceway, or with the effect `Raceways` on the inner one and on
-        roller 0, too; empty is healthy.
+      spalls: a tuple of them, or one; on the outer raceway, on the inner one or on roller 0; empty is healthy. Those
+        not on the outer raceway call for the effect `Raceways`: the scene has it then, named or not.
       law: "auto" (default: "table" where it knows the scene, else "direct"), "table", "direct", "power", "liu2018",
         "palmgren", or a law made before. "direct" needs `prepare` before the scene is differentiated, jitted or
         batched; traced, "auto" is "table", whose status says what it does not know.
@@ -122,11 +122,12 @@ class Scene:
     picked: Picked | None = None
 
     def __post_init__(self) -> None:
-        tidy: dict[str, Any] = {"effects": effect.in_order(self.effects)}
+        tidy: dict[str, Any] = {}
         if isinstance(self.bearing, str):
             tidy["bearing"] = _bearing(self.bearing)
         if isinstance(self.spalls, Spall | HeightMap | list):
             tidy["spalls"] = tuple(self.spalls) if isinstance(self.spalls, list) else (self.spalls,)
+        tidy["effects"] = _with_called_for(effect.in_order(self.effects), tidy.get("spalls", self.spalls))
         if isinstance(self.phase, str):
             if self.phase != "mean":
                 raise SceneError(f"phase = {self.phase!r} is unknown; give an angle [rad] or 'mean'")
@@ -177,6 +178,14 @@ class Scene:
         return "\n".join([*rows, *(f"  effect: {each.label}" for each in self.effects)])
 
 
+def _with_called_for(named: tuple[Effect, ...], spalls: Any) -> tuple[Effect, ...]:
+    """The effects named, and what the spalls call for: one on the inner raceway or on a roller, both raceways."""
+    surfaces = {getattr(spall, "surface", "outer") for spall in (spalls if isinstance(spalls, tuple) else ())}
+    if surfaces <= {"outer"} or effect.among(named, effects.Raceways) is not None:
+        return named
+    return effect.in_order((*named, effects.Raceways()))
+
+
 def _bearing(name: str) -> TaperedBearing:
     """A bearing by its name; raises `SceneError`."""
     if name not in geometry.NAMED_BEARINGS:
@@ -196,7 +205,8 @@ def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
 
 def outer_law(scene: Scene) -> Law:
     """The law that a prepared scene has on the outer raceway, carried to the contact that it has now."""
-    return cast(Law, scene.law).at(raceway_contact(scene, "outer"))
+    law = cast(Law, scene.law).at(raceway_contact(scene, "outer"))
+    return law if scene.spalls else local.healthy(law)
 
 
 def law_in_effect(scene: Scene, law: Law) -> Law:

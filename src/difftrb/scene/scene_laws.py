@@ -7,34 +7,32 @@ loads stay. In the mean it is a `DirectLaw`, of curves over all loads.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from functools import partial
 from typing import cast
 
 import jax
 import jax.core
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap
 from difftrb.core import geometry
-from difftrb.core.geometry import LineContact, Raceway, Real, Spall
+from difftrb.core.geometry import LineContact, Raceway, Real
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
-from difftrb.law import direct, local
-from difftrb.law.base import Law, Rest
+from difftrb.law import direct
+from difftrb.law.base import Law
 from difftrb.law.direct import DirectLaw
-from difftrb.law.local import LocalLaw, Reached
 from difftrb.law.samples import Progress
-from difftrb.ring import effects, ring, roller_balance
-from difftrb.ring.effects import DoubleRow, Raceways, SeriesRaceways, Through
+from difftrb.ring import effects, ring
+from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
+from difftrb.scene.local_laws import holding, local_laws
 from difftrb.scene.scene import LawName, PitchMean, Scene, phases, raceway_contact
 
 NOT_IN_THE_MEAN = (
     "stiffness.phase = 'mean': several spalls under one roller, or a bottom that rollers may meet, are known at one "
-    "phase only; give the phase a number"
+    "phase only; give the phase a number, or take all phases: difftrb stiffness"
 )
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
@@ -46,14 +44,6 @@ NO_INNER_LAW = (
 )
 DEEP = 5.0
 """A spall deeper than Palmgren's approach so many times is deeper than a roller sinks: more than crowns make of it."""
-ROUNDS = 8
-"""Of contact solves around the rollers' loads, at most."""
-STAYS = 0.1
-"""Change of a load, in its logarithm, below which it stays."""
-FARTHER = 1.05
-"""By how much more than it approaches its raceway a roller is taken to reach for spalls."""
-LEAST_SHARE = 0.15
-"""Least share of a healthy roller's load that one over a spall is taken to carry at first."""
 
 
 def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None = None) -> Scene:
@@ -66,7 +56,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
         if not isinstance(scene.phase, PitchMean):
             bases = _healthy_laws(scene, progress)
             through = any(isinstance(effect, Through) for effect in scene.effects)
-            return _holding(scene, bases if through else _local_laws(scene, bases, progress))
+            return holding(scene, bases if through else local_laws(scene, bases, progress))
         if _may_meet_more(scene) and any(
             _meet_more(scene, raceway, base) for raceway, base in _healthy_laws(scene, progress).items()
         ):
@@ -100,17 +90,6 @@ def _lacking(scene: Scene) -> tuple[Raceway, ...]:
     return ("outer",) if there else _raceways(scene)
 
 
-def _holding(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
-    """The scene with these laws on its raceways."""
-    acting = tuple(
-        SeriesRaceways(effect.inner_design_load, made["inner"])
-        if isinstance(effect, Raceways) and "inner" in made
-        else effect
-        for effect in scene.effects
-    )
-    return dataclasses.replace(scene, law=made["outer"], effects=acting)
-
-
 def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real | None) -> Law:
     """The law on one raceway, carried to its contact, or built.
 
@@ -138,7 +117,7 @@ def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | 
 
     The phases of a mean hang on all laws, so all are made before the first edge is solved.
     """
-    ready = _holding(scene, made)
+    ready = holding(scene, made)
     lacking: dict[Raceway, DirectLaw] = {
         raceway: law for raceway in _lacking(scene) if isinstance(law := made.get(raceway), DirectLaw) and law.spalls
     }
@@ -148,7 +127,7 @@ def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | 
     edged: dict[Raceway, Law] = dict(made)
     for raceway, law in lacking.items():
         edged[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
-    return _holding(scene, edged)
+    return holding(scene, edged)
 
 
 @jax.jit
@@ -214,77 +193,3 @@ def _meet_more(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
     places = np.sort(shares * turn)
     apart = np.diff(places, append=places[0] + turn)
     return bool(len(spalls) > 1 and np.any(apart < half[order] + np.roll(half[order], -1)))
-
-
-def _local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progress | None) -> dict[Raceway, LocalLaw]:
-    """The laws of every raceway for a scene at one phase, from those of healthy rollers.
-
-    A scene whose loads do not stay keeps the last laws, and its own status says that rollers are elsewhere.
-    """
-    spalls: dict[Raceway, tuple[Spall, ...]] = {raceway: ring.spalls_on(scene.spalls, raceway) for raceway in bases}
-    made: dict[Raceway, LocalLaw] = {raceway: LocalLaw(base, None, settling=True) for raceway, base in bases.items()}
-    loads, reached = _at_rest(scene, made, spalls)
-    centres = {raceway: [_guess(scene, spalls[raceway], each, loads[raceway]) for each in reached[raceway]]
-               for raceway in bases}  # fmt: skip
-    found = False
-    for _ in range(ROUNDS):
-        made = {
-            raceway: local.around(base, spalls[raceway], reached[raceway], np.array(centres[raceway]), found, progress)
-            for raceway, base in bases.items()
-        }
-        loads, now = _at_rest(scene, made, spalls)
-        following = {
-            raceway: [
-                max(float(loads[raceway][each.roller]), float(jnp.exp(base.log_loads[0]))) for each in now[raceway]
-            ]
-            for raceway, base in bases.items()
-        }
-        same = all([each[:2] for each in now[raceway]] == [each[:2] for each in reached[raceway]] for raceway in bases)
-        stays = same and all(
-            abs(np.log(a / b)) < STAYS
-            for raceway in bases for a, b in zip(following[raceway], centres[raceway], strict=True)
-        )  # fmt: skip
-        if stays and found:
-            break
-        found, centres, reached = stays, following, now
-    return {raceway: dataclasses.replace(law, settling=False) for raceway, law in made.items()}
-
-
-def _guess(scene: Scene, spalls: tuple[Spall, ...], reached: Reached, loads: np.ndarray) -> float:
-    """About the load [N] of a roller, from that on a healthy ring: by the land that is left."""
-    length = float(scene.bearing.roller_length)
-    land = 1.0 - sum(min(float(spalls[i].length), length) for i in reached.under) / length
-    return float(loads[reached.roller]) * max(land, LEAST_SHARE) + 1e-3 * float(loads.max())
-
-
-def _at_rest(
-    scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Mapping[Raceway, tuple[Spall, ...]]
-) -> tuple[dict[Raceway, np.ndarray], dict[Raceway, list[Reached]]]:
-    """What rollers carry on every raceway [N], and the spalls that they may meet there."""
-    loads, away, approach = _rest(_holding(scene, made))
-    rollers = scene.bearing.rollers * (2 if any(isinstance(effect, DoubleRow) for effect in scene.effects) else 1)
-    share = FARTHER * (ring.OWN if len(_raceways(scene)) > 1 else 1.0)
-    reached: dict[Raceway, list[Reached]] = {}
-    for raceway, law in made.items():
-        rest = Rest(float(law.contact.radius), share * approach, loads[raceway])
-        distances = np.asarray(away[raceway])
-        met = np.array([np.asarray(rest.in_reach(s, d)) for s, d in zip(spalls[raceway], distances, strict=True)])
-        reached[raceway] = [
-            Reached(int(j), tuple(np.flatnonzero(met[:, j]).tolist()), tuple(distances[met[:, j], j].tolist()), rollers)
-            for j in (np.flatnonzero(met.any(axis=0)) if met.size else ())
-        ]
-    return {raceway: np.asarray(own) for raceway, own in loads.items()}, reached
-
-
-@jax.jit
-def _rest(scene: Scene) -> tuple[dict[Raceway, jax.Array], dict[Raceway, jax.Array], jax.Array]:
-    """First row's loads on every raceway [N], distances from the spalls there [mm], and approaches [mm]."""
-    law = cast(LocalLaw, scene.law)
-    here = effects.Ring(scene.bearing, scene.load, scene.spalls, law, law.contact, cast(Real, scene.phase))
-    terms = effects.terms(scene.effects, here)
-    rest = here.equilibrium(terms)
-    loads: dict[Raceway, jax.Array] = {"outer": rest.loads}
-    if terms.facing is not None and terms.seat is not None:
-        loads["inner"] = roller_balance.inner_load(terms.seat, rest.loads)
-    away: dict[Raceway, jax.Array] = {raceway: here.distances(raceway, ring.PLAIN) for raceway in loads}
-    return loads, away, rest.approach

@@ -22,7 +22,8 @@ from difftrb.scene.solution import Assessment, Solution
 
 LADDER = (1e-2, 1e-3, 1e-4)
 """Accuracies of the contact solves of "auto", the cheapest first."""
-UNKNOWN = (status.SLIVER, status.OTHER_CONTACT, status.SEVERAL, status.BOTTOM, status.OUTSIDE, status.UNKNOWN_LENGTH)
+UNKNOWN = (status.SLIVER, status.OTHER_CONTACT, status.SEVERAL, status.BOTTOM, status.OUTSIDE, status.UNKNOWN_LENGTH,
+           status.TILTS)  # fmt: skip
 """What the table does not know, and contact solves may."""
 PREPARED = 1e-3
 """`accuracy` of every scene that "auto" has prepared. It no longer matters; one value is one program for all."""

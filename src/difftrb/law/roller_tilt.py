@@ -1,0 +1,146 @@
+"""Rollers free to tilt between both raceways: the tilt ψ at which their contacts' moments balance.
+
+A spall off the roller's middle shifts the load along it. Held upright, the roller would need a moment from nowhere;
+free, it tilts until the moments about its middle are equal, M_outer(Q, ψ) = M_inner(Q_inner, −ψ). What turns towards
+one raceway turns away from the other. The flange is taken to press where a healthy roller rests upright.
+
+When a contact changes, so does the tilt; what that makes of the approach of both together, D, is
+∂D/∂ψ · dψ with dψ = −d(M_outer − M_inner) / ∂(M_outer − M_inner)/∂ψ. That is what `gain` is for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from difftrb.core import status
+from difftrb.core.geometry import LineContact
+from difftrb.law import samples
+from difftrb.law.samples import Case, Node, Progress
+
+BALANCED = 1e-5
+"""Difference of both moments, by load and roller length, at which a roller rests."""
+ROUNDS = 20
+"""Of the secant method between brackets, at most; four or five do."""
+SEARCHED, FOUND = 3, 5
+"""Loads of one roller at which its tilt is looked for while its load is, and once that is found."""
+
+Over = Callable[[np.ndarray], np.ndarray]
+"""Of the logarithm of a roller's load [log N]."""
+
+
+class TiltCurve(NamedTuple):
+    """Of one roller, over the logarithm of its load on a raceway, as that raceway sees it: its tilt [rad], and its
+    approach there by a moment that the raceway adds [mm/(N mm)], for both raceways together."""
+
+    tilt: Over
+    gain: Over
+
+
+class Between(NamedTuple):
+    """One roller between two raceways: spalls in its reach on either, and how far away [mm]; outer raceway first."""
+
+    contacts: tuple[LineContact, LineContact]
+    spalls: tuple[Sequence[Any], Sequence[Any]]
+    away: tuple[Sequence[float], Sequence[float]]
+
+    @property
+    def leans(self) -> bool:
+        """Whether a spall stands off the roller's middle, so that the roller may tilt."""
+        return any(float(spall.axial_offset) != 0.0 for own in self.spalls for spall in own)
+
+    def cases(self, loads: tuple[float, float], tilt: float = 0.0) -> tuple[Case, Case]:
+        """Its contacts under these loads [N] at a tilt [rad]."""
+        outer, inner = (
+            samples.case_under(load, own, away)._replace(tilt=way * tilt)
+            for load, own, away, way in zip(loads, self.spalls, self.away, (1.0, -1.0), strict=True)
+        )
+        return outer, inner
+
+
+class Resting(NamedTuple):
+    """A roller at rest under its loads: its tilt [rad], both contacts, and the difference of their moments [N mm]."""
+
+    tilt: float
+    outer: Node
+    inner: Node
+    unbalanced: float
+
+    def gain(self, ratio: float) -> float:
+        """See `TiltCurve`, of the outer raceway; `ratio` is outer by inner load."""
+        outer, inner = self.outer.turning, self.inner.turning
+        assert outer is not None
+        assert inner is not None
+        softer, stiffer = outer.by_tilt - inner.by_tilt / ratio, outer.moment_by_tilt + inner.moment_by_tilt
+        return -softer / stiffer if stiffer < 0.0 else 0.0
+
+
+def at_rest(
+    roller: Between, loads: tuple[float, float], accuracy: float, start: float | None = None, turning: bool = False
+) -> Resting:
+    """The roller at the tilt at which both moments are equal; `start` is a guess of it [rad]; `turning` as in
+    `samples.solved`, of the end.
+
+    The outer moment less the inner one falls with the tilt: a secant between brackets cannot miss. A contact that has
+    no solution ends the search; its status says so.
+    """
+    length = float(roller.contacts[0].length)
+    close = BALANCED * max(loads) * length
+
+    def at(tilt: float, turning: bool = False) -> Resting:
+        nodes = [
+            samples.solved(contact, case, accuracy, turning)
+            for contact, case in zip(roller.contacts, roller.cases(loads, tilt), strict=True)
+        ]
+        return Resting(tilt, nodes[0], nodes[1], nodes[0].moment - nodes[1].moment)
+
+    now = at(0.0 if start is None else start)
+    # two uniform line contacts in parallel, each with Q/δ along its length
+    soft = sum(load / node.approach for load, node in zip(loads, now[1:3], strict=True)) * length**2 / 12.0
+    before, low, high = now, -np.inf, np.inf
+    for _ in range(ROUNDS):
+        failed = any(node.status_code != status.CONVERGED for node in now[1:3])
+        if failed or not abs(now.unbalanced) > close:
+            break
+        low, high = (max(low, now.tilt), high) if now.unbalanced > 0.0 else (low, min(high, now.tilt))
+        apart = before.tilt - now.tilt
+        slope = (before.unbalanced - now.unbalanced) / apart if apart else -soft
+        step = now.tilt - now.unbalanced / (slope if slope < 0.0 else -soft)
+        if not low < step < high:
+            step = 0.5 * (low + high) if np.isfinite(low + high) else now.tilt - now.unbalanced / -soft
+        before, now = now, at(float(step))
+    return at(now.tilt, turning) if turning else now
+
+
+def tilt_curves(
+    rollers: Sequence[Between], log_loads: np.ndarray, inner_load: Callable[[float], float], accuracy: float,
+    starts: Sequence[TiltCurve | None], turning: bool, progress: Progress | None = None,
+) -> list[TiltCurve]:  # fmt: skip
+    """Of every roller over its outer load, through what is solved at `log_loads` [log N], shape (rollers, loads).
+
+    `inner_load` is the inner load [N] of an outer one; `starts` are tilts known before; without `turning` there is no
+    gain. Rollers that do not lean are upright. Needs numbers, not tracers.
+    """
+    curves = [UPRIGHT] * len(rollers)
+    leaning = [k for k, roller in enumerate(rollers) if roller.leans]
+    asked = [(k, float(log_load)) for k in leaning for log_load in log_loads[k]]
+
+    def solve(case: tuple[int, float]) -> tuple[float, float]:
+        k, log_load = case
+        load, start = float(np.exp(log_load)), starts[k]
+        loads = load, inner_load(load)
+        guess = None if start is None else float(start.tilt(np.asarray(log_load)))
+        rest = at_rest(rollers[k], loads, accuracy, guess, turning)
+        return rest.tilt, rest.gain(loads[0] / loads[1]) if turning else 0.0
+
+    solved = np.reshape(samples.mapped(solve, asked, progress), (len(leaning), -1, 2))
+    for k, own in zip(leaning, solved, strict=True):
+        ends = log_loads[k][[0, -1]]
+        curves[k] = TiltCurve(*(np.polynomial.Chebyshev.fit(log_loads[k], part, len(own) - 1, ends) for part in own.T))
+    return curves
+
+
+UPRIGHT = TiltCurve(np.zeros_like, np.zeros_like)
+"""Of a roller that does not lean."""

@@ -1,0 +1,209 @@
+"""The laws of a scene at one phase by contact solves around its rollers' loads, until these stay.
+
+Every roller that meets spalls gets contacts of its own, on both raceways where both give way: there it is free to tilt.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, cast
+
+import jax
+import numpy as np
+
+from difftrb.core.geometry import Raceway, Real, Spall
+from difftrb.law import local, roller_tilt
+from difftrb.law.base import Law, Rest
+from difftrb.law.direct import DirectLaw
+from difftrb.law.local import LocalLaw, Reached
+from difftrb.law.roller_tilt import Between, TiltCurve
+from difftrb.law.samples import Progress
+from difftrb.ring import effect, effects, ring, roller_balance
+from difftrb.ring.effects import DoubleRow, Raceways, SeriesRaceways
+from difftrb.ring.roller_balance import Seat
+from difftrb.scene.scene import Scene
+
+ROUNDS = 8
+"""Of contact solves around the rollers' loads, at most."""
+STAYS = 0.1
+"""Change of a load, in its logarithm, below which it stays."""
+FARTHER = 1.05
+"""By how much more than it approaches its raceway a roller is taken to reach for spalls."""
+LEAST_INNER = 1e-3
+"""Least share of an outer load that the inner raceway is taken to carry: contacts have a load."""
+LEAST_SHARE = 0.15
+"""Least share of a healthy roller's load that one over a spall is taken to carry at first."""
+
+Spalls = Mapping[Raceway, tuple[Spall, ...]]
+
+
+class Now(NamedTuple):
+    """Rollers of the first row at rest: loads on every raceway [N] and spalls that they may meet there; outer by inner
+    load of a roller, beyond `thrown` [N], which the outer raceway carries alone."""
+
+    loads: dict[Raceway, np.ndarray]
+    reached: dict[Raceway, list[Reached]]
+    ratio: float = 1.0
+    thrown: float = 0.0
+
+    def inner(self, load: float) -> float:
+        """Inner load [N] of a roller that carries `load` [N] outside; a little where the inner raceway has none."""
+        return max((load - self.thrown) / self.ratio, LEAST_INNER * load)
+
+
+def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progress | None) -> dict[Raceway, LocalLaw]:
+    """The laws of every raceway for a scene at one phase, from those of healthy rollers.
+
+    A scene whose loads do not stay keeps the last laws, and its own status says that rollers are elsewhere.
+    """
+    spalls: Spalls = {raceway: ring.spalls_on(scene.spalls, raceway) for raceway in bases}
+    free = effects.are_free(scene.effects) and len(bases) > 1
+    made: dict[Raceway, LocalLaw] = {
+        raceway: LocalLaw(base, None, settling=True, tilts=free) for raceway, base in bases.items()
+    }
+    now = _at_rest(scene, made, spalls)
+    centres: dict[Raceway, list[float]] = {
+        raceway: [_guess(scene, spalls[raceway], each, now.loads[raceway]) for each in now.reached[raceway]]
+        for raceway in bases
+    }
+    if free:
+        centres["inner"] = [now.inner(load) for load in centres["outer"]]
+    found, tilts = False, None
+    for _ in range(ROUNDS):
+        if free:
+            tilts = _tilts(bases, spalls, now, centres["outer"], found, tilts, progress)
+        made = {
+            raceway: local.around(
+                base, spalls[raceway], now.reached[raceway], np.array(centres[raceway]), found,
+                None if tilts is None else tilts.of(raceway, now), progress,
+            )
+            for raceway, base in bases.items()
+        }  # fmt: skip
+        before, now = now, _at_rest(scene, made, spalls)
+        following: dict[Raceway, list[float]] = {raceway: _loads(now, raceway, base) for raceway, base in bases.items()}
+        same = all(
+            [each[:2] for each in now.reached[raceway]] == [each[:2] for each in before.reached[raceway]]
+            for raceway in bases
+        )
+        stays = same and all(
+            abs(np.log(a / b)) < STAYS
+            for raceway in bases for a, b in zip(following[raceway], centres[raceway], strict=True)
+        )  # fmt: skip
+        if stays and found:
+            break
+        found, centres = stays, following
+    return {raceway: dataclasses.replace(law, settling=False) for raceway, law in made.items()}
+
+
+def _loads(now: Now, raceway: Raceway, base: DirectLaw) -> list[float]:
+    """Of the rollers reached [N], at least the lightest that the base law knows."""
+    least = float(np.exp(base.log_loads[0]))
+    return [max(float(now.loads[raceway][each.roller]), least) for each in now.reached[raceway]]
+
+
+def _guess(scene: Scene, spalls: tuple[Spall, ...], reached: Reached, loads: np.ndarray) -> float:
+    """About the load [N] of a roller, from that on a healthy ring: by the land that is left."""
+    length = float(scene.bearing.roller_length)
+    land = 1.0 - sum(min(float(spalls[i].length), length) for i in reached.under) / length
+    return float(loads[reached.roller]) * max(land, LEAST_SHARE) + 1e-3 * float(loads.max())
+
+
+# ------------------------------------------------------------------------------------------------ rollers that tilt
+
+
+class Tilts(NamedTuple):
+    """Tilts [rad] of the rollers reached, by their number, over the logarithm of the outer load [log N]."""
+
+    curves: dict[int, TiltCurve]
+
+    def of(self, raceway: Raceway, now: Now) -> list[TiltCurve]:
+        """As a raceway sees them, over the logarithm of the load there."""
+        curves = [self.curves[each.roller] for each in now.reached[raceway]]
+        if raceway == "outer":
+            return curves
+        return [_from_inside(own, now) for own in curves]
+
+
+def _from_inside(own: TiltCurve, now: Now) -> TiltCurve:
+    """As the inner raceway sees it: turned the other way, and pushed by the inner load."""
+    if own is roller_tilt.UPRIGHT:
+        return own
+
+    def outer(log_load: np.ndarray) -> np.ndarray:
+        return np.log(np.exp(log_load) * now.ratio + now.thrown)
+
+    return TiltCurve(lambda x: -own.tilt(outer(x)), lambda x: -now.ratio * own.gain(outer(x)))
+
+
+def _tilts(
+    bases: Mapping[Raceway, DirectLaw], spalls: Spalls, now: Now, loads: Sequence[float], found: bool,
+    before: Tilts | None, progress: Progress | None,
+) -> Tilts:  # fmt: skip
+    """Tilts of all rollers reached about their outer `loads` [N]."""
+    contacts = bases["outer"].contact, bases["inner"].contact
+    each = list(zip(now.reached["outer"], now.reached["inner"], strict=True))
+    rollers = [
+        Between(contacts, *zip(*(([spalls[raceway][i] for i in one.under], one.away)
+                                 for raceway, one in zip(bases, both, strict=True)), strict=True))
+        for both in each
+    ]  # fmt: skip
+    spread, way = local.spread_of(found, roller_tilt.FOUND if found else roller_tilt.SEARCHED)
+    logs = np.log(np.asarray(loads).reshape(-1, 1)) + spread * way
+    starts = [None if before is None else before.curves.get(own.roller) for own, _ in each]
+    accuracy = float(bases["outer"].error)
+    curves = roller_tilt.tilt_curves(rollers, logs, now.inner, accuracy, starts, found, progress)
+    return Tilts({own.roller: curve for (own, _), curve in zip(each, curves, strict=True)})
+
+
+# ------------------------------------------------------------------------------------------------ the ring on them
+
+
+def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> Now:
+    """What rollers carry on every raceway, and the spalls that they may meet there. One free to tilt is reached on both
+    raceways or on none."""
+    loads, away, approach, seat = _rest(holding(scene, made))
+    rollers = scene.bearing.rollers * (2 if effect.among(scene.effects, DoubleRow) is not None else 1)
+    share = FARTHER * (ring.OWN if len(made) > 1 else 1.0)
+    met: dict[Raceway, np.ndarray] = {}
+    for raceway, law in made.items():
+        rest = Rest(float(law.contact.radius), share * approach, loads[raceway])
+        own = [np.asarray(rest.in_reach(s, d)) for s, d in zip(spalls[raceway], away[raceway], strict=True)]
+        met[raceway] = np.reshape(np.array(own, bool), (len(own), approach.size))
+    meets = {raceway: np.asarray(own.any(axis=0)) for raceway, own in met.items()}
+    if any(law.tilts for law in made.values()):
+        meets = dict.fromkeys(meets, np.logical_or(meets["outer"], meets["inner"]))
+    reached: dict[Raceway, list[Reached]] = {}
+    for raceway, own in met.items():
+        places = np.asarray(away[raceway])
+        reached[raceway] = [
+            Reached(int(j), tuple(np.flatnonzero(own[:, j]).tolist()), tuple(places[own[:, j], j].tolist()), rollers)
+            for j in np.flatnonzero(meets[raceway])
+        ]
+    now = Now({raceway: np.asarray(own) for raceway, own in loads.items()}, reached)
+    return now if seat is None else now._replace(ratio=float(seat.inner_cos / seat.outer_cos), thrown=float(seat.least))
+
+
+def holding(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
+    """The scene with these laws on its raceways."""
+    acting = tuple(
+        SeriesRaceways(each.inner_design_load, made["inner"], rollers=each.rollers)
+        if isinstance(each, Raceways) and "inner" in made
+        else each
+        for each in scene.effects
+    )
+    return dataclasses.replace(scene, law=made["outer"], effects=acting)
+
+
+@jax.jit
+def _rest(scene: Scene) -> tuple[dict[Raceway, jax.Array], dict[Raceway, jax.Array], jax.Array, Seat | None]:
+    """First row's loads on every raceway [N], distances from the spalls there [mm], approaches [mm], and the seat."""
+    law = cast(LocalLaw, scene.law)
+    here = effects.Ring(scene.bearing, scene.load, scene.spalls, law, law.contact, cast(Real, scene.phase))
+    terms = effects.terms(scene.effects, here)
+    rest = here.equilibrium(terms)
+    loads: dict[Raceway, jax.Array] = {"outer": rest.loads}
+    if terms.facing is not None and terms.seat is not None:
+        loads["inner"] = roller_balance.inner_load(terms.seat, rest.loads)
+    away: dict[Raceway, jax.Array] = {raceway: here.distances(raceway, ring.PLAIN) for raceway in loads}
+    return loads, away, rest.approach, terms.seat
