@@ -152,3 +152,14 @@ def test_a_free_roller_is_a_state_on_both_raceways(free: trb.Scene) -> None:
         assert isinstance(law, LocalLaw)
         assert law.tilts
         assert law.states is not None
+
+
+def test_a_scene_without_a_spall_off_the_middle_is_as_if_held(bearing: trb.TaperedBearing) -> None:
+    """Nothing leans, so nothing is looked for."""
+    spall = trb.Spall(4.0, 1.0, angle=2.5)
+    found = [
+        trb.solve(trb.Scene(bearing, LOAD, (spall,), law="direct", accuracy=1e-2,
+                            effects=effects.Raceways(rollers=rollers))).check()  # type: ignore[arg-type]
+        for rollers in ("free", "upright")
+    ]  # fmt: skip
+    assert float(found[0].radial_stiffness) == pytest.approx(float(found[1].radial_stiffness), rel=1e-9)

@@ -269,8 +269,8 @@ def _solved(
         for each, row, curve in zip(reached, log_loads, tilts, strict=True)
         for load, tilt in zip(np.exp(row), curve.tilt(row), strict=True)
     ]
-    turning = any(curve is not UPRIGHT for curve in tilts)
-    solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress, turning)
+    solve = samples.all_turning if any(curve is not UPRIGHT for curve in tilts) else samples.all_solved
+    solved = solve(base.contact, cases, accuracy_at_edges(float(base.error)), progress)
     count = log_loads.shape[1]
     return [solved[k : k + count] for k in range(0, len(solved), count)]
 

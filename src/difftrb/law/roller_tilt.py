@@ -80,8 +80,8 @@ class Resting(NamedTuple):
 def at_rest(
     roller: Between, loads: tuple[float, float], accuracy: float, start: float | None = None, turning: bool = False
 ) -> Resting:
-    """The roller at the tilt at which both moments are equal; `start` is a guess of it [rad]; `turning` as in
-    `samples.solved`, of the end.
+    """The roller at the tilt at which both moments are equal; `start` is a guess of it [rad]; `turning` asks
+    for that of the contacts at the end.
 
     The outer moment less the inner one falls with the tilt: a secant between brackets cannot miss. A contact that has
     no solution ends the search; its status says so.
@@ -90,8 +90,9 @@ def at_rest(
     close = BALANCED * max(loads) * length
 
     def at(tilt: float, turning: bool = False) -> Resting:
+        solve = samples.solved_turning if turning else samples.solved
         nodes = [
-            samples.solved(contact, case, accuracy, turning)
+            solve(contact, case, accuracy)
             for contact, case in zip(roller.contacts, roller.cases(loads, tilt), strict=True)
         ]
         return Resting(tilt, nodes[0], nodes[1], nodes[0].moment - nodes[1].moment)
@@ -135,7 +136,7 @@ def tilt_curves(
         rest = at_rest(rollers[k], loads, accuracy, guess, turning)
         return rest.tilt, rest.gain(loads[0] / loads[1]) if turning else 0.0
 
-    solved = np.reshape(samples.mapped(solve, asked, progress), (len(leaning), -1, 2))
+    solved = np.reshape(samples.mapped(solve, asked, progress), (len(leaning), log_loads.shape[1], 2))
     for k, own in zip(leaning, solved, strict=True):
         ends = log_loads[k][[0, -1]]
         curves[k] = TiltCurve(*(np.polynomial.Chebyshev.fit(log_loads[k], part, len(own) - 1, ends) for part in own.T))

@@ -119,21 +119,29 @@ def places(under: Sequence[int], spalls: int) -> list[int]:
     return [*range(first), *sizes, *(first + size * spalls + i for i in under)]
 
 
-def solved(contact: LineContact, case: Case, accuracy: float, turning: bool = False) -> Node:
+def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
     """Solve one case, choosing the method automatically. Of a roller over the middle of a wide spall, `reach` is how
-    far from there a rolling edge would touch it [mm]; else 0. `turning` asks for the slopes of the moment, too."""
-    given = contact, case.load, case.spall, case.distance, accuracy
-    answer = None
-    if turning:
-        solution, by, by_moment = contacts.gradients_of_approach_and_moment(*given, tilt=case.tilt)
-        answer = Turning(_or_zero(by.tilt), _or_zero(by_moment.tilt), _by_inputs(case, by_moment))
-    else:
-        solution, by = contacts.approach_and_gradient(*given, tilt=case.tilt)
+    far from there a rolling edge would touch it [mm]; else 0."""
+    solution, by = contacts.approach_and_gradient(
+        contact, case.load, case.spall, case.distance, accuracy, tilt=case.tilt
+    )
+    return _node(contact, case, solution, by)
+
+
+def solved_turning(contact: LineContact, case: Case, accuracy: float) -> Node:
+    """`solved`, with its `turning`."""
+    solution, by, by_moment = contacts.gradients_of_approach_and_moment(
+        contact, case.load, case.spall, case.distance, accuracy, case.tilt
+    )
+    turning = Turning(_or_zero(by.tilt), _or_zero(by_moment.tilt), _by_inputs(case, by_moment))
+    return dataclasses.replace(_node(contact, case, solution, by), turning=turning)
+
+
+def _node(contact: LineContact, case: Case, solution: ContactSolution, by: contacts.Inputs) -> Node:
+    centred = isinstance(case.spall, Spall) and case.distance == 0.0
     return Node(
         float(solution.approach), float(by.load), _by_inputs(case, by), int(solution.status_code),
-        0.5 * float(solution.contact_width),
-        reach(contact, solution) if isinstance(case.spall, Spall) and case.distance == 0.0 else 0.0,
-        float(solution.moment), answer,
+        0.5 * float(solution.contact_width), reach(contact, solution) if centred else 0.0, float(solution.moment),
     )  # fmt: skip
 
 
@@ -192,11 +200,17 @@ def _least(values: np.ndarray) -> float:
 
 
 def all_solved(
-    contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None,
-    turning: bool = False,
-) -> list[Node]:  # fmt: skip
-    """Solve every case, with slopes; `turning` as in `solved`."""
-    return mapped(lambda case: solved(contact, case, accuracy, turning), cases, progress)
+    contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
+) -> list[Node]:
+    """Solve every case, with slopes."""
+    return mapped(lambda case: solved(contact, case, accuracy), cases, progress)
+
+
+def all_turning(
+    contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
+) -> list[Node]:
+    """Solve every case, with slopes and its `turning`."""
+    return mapped(lambda case: solved_turning(contact, case, accuracy), cases, progress)
 
 
 def mapped(solve: Callable[[Asked], Solved], cases: Sequence[Asked], progress: Progress | None = None) -> list[Solved]:
