@@ -65,7 +65,7 @@ def solve_contact(
       accuracy: relative accuracy of the approach, 1e-2…1e-5; a smaller number costs time. Cells end at about 1e-4, and
         where a sliver of contact laps over a rolling edge it is not met: docs/limits.md.
       method: "strips" are fast and smooth and take one rectangular spall, deeper than the approach, and a crowned
-        roller that is not tilted. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion on
+        roller, tilted or not. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion on
         the others: its error falls with the first power of a cell, so `accuracy` only names its size. "auto" takes
         strips; where they do not converge those of the two next finer accuracies (of the finest, of coarser ones);
         cells where they do not either or cannot describe the contact; the lattice for height maps.
