@@ -13,7 +13,8 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.contact import strip_pressure
 from difftrb.contact.solver import pressure_patches
-from difftrb.scene import cage_turn, scene_file, solving
+from difftrb.scene import scene_file, solving
+from difftrb.turning import spall_loss
 
 SMALL = 2_000_000
 """Bytes that a page may have."""
@@ -92,7 +93,7 @@ def test_a_page_of_effects_says_what_acts(capsys, tmp_path: Path) -> None:
 
 
 def test_stiffness_over_the_turn_is_that_of_every_phase(scene: trb.Scene) -> None:
-    turn = cage_turn.over_turn(scene, 9)
+    turn = spall_loss.over_turn(scene, 9)
     assert turn is not None
     np.testing.assert_allclose(turn.stiffness[0], turn.stiffness[-1], rtol=1e-9, atol=1e-3)  # a pitch later
     for k in (0, 3, 4):
@@ -110,7 +111,7 @@ def test_a_loss_map_is_the_mean_over_the_turn(law: str, definition) -> None:
     )
     mean = solving.assess_mean(scene)
     assert mean is not None
-    found = cage_turn.loss_map(scene, np.array([3.999, 4.0, 4.001]), np.array([6.999, 7.0, 7.001]))
+    found = spall_loss.loss_map(scene, np.array([3.999, 4.0, 4.001]), np.array([6.999, 7.0, 7.001]))
     assert found is not None
     whole = np.asarray(mean.healthy.both_stiffnesses)
     np.testing.assert_allclose(found.loss[:, 1, 1], mean.loss, rtol=1e-9)
@@ -121,7 +122,7 @@ def test_a_loss_map_is_the_mean_over_the_turn(law: str, definition) -> None:
 
 
 def test_a_loss_map_leaves_out_what_the_law_does_not_know(scene: trb.Scene) -> None:
-    found = cage_turn.loss_map(scene, np.array([4.0, 13.0]), np.array([1.0, 7.0]))
+    found = spall_loss.loss_map(scene, np.array([4.0, 13.0]), np.array([1.0, 7.0]))
     assert found is not None
     assert np.isfinite(found.loss).all(axis=0).tolist() == [[False, True], [False, False]]
 

@@ -22,10 +22,11 @@ from difftrb.core.geometry import Spall
 from difftrb.core.status import DifftrbError, SceneError
 from difftrb.report import plot
 from difftrb.report.plot import HEALTHY, SPALLED
-from difftrb.scene import cage_turn, scene_laws, solving
+from difftrb.scene import scene_laws, solving
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, named
 from difftrb.scene.solution import Solution
+from difftrb.turning import spall_loss
 
 PHASES = 61
 """Of the cage over one roller pitch, both ends among them."""
@@ -87,7 +88,7 @@ class Explorer:
         """Loads, and stiffness over the cage's turn."""
         scene = self.scene()
         try:
-            turn = cage_turn.over_turn(solving.by_table(scene), PHASES)
+            turn = spall_loss.over_turn(solving.by_table(scene), PHASES)
         except DifftrbError as error:
             self.numbers.object = _sentence(str(error))
             return

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from difftrb.report import bearing_drawing, plot, stiffness_plot
-from difftrb.scene import cage_turn
 from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.solution import Assessment
+from difftrb.turning import spall_loss
 
 NO_TURN = (
     "Stiffness over the cage's turn is drawn for scenes without effects, whose law holds at every phase; `difftrb "
@@ -31,7 +31,7 @@ def figures(scene: Scene, result: Assessment, mean: Assessment | None, missing: 
         yield "pressure", plot.pressures(pressed)
     else:
         missing.append(f"no pressure map: {next(o.solution.status for o in pressed if not bool(o.solution.converged))}")
-    turn = cage_turn.over_turn(scene)
+    turn = spall_loss.over_turn(scene)
     if turn is None:
         missing.append(NO_TURN)
     else:
@@ -39,7 +39,7 @@ def figures(scene: Scene, result: Assessment, mean: Assessment | None, missing: 
     if not scene.spalls:
         return
     mean = result if mean is None and turn is not None and isinstance(scene.phase, PitchMean) else mean
-    found = None if mean is None else cage_turn.loss_map(scene, *cage_turn.sizes_around(scene))
+    found = None if mean is None else spall_loss.loss_map(scene, *spall_loss.sizes_around(scene))
     if found is None or mean is None:
         missing.append(NO_MAP)
     else:

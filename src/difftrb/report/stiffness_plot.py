@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from difftrb.report.plot import ACCENT, HEALTHY, SPALLED, loads_of
-from difftrb.scene.cage_turn import LossMap, Turn
 from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.solution import Assessment
+from difftrb.turning.spall_loss import LossMap, Turn
 
 DIRECTIONS = (("radial", 0), ("axial", 2))
 

@@ -1,10 +1,9 @@
-"""Stiffness as the cage turns, and what spalls of other sizes would cost in the mean over its turn: of a plain ring's
-numbers, many rings at a time, nothing compiled. What figures are drawn from."""
+"""What spalls cost as the cage turns, and what spalls of other sizes would cost in the mean over its turn: of a plain
+ring's numbers, many rings at a time, nothing compiled. What figures are drawn from."""
 
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -16,8 +15,8 @@ from difftrb.core.taylor import Taylor
 from difftrb.law.base import LAWS, Law
 from difftrb.ring import phase_average, plain_ring, ring
 from difftrb.ring.ring import Equilibrium
-from difftrb.scene.prepared import as_defined
-from difftrb.scene.scene import Scene, healthy, is_plain, outer_law
+from difftrb.scene.prepared import as_defined, at_phases, solve_prepared
+from difftrb.scene.scene import PitchMean, Scene, healthy, is_plain, outer_law
 
 
 class Turn(NamedTuple):
@@ -60,11 +59,11 @@ def over_turn(scene: Scene, count: int = 240) -> Turn | None:
     scene = xp.numbers(scene)
     phases = np.linspace(0.0, float(geometry.roller_pitch(scene.bearing)), count)
     with np.errstate(all="ignore"):
-        both = [_at(one, one.spalls, phases) for one in (scene, healthy(scene))]
-    if any(int(rest.status_code) != status.CONVERGED for rest in both):
-        return None
-    stiffness, loads = ([xp.value(each(rest)) for rest in both] for each in (partial(as_defined, scene), _loads))
-    return Turn(phases, *stiffness, *loads)
+        both = [at_phases(one, phases) for one in (scene, healthy(scene))]
+        if any(int(rest.status_code) != status.CONVERGED for rest in both):
+            return None
+        stiffness = [as_defined(scene, rest) for rest in both]
+    return Turn(phases, *xp.values((*stiffness, *(rest.loads for rest in both))))
 
 
 def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap | None:
@@ -76,10 +75,11 @@ def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap |
     if getattr(scene.law, "narrow", False):
         return None
     scene = xp.numbers(scene)
+    mean = solve_prepared(dataclasses.replace(healthy(scene), phase=PitchMean()))
+    whole = np.asarray(mean.both_stiffnesses)
     values = np.full((3, 2, len(lengths), len(widths)), np.nan)
     with np.errstate(all="ignore"):
-        sound = _at(scene, (), 0.0)
-        whole = xp.value(_of_both(_mean(scene, sound, ())))
+        sound = _at(healthy(scene), 0.0)
         for i, length in enumerate(lengths):
             rows = _losses(scene, sound, whole, float(length), widths)
             if np.isnan(rows).all():  # one that the law does not know spoils all
@@ -119,29 +119,15 @@ def _is_for_all_phases(scene: Scene) -> bool:
     return is_plain(scene) and (kind is None or not kind.one_scene)
 
 
-def _at(scene: Scene, spalls: tuple[Spall, ...], phases: Any) -> Equilibrium:
-    return plain_ring.equilibrium(scene.bearing, scene.load, spalls, outer_law(scene), phases)
-
-
-def _loads(rest: Equilibrium) -> Any:
-    return rest.loads
+def _at(scene: Scene, phases: Any) -> Equilibrium:
+    """As `at_phases`, of spalls that may differ from phase to phase."""
+    return plain_ring.equilibrium(scene.bearing, scene.load, scene.spalls, outer_law(scene), phases)
 
 
 def _phases(scene: Scene, sound: Equilibrium, spalls: tuple[Spall, ...]) -> tuple[Any, Any]:
     """Those of a mean and their weights, where the `sound` ring's load zone is known."""
     met = phase_average.Met("outer", ring.spalls_on(spalls, "outer"), outer_law(scene))
     return phase_average.phases(scene.bearing, scene.load, (met,), ring.PLAIN, sound)
-
-
-def _mean(scene: Scene, sound: Equilibrium, spalls: tuple[Spall, ...]) -> Any:
-    """Stiffness in the mean over the cage's turn [N/mm], shape (3, 3)."""
-    phases, weights = _phases(scene, sound, spalls)
-    return xp.einsum("p,pij->ij", weights, as_defined(scene, _at(scene, spalls, phases)))
-
-
-def _of_both(stiffness: Any) -> Any:
-    """Radial and axial, shape (2, …), of (…, 3, 3)."""
-    return xp.stack([stiffness[..., 0, 0], stiffness[..., 2, 2]])
 
 
 def _losses(scene: Scene, sound: Equilibrium, whole: np.ndarray, length: float, widths: np.ndarray) -> np.ndarray:
@@ -159,10 +145,12 @@ def _losses(scene: Scene, sound: Equilibrium, whole: np.ndarray, length: float, 
         width = np.repeat(widths, count)[:, None]
         wide = Taylor(width, by=across[:, None, None] * np.ones_like(width))
         spall = dataclasses.replace(first, length=along, width=wide)
-    rest = _at(scene, (spall, *others), phases)
+    rest = _at(dataclasses.replace(scene, spalls=(spall, *others)), phases)
     if int(rest.status_code) != status.CONVERGED:
         return np.full((3, 2, len(widths)), np.nan)
-    shares = (_of_both(as_defined(scene, rest)) * weights).reshape(2, len(widths), count)
+    stiffness = as_defined(scene, rest)
+    both = xp.stack([stiffness[..., k, k] for k in (0, 2)])
+    shares = (both * weights).reshape(2, len(widths), count)
     means = xp.total(shares)
     loss = 100.0 * (1.0 - means.value / whole[:, None])
     return np.stack([loss, *(-100.0 * means.by / whole[:, None])])
