@@ -6,6 +6,7 @@ Modules are imported by the commands that need them: `--version` and `example` l
 from __future__ import annotations
 
 import argparse
+import importlib
 import io
 import os
 import sys
@@ -17,18 +18,35 @@ from typing import Any, NamedTuple
 
 import difftrb
 from difftrb.core import jax_config, messages
-from difftrb.core.status import DifftrbError, SceneError
+from difftrb.core.status import DifftrbError
 from difftrb.report import terminal
 from difftrb.report.terminal import EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_NO_SOLUTION, EXIT_OK, EXIT_PIPE, Figures
+
+
+def _source(options: Any) -> tuple[str, str]:
+    """The scene file's text, and its name."""
+    from difftrb.scene import scene_file
+
+    if options.scene is None:
+        name = "contact" if options.command.name == "contact" else "spall"
+        return scene_file.example(name), name
+    return scene_file.text_of(options.scene), options.scene
 
 
 def _read(options: Any) -> tuple[Any, str]:
     from difftrb.scene import scene_file
 
-    if options.scene is None:
-        name = "contact" if options.command.name == "contact" else "spall"
-        return scene_file.parse(scene_file.example(name), name), name
-    return scene_file.read(options.scene), options.scene
+    text, path = _source(options)
+    return scene_file.parse(text, path), path
+
+
+def _by(module: str) -> Callable[[Any], int]:
+    """The command that `deliver` of a module carries out for a scene file."""
+
+    def run(options: Any) -> int:
+        return importlib.import_module(f"difftrb.{module}").deliver(options, *_read(options))
+
+    return run
 
 
 def _run(options: Any) -> int:
@@ -38,7 +56,8 @@ def _run(options: Any) -> int:
     from difftrb.scene import scene_file, solving
     from difftrb.scene.scene import is_plain
 
-    file, path = _read(options)
+    source, path = _source(options)
+    file = scene_file.parse(source, path)
     scene_file.check_ring(file, path)
     terminal.remark(remarks.light_ring_load(file), path)
     started = time.perf_counter()
@@ -73,7 +92,6 @@ def _run(options: Any) -> int:
         from difftrb.report.page import Run
         from difftrb.report.page import page as written
 
-        source = scene_file.example("spall") if options.scene is None else scene_file.text_of(options.scene)
         return written(Run(path, source, scene, record, result, mean, edges, checked), figures, missing)
 
     text = partial(run_report.run_text, scene, result, edges, checked, mean, known)
@@ -104,93 +122,10 @@ def _contact(options: Any) -> int:
     return terminal.deliver(options, path, record, partial(run_report.contact_text, solution, slopes), figures)
 
 
-def _accuracy(options: Any) -> int:
-    from difftrb.accuracy import accuracy_report, ladder, timing
-    from difftrb.report import remarks
-
-    if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
-        raise SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
-    file, path = _read(options)
-    terminal.remark(remarks.light_ring_load(file), path)
-    full = options.full
-    rungs, limit = ladder.rungs(full), float("inf") if full else timing.LIMIT
-    with terminal.bar("measuring what accuracy costs") as progress:
-        measured = timing.measure(file, path, rungs, options.accuracy, limit, progress=progress, thorough=options.full)
-
-    def figures(_: Any) -> Figures:
-        if any(row.error > 0.0 for row in measured.rows):
-            yield "accuracy", accuracy_report.work_precision(measured)
-
-    record = accuracy_report.accuracy_json(measured)
-    return terminal.deliver(options, path, record, lambda: accuracy_report.accuracy_text(measured), figures)
-
-
-def _fit(options: Any) -> int:
-    from difftrb.fits import fit_report, measured
-    from difftrb.fits.fitting import fit, prepare_fit
-    from difftrb.fits.optimal_design import next_measurements
-    from difftrb.report import remarks
-    from difftrb.scene import scene_file
-
-    file, path = _read(options)
-    scene_file.check_ring(file, path)
-    rows = measured.load_measured(options.measured)
-    terminal.remark(remarks.light_measured_load(file.bearing, rows), options.measured)
-    started = time.perf_counter()
-    with terminal.bar("solving contacts for the roller law") as progress:
-        scene = prepare_fit(file.scene(), rows, progress)
-    terminal.say_picked(scene)
-    with terminal.busy("fitting"):
-        result = fit(scene, rows, [name.strip() for name in options.parameters.split(",")], options.robust)
-        suggestions = next_measurements(result) if bool(result.converged) else ()
-    record = fit_report.fit_json(result, suggestions, time.perf_counter() - started)
-
-    text = partial(fit_report.fit_text, result, suggestions)
-    code = terminal.deliver(options, path, record, text, lambda _: [("fit", fit_report.fit_panels(result))])
-    if code == EXIT_OK and not result.explained:
-        return terminal.refuse(
-            f"{options.measured}: the model does not explain the data: see the remarks", EXIT_NO_SOLUTION
-        )
-    return code
-
-
 def _sweep(options: Any) -> int:
-    from difftrb.core import machine
-    from difftrb.report import remarks
-    from difftrb.sweeps import chunks, sweep_file, sweeping
+    from difftrb.sweeps import sweep_file
 
-    out: str | None = options.out
-    if out is None and not options.dry_run:
-        return terminal.refuse("sweep needs --out DIR, or --dry-run", EXIT_BAD_FILE)
-    share = machine.share_of(options.share)
-    file = sweep_file.read(options.scene)
-    if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
-        light = remarks.light_contact_load if file.of_contact else remarks.light_ring_load
-        terminal.remark(light(file.scene), options.scene)
-    with terminal.bar("preparing the roller law") as progress:
-        plan = file.plan(options.batch, progress)
-    terminal.say_picked(plan.base)
-    if options.dry_run:
-        with terminal.busy("measuring a small batch"):
-            print(sweeping.forecast(plan, options.devices, out))
-        return EXIT_OK
-    with terminal.members("sweeping") as progress:
-        ended = chunks.run(
-            plan, str(out), options.resume, options.devices, progress, terminal.say, share, options.scheduler
-        )
-    shown: Any = ended.shown
-    if shown is not None and "://" not in str(out):
-        try:
-            from difftrb.sweeps import sweep_plot
-
-            names = [name for name in shown.values if not shown.own_dims[name]]
-            terminal.draw(Path(str(out)), lambda _: ((name, sweep_plot.swept(shown, name)) for name in names))
-        except OSError as error:
-            reason = f"{error.filename}: {error.strerror or error}: {ended.where} is whole, figures are missing"
-            reason += "; make room or allow writing there, and go on with --resume"
-            return terminal.refuse(reason, EXIT_BAD_FILE)
-    print(ended.sentence())
-    return EXIT_OK if ended.failed == 0 else EXIT_NO_SOLUTION
+    return sweep_file.deliver(options)
 
 
 def _explore(options: Any) -> int:
@@ -205,12 +140,6 @@ def _explore(options: Any) -> int:
     terminal.say(f"http://localhost:{options.port} until Ctrl-C")
     explorer.serve(file.scene(), options.port, options.browser)
     return EXIT_OK
-
-
-def _stiffness(options: Any) -> int:
-    from difftrb.report import stiffness_report
-
-    return stiffness_report.deliver(options, *_read(options))
 
 
 def _check(options: Any) -> int:
@@ -279,12 +208,14 @@ COMMANDS = (
     )),
     Command("contact", _contact, "One roller on its raceway: approach, pressure and derivatives (no SCENE: 32008J).",
             (SCENE, *OUTPUT)),
-    Command("accuracy", _accuracy, "What accuracy costs in time, here and for this scene (no SCENE: as run).", (
+    Command("accuracy", _by("accuracy.accuracy_report"),
+            "What accuracy costs in time, here and for this scene (no SCENE: as run).", (
         SCENE, *OUTPUT,
         _option("--full", action="store_true", help="measure every way; takes minutes, not one"),
         _option("--accuracy", metavar="X", type=float, help="of stiffness, to recommend a law for"),
     )),
-    Command("fit", _fit, "From measured stiffness, or its loss, to the spall's size, with its uncertainty.", (
+    Command("fit", _by("fits.fit_report"),
+            "From measured stiffness, or its loss, to the spall's size, with its uncertainty.", (
         _option("scene", metavar="SCENE", help="a scene file with a first guess of the spall; `difftrb example fit`"),
         _option("measured", metavar="MEASURED", help="rows of measurements (CSV); see `difftrb example measured`"),
         _option("--parameters", default="length,width", metavar="NAMES", help="what to fit (default length,width)"),
@@ -305,7 +236,8 @@ COMMANDS = (
         _option("--port", type=int, default=5006, metavar="N", help="where it is served (default 5006)"),
         _option("--no-browser", dest="browser", action="store_false", help="serve it, and open no browser"),
     )),
-    Command("stiffness", _stiffness, "Stiffness over the cage's angle, for rotordynamics (no SCENE: as run).", (
+    Command("stiffness", _by("report.stiffness_report"),
+            "Stiffness over the cage's angle, for rotordynamics (no SCENE: as run).", (
         SCENE,
         _option("--phases", type=int, default=64, metavar="N", help="of the cage over one roller pitch (default 64)"),
         _option("--out", metavar="FILE", type=Path, help="write a table: .csv, .json or .npz"),

@@ -1,4 +1,4 @@
-"""What accuracy costs: as text, as JSON, and as a figure of work against precision."""
+"""What `difftrb accuracy` does; what accuracy costs as text, as JSON, and as a figure of work against precision."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from difftrb.accuracy import timing
+from difftrb.accuracy import ladder, timing
 from difftrb.accuracy.ladder import TRUTHS, Kind, Measured, Row
 from difftrb.core.status import SceneError
-from difftrb.report import run_report
+from difftrb.report import remarks, run_report, terminal
+from difftrb.scene.scene_file import SceneFile
 
 KINDS: tuple[Kind, ...] = ("ring", "contact")
 WAYS = {"palmgren": ("^", "#BBBBBB"), "liu2018": ("v", "#CCBB44"), "power": ("D", "#66CCEE"), "table": ("s", "#4477AA"),
@@ -32,6 +33,24 @@ TIMES: dict[Kind, dict[str, Callable[[Row], float]]] = {
     },
     "contact": {"first": lambda row: row.first, "solve": lambda row: row.single},
 }  # fmt: skip
+
+
+def deliver(options: Any, file: SceneFile, path: str) -> int:
+    """Measure, print it and write it where `options` ask; the exit code."""
+    if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
+        raise SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
+    terminal.remark(remarks.light_ring_load(file), path)
+    full = options.full
+    rungs, limit = ladder.rungs(full), float("inf") if full else timing.LIMIT
+    with terminal.bar("measuring what accuracy costs") as progress:
+        measured = timing.measure(file, path, rungs, options.accuracy, limit, progress=progress, thorough=options.full)
+
+    def figures(_: Any) -> terminal.Figures:
+        if any(row.error > 0.0 for row in measured.rows):
+            yield "accuracy", work_precision(measured)
+
+    record = accuracy_json(measured)
+    return terminal.deliver(options, path, record, lambda: accuracy_text(measured), figures)
 
 
 def accuracy_json(measured: Measured) -> dict[str, Any]:

@@ -1,8 +1,10 @@
-"""A fit for people (text, figures) and for machines (JSON)."""
+"""What `difftrb fit` does, and a fit for people (text, figures) and for machines (JSON)."""
 
 from __future__ import annotations
 
 import math
+import time
+from functools import partial
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -12,12 +14,38 @@ from matplotlib.ticker import MaxNLocator
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from difftrb.fits import measured
 from difftrb.fits.fit_result import EDGE, NORMAL_95, Fit
-from difftrb.fits.optimal_design import Suggestion, in_words
-from difftrb.report import run_report
+from difftrb.fits.fitting import fit, prepare_fit
+from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
+from difftrb.report import remarks, run_report, terminal
 from difftrb.report.plot import ACCENT, HEALTHY, SPALLED
+from difftrb.scene import scene_file
 
 LIKELY = "95 % interval"
+
+
+def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
+    """Fit what `options` name to their measurements, print it and write it where they ask; the exit code."""
+    scene_file.check_ring(file, path)
+    rows = measured.load_measured(options.measured)
+    terminal.remark(remarks.light_measured_load(file.bearing, rows), options.measured)
+    started = time.perf_counter()
+    with terminal.bar("solving contacts for the roller law") as progress:
+        scene = prepare_fit(file.scene(), rows, progress)
+    terminal.say_picked(scene)
+    with terminal.busy("fitting"):
+        result = fit(scene, rows, [name.strip() for name in options.parameters.split(",")], options.robust)
+        suggestions = next_measurements(result) if bool(result.converged) else ()
+    record = fit_json(result, suggestions, time.perf_counter() - started)
+
+    text = partial(fit_text, result, suggestions)
+    code = terminal.deliver(options, path, record, text, lambda _: [("fit", fit_panels(result))])
+    if code == terminal.EXIT_OK and not result.explained:
+        return terminal.refuse(
+            f"{options.measured}: the model does not explain the data: see the remarks", terminal.EXIT_NO_SOLUTION
+        )
+    return code
 
 
 def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> dict[str, Any]:

@@ -159,7 +159,7 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
             key = text.splitlines()[int(twice[1]) - 1].split("=")[0].strip()
             raise SceneError(f"{path}: line {twice[1]}: {shown(key)} is named twice; name it once") from None
         raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
-    content.pop("sweep", None)  # for `sweepfile`
+    content.pop("sweep", None)  # for `sweep_file`
     return from_content(content, path)
 
 

@@ -1,4 +1,5 @@
-"""The table `[sweep]` of a scene file: axes, outputs, gradients, and the plan that they make with the scene."""
+"""The table `[sweep]` of a scene file: axes, outputs, gradients, the plan that they make with the scene; and what
+`difftrb sweep` does with it."""
 
 from __future__ import annotations
 
@@ -12,13 +13,15 @@ from typing import Any
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
+from difftrb.core import machine
 from difftrb.core.messages import dotted, known, shown
 from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
+from difftrb.report import remarks, terminal
 from difftrb.scene import bearing_table, scene_file
 from difftrb.scene.scene_file import NoEquilibriumError, SceneFile
 from difftrb.sweeps import axes as axes_
-from difftrb.sweeps import outputs, sweeping
+from difftrb.sweeps import chunks, outputs, sweeping
 from difftrb.sweeps.axes import RANGE_KEYS, Axis
 from difftrb.sweeps.plan import Plan
 
@@ -64,6 +67,42 @@ def _named(path: str) -> Iterator[None]:
 
 def _contact(file: SceneFile) -> ContactSolution:
     return solve_contact(**file.single_contact())
+
+
+def deliver(options: Any) -> int:
+    """Sweep what a file asks for into where `options` say, or say what it would take; the exit code."""
+    out: str | None = options.out
+    if out is None and not options.dry_run:
+        return terminal.refuse("sweep needs --out DIR, or --dry-run", terminal.EXIT_BAD_FILE)
+    share = machine.share_of(options.share)
+    file = read(options.scene)
+    if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
+        light = remarks.light_contact_load if file.of_contact else remarks.light_ring_load
+        terminal.remark(light(file.scene), options.scene)
+    with terminal.bar("preparing the roller law") as progress:
+        plan = file.plan(options.batch, progress)
+    terminal.say_picked(plan.base)
+    if options.dry_run:
+        with terminal.busy("measuring a small batch"):
+            print(sweeping.forecast(plan, options.devices, out))
+        return terminal.EXIT_OK
+    with terminal.members("sweeping") as progress:
+        ended = chunks.run(
+            plan, str(out), options.resume, options.devices, progress, terminal.say, share, options.scheduler
+        )
+    shown: Any = ended.shown
+    if shown is not None and "://" not in str(out):
+        try:
+            from difftrb.sweeps import sweep_plot
+
+            names = [name for name in shown.values if not shown.own_dims[name]]
+            terminal.draw(Path(str(out)), lambda _: ((name, sweep_plot.swept(shown, name)) for name in names))
+        except OSError as error:
+            reason = f"{error.filename}: {error.strerror or error}: {ended.where} is whole, figures are missing"
+            reason += "; make room or allow writing there, and go on with --resume"
+            return terminal.refuse(reason, terminal.EXIT_BAD_FILE)
+    print(ended.sentence())
+    return terminal.EXIT_OK if ended.failed == 0 else terminal.EXIT_NO_SOLUTION
 
 
 def read(path: str | Path) -> SweepFile:
