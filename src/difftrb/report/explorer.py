@@ -20,7 +20,7 @@ from bokeh.plotting import figure
 from difftrb.core import geometry
 from difftrb.core.geometry import Spall
 from difftrb.core.status import DifftrbError, SceneError
-from difftrb.report import plot
+from difftrb.report import page, plot
 from difftrb.report.plot import HEALTHY, SPALLED
 from difftrb.scene import scene_laws, solving
 from difftrb.scene.prepared import solve_prepared
@@ -131,10 +131,8 @@ class Explorer:
         )
         pressed = plot.contacts_at_spall(ready, found)
         if all(bool(one.solution.converged) for one in pressed):
-            ax = plot.pressures(pressed)
-            svg = plot.svg_text(ax)
-            words = '<svg role="img" aria-label="pressure of the rollers at the spall"'
-            self.pressure.object = svg[svg.index("<svg") :].replace("<svg", words, 1)
+            svg = plot.svg_text(plot.pressures(pressed))
+            self.pressure.object = page.inlined(svg, "pressure", "pressure of the rollers at the spall")
 
     def _ring(self, scene: Scene, loads: np.ndarray, healthy: np.ndarray) -> None:
         """Rollers at their places."""
