@@ -18,7 +18,6 @@ from difftrb.contact import gap
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
 from difftrb.core.geometry import Real
-from difftrb.core.labels import AXES
 from difftrb.law import base as laws
 from difftrb.law.base import LAWS, Law
 from difftrb.report import remarks
@@ -28,7 +27,7 @@ from difftrb.ring.effects import Raceways
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
 from difftrb.scene.scene import Picked, PitchMean, Scene, raceway_contact
-from difftrb.scene.solution import Assessment, Solution
+from difftrb.scene.solution import AXES, Assessment, Solution
 
 BAR = 28
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")

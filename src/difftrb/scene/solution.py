@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import labels, status
+from difftrb.core import status
 from difftrb.law.base import Law
 from difftrb.ring.effects import Results
 from difftrb.scene.scene import Definition, Picked
@@ -17,6 +17,23 @@ from difftrb.scene.scene import Definition, Picked
 if TYPE_CHECKING:
     from jax import Array
     from jaxtyping import Float, Int
+
+AXES = ("radial", "lateral", "axial", "about_radial", "about_lateral")
+"""Of displacements and stiffness, in their order; the last two where rings tilt."""
+LENGTHS = "mm; about_…: rad"
+STIFFNESSES = "N/mm; about_… by about_…: N mm/rad; mixed: N/rad, N mm/mm"
+"""Of a whole array, whose entries differ where rings tilt."""
+
+
+def length_of(name: str) -> str:
+    """Unit of the displacement along or about an axis."""
+    return "rad" if name.startswith("about") else "mm"
+
+
+def stiffness_of(name: str, by: str | None = None) -> str:
+    """Unit of the force along an axis (or the moment about it) by the motion along (about) another; default: itself."""
+    force = "N mm" if name.startswith("about") else "N"
+    return f"{force}/{length_of(name if by is None else by)}"
 
 
 @jax.tree_util.register_dataclass
@@ -75,8 +92,8 @@ class Solution(status.Judged):
         `approach`, residual and status. Needs xarray: `pip install 'difftrb[io]'`."""
         import xarray  # pyright: ignore[reportMissingImports]
 
-        names = list(labels.AXES[: np.shape(self.displacement)[0]])
-        units = {"displacement": labels.LENGTHS, "stiffness": labels.STIFFNESSES, "loads": "N", "approach": "mm"}
+        names = list(AXES[: np.shape(self.displacement)[0]])
+        units = {"displacement": LENGTHS, "stiffness": STIFFNESSES, "loads": "N", "approach": "mm"}
         values = {
             "displacement": (("axis",), self.displacement),
             "stiffness": (("axis", "motion"), self.stiffness),
@@ -96,12 +113,12 @@ class Solution(status.Judged):
             return f"Solution(traced, {self.definition})"
         if np.ndim(self.status_code):
             return f"Solution of {'×'.join(map(str, np.shape(self.status_code)))} scenes: {self.status}"
-        names = labels.AXES[: np.shape(self.displacement)[0]]
+        names = AXES[: np.shape(self.displacement)[0]]
         moved, stiff = np.asarray(self.displacement), np.diagonal(np.asarray(self.stiffness))
         rows = [f"Solution: {self.status}; law {self.law.name}"]
         for name, u, k in zip(names, moved, stiff, strict=True):
-            rows.append(f"  {name:13s} {u:12.5g} {labels.length_of(name):3s}  {self.definition} {k:12.6g} "
-                        f"{labels.stiffness_of(name)}")  # fmt: skip
+            rows.append(f"  {name:13s} {u:12.5g} {length_of(name):3s}  {self.definition} {k:12.6g} "
+                        f"{stiffness_of(name)}")  # fmt: skip
         loads, angles = np.asarray(self.loads), np.asarray(self.angles)
         if np.isfinite(loads).all():
             top = int(np.argmax(loads))

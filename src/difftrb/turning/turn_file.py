@@ -10,9 +10,10 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from difftrb.core import labels, storage
+from difftrb.core import storage
 from difftrb.core.messages import named
 from difftrb.core.status import SceneError
+from difftrb.scene import solution
 from difftrb.turning.cage_turn import CageTurn
 from difftrb.turning.frequencies import DefectFrequencies, defect_frequencies
 
@@ -37,7 +38,7 @@ def table(turn: CageTurn, units: Units = "mm", speed_rpm: float | None = None) -
     """See `write`."""
     if units not in UNITS:
         raise SceneError(f"units = {units!r}: must be one of {', '.join(UNITS)}")
-    axes = labels.AXES[: turn.stiffness.shape[-1]]
+    axes = solution.AXES[: turn.stiffness.shape[-1]]
     metre = 1.0 if units == "mm" else 1e-3
     tilts = np.array([name.startswith("about") for name in axes])
     length, force = np.where(tilts, 1.0, metre), np.where(tilts, metre, 1.0)  # of a displacement, of a force or moment
@@ -46,8 +47,8 @@ def table(turn: CageTurn, units: Units = "mm", speed_rpm: float | None = None) -
               "stiffness": np.asarray(turn.stiffness) * by}  # fmt: skip
     unit: dict[str, Any] = {
         "cage": "rad",
-        "displacement": [_si(labels.length_of(a), units) for a in axes],
-        "stiffness": [[_si(labels.stiffness_of(a, b), units) for b in axes] for a in axes],
+        "displacement": [_si(solution.length_of(a), units) for a in axes],
+        "stiffness": [[_si(solution.stiffness_of(a, b), units) for b in axes] for a in axes],
     }
     for name, slopes in (("by_length", turn.by_length), ("by_width", turn.by_width)):
         if slopes is not None and slopes.shape[-1]:
