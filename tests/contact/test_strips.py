@@ -10,7 +10,6 @@ from scipy.special import k0
 
 import difftrb as trb
 from difftrb.contact import strip_kernel, strip_plan
-from difftrb.contact.bickley import integrals_k0
 from difftrb.contact.grids import GRIDS
 from difftrb.contact.solver import approach_and_gradient
 from difftrb.contact.strip_rows import Rows
@@ -32,12 +31,12 @@ def test_integrals_of_k0(order: int) -> None:
         kernel = (1.0 - u**4) ** (order - 1) / float(np.prod(np.arange(1, order))) * 4.0 * u**3
         expected = z**order * np.sum(w * kernel * k0(z * u**4))
         for of in (np.asarray, jnp.asarray):
-            assert float(integrals_k0(order, of(z))[0]) == pytest.approx(expected, rel=1e-9)
+            assert float(strip_kernel.integrals_k0(order, of(z))[0]) == pytest.approx(expected, rel=1e-9)
     z, h = np.asarray(2.5), 1e-5
-    assert float(integrals_k0(0, z)[0]) == pytest.approx(k0(2.5), rel=1e-11)
+    assert float(strip_kernel.integrals_k0(0, z)[0]) == pytest.approx(k0(2.5), rel=1e-11)
 
     def slope(n: int) -> float:
-        return float(integrals_k0(n, Taylor(z, by=np.ones(1)))[0].by[0])
+        return float(strip_kernel.integrals_k0(n, Taylor(z, by=np.ones(1)))[0].by[0])
 
     assert slope(1) == pytest.approx(k0(2.5), rel=1e-11)
     by_difference = (k0(2.5 + h) - k0(2.5 - h)) / (2 * h)
