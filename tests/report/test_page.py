@@ -11,7 +11,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.contact import strip_pressure
+from difftrb.contact import strip_model
 from difftrb.contact.solver import pressure_patches
 from difftrb.scene import scene_file, solving
 from difftrb.turning import spall_loss
@@ -139,7 +139,7 @@ def test_a_loss_map_leaves_out_what_the_law_does_not_know(scene: trb.Scene) -> N
 def test_pressure_point_by_point_carries_the_load(contact, spall, offset: float, monkeypatch) -> None:
     """Its integral on dense points is the load, but for what is lost at singular edges; nothing is carried over the
     spall."""
-    monkeypatch.setattr(strip_pressure, "ACROSS", np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 641)) * 0.99999)
+    monkeypatch.setattr(strip_model, "ACROSS", np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 641)) * 0.99999)
     solution, patches = pressure_patches(contact, 830.0, spall, offset)
     total = sum(np.trapezoid(np.trapezoid(p.pressure, p.x, axis=1), p.y) for p in patches)
     assert total == pytest.approx(830.0, rel=0.02)

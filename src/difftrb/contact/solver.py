@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import contact_cells, halfspace, strip_model, strip_pressure, strip_reach
+from difftrb.contact import contact_cells, halfspace, strip_model, strip_reach
 from difftrb.contact import gap as gaps
 from difftrb.contact.contact_cells import Resolution, Stage
 from difftrb.contact.contact_solution import (
@@ -34,8 +34,7 @@ from difftrb.contact.contact_solution import (
 )  # fmt: skip
 from difftrb.contact.grids import GRIDS, grid_for, reached
 from difftrb.contact.projected_gradient import TOLERANCE, press_by
-from difftrb.contact.strip_model import Way
-from difftrb.contact.strip_pressure import Patch
+from difftrb.contact.strip_model import Patch, Way
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real
@@ -103,7 +102,7 @@ def pressure_patches(
         if way != "strips":
             return _alone(way, inputs, mirrored, edges, max(own, 1e-3)), ()
         solution, found, strips = _strips_of_numbers(inputs, mirrored, edges, own)
-        return solution, strip_pressure.patches(found, inputs, strips)
+        return solution, strip_model.patches(found, inputs, strips)
 
     return _first_that_does(method, inputs, accuracy, by)  # type: ignore[return-value]
 

@@ -29,6 +29,10 @@ from difftrb.core import implicit, status
 
 SETTLED = 0.05  # share of the asked-for accuracy that misplaced boundaries may take
 TENSION = 10.0  # share of the load that strips may take as tension, by the accuracy: more, and they are too coarse
+ACROSS = np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 81)) * 0.9999
+"""Points of a row, by half its width from its middle; denser at its ends."""
+ALONG = 4
+"""Points between two rows."""
 
 
 class Strips(NamedTuple):
@@ -181,7 +185,7 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     Not suited: a spall whose bottom is in reach of the roller, a roller (nearly) without crown.
     """
     settled, reach = xp.fixed(found.settled), found.reach
-    plan, groups, on, loads, ends = outlined(found, inputs, way)
+    plan, groups, on, loads, ends = _outlined(found, inputs, way)
     images = 2.0 if way.mirrored else 1.0
     force, tension = _pressing(
         images * reach.line_load * reach.unit * _spread(plan, groups, loads, ends, cells, reach.unit)
@@ -197,7 +201,7 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     return Found(found.approach, force, found.moment, width, settled.error, passes, loads.size, code)
 
 
-def outlined(found: Strips, inputs: Inputs, way: Way) -> tuple[Plan, tuple[Rows, ...], Any, Any, Any]:
+def _outlined(found: Strips, inputs: Inputs, way: Way) -> tuple[Plan, tuple[Rows, ...], Any, Any, Any]:
     """The plan and the rows; of every strip whether it is loaded, its modes' loads, (strips, modes), and its
     boundaries, (strips, 2), where the inputs say that the spall is."""
     settled = xp.fixed(found.settled)
@@ -239,3 +243,65 @@ def _spread(plan: Plan, groups: tuple[Rows, ...], loads: Any, ends: Any, cells: 
     across = xp.einsum("sm,smx->sx", loads, xp.diff(xp.stack(below, axis=1), axis=-1))
     along = xp.concatenate([strip_rows.shares(group, cells.lines / unit) for group in groups])
     return along[plan.rows].T @ across
+
+
+# ------------------------------------------------------------------------------------------ point by point
+
+
+class Patch(NamedTuple):
+    """A part of the contact: positions along the roller [mm], shape (points,); in the rolling direction [mm], and
+    pressure [N/mm²], shape (points, across)."""
+
+    y: np.ndarray
+    x: np.ndarray
+    pressure: np.ndarray
+
+
+def patches(found: Strips, inputs: Inputs, way: Way) -> tuple[Patch, ...]:
+    """The pressure to look at, where cells would show notches, of numbers: the contact's parts, beyond the spall's ends
+    along the roller and beside it. Profiles of rows, and boundaries between two, go over into those of the next row."""
+    plan, groups, on, loads, ends = _outlined(found, inputs, way)
+    unit, density = float(found.reach.unit), float(found.reach.line_load / found.reach.unit)
+    made, first = [], 0
+    for group in groups:
+        rows = range(first, first + group.count)
+        first += group.count
+        y = group.hats(group.lines[1:-1], group.lines[0], group.lines[-1])
+        low, high, pressure = map(np.stack, zip(*(_profile(plan, on, loads, ends, row) for row in rows), strict=True))
+        middle, square = 0.5 * (low + high), 0.25 * (high - low) ** 2
+        for at, end in ((0, group.lines[0]), (len(y), group.lines[-1])):
+            near = min(at, len(y) - 1)
+            if not np.isclose(y[near], end):  # where contact ends
+                y, middle, square = np.insert(y, at, end), np.insert(middle, at, middle[near]), np.insert(square, at, 0)
+                pressure = np.insert(pressure, at, 0.0, axis=0)
+        fine = np.interp(np.arange((len(y) - 1) * ALONG + 1) / ALONG, np.arange(len(y)), y)
+        half = np.sqrt(np.interp(fine, y, square))[:, None]
+        x = np.interp(fine, y, middle)[:, None] + half * ACROSS
+        p = np.stack([np.interp(fine, y, column) for column in pressure.T], axis=1)
+        if way.mirrored and group.middle:  # symmetric about the roller's middle
+            fine, x, p = (
+                np.concatenate([part[:0:-1] * sign, part]) for part, sign in ((fine, -1.0), (x, 1.0), (p, 1.0))
+            )
+        one = Patch(unit * fine, unit * x, density * p)
+        made.append(one)
+        if way.mirrored and not group.middle:
+            made.append(Patch(-one.y[::-1], one.x[::-1], one.pressure[::-1]))
+    return tuple(made)
+
+
+def _profile(plan: Any, on: Any, loads: Any, ends: Any, row: int) -> tuple[float, float, np.ndarray]:
+    """Where the loaded part of a row begins and ends, and its pressure on `ACROSS`, without units."""
+    own = np.flatnonzero((plan.rows == row) & on & (ends[:, 1] > ends[:, 0]))
+    if not len(own):
+        return 0.0, 0.0, np.zeros_like(ACROSS)
+    low, high = float(ends[own, 0].min()), float(ends[own, 1].max())
+    x = 0.5 * (low + high) + 0.5 * (high - low) * ACROSS
+    pressure = np.zeros_like(x)
+    for strip in own:
+        a, b = ends[strip]
+        t = (2.0 * x - a - b) / (b - a)
+        inside = np.abs(t) < 1.0
+        angle = np.arccos(np.where(inside, t, 0.0))
+        modes = sum(load * np.cos(m * angle) for load, m in zip(loads[strip], plan.orders, strict=True))
+        pressure += np.where(inside, modes * 2.0 / (b - a) / (np.pi * np.sin(angle)), 0.0)  # Tₘ/(π√(1−t²))
+    return low, high, np.maximum(pressure, 0.0)

@@ -22,7 +22,7 @@ from difftrb.contact import gap
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import pressure_patches
-from difftrb.contact.strip_pressure import Patch
+from difftrb.contact.strip_model import Patch
 from difftrb.core.geometry import arc_radius
 from difftrb.ring import ring
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
