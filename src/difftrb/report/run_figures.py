@@ -1,14 +1,22 @@
-"""Which figures a run has, and why one is missing."""
+"""The figures of a run: which it has, and why one is missing; those of stiffness as the cage turns, and of what a spall
+of any size takes of it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
 
-from difftrb.report import bearing_drawing, plot, stiffness_plot
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from difftrb.report import bearing_drawing, plot
+from difftrb.report.plot import ACCENT, HEALTHY, SPALLED, loads_of
 from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.solution import Assessment
 from difftrb.turning import spall_loss
+from difftrb.turning.spall_loss import LossMap, Turn
 
 NO_TURN = (
     "Stiffness over the cage's turn is drawn for scenes without effects, whose law holds at every phase; `difftrb "
@@ -20,6 +28,7 @@ NO_MAP = (
 )
 BY_DESIGN = (NO_TURN, NO_MAP)
 """What need not be said but on the page."""
+DIRECTIONS = (("radial", 0), ("axial", 2))
 
 
 def figures(scene: Scene, result: Assessment, mean: Assessment | None, missing: list[str]) -> Iterator[tuple[str, Any]]:
@@ -35,7 +44,7 @@ def figures(scene: Scene, result: Assessment, mean: Assessment | None, missing: 
     if turn is None:
         missing.append(NO_TURN)
     else:
-        yield "stiffness", stiffness_plot.over_turn(turn, scene)
+        yield "stiffness", over_turn(turn, scene)
     if not scene.spalls:
         return
     mean = result if mean is None and turn is not None and isinstance(scene.phase, PitchMean) else mean
@@ -43,4 +52,99 @@ def figures(scene: Scene, result: Assessment, mean: Assessment | None, missing: 
     if found is None or mean is None:
         missing.append(NO_MAP)
     else:
-        yield "loss", stiffness_plot.loss_over_sizes(found, scene, mean)
+        yield "loss", loss_over_sizes(found, scene, mean)
+
+
+def over_turn(turn: Turn, scene: Scene) -> Figure:
+    """Radial and axial stiffness over one roller pitch, healthy and with spalls; dashed where the scene's phase is."""
+    figure, axes = plt.subplots(1, 2, figsize=(10.5, 3.5))
+    figure.subplots_adjust(left=0.07, right=0.98, bottom=0.27, top=0.82, wspace=0.14)  # to lay it out takes longer
+    pitch = turn.phases[-1]
+    for ax, (name, k) in zip(axes, DIRECTIONS, strict=True):
+        sound, spalled = turn.healthy[:, k, k] / 1e3, turn.stiffness[:, k, k] / 1e3
+        ax.plot(turn.phases, sound, color=HEALTHY, lw=1.8, label="healthy")
+        if scene.spalls:
+            ax.plot(turn.phases, spalled, color=SPALLED, lw=1.8, label="with spall")
+            ax.fill_between(turn.phases, spalled, sound, color=SPALLED, alpha=0.12, lw=0)
+        if not isinstance(scene.phase, PitchMean):
+            ax.axvline(
+                float(scene.phase) % pitch,
+                color="black",
+                lw=1.4,
+                ls="--",
+                clip_on=False,
+                label=f"phase {scene.phase:g} rad",
+            )
+        ax.set_xlim(0.0, pitch)
+        ax.margins(y=0.12)
+        ax.set_title(f"{name}, {scene.definition}", fontsize=10)
+        ax.set_xlabel("cage angle of roller 0 from the load line [rad]")
+        ax.grid(color=ACCENT, lw=0.4, alpha=0.6)
+    axes[0].set_ylabel("stiffness [kN/mm]")
+    axes[0].legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.22), fontsize=9)
+    axes[1].text(0.5, -0.33, f"one roller pitch; repeats {scene.bearing.rollers} times a turn of the cage", fontsize=9,
+                 transform=axes[1].transAxes, ha="center", color="0.35")  # fmt: skip
+    figure.suptitle(f"Stiffness over the cage's turn, {loads_of(scene)}", fontsize=11)
+    return figure
+
+
+def loss_over_sizes(found: LossMap, scene: Scene, mean: Assessment) -> Figure:
+    """Loss of radial and axial stiffness in the mean over the cage's turn, over the first spall's length and width; the
+    present spall is marked, its gradient drawn bold."""
+    figure, axes = plt.subplots(1, 2, figsize=(10.5, 4.1), layout="constrained")
+    for row, (ax, (name, _)) in enumerate(zip(axes, DIRECTIONS, strict=True)):
+        _map(found, row, ax)
+        spall, sound = scene.spalls[0], float(np.asarray(mean.healthy.both_stiffnesses)[row])
+        slopes = [-100.0 * float(np.asarray(by)[row, 0]) / sound for by in (mean.by_length, mean.by_width)]
+        _arrow(ax, found, (float(spall.length), float(spall.width)), slopes)
+        by = f"{slopes[0]:+.2g} %/mm by length, {slopes[1]:+.2g} by width"
+        ax.set_title(f"{name}: {float(mean.loss[row]):.2f} %, {by}", fontsize=10)
+        ax.set_xlabel("spall length [mm]")
+    axes[0].set_ylabel("spall width [mm]")
+    figure.suptitle(
+        f"Loss of {scene.definition} stiffness in the mean over the cage's turn, {loads_of(scene)}", fontsize=11
+    )
+    return figure
+
+
+def _map(found: LossMap, row: int, ax: Axes) -> None:
+    x, y, loss = found.lengths, found.widths, found.loss[row]
+    ax.set_facecolor(ACCENT)  # where the law knows no spall
+    fine_x, fine_y = (np.linspace(axis[0], axis[-1], 6 * len(axis)) for axis in (x, y))
+    smooth = _between(x, loss, found.by_length[row], fine_x)
+    by_width = np.stack([np.interp(fine_x, x, column) for column in found.by_width[row].T], axis=1)
+    smooth = _between(y, smooth.T, by_width.T, fine_y)  # (widths, lengths)
+    mesh = ax.pcolormesh(fine_x, fine_y, smooth, cmap="viridis", shading="gouraud", rasterized=True)
+    if np.isfinite(smooth).sum() > 4 and np.nanmax(smooth) > np.nanmin(smooth):
+        lines = ax.contour(fine_x, fine_y, np.ma.masked_invalid(smooth), colors="white", linewidths=0.8, levels=6)
+        ax.clabel(lines, fontsize=8, fmt="%.3g %%")
+    rise = [found.by_length[row] * np.ptp(x), found.by_width[row] * np.ptp(y)]
+    places = np.meshgrid(x, y, indexing="ij")
+    inner = np.zeros(loss.shape, bool)
+    inner[1:-1, 1:-1] = True
+    shown = inner & np.isfinite(rise[0] + rise[1]) & (np.hypot(*rise) > 0.0)
+    if shown.any():
+        arrows = [part[shown] for part in (*places, *rise)]
+        ax.quiver(*arrows, color="white", alpha=0.9, angles="uv", width=0.005, pivot="mid",
+                  scale=12.0 * np.hypot(*rise)[shown].max())  # fmt: skip
+    ax.figure.colorbar(mesh, ax=ax, label="loss [%]")
+
+
+def _between(x: np.ndarray, values: np.ndarray, slopes: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Cubics through values and slopes at `x`, along the first axis."""
+    k = np.clip(np.searchsorted(x, at, side="right") - 1, 0, len(x) - 2)
+    step = (x[k + 1] - x[k])[:, None]
+    t = (at - x[k])[:, None] / step
+    rise = values[k + 1] - values[k]
+    low, high = step * slopes[k] - rise, rise - step * slopes[k + 1]
+    return values[k] + t * rise + t * (1.0 - t) * ((1.0 - t) * low + t * high)
+
+
+def _arrow(ax: Axes, found: LossMap, at: tuple[float, float], slopes: list[float]) -> None:
+    """The spall as it is, and where its loss rises, in units of the axes' ranges as the other arrows."""
+    ax.plot(*at, "o", ms=8, mfc="white", mec=SPALLED, mew=2.2, zorder=6)
+    rise = np.array([slopes[0] * np.ptp(found.lengths), slopes[1] * np.ptp(found.widths)])
+    if np.hypot(*rise) > 0.0:
+        ax.quiver(*at, *rise / np.hypot(*rise), color=SPALLED, angles="uv", width=0.012, scale=6.0, zorder=5)
+    ax.annotate(f"this spall: {at[0]:g} × {at[1]:g} mm", at, (-4, -16), textcoords="offset points", color="white",
+                fontsize=9, ha="center", weight="bold")  # fmt: skip
