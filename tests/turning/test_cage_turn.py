@@ -13,7 +13,7 @@ import pytest
 import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import geometry
-from difftrb.turning import turn_file
+from difftrb.report import stiffness_report
 from difftrb.turning.cage_turn import CageTurn
 
 
@@ -136,7 +136,7 @@ def test_what_moves_along_does_not_repeat(turn: CageTurn) -> None:
 def test_files_agree(turn: CageTurn, tmp_path: Path) -> None:
     """CSV, JSON and NPZ have the same numbers, in N/mm and in N/m."""
     for kind in ("csv", "json", "npz"):
-        turn_file.write(turn, tmp_path / f"K.{kind}", "si", 3000.0)
+        stiffness_report.write(turn, tmp_path / f"K.{kind}", "si", 3000.0)
     with open(tmp_path / "K.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     told = json.loads((tmp_path / "K.json").read_text(encoding="utf-8"))
@@ -151,7 +151,7 @@ def test_files_agree(turn: CageTurn, tmp_path: Path) -> None:
     assert turn.by_length is not None
     np.testing.assert_allclose(arrays["by_length"], 1e6 * np.asarray(turn.by_length))
     with pytest.raises(trb.SceneError, match=r"must end with \.csv, \.json, \.npz"):
-        turn_file.write(turn, tmp_path / "K.xlsx")
+        stiffness_report.write(turn, tmp_path / "K.xlsx")
 
 
 def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

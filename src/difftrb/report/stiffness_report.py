@@ -1,18 +1,27 @@
-"""What `difftrb stiffness` says and writes."""
+"""What `difftrb stiffness` says, and writes to a file: CSV, JSON or NPZ, in N and mm or in SI, axes and units named."""
 
 from __future__ import annotations
 
+import csv
 import json
-from typing import Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from rich.table import Table
 
+from difftrb.core import storage
+from difftrb.core.messages import named
+from difftrb.core.status import SceneError
 from difftrb.report import run_report, terminal
-from difftrb.scene import scene_file
-from difftrb.turning import turn_file
+from difftrb.scene import scene_file, solution
 from difftrb.turning.cage_turn import CageTurn, stiffness
+from difftrb.turning.frequencies import DefectFrequencies, defect_frequencies
 
+Units = Literal["mm", "si"]
+UNITS = "mm", "si"
+KINDS = ".csv", ".json", ".npz"
 SHOWN = 3
 """Axes whose own stiffness is shown: radial, lateral, axial."""
 
@@ -25,11 +34,11 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     if not np.all(np.asarray(turn.converged)):
         return terminal.refuse(f"{path}: {turn.status}", terminal.EXIT_NO_SOLUTION)
     turn = turn.in_series(*(springs(one, turn) for one in (options.shaft, options.housing) if one is not None))
-    found = turn_file.table(turn, options.units, options.speed)
+    found = in_units(turn, options.units, options.speed)
     if options.out is not None:
-        turn_file.write(turn, options.out, options.units, options.speed)
+        write(turn, options.out, options.units, options.speed)
     if options.json:
-        print(json.dumps(turn_file.record(found), indent=1))
+        print(json.dumps(record(found), indent=1))
         return terminal.EXIT_OK
     terminal.show(text(found))
     if found.frequencies is not None:
@@ -47,11 +56,11 @@ def springs(given: str, turn: CageTurn) -> np.ndarray:
     except ValueError:
         radial = axial = -1.0
     if not (0.0 < radial < np.inf and 0.0 < axial < np.inf):
-        raise scene_file.SceneError(f"a stiffness in series = {given}: give RADIAL,AXIAL in N/mm, both above 0")
+        raise SceneError(f"a stiffness in series = {given}: give RADIAL,AXIAL in N/mm, both above 0")
     return np.array([radial, radial, axial, *[1e30] * (turn.stiffness.shape[-1] - SHOWN)])
 
 
-def text(found: turn_file.Table) -> Table:
+def text(found: Written) -> Table:
     """Mean, least, largest, and the first orders of every axis' own stiffness."""
     unit = found.unit["stiffness"][0][0]
     table = run_report.house_table(f"Stiffness over the cage's angle, tangent dF/du [{unit}]")
@@ -63,3 +72,124 @@ def text(found: turn_file.Table) -> Table:
         sizes = np.abs(found.orders["stiffness"][1:4, k, k]) if found.orders else []
         table.add_row(axis, *(f"{value:,.0f}" for value in (own.mean(), own.min(), own.max(), *sizes)))
     return table
+
+
+# ------------------------------------------------------------------------------------------------ files
+
+
+class Written(NamedTuple):
+    """A cage's turn in one system of units: `arrays` by name with phases first, `unit` of every array's entries, names
+    of the `axes`, `orders` (complex) if something repeats, and `frequencies` at a speed if there is one."""
+
+    axes: tuple[str, ...]
+    arrays: dict[str, np.ndarray]
+    unit: dict[str, Any]
+    orders: dict[str, np.ndarray]
+    frequencies: DefectFrequencies | None
+    about: dict[str, Any]
+
+
+def in_units(turn: CageTurn, units: Units = "mm", speed_rpm: float | None = None) -> Written:
+    """See `write`."""
+    if units not in UNITS:
+        raise SceneError(f"units = {units!r}: must be one of {', '.join(UNITS)}")
+    axes = solution.AXES[: turn.stiffness.shape[-1]]
+    metre = 1.0 if units == "mm" else 1e-3
+    tilts = np.array([name.startswith("about") for name in axes])
+    length, force = np.where(tilts, 1.0, metre), np.where(tilts, metre, 1.0)  # of a displacement, of a force or moment
+    by = force[:, None] / length[None, :]
+    arrays = {"cage": np.asarray(turn.cage), "displacement": np.asarray(turn.displacement) * length,
+              "stiffness": np.asarray(turn.stiffness) * by}  # fmt: skip
+    unit: dict[str, Any] = {
+        "cage": "rad",
+        "displacement": [_si(solution.length_of(a), units) for a in axes],
+        "stiffness": [[_si(solution.stiffness_of(a, b), units) for b in axes] for a in axes],
+    }
+    for name, slopes in (("by_length", turn.by_length), ("by_width", turn.by_width)):
+        if slopes is not None and slopes.shape[-1]:
+            arrays[name] = np.asarray(slopes) * by[:, :, None] / metre
+            per = _si("mm", units)
+            unit[name] = [[f"{one}/{per}" for one in row] for row in unit["stiffness"]]
+    frequencies = None
+    if speed_rpm is not None:
+        frequencies = defect_frequencies(turn.bearing, speed_rpm)
+        if float(frequencies.ftf) <= 0.0:
+            raise SceneError(f"speed = {speed_rpm:g}: must be above 0 rev/min")
+        arrays = {"time": np.asarray(turn.time(speed_rpm)), **arrays}
+        unit["time"] = "s"
+    orders = {}
+    if turn.repeats != "never":
+        found = turn.orders(min(16, len(arrays["cage"]) // 2))
+        orders = {"order": np.asarray(found.order), "stiffness": np.asarray(found.stiffness) * by,
+                  "displacement": np.asarray(found.displacement) * length}  # fmt: skip
+    about = {"units": units, "definition": "tangent", "repeats": turn.repeats, "status": turn.status,
+             "converged": bool(np.all(np.asarray(turn.converged))), "speed_rpm": speed_rpm}  # fmt: skip
+    return Written(axes, arrays, unit, orders, frequencies, about)
+
+
+def write(turn: CageTurn, path: str | Path, units: Units = "mm", speed_rpm: float | None = None) -> None:
+    """Write a cage's turn to a file that ends with .csv, .json or .npz, whole or not at all.
+
+    `units`: "mm" (N/mm, mm, N mm/rad) or "si" (N/m, m, N m/rad). At a speed [rev/min] there are times [s], and the
+    defect frequencies [Hz] in JSON and NPZ. Orders are in JSON (real and imaginary part) and NPZ. Raises `SceneError`
+    for another ending, OSError if it cannot be written.
+    """
+    path = Path(path)
+    if path.suffix not in KINDS:
+        raise SceneError(f"{named(path)}: must end with {', '.join(KINDS)}")
+    found = in_units(turn, units, speed_rpm)
+    with storage.replacing(path) as scratch:
+        if path.suffix == ".npz":
+            with open(scratch, "wb") as file:
+                np.savez(file, **_flat(found))  # pyright: ignore[reportArgumentType]
+        elif path.suffix == ".json":
+            scratch.write_text(json.dumps(record(found), indent=1) + "\n", encoding="utf-8")
+        else:
+            with open(scratch, "w", newline="", encoding="utf-8") as file:
+                csv.writer(file).writerows(_rows(found))
+
+
+def record(found: Written) -> dict[str, Any]:
+    """For JSON: complex numbers as real and imaginary part, NaN as null."""
+    orders: dict[str, Any] = {}
+    for name, values in found.orders.items():
+        parts = {"real": _plain(np.real(values)), "imaginary": _plain(np.imag(values))}
+        orders[name] = parts if np.iscomplexobj(values) else _plain(values)
+    hertz = None if found.frequencies is None else {k: float(v) for k, v in vars(found.frequencies).items()}
+    return {
+        **found.about, "axes": list(found.axes), "unit": found.unit, **{k: _plain(v) for k, v in found.arrays.items()},
+        "orders": orders, "defect_frequencies": hertz,
+    }  # fmt: skip
+
+
+def _plain(values: np.ndarray) -> Any:
+    return np.where(np.isfinite(values), values.astype(object), None).tolist()  # type: ignore[arg-type]
+
+
+def _flat(found: Written) -> dict[str, Any]:
+    flat = {**found.arrays, **{f"orders_{name}": values for name, values in found.orders.items()}}
+    texts = {"axes": found.axes, "unit": json.dumps(found.unit), "about": json.dumps(found.about)}
+    flat |= {name: np.array(text) for name, text in texts.items()}
+    if found.frequencies is not None:
+        flat |= {name: np.asarray(value) for name, value in vars(found.frequencies).items()}
+    return flat
+
+
+def _rows(found: Written) -> Iterator[list[Any]]:
+    """A heading with names and units, then a row for every phase."""
+    heading, columns = [], []
+    for name, values in found.arrays.items():
+        rest = values.reshape(len(values), -1)
+        for k, place in enumerate(np.ndindex(*values.shape[1:])):
+            axes, unit = [found.axes[i] for i in place[:2]], found.unit[name]
+            for i in place[:2]:
+                unit = unit[i]
+            spall = f"_spall_{place[2]}" if len(place) > 2 else ""
+            heading.append(f"{'_'.join([name, *axes])}{spall} [{unit}]")
+            columns.append(rest[:, k])
+    yield heading
+    yield from ([repr(float(v)) for v in row] for row in zip(*columns, strict=True))
+
+
+def _si(unit: str, units: Units) -> str:
+    return unit.replace("mm", "m") if units == "si" else unit
