@@ -82,9 +82,8 @@ def _single(inputs: Inputs, spall: Spall | None, resolution: Resolution, mirrore
     reach_y = 0.5 * (top - bottom)
     reach_x = reach_x * (1.0 + 2.0 / resolution.columns)  # the lattice may slide by half a cell, borders stay unloaded
     if spall is None:
-        nowhere = np.inf
-        pitch, x = halfspace.lattice(reach_x, resolution.columns, -nowhere, nowhere)
-        half = halfspace.graded(np.zeros(()), reach_y, resolution.land, at_start=False, at_end=True)
+        pitch, x = halfspace.lattice(reach_x, resolution.columns, -np.inf, np.inf)
+        half = halfspace.graded(np.zeros(()), reach_y, resolution.land, at_start=False)
         lines = half if mirrored else 0.5 * (bottom + top) + xp.concatenate([-half[:0:-1], half])
         return Cells(pitch, x, lines, mirrored), np.asarray(status.CONVERGED)
 
@@ -92,18 +91,18 @@ def _single(inputs: Inputs, spall: Spall | None, resolution: Resolution, mirrore
     sliver = 2e-3 * reach_y  # no segment of the grid is thinner
     ends = spall.axial_offset - 0.5 * spall.length, spall.axial_offset + 0.5 * spall.length
     high = xp.clip(ends[1], bottom + 2.0 * sliver, top - sliver)
-    whole = halfspace.graded(np.zeros(()), reach_y, resolution.land + resolution.spall, at_start=False, at_end=True)
+    whole = halfspace.graded(np.zeros(()), reach_y, resolution.land + resolution.spall, at_start=False)
     if mirrored:
         edge = xp.maximum(high, sliver)
-        land = _beyond_edge(halfspace.graded(edge, top, resolution.land, at_start=True, at_end=True), edge)
-        hollow = halfspace.graded(np.zeros(()), land[0], resolution.spall, at_start=False, at_end=True)
+        land = _beyond_edge(halfspace.graded(edge, top, resolution.land, at_start=True), edge)
+        hollow = halfspace.graded(np.zeros(()), land[0], resolution.spall, at_start=False)
         lines = xp.concatenate([hollow, land[1:]])
     else:
         low = xp.clip(ends[0], bottom + sliver, high - sliver)
-        upper = halfspace.graded(high, top, resolution.land, at_start=True, at_end=True)
-        lower = halfspace.graded(-low, -bottom, resolution.land, at_start=True, at_end=True)
+        upper = halfspace.graded(high, top, resolution.land, at_start=True)
+        lower = halfspace.graded(-low, -bottom, resolution.land, at_start=True)
         upper, lower = _beyond_edge(upper, 0.5 * (high - low)), -_beyond_edge(lower, 0.5 * (high - low))[::-1]
-        hollow = halfspace.graded(lower[-1], upper[0], 2 * resolution.spall, at_start=True, at_end=True)
+        hollow = halfspace.graded(lower[-1], upper[0], 2 * resolution.spall, at_start=True)
         lines = xp.concatenate([lower, hollow[1:-1], upper])
         whole = 0.5 * (bottom + top) + xp.concatenate([-whole[:0:-1], whole])
     lines = xp.where((ends[0] <= bottom) & (ends[1] >= top), whole, lines)  # over a spall all along there is no edge

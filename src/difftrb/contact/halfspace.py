@@ -22,6 +22,7 @@ from difftrb.core import arrays as xp
 # A sharp edge with a pressure that is singular there acts as if it stood this part of a cell inside the last loaded
 # cell (uniform Galerkin cells, half-plane problem); cells are therefore drawn that much beyond the true edge.
 EDGE_SHIFT = 0.11505
+EVEN = 0.05  # share of even spacing in graded lines: it bounds the ratio of the largest to the smallest cell
 LOW = 8  # frequencies of the resistance at which rows see one another; 4 or 16 cost as much
 
 
@@ -147,21 +148,11 @@ class Convolution:
         return Convolution(1.0 / self.spectrum, 1.0 / self.diagonal).displacement
 
 
-def graded(start: Any, end: Any, count: int, at_start: bool, at_end: bool, even: float = 0.05) -> Any:
-    """`count` + 1 lines from `start` to `end`, gathered like a cosine at the ends asked for.
-
-    `even` (0…1) is the share of even spacing mixed in; it bounds the ratio of largest to smallest cell.
-    """
+def graded(start: Any, end: Any, count: int, at_start: bool) -> Any:
+    """`count` + 1 lines from `start` to `end`, gathered like a cosine at the end and, if asked, at the start."""
     s = np.linspace(0.0, 1.0, count + 1)
-    if at_start and at_end:
-        c = 0.5 * (1.0 - np.cos(np.pi * s))
-    elif at_end:
-        c = np.sin(0.5 * np.pi * s)
-    elif at_start:
-        c = 1.0 - np.cos(0.5 * np.pi * s)
-    else:
-        c = s
-    return start + (end - start) * (even * s + (1.0 - even) * c)
+    gathered = 0.5 * (1.0 - np.cos(np.pi * s)) if at_start else np.sin(0.5 * np.pi * s)
+    return start + (end - start) * (EVEN * s + (1.0 - EVEN) * gathered)
 
 
 def lattice(half_width: Any, columns: int, left: Any, right: Any) -> tuple[Any, Any]:

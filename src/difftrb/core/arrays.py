@@ -173,12 +173,13 @@ def _joined(name: str, parts: list[Any], axis: int) -> Any:
     return Taylor(*(joined(field) for field in ("value", "slope", "bend", "by", "slope_by")))
 
 
-def total(x: Any, axis: int = -1) -> Any:
-    """Sum over an axis counted from behind."""
-    xp = of(x)
-    if not isinstance(x, Taylor):
-        return xp.sum(x, axis=axis)
-    return x.mapped(lambda part: xp.sum(part, axis=axis), lambda part: xp.sum(part, axis=axis))
+def total(x: Any) -> Any:
+    """Sum over the last axis."""
+
+    def summed(part: Any) -> Any:
+        return of(x).sum(part, axis=-1)
+
+    return x.mapped(summed, summed) if isinstance(x, Taylor) else summed(x)
 
 
 def leading_total(x: Any) -> Any:

@@ -19,17 +19,17 @@ import numpy as np
 from difftrb.core.status import SweepError
 
 
-def yardstick_work(size: int = 512) -> Callable[[], Any]:
+def yardstick_work() -> Callable[[], Any]:
     """A fixed piece of work on JAX's device: a product of two matrices of 512 × 512 in float64 and a Fourier transform
     of one, there and back."""
-    a = jnp.asarray(np.random.default_rng(0).normal(size=(size, size)))
+    a = jnp.asarray(np.random.default_rng(0).normal(size=(512, 512)))
     work = jax.jit(lambda a: (a @ a, jnp.fft.irfft2(jnp.fft.rfft2(a))))
     return lambda: work(a)
 
 
-def yardstick(size: int = 512, repeats: int = 9) -> float:
+def yardstick() -> float:
     """Seconds, the least of 9, of `yardstick_work`."""
-    return min(_times(yardstick_work(size), repeats, math.inf)[1])
+    return min(_times(yardstick_work(), 9, math.inf)[1])
 
 
 def _times(function: Callable[[], Any], repeats: int, budget: float) -> tuple[Any, list[float]]:
@@ -43,9 +43,9 @@ def _times(function: Callable[[], Any], repeats: int, budget: float) -> tuple[An
     return result, times
 
 
-def timed(function: Callable[[], Any], repeats: int = 7, budget: float = 1.0) -> tuple[Any, float]:
-    """What a function returns, and the median of its seconds after a first call."""
-    result, times = _times(function, repeats, budget)
+def timed(function: Callable[[], Any], repeats: int = 7) -> tuple[Any, float]:
+    """What a function returns, and the median of its seconds after a first call, for a second."""
+    result, times = _times(function, repeats, 1.0)
     return result, float(np.median(times))
 
 

@@ -77,11 +77,11 @@ def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
         raise OSError(error.errno, error.strerror, str(target)) from None
 
 
-def remove_leftovers(folder: Path, pattern: str, seconds: float = 3600.0) -> None:
-    """Remove scratch files that nobody has written to for so long: their process was killed."""
+def remove_leftovers(folder: Path, pattern: str) -> None:
+    """Remove scratch files that nobody has written to for an hour: their process was killed."""
     for scratch in folder.rglob(pattern):
         with contextlib.suppress(OSError):  # another process removes it, or ends it well
-            if time.time() - scratch.stat().st_mtime > seconds:
+            if time.time() - scratch.stat().st_mtime > 3600.0:
                 scratch.unlink()
 
 

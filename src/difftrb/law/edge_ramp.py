@@ -245,6 +245,6 @@ def _powers(count: int) -> np.ndarray:
     return np.array([np.pad(np.polynomial.chebyshev.cheb2poly(row), (0, count))[:count] for row in np.eye(count)])
 
 
-def guess(degree: int = 0) -> np.ndarray:
+def guess() -> np.ndarray:
     """`Ramp.share` of any roller."""
-    return np.zeros((degree + 1, TERMS))
+    return np.zeros((1, TERMS))

@@ -88,9 +88,9 @@ def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap |
     return LossMap(lengths, widths, *values)
 
 
-def sizes_around(scene: Scene, lengths: int = 5, widths: int = 5) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths and widths [mm] about the first spall's of a prepared scene: from an eighth of it to two and a half times
-    the length, twice the width, as far as the law goes."""
+def sizes_around(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Five lengths and widths [mm] about the first spall's of a prepared scene: from an eighth of it to two and a half
+    times the length, twice the width, as far as the law goes."""
     scene = xp.numbers(scene)
     spall, law = scene.spalls[0], outer_law(scene)
 
@@ -109,8 +109,8 @@ def sizes_around(scene: Scene, lengths: int = 5, widths: int = 5) -> tuple[np.nd
         2.5 * length, LAWS[law.name].longest(float(scene.bearing.roller_length)) if law.name in LAWS else np.inf
     )
     return (
-        np.linspace(until("length", length / 8.0), until("length", longest), lengths),
-        np.linspace(until("width", width / 8.0), until("width", 2.0 * width), widths),
+        np.linspace(until("length", length / 8.0), until("length", longest), 5),
+        np.linspace(until("width", width / 8.0), until("width", 2.0 * width), 5),
     )
 
 
