@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import dataclasses
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -14,15 +13,16 @@ from typing import Any
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
 from difftrb.core import machine
+from difftrb.core.bearing_checks import across
 from difftrb.core.messages import dotted, known, shown
 from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
 from difftrb.report import remarks, terminal
-from difftrb.scene import bearing_table, scene_file
+from difftrb.scene import scene_file
 from difftrb.scene.scene_file import NoEquilibriumError, SceneFile
 from difftrb.sweeps import axes as axes_
 from difftrb.sweeps import chunks, outputs, sweeping
-from difftrb.sweeps.axes import RANGE_KEYS, Axis
+from difftrb.sweeps.axes import RANGE_KEYS
 from difftrb.sweeps.plan import Plan
 
 SETTINGS = ("outputs", "gradients", "mode", "axes")
@@ -121,8 +121,7 @@ def load_plan(path: str | Path, batch: int | None = None) -> Plan:
 def parse(text: str, path: str | Path = "scene") -> SweepFile:
     """Check the text of a scene file with a table `[sweep]`; `path` names it in errors. Raises `SceneError`."""
     file = scene_file.parse(text, path)
-    content = tomllib.loads(text)
-    table = content.pop("sweep", None)
+    table = tomllib.loads(text).get("sweep")
     if not isinstance(table, dict) or not table:
         raise SceneError(f"{path}: [sweep] is missing: name axes, say {axes_.EXAMPLE}")
     with _named(str(path)):
@@ -137,9 +136,12 @@ def parse(text: str, path: str | Path = "scene") -> SweepFile:
             raise SweepError(
                 f"outputs: {', '.join(outputs.CONTACT)} are of a single contact and do not go with the ring's"
             )
-        _check(content, found)  # before a scene is made of it, which raises where effects exclude each other
+        _check(file, found.of_contact, found.path)  # before a scene, which raises where effects exclude each other
         axes_.check(file if found.of_contact else file.scene(), made, gradients)
-        _check_ends(content, made, found)
+        for member in sweeping.ends(file, made) if found.of_contact else ():  # those of rings are the plan's
+            if (sentence := across(member.bearing, member.spall)) is not None:
+                raise SweepError(sentence)
+            _check(member, True, found.path)
     return found
 
 
@@ -178,27 +180,11 @@ def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
             yield key, value
 
 
-def _check_ends(content: dict[str, Any], made: tuple[Axis, ...], file: SweepFile) -> None:
-    """Refuse an end of an axis that the scene's own checks refuse, as if it stood in the file."""
-    bearing_table.in_full(content, file.path)
-    ends = [(key, float(end)) for axis in made for key, values in zip(axis.keys, axis.values, strict=True)
-            for end in (values.min(), values.max())]  # fmt: skip
-    for key, end in ends:
-        changed = copy.deepcopy(content)
-        *way, name = key.split(".")
-        at: Any = changed
-        for step in way:
-            at = at[int(step)] if isinstance(at, list) else at.setdefault(step, {})
-        at[name] = end
-        _check(changed, file)
-
-
-def _check(content: dict[str, Any], file: SweepFile) -> None:
+def _check(file: SceneFile, of_contact: bool, path: str) -> None:
     """Refuse what `difftrb run` or `contact` refuses, but for loads without an equilibrium."""
     try:
-        one = scene_file.from_content(copy.deepcopy(content), file.path)
-        (scene_file.check_contact if file.of_contact else scene_file.check_ring)(one, file.path)
+        (scene_file.check_contact if of_contact else scene_file.check_ring)(file, path)
     except NoEquilibriumError:
         return  # a member like others: NaN
     except SceneError as error:
-        raise SweepError(str(error).removeprefix(f"{file.path}: ")) from None
+        raise SweepError(str(error).removeprefix(f"{path}: ")) from None

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +64,9 @@ def plan_sweep(
         checks.refuse(base)
     units, dims = axes_.check(base, made, gradients), {}
     if isinstance(base, Scene):
-        _check_ends(base, made)
+        for member in ends(base, made):
+            if (sentence := checks.wrong(member)) is not None:
+                raise SweepError(sentence)
         base = outputs.with_shared_law(base, made, gradients, progress)
     if callable(what):
         function, title = _by_name(what), getattr(what, "__qualname__", repr(what))
@@ -77,15 +79,14 @@ def plan_sweep(
     return Plan(base, made, function, tuple(gradients), units, dims, _batch(made, batch), title, text)
 
 
-def _check_ends(scene: Scene, made: Sequence[Axis]) -> None:
-    """Refuse axes with an end that a scene may not have."""
+def ends(base: Any, made: Sequence[Axis]) -> Iterator[Any]:
+    """Members at the ends of every axis, all others as in `base`."""
     for axis in made:
         for k in {int(place) for values in axis.values for place in (values.argmin(), values.argmax())}:
-            member = scene
+            member = base
             for key, values in zip(axis.keys, axis.values, strict=True):
                 member = axes_.replaced(member, key, float(values[k]))
-            if (sentence := checks.wrong(member)) is not None:
-                raise SweepError(sentence)
+            yield member
 
 
 def _by_name(function: Callable[[Any], Any]) -> Callable[[Any], dict[str, jax.Array]]:
