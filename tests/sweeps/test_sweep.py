@@ -24,8 +24,8 @@ from difftrb.report import plot
 from difftrb.ring import ring
 from difftrb.scene import scene_file
 from difftrb.sweeps import axes, chunks, outputs, store, sweep_file, sweep_plot, sweeping
-from difftrb.sweeps.plan import Plan, Program, front
-from difftrb.sweeps.swept import manifest_of
+from difftrb.sweeps.plan import Plan, Program
+from difftrb.sweeps.swept import front, manifest_of
 
 SIZES = ("spall.0.length", "spall.0.width")
 FILE = f"""{scene_file.example("spall")}

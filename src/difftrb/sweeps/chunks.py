@@ -18,9 +18,9 @@ from difftrb.core.machine import cores, lanes_of
 from difftrb.core.status import SweepError
 from difftrb.sweeps import sweeping
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import KEPT, Plan, Program, check_names, front, in_turn
+from difftrb.sweeps.plan import KEPT, Plan, Program, in_turn
 from difftrb.sweeps.store import INSTALL, RESUME, Npz, Zarr, store_of
-from difftrb.sweeps.swept import Swept, coordinates_of, counted, labelled, manifest_of
+from difftrb.sweeps.swept import Swept, check_names, coordinates_of, counted, front, labelled, manifest_of
 
 TASKS = 10_000
 """Chunks that a scheduler knows at once."""
@@ -34,7 +34,7 @@ class Ended:
 
     Attributes:
       counts: members by the sentence of their status. computed: chunks that were computed now. where: the store.
-      shown: results of `plan.front`; None in processes with a share but the first.
+      shown: results of `swept.front`; None in processes with a share but the first.
     """
 
     counts: dict[str, int]

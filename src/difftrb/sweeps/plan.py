@@ -34,15 +34,6 @@ AT_ONCE = 3
 """Chunks that are dealt with at once: no lane waits for the last call of a chunk, or for a disk."""
 KEPT = 4
 """Plans and programs from elsewhere that a process keeps, at most."""
-SHOWN = 500
-"""Values of an axis in a figure, at most."""
-OWN_NAMES = ("identity", "chunk", "file", "allow_pickle", "c", STATUS)
-"""Names that results and keys cannot have: what stands beside them in files, and arguments of `np.savez`."""
-
-
-def stored(name: str) -> str:
-    """Name of a key or column in files and datasets: without dots, so that it is an attribute there."""
-    return name.replace(".", "_")
 
 
 def column_of(name: str, by: str | None = None) -> str:
@@ -221,38 +212,6 @@ def _block(plan: Plan, values: list[jax.Array], block: jax.Array) -> dict[str, j
         member = jax.vmap(member, in_axes=([1 if i == axis else None for i in range(len(at))],))
     depth = len(at) - grid.split
     return {name: value.reshape(grid.size, *value.shape[depth:]) for name, value in member(at).items()}
-
-
-def front(plan: Plan) -> tuple[Plan, np.ndarray]:
-    """The plan of the first one or two axes with several values, each of at most `SHOWN`, others at their middle.
-
-    Also the numbers of its members in the whole plan, rising.
-    """
-    many = [i for i, axis in enumerate(plan.axes) if axis.count > 1][:2] or [0]
-    counts = plan.counts
-    places = [np.linspace(0, n - 1, min(n, SHOWN)).round().astype(int) if i in many else np.array([n // 2])
-              for i, n in enumerate(counts)]  # fmt: skip
-    members = np.ravel_multi_index(np.ix_(*places), counts).ravel()
-    kept = tuple(
-        dataclasses.replace(axis, values=axis.values[:, place]) for axis, place in zip(plan.axes, places, strict=True)
-    )
-    return dataclasses.replace(plan, axes=kept), members
-
-
-def check_names(plan: Plan) -> None:
-    """Raise `SweepError` for names of results and keys that cannot stand in a file, or not beside each other."""
-    keys = [key for axis in plan.axes for key in axis.keys]
-    columns = [name for name in plan.shapes if name != STATUS]
-    for name in (*keys, *columns):
-        if name in OWN_NAMES or not name.isprintable() or "/" in name or not name.strip("._"):
-            raise SweepError(f"{shown(name)}: cannot be a name in a file, or has a meaning there; name it otherwise")
-    taken: dict[str, str] = {}
-    dims = sorted({dim for own in plan.own_dims.values() for dim in own})
-    for what, names in (("an axis", keys), ("a result", columns), ("a dimension of a result", dims)):
-        for name in names:
-            if stored(name) in taken:
-                raise SweepError(f"{shown(name)}: {what} is named as {taken[stored(name)]}; name it otherwise")
-            taken[stored(name)] = what
 
 
 class Program:

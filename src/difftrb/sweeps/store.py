@@ -20,8 +20,7 @@ from difftrb.core import storage
 from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import Grid
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import stored
-from difftrb.sweeps.swept import Swept, attributes, dims_of, labelled
+from difftrb.sweeps.swept import Swept, attributes, dims_of, labelled, stored
 
 MANIFEST, AXES, ZARR = "manifest.json", "axes.npz", "sweep.zarr"
 """Names in a folder: of what is swept and the axes' values beside .npz files; of the Zarr store."""
