@@ -214,13 +214,15 @@ class Crown(KnownToLaw):
 class Preload(Parameter):
     """Axial load that adds to every measured one: from 0 to the largest of them."""
 
-    name, unit, low, high, default = "preload", "N", 0.0, 1e3, 0.0
-    logarithmic, wide = False, np.inf
+    name, unit, default, logarithmic, wide = "preload", "N", 0.0, False, np.inf
     no_effect = "nothing depends on the axial load here: leave preload out"
     suspect = "an axial load acts that was not measured"
 
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
         return 0.0, max(float(row.axial) for row in rows) or 1.0
+
+    def apart(self, scene: Scene) -> float:
+        return 1e3 / 6.0
 
     def load(self, load: Load, value: Real) -> Load:
         return Load(load.radial, load.axial + value)
