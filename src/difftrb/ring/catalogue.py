@@ -235,6 +235,13 @@ def contact_angle(known: Catalogue) -> tuple[float, float]:
     return math.atan(tangent), spread
 
 
+def prior(known: Catalogue) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of the ratios and of tan α, and their standard deviations, before sizes and ratings are told."""
+    angle, exactly = contact_angle(known)
+    means = [*(math.log(ratio.mean) for ratio in RATIOS.values()), math.log(math.tan(angle))]
+    return np.array(means), np.array([*(ratio.spread for ratio in RATIOS.values()), exactly])
+
+
 def check(known: Catalogue) -> None:
     """Raise `SceneError` for numbers that are out of their range, or cannot be together."""
     sentence = fields.wrong(known, "bearing")

@@ -18,7 +18,7 @@ import numpy as np
 from difftrb.core.geometry import TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.ring import catalogue
-from difftrb.ring.catalogue import ALIKE, LEAN, RATIOS, Catalogue, Inside, Told, tapered
+from difftrb.ring.catalogue import ALIKE, LEAN, Catalogue, Inside, Told, tapered
 
 COVERED = 2.0
 """Coverage factor k of all uncertainties that are told: about 95 of 100 (GUM)."""
@@ -110,10 +110,9 @@ def bearing_from_catalogue(
     is as in published bearings (`catalogue.RATIOS`). Takes plain numbers. Raises `SceneError`, one sentence, for what
     is out of range or cannot be together.
     """
-    unknown = set(known) - {field.name for field in dataclasses.fields(Catalogue)}
-    if unknown:
-        names = ", ".join(field.name for field in dataclasses.fields(Catalogue))
-        raise SceneError(f"bearing.{min(unknown)} is not known; known here: {names}")
+    names = [field.name for field in dataclasses.fields(Catalogue)]
+    if unknown := set(known) - set(names):
+        raise SceneError(f"bearing.{min(unknown)} is not known; known here: {', '.join(names)}")
     return estimated(Catalogue(d, D, T, contact_angle_deg, **known))
 
 
@@ -122,35 +121,32 @@ def estimated(known: Catalogue) -> CatalogueBearing:
     catalogue.check(known)
     belief = _believed(known)
     bearing, design_load = _made(belief, belief.mean, belief.rollers)
-    sentence, unusual = catalogue.check_rings(known, bearing), _usual(known, *_prior(known), belief.mean)
+    sentence, unusual = catalogue.check_rings(known, bearing), _usual(known, *catalogue.prior(known), belief.mean)
     if sentence is None or (unusual is not None and getattr(known, sentence.split()[0][8:], None) is None):
         sentence = unusual  # what was not told cannot be blamed
     if sentence is not None:
         raise SceneError(sentence)
 
-    values = np.array(_numbers(bearing, design_load))
-    uncertain = _spread(belief, lambda *made: np.array(_numbers(*made)))
-    uncertain[np.abs(uncertain) < 1e-5 * np.abs(values)] = 0.0
-    estimates = {name: Estimate(float(value), float(about), unit)
-                 for (name, unit), value, about in zip(_NAMES.items(), values, uncertain, strict=True)}  # fmt: skip
+    values = _numbers(bearing, design_load)
+    uncertain = _spread(belief, lambda *made: np.array([value for value, _ in _numbers(*made).values()]))
+    estimates = {name: Estimate(float(value), 0.0 if about < 1e-5 * abs(value) else float(about), unit)
+                 for (name, (value, unit)), about in zip(values.items(), uncertain, strict=True)}  # fmt: skip
     return CatalogueBearing(known, bearing, design_load, estimates, belief)
 
 
-_NAMES = {
-    "rollers": "", "pitch_diameter": "mm", "roller_diameter": "mm", "roller_length": "mm", "contact_angle": "°",
-    "roller_small_diameter": "mm", "roller_large_diameter": "mm", "outer_angle": "rad", "inner_angle": "rad",
-    "roller_angle": "rad", "flange_angle": "rad", "design_load": "N",
-}  # fmt: skip
-
-
-def _numbers(bearing: TaperedBearing, design_load: float) -> list[float]:
+def _numbers(bearing: TaperedBearing, design_load: float) -> dict[str, tuple[float, str]]:
+    """What is estimated, by name, with units."""
     small, large = bearing.roller_small_diameter, bearing.roller_large_diameter
     diameter = 0.5 * (small + large)
     pitch = diameter * math.sin(bearing.outer_angle - bearing.roller_angle) / math.tan(bearing.roller_angle)
-    return [
-        bearing.rollers, pitch, diameter, bearing.roller_length, math.degrees(bearing.outer_angle), small, large,
-        bearing.outer_angle, bearing.inner_angle, bearing.roller_angle, bearing.flange_angle, design_load,
-    ]  # fmt: skip
+    return {
+        "rollers": (bearing.rollers, ""), "pitch_diameter": (pitch, "mm"), "roller_diameter": (diameter, "mm"),
+        "roller_length": (bearing.roller_length, "mm"), "contact_angle": (math.degrees(bearing.outer_angle), "°"),
+        "roller_small_diameter": (small, "mm"), "roller_large_diameter": (large, "mm"),
+        "outer_angle": (bearing.outer_angle, "rad"), "inner_angle": (bearing.inner_angle, "rad"),
+        "roller_angle": (bearing.roller_angle, "rad"), "flange_angle": (bearing.flange_angle, "rad"),
+        "design_load": (design_load, "N"),
+    }  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------------------ conditioning
@@ -162,16 +158,9 @@ def _inside(known: Catalogue, x: np.ndarray) -> Inside:
     return Inside(pitch, diameter, length * known.T, fill * np.pi * pitch / diameter, math.atan(tangent))
 
 
-def _prior(known: Catalogue) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithms of the ratios and of tan α, and their standard deviations, before sizes and ratings are told."""
-    angle, exactly = catalogue.contact_angle(known)
-    means = [*(math.log(ratio.mean) for ratio in RATIOS.values()), math.log(math.tan(angle))]
-    return np.array(means), np.array([*(ratio.spread for ratio in RATIOS.values()), exactly])
-
-
 def _believed(known: Catalogue) -> _Belief:
     """What is believed of a bearing after all that was told; raises `SceneError` for what cannot be together."""
-    prior, spread = _prior(known)
+    prior, spread = catalogue.prior(known)
     every = list(catalogue.told(known))
 
     def apart(x: np.ndarray) -> np.ndarray:
