@@ -9,7 +9,6 @@ import dataclasses
 import datetime
 import hashlib
 import json
-import math
 import platform
 import re
 from collections.abc import Mapping, Sequence
@@ -20,6 +19,7 @@ from typing import Any, NamedTuple
 
 import difftrb
 from difftrb.report import plot, remarks, run_report
+from difftrb.report.run_report import number
 from difftrb.ring import effects
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
@@ -146,10 +146,6 @@ def _where(scene: Scene) -> str:
     return f"{plot.loads_of(scene)}; {phase}; {scene.definition} stiffness"
 
 
-def _number(value: Any, style: str) -> str:
-    return "–" if value is None or not math.isfinite(value) else format(value, style)
-
-
 def _with_code(sentence: str) -> str:
     return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(sentence))
 
@@ -171,8 +167,8 @@ def _cards(run: Run) -> str:
     cards = []
     for where, values in [*shown, (at, record)]:
         for name in ("radial", "axial"):
-            stiffness = _number(values["stiffness"][name], ",.0f")
-            big = f"{_number(values['loss'][name], '.2f')} %" if scene.spalls else f"{stiffness} N/mm"
+            stiffness = number(values["stiffness"][name], ",.0f")
+            big = f"{number(values['loss'][name], '.2f')} %" if scene.spalls else f"{stiffness} N/mm"
             small = (
                 f"of {name} stiffness lost {where}: {stiffness} N/mm" if scene.spalls else f"{name} stiffness {where}"
             )
@@ -187,9 +183,9 @@ def _stiffness_table(run: Run) -> str:
             continue
         for name in ("radial", "axial"):
             by = values["sensitivity"][name]
-            cells = [_number(values[kind][name], ",.0f") for kind in ("healthy", "stiffness")]
-            cells += [_number(values["loss"][name], ".3f")]
-            cells += [_number(by[size] or None, ",.1f") for size in ("length", "width")]  # 0: no roller on an edge
+            cells = [number(values[kind][name], ",.0f") for kind in ("healthy", "stiffness")]
+            cells += [number(values["loss"][name], ".3f")]
+            cells += [number(by[size] or None, ",.1f") for size in ("length", "width")]  # 0: no roller on an edge
             rows.append([f"{name}, {where}", *cells])
     heads = ("", "healthy [N/mm]", "with spall [N/mm]", "loss [%]", "by length [N/mm per mm]", "by width [N/mm per mm]")
     return _table(heads, rows, f"{run.scene.definition.capitalize()} stiffness and its derivatives by the spall's size")
@@ -234,7 +230,7 @@ def _acting(scene: Scene) -> str:
         acting.append(f"{effect.label}{': ' if values else ''}{', '.join(values)}")
     absent = [kind for kind in effects.registered() if not any(isinstance(effect, kind) for effect in scene.effects)]
     idle = [f"{kind.label} (effects.{kind.key})" for kind in absent]
-    lists = [f"<div><h3>{head}</h3><ul>{''.join(f'<li>{escape(each)}</li>' for each in every)}</ul></div>"
+    lists = [f"<div><h3>{head}</h3>{_list(every)}</div>"
              for head, every in (("Acts", acting), ("Does not act, for the scene does not name it", idle),
                                  ("Is not in the model", NEVER))]  # fmt: skip
     return f'<section id="acting"><h2>What acts and what does not</h2><div class="two">{"".join(lists)}</div></section>'
@@ -275,7 +271,7 @@ def _list(lines: Sequence[str]) -> str:
 def _loads(run: Run) -> str:
     record, healthy = run.record, run.result.healthy.loads
     rows = [
-        [str(j), f"{angle:.4f}", _number(load, ",.1f"), _number(load - float(sound), "+,.1f")]
+        [str(j), f"{angle:.4f}", number(load, ",.1f"), number(load - float(sound), "+,.1f")]
         for j, (angle, load, sound) in enumerate(zip(record["angles"], record["loads"], healthy, strict=True))
     ]
     table = _table(("roller", "angle [rad]", "load [N]", "against healthy [N]"), rows, "Loads on the outer raceway")

@@ -230,7 +230,7 @@ def _column(name: str) -> str:
 
 
 def number(value: Any, style: str) -> str:
-    return format(float(value), style) if math.isfinite(value) else "–"
+    return "–" if value is None or not math.isfinite(value) else format(float(value), style)
 
 
 def law_text(law: Law) -> str:
