@@ -14,6 +14,7 @@ from difftrb.core.geometry import Real
 from difftrb.law import power
 from difftrb.law.base import Law
 from difftrb.ring import effects, ring
+from difftrb.ring.effect import among
 from difftrb.ring.effects import Raceways, Through
 from difftrb.scene.scene import Scene, law_in_effect, raceway_contact
 
@@ -49,7 +50,7 @@ def largest_for_curves(scene: Scene) -> float:
 def is_through(scene: Scene) -> bool:
     """Whether rollers over spalls carry nothing, so that the others carry their share."""
     met = ring.spalls_on(scene.spalls, "outer")
-    return bool(met) and any(isinstance(effect, Through) for effect in scene.effects)
+    return bool(met) and among(scene.effects, Through) is not None
 
 
 def single(scene: Scene, law: Law) -> Scene:
