@@ -184,11 +184,9 @@ def total(x: Any) -> Any:
 
 def leading_total(x: Any) -> Any:
     """Sum over the first axis."""
-    return (
-        x.mapped(lambda part: part.sum(axis=0), lambda part: part.sum(axis=1))
-        if isinstance(x, Taylor)
-        else x.sum(axis=0)
-    )
+    if not isinstance(x, Taylor):
+        return x.sum(axis=0)
+    return x.mapped(lambda part: part.sum(axis=0), lambda part: part.sum(axis=1))
 
 
 def largest(x: Any) -> Any:
@@ -244,7 +242,6 @@ def einsum(form: str, a: Any, b: Any) -> Any:
 
 def _bilinear_apart(product: Callable[[Any, Any], Any], a: Taylor, b: Taylor) -> Taylor:
     """As a product of expansions, of one that looks after shapes itself."""
-
     twice = None if a.slope is None else 2.0 * a.slope
     return Taylor(
         product(a.value, b.value),

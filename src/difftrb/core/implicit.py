@@ -286,15 +286,10 @@ def _interpolant_jvp(fit: Callable, primals: tuple, tangents: tuple):
     places, values = primals
     places_change, values_change = tangents
     coefficients = interpolant(fit, places, values)
-    rate = jnp.zeros_like(places)
-    for k in range(len(places) - 1, 0, -1):
-        rate = rate * places + k * coefficients[k][None]
+    rate = numeric.polynomial(coefficients[:, None], places, 1)
     return coefficients, interpolant(fit, places, values_change - rate * places_change)
 
 
 def _zero_tangent(leaf: jax.Array) -> Any:
-    return (
-        jnp.zeros(leaf.shape, jax.dtypes.float0)
-        if not jnp.issubdtype(leaf.dtype, jnp.inexact)
-        else jnp.zeros_like(leaf)
-    )
+    inexact = jnp.issubdtype(leaf.dtype, jnp.inexact)
+    return jnp.zeros_like(leaf) if inexact else jnp.zeros(leaf.shape, jax.dtypes.float0)

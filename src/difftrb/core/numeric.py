@@ -49,8 +49,8 @@ def chebyshev_rates(count: int) -> np.ndarray:
 def horner(coefficients: Sequence[Any] | np.ndarray | jax.Array, x: Any) -> Any:
     """Σ cₖ xᵏ of two or more coefficients; each a number, or of the shape of `x`."""
     value = coefficients[-1]
-    for c in coefficients[-2::-1]:
-        value = value * x + c
+    for k in range(len(coefficients) - 2, -1, -1):
+        value = value * x + coefficients[k]
     return value
 
 
@@ -62,10 +62,7 @@ def polynomial(coefficients: Any, x: Any, order: int = 0) -> Any:
         if not factors.size:
             return 0.0 * coefficients[0] * x
         coefficients = factors.reshape(-1, *[1] * (coefficients.ndim - 1)) * coefficients[order:]
-    value = coefficients[-1]
-    for k in range(len(coefficients) - 2, -1, -1):
-        value = value * x + coefficients[k]
-    return value
+    return horner(coefficients, x)
 
 
 def with_slope(coefficients: Any, x: Any) -> tuple[Any, Any]:
