@@ -37,8 +37,6 @@ NEARLY = 10.0
 """A suspect whose χ² is larger than this many times the best one's is not named beside it."""
 SCATTER = 0.005
 """Estimated relative error of measurements from which on suspects are tried without a sigma, too."""
-
-
 ALONE = UNLIKELY
 """Chance of its gain below which a row is named that is left aside."""
 ADDED = 0.1

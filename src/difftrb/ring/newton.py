@@ -35,8 +35,6 @@ EXPONENTS = 1.1, 1.3
 NARROWEST = 0.98
 """Of F_r tan α/F_a, up to which the integrals stand for the sums: beyond, two or three rollers carry all."""
 DEGREE = 8
-
-
 RollerLoads = tuple[jax.Array, jax.Array]
 """Load [N] and its slope [N/mm] of every roller, both of shape (rollers,)."""
 
