@@ -1,6 +1,20 @@
 """Tests lie in rooms as the package does; their kinds are markers: exact, order, gradient, literature, hard."""
 
+import os
 from collections.abc import Iterator
+from pathlib import Path
+
+# JAX reads these when it is imported: programs are shared by all processes of a run and kept for the next one, the
+# smallest, too, which take 30 ms to compile and 5 to read; the processes that tests start do likewise
+KEPT = {
+    "JAX_COMPILATION_CACHE_DIR": str(Path(__file__).parents[1] / ".pytest_cache" / "programs"),
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "0",
+    "XLA_FLAGS": "--xla_backend_optimization_level=1",  # as the package compiles contacts: no slower, sooner there
+    "TF_CPP_MIN_LOG_LEVEL": "3",  # else XLA reports its own tuning hints whenever it loads a kept program
+}
+for name, value in KEPT.items():
+    os.environ.setdefault(name, value)
 
 import jax
 import pytest
