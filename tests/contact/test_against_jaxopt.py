@@ -21,7 +21,7 @@ def test_jaxopt_finds_the_same_approach_and_forces(contact: trb.LineContact, spa
     s = contacts._by_cells(
         Inputs(contact, jnp.asarray(load), spall, jnp.asarray(offset)), contacts.Resolution(12, 8, 4), True, 1e-2
     )  # fmt: skip
-    W = halfspace.influence(s.cells, jnp.asarray(contact.modulus))
+    W = jax.jit(halfspace.influence)(s.cells, jnp.asarray(contact.modulus))
     W = jax.tree.map(lambda m: m * (load / s.approach), W)
     gap = s.gap / s.approach
 
@@ -30,7 +30,7 @@ def test_jaxopt_finds_the_same_approach_and_forces(contact: trb.LineContact, spa
         return jnp.vdot(f, 0.5 * halfspace.displacement(W, f) + gap)
 
     columns = jnp.eye(gap.size).reshape(-1, *gap.shape)
-    matrix = jax.vmap(lambda e: halfspace.displacement(W, e))(columns).reshape(gap.size, -1)
+    matrix = jax.jit(jax.vmap(lambda e: halfspace.displacement(W, e)))(columns).reshape(gap.size, -1)
     step = 1.0 / float(jnp.linalg.eigvalsh(matrix)[-1])
     solver = jaxopt.ProjectedGradient(
         energy, jaxopt.projection.projection_simplex, stepsize=step, maxiter=4000, tol=1e-9, implicit_diff=False

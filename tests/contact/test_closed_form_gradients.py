@@ -41,7 +41,7 @@ def central(function, at: np.ndarray, relative: float = 1e-6) -> np.ndarray:
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_closed_forms(name: str) -> None:
-    function, values = FUNCTIONS[name]
+    function, values = jax.jit(FUNCTIONS[name][0]), FUNCTIONS[name][1]
     at = np.array(values)
     reverse = np.asarray(jax.grad(function)(jnp.asarray(at)))
     np.testing.assert_allclose(reverse, central(function, at), rtol=1e-6)
@@ -71,8 +71,9 @@ def test_geometry_by_every_entry(bearing: trb.TaperedBearing) -> None:
         geometry.apex_distance,
         geometry.flange_force_angle,
     ):
-        slopes = np.asarray(jax.grad(lambda v, f=function: f(rebuilt(v)))(jnp.asarray(at)))
-        expected = central(lambda v, f=function: f(rebuilt(v)), at)
+        own = jax.jit(lambda v, f=function: f(rebuilt(v)))
+        slopes = np.asarray(jax.grad(own)(jnp.asarray(at)))
+        expected = central(own, at)
         np.testing.assert_allclose(slopes, expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
 
 
@@ -81,6 +82,7 @@ def test_influence_and_gap_by_grid_lines(contact: trb.LineContact) -> None:
     force = jnp.asarray(np.random.default_rng(1).random((3, 4)))
     weights = jnp.asarray(np.random.default_rng(2).random((3, 4)))
 
+    @jax.jit
     def number(v: jax.Array) -> jax.Array:
         cells = Cells(v[0], v[0] * (jnp.arange(4) - 1.3), v[1:], True)
         u = halfspace.displacement(halfspace.influence(cells, jnp.asarray(contact.modulus)), force)
@@ -95,6 +97,7 @@ def test_influence_and_gap_by_grid_lines(contact: trb.LineContact) -> None:
 def test_crown_reaches_the_rollers_end(contact: trb.LineContact) -> None:
     """Its mean over the last cell is finite, and so is the mean's derivative by the cell's inner line."""
 
+    @jax.jit
     def last(line: jax.Array) -> jax.Array:
         cells = Cells(jnp.asarray(0.1), jnp.zeros(1), jnp.stack([line, jnp.asarray(contact.length / 2)]), True)
         return gap.crown(cells, contact)[0, 0]

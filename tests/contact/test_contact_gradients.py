@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import halfspace
+from difftrb.contact import gap, halfspace
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_cells import stage
 from difftrb.contact.contact_solution import Inputs
@@ -115,21 +115,19 @@ def test_second_derivation_dense_linear_algebra(contact: LineContact) -> None:
     spall, load, offset = Spall(2.1, 1.0), 2900.0, 0.47
     s = trb.solve_contact(contact, load, spall, offset, 1e-2, "cells")
 
-    def system(length: float) -> tuple[np.ndarray, np.ndarray]:
+    @jax.jit
+    def system(length: float) -> tuple[jax.Array, jax.Array]:
         changed = dataclasses.replace(spall, length=length)
         inputs = Inputs(contact, jnp.asarray(load), changed, jnp.asarray(offset))
         cells = stage(inputs, GRIDS[1e-2].cells, True).cells
-        from difftrb.contact import gap
-
         W = halfspace.influence(cells, jnp.asarray(contact.modulus))
         g = gap.curvature(cells, contact.radius) + gap.crown(cells, contact)
-        columns = [
-            np.asarray(halfspace.displacement(W, e.reshape(s.force.shape))).ravel() for e in np.eye(s.force.size)
-        ]
-        return np.stack(columns, axis=1), np.asarray(jnp.broadcast_to(g, s.force.shape)).ravel()
+        units = jnp.eye(s.force.size).reshape(-1, *s.force.shape)
+        columns = jax.lax.map(lambda e: halfspace.displacement(W, e).ravel(), units)
+        return columns.T, jnp.broadcast_to(g, s.force.shape).ravel()
 
     def solve(length: float) -> float:
-        W, g = system(length)
+        W, g = map(np.asarray, system(length))
         on = np.flatnonzero(np.asarray(s.force).ravel() > 0.0)
         A = np.block([[W[np.ix_(on, on)], -np.ones((on.size, 1))], [np.ones((1, on.size)), np.zeros((1, 1))]])
         return float(np.linalg.solve(A, np.append(-g[on], load))[-1])

@@ -85,6 +85,7 @@ def test_heights_between_points_are_differentiable() -> None:
 
     def value(v: jax.Array) -> jax.Array:
         m = HeightMap(height * v[0], v[1], v[2], v[3])
+    @jax.jit
         return jnp.sum(height_at(m, v[4], jnp.array([-0.013, 0.021]), jnp.array([0.031, 0.072])))
 
     at = jnp.array([1.3, 0.03, 0.05, 0.004, 0.007])

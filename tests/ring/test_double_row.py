@@ -169,19 +169,14 @@ def test_derivatives_equal_differences(bearing, name: str) -> None:
     value = {"radial": 3000.0, "axial": 4500.0, "preload": 0.05, "spacing": 30.0, "moment_lateral": 2e4,
              "length": 6.0, "width": 7.0, "outer_angle": float(bearing.outer_angle)}  # fmt: skip
     h = 1e-4 * value[name]
-    _, slope = _mean_answer(bearing, value, name)
-    above, below = (_mean_answer(bearing, value | {name: value[name] + side * h}, name)[0] for side in (1.0, -1.0))
+    slope = _mean_slope(value, {other: float(other == name) for other in value}, bearing)
+    above, below = (_mean_values(value | {name: value[name] + side * h}, bearing) for side in (1.0, -1.0))
     differences = (np.asarray(above) - np.asarray(below)) / (2.0 * h)
     np.testing.assert_allclose(slope, differences, rtol=1e-6, atol=1e-6 * np.abs(differences).max())
 
 
-def _mean_answer(bearing, values: dict[str, float], name: str):
-    """Stiffness and shares of the rows in the mean over phases, and their derivatives by the value of that name."""
-    return jax.jvp(lambda v: _mean_values(values | {name: v}, bearing), (jnp.asarray(values[name]),), (jnp.ones(()),))
-
-
-@jit_quickly()
-def _mean_values(v: dict[str, jax.Array], bearing) -> jax.Array:
+def _of_mean(v: dict[str, jax.Array], bearing) -> jax.Array:
+    """Stiffness and shares of the rows in the mean over phases."""
     row = effects.DoubleRow(v["preload"], spacing=v["spacing"], moment_lateral=v["moment_lateral"])
     mean = trb.Scene(
         dataclasses.replace(bearing, outer_angle=v["outer_angle"]), trb.Load(v["radial"], v["axial"]),
@@ -191,15 +186,26 @@ def _mean_values(v: dict[str, jax.Array], bearing) -> jax.Array:
     return jnp.stack([r.stiffness[0, 0], r.stiffness[2, 2], r.stiffness[4, 4], r.effects["second_row_radial"]])
 
 
+_mean_values = jit_quickly()(_of_mean)
+_mean_slope = jit_quickly()(lambda v, along, bearing: jax.jvp(lambda v: _of_mean(v, bearing), (v,), (along,))[1])
+"""One program for every direction."""
+
+
 def test_where_load_zones_end_phases_are_divided_for_both_rows(bearing) -> None:
     """The mean is that of 500 equal steps also where either row has unloaded rollers."""
     start = dataclasses.replace(scene(bearing, effects.DoubleRow(0.02), spalls=()), phase="mean")
     phases = (jnp.arange(500) + 0.5) / 500 * geometry.roller_pitch(bearing)
     every = jax.jit(jax.vmap(lambda p: trb.solve(dataclasses.replace(start, phase=p)).stiffness))(phases)
     met = (phase_average.Met("outer", (), LIU),)
-    alone = phase_average.phases(bearing, LOAD, met)[0]
     here = effects.Ring(bearing, LOAD, (), LIU, trb.LineContact.of(bearing), 0.0)
-    assert phase_average.phases(bearing, LOAD, met, effects.terms(start.effects, here))[0].size == 2 * alone.size
+
+    @jax.jit
+    def alone_and_both() -> tuple[jax.Array, jax.Array]:
+        own = effects.terms(start.effects, here)
+        return phase_average.phases(bearing, LOAD, met)[0], phase_average.phases(bearing, LOAD, met, own)[0]
+
+    alone, both = alone_and_both()
+    assert both.size == 2 * alone.size
     mean = jnp.mean(every, axis=0)
     np.testing.assert_allclose(trb.solve(start).stiffness, mean, atol=3e-5 * float(mean.max()))
 
