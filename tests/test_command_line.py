@@ -113,6 +113,7 @@ def test_run_audits_itself(capsys, paper: Path) -> None:
     assert "nothing is promised" in " ".join(out.split())
 
 
+@pytest.mark.slow
 def test_run_with_effects(capsys, tmp_path: Path) -> None:
     """A scene that names some: their results in both kinds of output, within the width of a page."""
     path = tmp_path / "effects.toml"
@@ -173,6 +174,7 @@ def test_run_writes_figures_and_the_record(capsys, paper: Path, tmp_path: Path) 
     assert [p.name for p in out.parent.iterdir()] == ["out"]  # nothing of the scratch folder is left
 
 
+@pytest.mark.slow
 def test_figures_put_an_inner_spall_where_it_is() -> None:
     before, _, inner = scene_file.example("raceways").split("[[spall]]")
     file = scene_file.parse(f"{before}[[spall]]{inner}")
@@ -217,6 +219,7 @@ def test_contact_with_the_inner_raceway(capsys, tmp_path: Path) -> None:
     assert json.loads(out)["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_contact_with_a_height_map(capsys, tmp_path: Path) -> None:
     path = tmp_path / "map.toml"
     path.write_text(scene_file.example("map").replace("accuracy = 1e-3", "accuracy = 1e-2"), encoding="utf-8")
@@ -246,6 +249,7 @@ angle = 0.01
 """
 
 
+@pytest.mark.slow
 def test_contact_with_several_spalls_and_tilt(capsys, tmp_path: Path) -> None:
     """Angles place spalls from the first on; derivatives by size come one for each."""
     head = 'bearing = "32008J"\n[load]\nradial = 9000.0\naxial = 4500.0\n'
@@ -301,6 +305,7 @@ def test_missing_file(capsys, tmp_path: Path) -> None:
     assert (code, err) == (2, f"difftrb: {tmp_path / 'none.toml'}: there is no such file\n")
 
 
+@pytest.mark.slow
 def test_contact_that_cannot_be_resolved_is_no_solution(capsys, tmp_path: Path) -> None:
     path = tmp_path / "narrow.toml"
     text = (

@@ -32,6 +32,7 @@ def script(name: str) -> ModuleType:
     return module
 
 
+@pytest.mark.slow
 def test_accuracy_of_contact(contact: trb.LineContact) -> None:
     experiment = script("accuracy_of_contact")
     cases = experiment.random_cases(3, contact)
@@ -53,12 +54,14 @@ def test_accuracy_of_strips(contact: trb.LineContact) -> None:
     assert milliseconds > 0.0
 
 
+@pytest.mark.slow
 def test_speed_of_ring(power: trb.PowerLaw) -> None:
     for first, each in script("speed_of_ring").measure(power, 4).values():
         assert first > 0.0
         assert each > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [by_scipy.in_numpy, by_scipy.on_law])
 def test_scipy_finds_the_same_ring(power: trb.PowerLaw, way) -> None:
     scene = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law=power)
@@ -83,6 +86,7 @@ def test_pages_show_figures_that_exist(name: str) -> None:
     assert (FOLDER.parent / "docs" / f"{name}.png").exists()
 
 
+@pytest.mark.slow
 def test_speed_of_contact(contact: trb.LineContact) -> None:
     experiment = script("speed_of_contact")
     cases = experiment.geometries(2, contact, 0)
@@ -100,6 +104,7 @@ def test_gain_of_two_threads(contact: trb.LineContact) -> None:
     assert 0.0 < gain < np.inf
 
 
+@pytest.mark.slow
 def test_iterations_of_contact_meet_their_goals(contact: trb.LineContact) -> None:
     """Far fewer than 50 steps to 1e-4 of the approach and 130 to 1e-6; twice the cells each way add next to none."""
     experiment = script("iterations_of_contact")
@@ -116,6 +121,7 @@ def against_peers() -> ModuleType:
     return script("contact_against_peers")
 
 
+@pytest.mark.slow
 def test_contact_against_peers(against_peers: ModuleType, tmp_path: Path) -> None:
     experiment, group = against_peers, "rolling edges out of reach"
     groups = {group: experiment.CASES[group][:2]}
@@ -151,6 +157,7 @@ def test_peer_solves_the_same_contact(against_peers: ModuleType, name: str) -> N
     assert row.milliseconds > 0.0
 
 
+@pytest.mark.slow
 def test_peers_that_are_missing_are_left_out(
     against_peers: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -167,6 +174,7 @@ def test_peers_that_are_missing_are_left_out(
     assert [row["solver"] for row in record["rows"]] == ["difftrb, strips"] * 2
 
 
+@pytest.mark.slow
 def test_energy_release(contact: trb.LineContact, tmp_path: Path) -> None:
     experiment = script("energy_release")
     rows = [experiment.measure(contact, 2500.0, 4.0, 32, 16)]
@@ -184,6 +192,7 @@ def test_the_packaged_height_map_is_the_scripts(tmp_path: Path) -> None:
     assert trb.example_map().stat().st_size < 100_000
 
 
+@pytest.mark.slow
 def test_laws_of_ring() -> None:
     """The comparison itself, with a law that needs no contact solves as the truth."""
     experiment = script("laws_of_ring")
@@ -194,6 +203,7 @@ def test_laws_of_ring() -> None:
     assert (errors["palmgren"][:, :2] > 0.0).all()
 
 
+@pytest.mark.slow
 def test_width_and_phase(tmp_path: Path) -> None:
     """Under a hard window the ramp's lines are the staircase's and the mean falls with width."""
     experiment = script("width_and_phase")
@@ -212,6 +222,7 @@ def test_width_and_phase(tmp_path: Path) -> None:
     assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
 
 
+@pytest.mark.slow
 def test_ring_against_peers(tmp_path: Path) -> None:
     """scipy solves the same ring."""
     experiment = importlib.import_module("experiments.ring_against_peers")
@@ -230,6 +241,7 @@ def test_ring_against_peers(tmp_path: Path) -> None:
     assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
 
 
+@pytest.mark.slow
 def test_effects_and_their_cost(tmp_path: Path) -> None:
     """A rigid flange changes nothing; a through spall takes all dependence on length away."""
     experiment = script("effects_and_their_cost")
@@ -254,6 +266,7 @@ def test_became_slower_than_the_baseline() -> None:
     assert experiment.slower(now, before) == ["b"]
 
 
+@pytest.mark.slow
 def test_baseline_is_of_the_benchmarks() -> None:
     suite = script("benchmarks")
     kept = json.loads(script("became_slower").BASELINE.read_text(encoding="utf-8"))
@@ -265,6 +278,7 @@ def test_baseline_is_of_the_benchmarks() -> None:
     assert (np.asarray(slopes)[:, 0] < 0.0).all()
 
 
+@pytest.mark.slow
 def test_auto_keeps_its_promise_in_small() -> None:
     """Two random scenes, their rollers anywhere, against contacts ten times as exact as those picked."""
     experiment = script("accuracy_promise")

@@ -171,6 +171,7 @@ def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
     assert {path.name for path in out.iterdir()} == {"result.json", "accuracy.png", "accuracy.svg"}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system does not pin processes")
 def test_one_core_is_another_process() -> None:
     file = scene_file.parse(scene_file.example("spall"))
@@ -181,6 +182,7 @@ def test_one_core_is_another_process() -> None:
     assert "on one core alone a batch takes" in shown(result, 100)
 
 
+@pytest.mark.slow
 def test_with_an_accelerator_a_batch_is_timed_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine, "accelerator", lambda: jax.local_devices(backend="cpu")[0])  # stands for one
     monkeypatch.setattr(timing, "BATCH_THERE", 3)
@@ -192,6 +194,7 @@ def test_with_an_accelerator_a_batch_is_timed_there(monkeypatch: pytest.MonkeyPa
     assert shown(result, 100).count("there") == 2  # the column, and what it is
 
 
+@pytest.mark.slow
 def test_ways_to_solve_a_contact_are_compared_with_the_continuum_if_asked() -> None:
     file = scene_file.parse(scene_file.example("spall"))
     few = Rung("contact", "cells", 1e-2), Rung("contact", "lattice", 1e-3, (8, 80))

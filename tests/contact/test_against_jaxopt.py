@@ -15,6 +15,7 @@ pytestmark = pytest.mark.exact
 jaxopt = pytest.importorskip("jaxopt")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("spall", "offset"), [(None, 0.0), (trb.Spall(3.0, 1.0), 0.46)])
 def test_jaxopt_finds_the_same_approach_and_forces(contact: trb.LineContact, spall, offset: float) -> None:
     load = 2000.0

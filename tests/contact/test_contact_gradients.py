@@ -80,6 +80,7 @@ def test_forward_and_reverse_agree(contact: LineContact) -> None:
     np.testing.assert_allclose(jax.jacfwd(approach)(at), gradient(at), rtol=1e-9, atol=1e-16)
 
 
+@pytest.mark.slow
 def test_approach_slopes_are_the_gradient(contact: LineContact) -> None:
     at = inputs_at("edge", contact)
     load, length, width, offset, axial_offset, depth = (float(v) for v in at[:6])
@@ -110,6 +111,7 @@ def test_approach_and_gradient_is_by_every_input(contact: LineContact) -> None:
         assert float(found[i]) == pytest.approx((ahead - behind) / (2e-5 * size), rel=1e-6, abs=rounding), name
 
 
+@pytest.mark.slow
 def test_second_derivation_dense_linear_algebra(contact: LineContact) -> None:
     """The same derivative from the dense contact equations of the loaded cells, differentiated by hand in numpy."""
     spall, load, offset = Spall(2.1, 1.0), 2900.0, 0.47
@@ -168,6 +170,7 @@ def test_width_and_offset_of_a_spall_that_covers_the_contact_do_not_matter(conta
     assert float(slopes["length"]) > 0.0
 
 
+@pytest.mark.slow
 def test_peak_pressure_and_forces_are_differentiable(contact: LineContact) -> None:
     def peak(load: jax.Array) -> jax.Array:
         return trb.solve_contact(contact, load, None, accuracy=1e-2, method="cells").peak_pressure

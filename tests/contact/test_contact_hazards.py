@@ -36,6 +36,7 @@ def random_cases() -> dict[str, np.ndarray]:
     }
 
 
+@pytest.mark.slow
 def test_random_contacts_converge_with_finite_gradients(random_cases: dict[str, np.ndarray]) -> None:
     names = list(random_cases)
 
@@ -69,6 +70,7 @@ def test_vanishing_spalls_join_the_healthy_contact(contact: trb.LineContact) -> 
         assert float(s.approach) == pytest.approx(healthy, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_spall_without_width_is_no_spall(contact: trb.LineContact) -> None:
     """Its two edges are one line: once a lattice of pitch 0, and NaN."""
     healthy = float(trb.solve_contact(contact, 2000.0, accuracy=1e-2, method="cells").approach)
@@ -188,6 +190,7 @@ def test_an_unknown_method_is_refused(contact: trb.LineContact) -> None:
             function(contact, 1000.0, method="sieve")  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_cells_are_solved_by_threads_side_by_side(contact: trb.LineContact) -> None:
     """Batched LAPACK calls of two programs that run at once (jax 0.10.1) wait for each other forever."""
     spall = trb.Spall(11.6, 1000.0)

@@ -9,6 +9,7 @@ import difftrb as trb
 pytestmark = pytest.mark.order
 
 
+@pytest.mark.slow
 def test_release_converges_to_the_derivative_of_the_energy(contact: trb.LineContact) -> None:
     """Refined, the error falls below 0.5 %; the derivative itself hardly moves."""
 

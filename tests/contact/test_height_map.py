@@ -124,6 +124,7 @@ def test_heights_that_are_no_numbers_are_flagged(contact: trb.LineContact, value
     assert "not a number" in trb.solve_contact(contact, 3000.0, nowhere, 0.0, 1e-2).status
 
 
+@pytest.mark.slow
 def test_a_lattice_that_cuts_the_contact_is_noticed(contact: trb.LineContact, monkeypatch) -> None:
     whole = contact_extent.extents
     m = load_height_map(trb.example_map())

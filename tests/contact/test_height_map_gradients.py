@@ -49,12 +49,14 @@ def test_gradient_matches_central_differences(point: str, measured: HeightMap, c
         assert not slopes[jnp.array([1, 2, 3, 4, 5])].any()  # exactly
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_agree(measured: HeightMap, contact: LineContact) -> None:
     at = jnp.array([*POINTS["bottom touched"], float(contact.radius)])
     forward = jax.jacfwd(approach)(at, measured, contact)
     np.testing.assert_allclose(forward, gradient(at, measured, contact), rtol=1e-8, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_derivative_by_every_height(measured: HeightMap, contact: LineContact) -> None:
     """Raising the surface under the contact lifts the roller; beside it, it does not."""
     at = jnp.array([*POINTS["edge in the contact"], float(contact.radius)])
@@ -83,9 +85,9 @@ def test_approach_slopes_are_the_gradient(measured: HeightMap, contact: LineCont
 def test_heights_between_points_are_differentiable() -> None:
     height = jnp.asarray(np.random.default_rng(5).normal(size=(4, 5)))
 
+    @jax.jit
     def value(v: jax.Array) -> jax.Array:
         m = HeightMap(height * v[0], v[1], v[2], v[3])
-    @jax.jit
         return jnp.sum(height_at(m, v[4], jnp.array([-0.013, 0.021]), jnp.array([0.031, 0.072])))
 
     at = jnp.array([1.3, 0.03, 0.05, 0.004, 0.007])

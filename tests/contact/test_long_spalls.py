@@ -31,6 +31,7 @@ def pressed(case: tuple[float, ...], accuracy: float, method: str = "auto") -> t
     return trb.solve_contact(contact, load, trb.Spall(*sizes), offset, accuracy, method)
 
 
+@pytest.mark.slow
 def test_strips_off_the_middle_do_not_ripple() -> None:
     """Moved along the roller by steps of 0.1 mm the approach is a parabola: some solves were off by 1e-4 … 1e-3."""
     contact = trb.LineContact(13.1, 44.1, 1.138e5, 65000.0)
@@ -54,6 +55,7 @@ def test_strips_end_where_a_spall_leaves_no_land(axial_offset: float, length: fl
     assert float(farther.approach) == pytest.approx(float(strips.approach), rel=1e-6)  # nothing is beyond the end
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", FOUND)
 def test_every_accuracy_keeps_its_promise(case: tuple[float, ...]) -> None:
     best = float(pressed(case, 1e-4).check().approach)

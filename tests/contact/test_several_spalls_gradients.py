@@ -70,6 +70,7 @@ def test_a_bottom_takes_no_share_of_an_end(contact: LineContact) -> None:
     assert abs(float(slopes[6])) < 0.02 * float(slopes[2])
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_agree(contact: LineContact) -> None:
     at = jnp.array([*POINTS["apart"], float(contact.radius)])
     forward = jax.jacfwd(approach)(at, contact)

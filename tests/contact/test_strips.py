@@ -175,6 +175,7 @@ def test_strips_know_where_they_end() -> None:
     assert bool(trb.solve_contact(crowned, 3000.0, shallow, 0.0, 1e-2).converged)
 
 
+@pytest.mark.slow
 def test_inside_jit_the_choice_is_the_same(contact: trb.LineContact) -> None:
     """Strips out of reach of an edge, strips at an edge, cells where the roller reaches the bottom."""
 
@@ -237,6 +238,7 @@ def test_slivers_on_both_edges_of_a_narrow_spall_see_one_another(contact: trb.Li
     np.testing.assert_allclose(slopes, curve.deriv()(widths), rtol=5e-2)
 
 
+@pytest.mark.slow
 def test_derivatives_where_strips_do_not_suit(contact: trb.LineContact) -> None:
     """Without a crown, cells: what strips make of it once took their derivatives along as NaN."""
     straight = trb.LineContact(contact.radius, contact.length, contact.modulus, 0.0)

@@ -104,6 +104,7 @@ def test_values_follow_the_data(rig: trb.Scene, exact: np.ndarray, noisy_fit: tr
     np.testing.assert_allclose(slopes[:, k], differences, rtol=1e-4, atol=5e-5 * float(np.abs(differences).max()))
 
 
+@pytest.mark.slow
 def test_intervals_cover(rig: trb.Scene, exact: np.ndarray) -> None:
     fits = [fit(rig, noisy(exact, seed), model_error=0.0, starts=8) for seed in range(10, 22)]
     truth = np.array([TRUTH["length"], TRUTH["width"]])
@@ -129,6 +130,7 @@ def test_an_error_of_the_model_pulls_nowhere(noisy_fit: trb.Fit) -> None:
     assert 1.1 < float(told[jnp.argmin(squares)]) < 1.3
 
 
+@pytest.mark.slow
 def test_what_data_do_not_determine_is_said(rig: trb.Scene, exact: np.ndarray) -> None:
     rows = [dataclasses.replace(row, sigma=1e3 * row.sigma) if row.phase == 0.0 else row for row in noisy(exact, 3)]
     found = fit(rig, rows, model_error=0.0)
@@ -142,6 +144,7 @@ def test_what_data_do_not_determine_is_said(rig: trb.Scene, exact: np.ndarray) -
     assert widths.min() > -1e-9
 
 
+@pytest.mark.slow
 def test_sigma_is_estimated_when_none_is_given(rig: trb.Scene, exact: np.ndarray, noisy_fit: trb.Fit) -> None:
     rows = [dataclasses.replace(row, sigma=None) for row in noisy(exact, 1)]
     found = fit(rig, rows, model_error=0.0)
@@ -151,6 +154,7 @@ def test_sigma_is_estimated_when_none_is_given(rig: trb.Scene, exact: np.ndarray
     np.testing.assert_allclose(found.values, noisy_fit.values, rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_an_outlier_is_left_aside_on_request(rig: trb.Scene, exact: np.ndarray) -> None:
     rows = noisy(exact, 1)
     rows[0] = dataclasses.replace(rows[0], value=1.4 * rows[0].value)
@@ -162,6 +166,7 @@ def test_an_outlier_is_left_aside_on_request(rig: trb.Scene, exact: np.ndarray) 
         assert any(r.startswith("row 1 stands") for r in found.remarks), way
 
 
+@pytest.mark.slow
 def test_wrong_data_get_sentences(rig: trb.Scene, exact: np.ndarray) -> None:
     cases = {
         "row 1: radial_loss = -": -exact[0],
@@ -292,6 +297,7 @@ def test_the_packaged_measurements_are_in_order() -> None:
 # ------------------------------------------------------------------------------------- what is wrong is found and named
 
 
+@pytest.mark.slow
 def test_what_may_be_wrong_is_tried_and_named(rig: trb.Scene, exact: np.ndarray) -> None:
     """One row off, an axial load that was not measured: each is found, with the size that it hides."""
     pressed = [dataclasses.replace(row, axial=row.axial + 1500.0) for row in BLANK]
@@ -354,6 +360,7 @@ OF_MIRRORED = """radial,axial,quantity,value,sigma,phase
 """
 
 
+@pytest.mark.slow
 def test_mirror_images_are_alternatives(bearing: trb.TaperedBearing) -> None:
     scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(3.0, 5.0),), "table")
     found = fit(scene, parse(OF_MIRRORED), ("length", "width", "angle")).check()

@@ -97,6 +97,7 @@ def test_out_of_reach_is_exactly_healthy_or_exactly_over_the_middle(law: atlas.A
         assert float(q_over(law, spall, 0.0, delta)) == pytest.approx(full, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_scene_by_table_needs_no_preparing(bearing: trb.TaperedBearing) -> None:
     """Bearing, crown, length, offset and angle traced: the gradient is of differences; "auto" is the same."""
 
@@ -116,6 +117,7 @@ def test_scene_by_table_needs_no_preparing(bearing: trb.TaperedBearing) -> None:
         assert float(slopes[i]) == pytest.approx(float(difference), rel=2e-4), i
 
 
+@pytest.mark.slow
 @pytest.mark.gradient
 @pytest.mark.parametrize("over", [-0.03, 0.0, 0.08])
 def test_ramp_has_the_right_slopes(wide: atlas.AtlasLaw, over: float) -> None:
@@ -140,6 +142,7 @@ def _load_of(v, law):
 load_of, by_reverse, by_forward = (jit_quickly()(one) for one in (_load_of, jax.grad(_load_of), jax.jacfwd(_load_of)))
 
 
+@pytest.mark.slow
 def test_scene_by_table_is_the_scene_by_direct(bearing: trb.TaperedBearing) -> None:
     """Half a millimetre before the pitch between two rollers, where one stands on the ramp."""
 
@@ -229,6 +232,7 @@ narrow_load, narrow_reverse, narrow_forward = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [0.0, 1e-9, 1e-5, 1e-3])
 @pytest.mark.parametrize("distance", [0.0, 0.03, 0.2])
 def test_spalls_of_hardly_any_width_do_next_to_nothing(law: atlas.AtlasLaw, width: float, distance: float) -> None:
@@ -238,6 +242,7 @@ def test_spalls_of_hardly_any_width_do_next_to_nothing(law: atlas.AtlasLaw, widt
     assert np.isfinite(narrow_reverse(v, law)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.gradient
 @pytest.mark.parametrize(("width", "distance"), [(0.05, 0.01), (0.12, 0.03), (0.25, 0.02), (0.12, 0.11)])
 def test_narrow_slopes_by_three_ways(law: atlas.AtlasLaw, width: float, distance: float) -> None:
@@ -262,6 +267,7 @@ def test_ramp_ends_where_it_says(law: atlas.AtlasLaw) -> None:
     assert float(q_over(law, spall, 3.5 - high, delta)) == pytest.approx(float(full), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_direct_knows_where_ramps_of_spalls_off_the_middle_end() -> None:
     """Land that lifts a roller as far as it sinks: the ramp's end was NaN, no roller stood on it, and a load was 9e-2
     of the largest off, converged."""

@@ -270,12 +270,15 @@ FEW = {
 """Every effect at least once."""
 LEAN = {("raceways", "flange"), ("centrifugal", "mounting"), ("diameters", "through"), ("tilt", "double_row"),
         ("life", "double_row")}  # fmt: skip
-"""The same in as few pairs as can be."""
+"""The same in as few pairs as can be: the others are slow, two programs each."""
 
 
 @pytest.mark.parametrize(
     "pair",
-    [pytest.param(pair, marks=[pytest.mark.portable] if {pair, pair[::-1]} & LEAN else []) for pair in PAIRS],
+    [
+        pytest.param(pair, marks=pytest.mark.portable if {pair, pair[::-1]} & LEAN else pytest.mark.slow)
+        for pair in PAIRS
+    ],
     ids="+".join,
 )
 def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:

@@ -6,7 +6,7 @@ from experiments.stability import cases
 from experiments.stability.cases import Found
 from experiments.stability.hazards import CONTACTS, RINGS
 
-pytestmark = pytest.mark.hard
+pytestmark = [pytest.mark.hard, pytest.mark.slow]
 
 OFF = 1e-3
 """Of a derivative from a difference over 1e-5 of an input; where a hundredth of that is met, too, the page says."""

@@ -29,6 +29,8 @@ SCENES = {
     "healthy": (5000.0, 9000.0, ()),
 }
 PHASES = (0.0, 0.1, "mean")
+OWN = ("several", "healthy")
+"""These take programs of their own."""
 
 
 def scene_of(name: str, phase: float | str = 0.0, definition: str = "tangent") -> trb.Scene:
@@ -50,7 +52,7 @@ def assert_same(ours: trb.Solution, theirs: trb.Solution, rtol: float = 1e-11) -
 
 @pytest.mark.exact
 @pytest.mark.parametrize("phase", PHASES)
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in OWN)) for name in SCENES])
 def test_numbers_are_those_of_the_program(name: str, phase: float | str) -> None:
     if name == "several" and phase == "mean":
         pytest.skip("one program more, for nothing new")
@@ -114,7 +116,7 @@ def shifted(scene: trb.Scene, path: str, step: float) -> trb.Scene:
 
 
 @pytest.mark.gradient
-@pytest.mark.parametrize("phase", [0.0, "mean"])
+@pytest.mark.parametrize("phase", [0.0, pytest.param("mean", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["wide", "on the edge", "narrow", "aside"])
 def test_gradient_of_the_program_is_that_of_differences_of_numbers(name: str, phase: float | str) -> None:
     scene = scene_of(name, phase)
@@ -161,6 +163,7 @@ def test_a_program_may_close_over_numbers() -> None:
     assert float(found) == pytest.approx(2.0 * float(stiffness(scene)), rel=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.gradient
 @pytest.mark.parametrize("name", ["wide", "narrow"])
 def test_assessment_of_numbers_is_that_of_the_program(name: str) -> None:
@@ -171,6 +174,7 @@ def test_assessment_of_numbers_is_that_of_the_program(name: str) -> None:
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * float(jnp.max(jnp.abs(other))))
 
 
+@pytest.mark.slow
 @pytest.mark.gradient
 def test_hessian_is_that_of_differences_of_gradients() -> None:
     """By length and width, in the mean over phases (Liu et al. 2018 have neither)."""
