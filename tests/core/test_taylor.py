@@ -61,14 +61,14 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
 
 def compared(found: Taylor, function: Callable[[Any, Any], Any]) -> None:
     """The parts of an expansion beside JAX's derivatives of the same function."""
-    d, p = jnp.zeros(()), jnp.zeros(2)
     close = {"rtol": 1e-12, "atol": 1e-12}
     slope = jax.jacfwd(function)
-    parts = (found.value, found.slope, found.bend)
-    for part, truth in zip(parts, (function, slope, jax.jacfwd(slope)), strict=True):
-        np.testing.assert_allclose(0.0 if part is None else part, truth(d, p), **close)
-    for part, of in ((found.by, function), (found.slope_by, slope)):
-        truth = np.moveaxis(np.asarray(jax.jacfwd(of, 1)(d, p)), -1, 0)
+    every = function, slope, jax.jacfwd(slope), jax.jacfwd(function, 1), jax.jacfwd(slope, 1)
+    truths = jax.jit(lambda d, p: [one(d, p) for one in every])(jnp.zeros(()), jnp.zeros(2))
+    for part, truth in zip((found.value, found.slope, found.bend), truths[:3], strict=True):
+        np.testing.assert_allclose(0.0 if part is None else part, truth, **close)
+    for part, truth in zip((found.by, found.slope_by), truths[3:], strict=True):
+        truth = np.moveaxis(np.asarray(truth), -1, 0)
         np.testing.assert_allclose(np.zeros_like(truth) if part is None else part, truth, **close)
         assert part is None or np.shape(part) == truth.shape
 

@@ -1,5 +1,7 @@
 """The curve that rings are made of: through its nodes, straight beyond, differentiable everywhere."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +13,7 @@ from difftrb.law import load_curve
 pytestmark = pytest.mark.exact
 
 SHIFT = 1e-4
+load_of, approach_of = jax.jit(load_curve.load), jax.jit(load_curve.approach)
 
 
 def approach(load):
@@ -18,6 +21,7 @@ def approach(load):
     return 3e-5 * load**0.9 * (1.0 + 0.1 * jnp.log1p(load / 300.0)) + SHIFT
 
 
+@partial(jax.jit, static_argnums=0)
 def through(count: int) -> load_curve.Curve:
     at = chebyshev_nodes(count, np.log(3.0), np.log(3000.0))
     return load_curve.through(at, approach(jnp.exp(at)), jnp.asarray(SHIFT))
@@ -25,7 +29,7 @@ def through(count: int) -> load_curve.Curve:
 
 def test_a_power_law_is_a_curve_of_degree_one() -> None:
     delta = jnp.array([1e-6, 3e-3, 0.7])
-    loads, slopes = load_curve.load(load_curve.power(jnp.full(3, 9e5), jnp.full(3, 1.2)), delta)
+    loads, slopes = load_of(load_curve.power(jnp.full(3, 9e5), jnp.full(3, 1.2)), delta)
     np.testing.assert_allclose(loads, 9e5 * delta**1.2, rtol=1e-12)
     np.testing.assert_allclose(slopes, 1.2 * 9e5 * delta**0.2, rtol=1e-12)
 
@@ -33,7 +37,7 @@ def test_a_power_law_is_a_curve_of_degree_one() -> None:
 @pytest.mark.parametrize("count", [2, 7, 12, 16])
 def test_curve_goes_through_its_nodes(count: int) -> None:
     at = chebyshev_nodes(count, np.log(3.0), np.log(3000.0))
-    loads = jax.vmap(lambda d: load_curve.load(through(count), d)[0])(approach(jnp.exp(at)))
+    loads = jax.vmap(lambda d: load_of(through(count), d)[0])(approach(jnp.exp(at)))
     np.testing.assert_allclose(loads, jnp.exp(at), rtol=1e-9)
 
 
@@ -41,7 +45,7 @@ def test_error_falls_exponentially_with_nodes() -> None:
     between = jnp.geomspace(3.0, 3000.0, 101)
 
     def error(count: int) -> float:
-        loads = jax.vmap(lambda d: load_curve.load(through(count), d)[0])(approach(between))
+        loads = jax.vmap(lambda d: load_of(through(count), d)[0])(approach(between))
         return float(jnp.max(jnp.abs(loads / between - 1.0)))
 
     assert error(6) < 1e-3
@@ -53,17 +57,17 @@ def test_error_falls_exponentially_with_nodes() -> None:
 def test_slopes_by_three_ways(delta: float) -> None:
     """The slope that `load` states, forward, reverse and by differences; below, inside and above the nodes."""
     own, at, h = through(12), jnp.asarray(delta), 1e-6 * delta
-    stated = float(load_curve.load(own, at)[1])
+    stated = float(load_of(own, at)[1])
 
     def load(d: jax.Array) -> jax.Array:
-        return load_curve.load(own, d)[0]
+        return load_of(own, d)[0]
 
     assert float(jax.jacfwd(load)(at)) == pytest.approx(stated, rel=1e-12)
     assert float(jax.grad(load)(at)) == pytest.approx(stated, rel=1e-12)
     assert float(load(at + h) - load(at - h)) / (2 * h) == pytest.approx(stated, rel=1e-6)
 
     def slope(d: jax.Array) -> jax.Array:
-        return load_curve.load(own, d)[1]
+        return load_of(own, d)[1]
 
     assert float(slope(at + h) - slope(at - h)) / (2 * h) == pytest.approx(float(jax.grad(slope)(at)), rel=1e-5)
 
@@ -72,24 +76,22 @@ def test_value_and_slope_are_continuous_where_the_nodes_end() -> None:
     own = through(12)
     for end in approach(jnp.array([3.0, 3000.0])):
         for k in (0, 1):
-            below, above = (float(load_curve.load(own, end * (1.0 + s * 1e-10))[k]) for s in (-1.0, 1.0))
+            below, above = (float(load_of(own, end * (1.0 + s * 1e-10))[k]) for s in (-1.0, 1.0))
             assert below == pytest.approx(above, rel=1e-8)
 
 
 def test_beyond_the_nodes_it_is_a_power_law() -> None:
     depth = jnp.array([1.0, 2.0, 4.0])  # of log–log: equal steps in, equal steps out
-    loads = [float(load_curve.load(through(12), SHIFT + 0.3 * d)[0]) for d in depth]
+    loads = [float(load_of(through(12), SHIFT + 0.3 * d)[0]) for d in depth]
     assert loads[2] / loads[1] == pytest.approx(loads[1] / loads[0], rel=1e-10)
 
 
 def test_no_load_and_no_nan_up_to_the_shift() -> None:
     for delta in (-1.0, 0.0, SHIFT):
-        loads, slopes = load_curve.load(through(12), jnp.asarray(delta))
+        loads, slopes = load_of(through(12), jnp.asarray(delta))
         assert (float(loads), float(slopes)) == (0.0, 0.0)
         for k in (0, 1):
-            by_curve, by_delta = jax.grad(lambda c, d, k=k: load_curve.load(c, d)[k], (0, 1))(
-                through(12), jnp.asarray(delta)
-            )
+            by_curve, by_delta = jax.grad(lambda c, d, k=k: load_of(c, d)[k], (0, 1))(through(12), jnp.asarray(delta))
             assert all(np.isfinite(np.asarray(leaf)).all() for leaf in (*jax.tree.leaves(by_curve), by_delta))
 
 
@@ -97,9 +99,10 @@ def test_gradient_by_the_nodes() -> None:
     """By approaches and shift, against differences."""
     at = chebyshev_nodes(8, np.log(3.0), np.log(3000.0))
 
+    @jax.jit
     def load(scale: jax.Array, shift: jax.Array) -> jax.Array:
         nodes = approach(jnp.exp(at)) * scale ** jnp.arange(8)
-        return load_curve.load(load_curve.through(at, nodes, shift), jnp.asarray(6e-3))[0]
+        return load_of(load_curve.through(at, nodes, shift), jnp.asarray(6e-3))[0]
 
     arguments, h = (jnp.asarray(1.01), jnp.asarray(SHIFT)), (1e-6, 1e-10)
     for i in (0, 1):
@@ -112,9 +115,7 @@ def test_gradient_by_the_nodes() -> None:
 def test_start_value_inverts() -> None:
     own = through(12)
     for load in (0.5, 80.0, 9000.0):
-        assert float(load_curve.load(own, load_curve.approach(own, jnp.asarray(load)))[0]) == pytest.approx(
-            load, rel=1e-6
-        )
+        assert float(load_of(own, approach_of(own, jnp.asarray(load)))[0]) == pytest.approx(load, rel=1e-6)
 
 
 def test_weights_reproduce_polynomials() -> None:
