@@ -176,11 +176,14 @@ def test_assessment_of_numbers_is_that_of_the_program(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.gradient
-def test_hessian_is_that_of_differences_of_gradients() -> None:
+@pytest.mark.parametrize("law", [pytest.param("liu2018", marks=pytest.mark.portable),
+                                 pytest.param("table", marks=pytest.mark.slow)])  # fmt: skip
+def test_hessian_is_that_of_differences_of_gradients(law: str) -> None:
     """By length and width, in the mean over phases (Liu et al. 2018 have neither)."""
 
     def of_sizes(sizes: jax.Array) -> jax.Array:
-        return stiffness(dataclasses.replace(scene_of("wide", "mean"), spalls=(trb.Spall(sizes[0], sizes[1]),)))
+        spalls = (trb.Spall(sizes[0], sizes[1]),)
+        return stiffness(dataclasses.replace(scene_of("wide", "mean"), spalls=spalls, law=law))
 
     at, step = jnp.array([4.0, 7.0]), 1e-4
     slopes = jax.jit(jax.grad(of_sizes))
