@@ -317,6 +317,7 @@ def test_what_may_be_wrong_is_tried_and_named(rig: trb.Scene, exact: np.ndarray)
         assert "length 5 mm, width 9 mm" in told[0]
 
 
+@pytest.mark.slow
 def test_fractions_are_found(rig: trb.Scene, exact: np.ndarray) -> None:
     """Of 1 % noise: a smaller spall does not lose as these do over loads and phases."""
     rows = [

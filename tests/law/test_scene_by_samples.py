@@ -164,6 +164,7 @@ def test_a_law_that_is_there_is_not_solved_again(closed, bearing) -> None:
     np.testing.assert_array_equal(again.effects[0].law.states.approaches, law.states.approaches)
 
 
+@pytest.mark.slow
 def test_spalls_on_both_raceways_have_a_mean(closed, bearing) -> None:
     """Their phases hang on both laws: contacts were solved where one alone would ask for them, and the ring asked
     elsewhere."""
