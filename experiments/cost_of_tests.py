@@ -31,7 +31,7 @@ def pytest_collection_finish() -> None:
     import jax  # not before conftest.py has said where programs are kept
 
     jax.monitoring.register_event_duration_secs_listener(
-        lambda name, *_, **__: programs.append(name) if name == COMPILED else None
+        lambda event, *_, **__: programs.append(event) if event == COMPILED else None
     )
 
 
