@@ -184,11 +184,6 @@ def test_ramps_of_contacts_without_a_solution_are_nan() -> None:
     assert np.isnan(ramp_fit.extents(loads, np.where(np.arange(loads.size) == 3, -1.0, 0.1))).all()
 
 
-def test_spalls_on_other_surfaces_are_refused_by_the_plain_ring(bearing) -> None:
-    with pytest.raises(ValueError, match="'outer' raceway only"):
-        trb.solve(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0, surface="inner"),)))
-
-
 def test_without_float64_everything_refuses(bearing, contact) -> None:
     with jax.enable_x64(False):
         with pytest.raises(trb.SolveError, match="jax_enable_x64"):
