@@ -128,6 +128,16 @@ def test_laws_that_do_not_know_the_tilt_say_so(bearing: trb.TaperedBearing) -> N
     assert bool(upright.converged)
 
 
+def test_through_spalls_tilt_nothing(bearing: trb.TaperedBearing) -> None:
+    """They leave nothing to lean on, wherever they are said to be."""
+    found = [
+        trb.solve(trb.Scene(bearing, LOAD, (trb.Spall(6.0, 7.0, axial_offset=place),), law="table",
+                            effects=(effects.Raceways(), effects.Through()))).check()
+        for place in (0.0, 1.0)
+    ]  # fmt: skip
+    np.testing.assert_allclose(found[0].loads, found[1].loads, rtol=1e-12)
+
+
 def test_a_prepared_scene_knows_whether_rollers_were_free(free: trb.Scene) -> None:
     (series,) = free.effects
     held = dataclasses.replace(free, effects=(dataclasses.replace(series, rollers="upright"),))  # type: ignore[call-arg]

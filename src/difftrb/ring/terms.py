@@ -36,17 +36,17 @@ class Facing(NamedTuple):
 
     def judge(self, rest: Rest) -> jax.Array:
         """Status: whether the law knows what it meets; `rest` as of the outer raceway."""
-        rest = rest._replace(radius=self.radius)
-        code = status.worst(self.law.judge(self.spalls, self.distances, rest), self.tilts(self.law, self.spalls,
-                            self.distances, rest))  # fmt: skip
-        return status.worst(code, jnp.asarray(self.law.status_code).astype(int))
+        met = self.spalls, self.distances, rest._replace(radius=self.radius)
+        made = jnp.asarray(self.law.status_code).astype(int)
+        return status.worst(self.law.judge(*met), self.tilts(self.law, *met), made)
 
     def tilts(self, law: Law, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest) -> jax.Array:
         """Status: whether `law` was made for rollers that may tilt as these do, or need not, for none meets a spall off
         its middle."""
-        if getattr(law, "tilts", False) != self.free and isinstance(law, local.LocalLaw) and law.states is not None:
-            return jnp.asarray(status.OTHER_SCENE)
-        if not self.free or isinstance(law, local.LocalLaw):
+        if isinstance(law, local.LocalLaw):
+            other = law.states is not None and law.tilts != self.free
+            return jnp.asarray(status.OTHER_SCENE if other else status.CONVERGED)
+        if not self.free:
             return jnp.asarray(status.CONVERGED)
         leans = [jnp.any(rest.in_reach(spall, away) & (spall.axial_offset != 0.0))
                  for spall, away in zip(spalls, distances, strict=True)]  # fmt: skip
