@@ -61,12 +61,11 @@ class Between(NamedTuple):
 
 
 class Resting(NamedTuple):
-    """A roller at rest under its loads: its tilt [rad], both contacts, and the difference of their moments [N mm]."""
+    """A roller at rest under its loads: its tilt [rad] and both contacts."""
 
     tilt: float
     outer: Node
     inner: Node
-    unbalanced: float
 
     def gain(self, ratio: float) -> float:
         """See `TiltCurve`, of the outer raceway; `ratio` is outer by inner load."""
@@ -84,35 +83,32 @@ def at_rest(
     for that of the contacts at the end.
 
     The outer moment less the inner one falls with the tilt: a secant between brackets cannot miss. A contact that has
-    no solution ends the search; its status says so.
+    no solution ends the search; its status says so. Slopes are asked for at its end alone.
     """
     length = float(roller.contacts[0].length)
     close = BALANCED * max(loads) * length
 
-    def at(tilt: float, turning: bool = False) -> Resting:
-        solve = samples.solved_turning if turning else samples.solved
-        nodes = [
-            solve(contact, case, accuracy)
-            for contact, case in zip(roller.contacts, roller.cases(loads, tilt), strict=True)
-        ]
-        return Resting(tilt, nodes[0], nodes[1], nodes[0].moment - nodes[1].moment)
+    def at(tilt: float, by: Callable[[LineContact, Case, float], Any]) -> list[Any]:
+        return [by(contact, case, accuracy)
+                for contact, case in zip(roller.contacts, roller.cases(loads, tilt), strict=True)]  # fmt: skip
 
-    now = at(0.0 if start is None else start)
-    # two uniform line contacts in parallel, each with Q/δ along its length
-    soft = sum(load / node.approach for load, node in zip(loads, now[1:3], strict=True)) * length**2 / 12.0
-    before, low, high = now, -np.inf, np.inf
-    for _ in range(ROUNDS):
-        failed = any(node.status_code != status.CONVERGED for node in now[1:3])
-        if failed or not abs(now.unbalanced) > close:
+    tilt, before = 0.0 if start is None else start, None
+    low, high = -np.inf, np.inf
+    for _ in range(ROUNDS + 1):
+        outer, inner = at(tilt, samples.pressed)
+        unbalanced = float(outer.moment - inner.moment)
+        if status.worst(outer.status_code, inner.status_code) != status.CONVERGED or not abs(unbalanced) > close:
             break
-        low, high = (max(low, now.tilt), high) if now.unbalanced > 0.0 else (low, min(high, now.tilt))
-        apart = before.tilt - now.tilt
-        slope = (before.unbalanced - now.unbalanced) / apart if apart else -soft
-        step = now.tilt - now.unbalanced / (slope if slope < 0.0 else -soft)
+        # two uniform line contacts in parallel, each with Q/δ along its length
+        soft = sum(load / float(each.approach) for load, each in zip(loads, (outer, inner), strict=True))
+        fall = -soft * length**2 / 12.0
+        slope = fall if before is None else (before[1] - unbalanced) / (before[0] - tilt)
+        low, high = (max(low, tilt), high) if unbalanced > 0.0 else (low, min(high, tilt))
+        step = tilt - unbalanced / (slope if slope < 0.0 else fall)
         if not low < step < high:
-            step = 0.5 * (low + high) if np.isfinite(low + high) else now.tilt - now.unbalanced / -soft
-        before, now = now, at(float(step))
-    return at(now.tilt, turning) if turning else now
+            step = 0.5 * (low + high) if np.isfinite(low + high) else tilt - unbalanced / fall
+        before, tilt = (tilt, unbalanced), float(step)
+    return Resting(tilt, *at(tilt, samples.solved_turning if turning else samples.solved))
 
 
 def tilt_curves(

@@ -119,6 +119,11 @@ def places(under: Sequence[int], spalls: int) -> list[int]:
     return [*range(first), *sizes, *(first + size * spalls + i for i in under)]
 
 
+def pressed(contact: LineContact, case: Case, accuracy: float) -> ContactSolution:
+    """The contact of one case, without slopes."""
+    return contacts.solve_contact(contact, case.load, case.spall, case.distance, accuracy, tilt=case.tilt)
+
+
 def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
     """Solve one case, choosing the method automatically. Of a roller over the middle of a wide spall, `reach` is how
     far from there a rolling edge would touch it [mm]; else 0."""
