@@ -24,7 +24,7 @@ from difftrb.law.base import LAWS, Law, Rest
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw
 from difftrb.law.samples import Node, Progress
-from difftrb.ring import ring, roller_balance
+from difftrb.ring import effect, ring, roller_balance
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import checks, solving
 from difftrb.scene.audit_states import AtPhase, Key, State, at_phase, solve_contacts
@@ -134,7 +134,7 @@ def verify(scene: Scene, found: Solution | None = None, progress: Progress | Non
     """
     scene = checks.checked(scene)
     found = (solve_prepared(solving.prepare(scene)) if found is None else found).check()
-    if any(isinstance(effect, Tilt) for effect in scene.effects):
+    if effect.among(scene.effects, Tilt) is not None:
         return _nothing("effects.tilt goes by slices, which have no contact to compare with")
     ready = _ready(scene, found)
     parts = [at_phase(ready, phase) for phase in _phases(ready)]
@@ -220,7 +220,7 @@ def _approach(part: AtPhase, state: State, own: list[Node]) -> tuple[float, floa
 
 def _depth(part: AtPhase, j: int) -> float:
     """How far a through spall lets this roller down [mm]."""
-    if j >= part.found.loads.size or not any(isinstance(effect, Through) for effect in part.scene.effects):
+    if j >= part.found.loads.size or effect.among(part.scene.effects, Through) is None:
         return 0.0
     spalls = ring.spalls_on(part.scene.spalls, "outer")
     away = ring.distances(part.scene.bearing, spalls, part.found.angles)

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact.contact_solution import listed
 from difftrb.core.geometry import LineContact, Raceway, Spall
 from difftrb.law import samples
 from difftrb.law.base import Rest
 from difftrb.law.roller_tilt import Between, at_rest
 from difftrb.law.samples import Case, Node, Progress
-from difftrb.ring import effects, ring, roller_balance
+from difftrb.ring import effect, effects, ring, roller_balance
 from difftrb.ring.effects import Through
 from difftrb.scene.prepared import law_in_effect, solve_prepared
 from difftrb.scene.scene import Scene, raceway_contact
@@ -39,12 +38,12 @@ class RacewayContact(NamedTuple):
 
 
 class State(NamedTuple):
-    """One roller at rest, and its contacts: with the outer raceway and, if it gives way, with the inner one. It `tilts`
-    if it may, and a spall stands off its middle."""
+    """One roller at rest, and its contacts: with the outer raceway and, if it gives way, with the inner one. One that
+    is free to tilt, with a spall off its middle, is brought to rest `between` both."""
 
     roller: int
     contacts: tuple[RacewayContact, ...]
-    tilts: bool = False
+    between: Between | None = None
 
 
 class AtPhase(NamedTuple):
@@ -100,7 +99,7 @@ def _states(
         thrown = least > 0.0 and pressed <= least * (1.0 + 1e-9)  # clear of the inner raceway, by its own weight
         if approach[j] <= 0.0 or thrown:
             continue
-        own = []
+        own, under_it = [], []
         for raceway, contact in contacts.items():
             carried = pressed
             if raceway == "inner":
@@ -108,26 +107,22 @@ def _states(
             spalls, away, reached = met[raceway]
             under = tuple(i for i in range(len(spalls)) if reached[i, j])
             places = [float(away[i, j]) for i in under]
-            case = samples.case_under(carried, [spalls[i] for i in under], places)
+            under_it.append(([spalls[i] for i in under], places))
+            case = samples.case_under(carried, *under_it[-1])
             of_scene = tuple(scene.spalls.index(spalls[i]) for i in under)
             own.append(RacewayContact(raceway, contact, case, key_of(raceway, carried, under, places), of_scene))
-        between = terms.facing is not None and terms.facing.free and between_raceways(own)
-        states.append(_tilting(j, own) if between and between.leans else State(j, tuple(own)))
+        between = None
+        if terms.facing is not None and terms.facing.free:
+            between = Between((contacts["outer"], contacts["inner"]), *zip(*under_it, strict=True))
+        states.append(_tilting(j, own, between) if between and between.leans else State(j, tuple(own)))
     return states
 
 
-def between_raceways(own: Sequence[RacewayContact]) -> Between:
-    """A roller between both raceways."""
-    cases = [(listed(each.case.spall), np.atleast_1d(np.asarray(each.case.distance, float)).tolist()) for each in own]
-    (outer, out), (inner, into) = cases
-    return Between((own[0].contact, own[1].contact), (outer, inner), (out[: len(outer)], into[: len(inner)]))
-
-
-def _tilting(roller: int, own: Sequence[RacewayContact]) -> State:
+def _tilting(roller: int, own: Sequence[RacewayContact], between: Between) -> State:
     """A roller whose contacts are what both are together."""
     marks = tuple(mark for each in own for mark in (*map(str, each.key[2]), *each.key[3]))
     return State(
-        roller, tuple(each._replace(key=(*each.key[:3], (*each.key[3], "tilts", *marks))) for each in own), True
+        roller, tuple(each._replace(key=(*each.key[:3], (*each.key[3], "tilts", *marks))) for each in own), between
     )
 
 
@@ -136,7 +131,7 @@ def _met(
 ) -> tuple[tuple[Spall, ...], np.ndarray, np.ndarray]:
     """The spalls on a raceway, their distances from the rollers [mm] and whether these reach them, shapes
     (spalls, rollers)."""
-    through = any(isinstance(effect, Through) for effect in scene.effects)
+    through = effect.among(scene.effects, Through) is not None
     spalls = () if through else ring.spalls_on(scene.spalls, raceway)
     away = np.asarray(here.distances(raceway, terms))[: len(spalls)]
     share = ring.OWN if terms.facing is not None else 1.0
@@ -153,15 +148,17 @@ def key_of(raceway: Raceway, load: float, under: tuple[int, ...], places: Sequen
 
 def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress | None) -> dict[Key, Node]:
     """The contacts of all states, by their keys; equal ones are solved once. Rollers that tilt are brought to rest."""
-    tilting = {state.contacts[0].key: state.contacts for state in states if state.tilts}
-    rolled = samples.mapped(
-        lambda own: at_rest(between_raceways(own), (own[0].case.load, own[1].case.load), accuracy),
-        list(tilting.values()), progress,
-    )  # fmt: skip
+    tilting = {state.contacts[0].key: state for state in states if state.between is not None}
+
+    def rolled(state: State) -> dict[Key, Node]:
+        outer, inner = state.contacts
+        rest = at_rest(cast(Between, state.between), (outer.case.load, inner.case.load), accuracy)
+        return {outer.key: rest.outer, inner.key: rest.inner}
+
     solved: dict[Key, Node] = {}
-    for own, rest in zip(tilting.values(), rolled, strict=True):
-        solved |= {own[0].key: rest.outer, own[1].key: rest.inner}
-    wanted = {each.key: each for state in states if not state.tilts for each in state.contacts}
+    for both in samples.mapped(rolled, list(tilting.values()), progress):
+        solved |= both
+    wanted = {each.key: each for state in states if state.between is None for each in state.contacts}
     for raceway in ("outer", "inner"):
         upright = [each for each in wanted.values() if each.raceway == raceway]
         if upright:
