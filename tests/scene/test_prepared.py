@@ -174,7 +174,6 @@ def test_assessment_of_numbers_is_that_of_the_program(name: str) -> None:
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * float(jnp.max(jnp.abs(other))))
 
 
-@pytest.mark.slow
 @pytest.mark.gradient
 @pytest.mark.parametrize("law", [pytest.param("liu2018", marks=pytest.mark.portable),
                                  pytest.param("table", marks=pytest.mark.slow)])  # fmt: skip

@@ -248,6 +248,24 @@ def test_any_function_of_any_tree() -> None:
     assert trb.sweep(lambda tree: tree["case"][0], base, {"case.0": [5.0]}).values["value"].tolist() == [5.0]
 
 
+def test_zipped_keys_of_a_file_are_checked_together(bearing: trb.TaperedBearing) -> None:
+    """Either diameter alone, moved so far, is no roller of this bearing; both together are."""
+    small, large = float(bearing.roller_small_diameter), float(bearing.roller_large_diameter)
+    text = (
+        scene_file.example("spall")
+        + f"""
+[sweep]
+mode = "zip"
+bearing.roller_small_diameter = [{small}, {small + 0.2}]
+bearing.roller_large_diameter = [{large}, {large + 0.2}]
+"""
+    )
+    assert sweep_file.parse(text).plan(3).axes[0].count == 2
+    alone = text.replace('mode = "zip"\n', "")
+    with pytest.raises(trb.SceneError, match=r"roller"):
+        sweep_file.parse("\n".join(line for line in alone.splitlines() if "roller_large" not in line))
+
+
 def test_zipped_axes(plan: Plan) -> None:
     given = {"spall.0.length": [1.0, 4.0], "load.axial": [4000.0, 4500.0]}
     swept = trb.sweep("loads", plan.base, given, mode="zip")
