@@ -1,19 +1,20 @@
-"""Whether the intervals of a fit can be trusted: many data sets made by a finer model than the one that fits.
+"""Whether the answers of a fit can be trusted: many spalls, measured by a finer model than the one that fits.
 
-python experiments/fit_coverage.py [SETS] [raceways | outer] [FOLDER]   (default 200 raceways out)
+python -m experiments.fit_coverage [SETS] [FOLDER]   (default 300 out; a third number k/n takes every n-th set only)
 
-The truth is the law "direct" at 1e-4: contact solves for exactly the states the rollers are in, with the true ramp at
-the spall's edges, on both raceways in series ("outer": on the outer one alone). The fit has the same raceways by the
-law "table" at 1e-3, with nodes and grids of its own. Noise is 1 % of every loss. The design that is recommended: two
-loads, both directions, with a roller in the middle of the spall and as the mean over phases. A quarter of the sets is
-fitted by halves of it, too. Prints and writes (FOLDER/fit_coverage_….json, .png, .svg) how often 95 % intervals hold
-the truth, and the errors of length and width by design. What is in the file is not computed again, so a run that was
-stopped goes on.
+Every set has a spall of its own, drawn at random: length, width and angle, the other sizes as in the default scene;
+every other one has both raceways in series. The truth is the law "direct": contact solves for exactly the states in
+which the rollers are. First two loads are measured in both directions, with a roller at the bottom and as the mean over
+phases; then, twice, the three measurements that the fit asks for next. Noise is 1 % of every value. Length, width and
+angle are fitted, by the default law.
+
+Prints and keeps (FOLDER/fit_coverage.jsonl, a line a set): how often 95 % intervals hold the truth, how many sets are
+called determined, and which of those are wrong by more than twice the interval. A set that is there is not computed
+again.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import sys
 import time
@@ -24,149 +25,131 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import difftrb as trb
-from difftrb.fits import fitting
-from difftrb.report import plot
 
-SPALL = trb.Spall(4.0, 7.0)
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))
 PHASES = (0.0, "mean")
 NOISE = 0.01
 ACCURACY = 1e-4
-UNKNOWN = 1e4
-"""By what factor sigma grows of rows that a design leaves out: so all designs are one program."""
-DESIGNS: dict[str, tuple[float | str, ...]] = {"recommended": PHASES, "means alone": ("mean",), "one phase": (0.0,)}
-NAMES = ("length", "width")
-
-Losses = dict[tuple[float, float, float | str], np.ndarray]
+"""Of the contacts of the truth: a hundredth of the noise."""
+NAMES = ("length", "width", "angle")
+RANGES = {"length": (1.5, 7.0), "width": (2.0, 9.0), "angle": (-0.5, 0.5)}
+ROUNDS, ASKED = 2, 3
 
 
-def truth(accuracy: float, effects: tuple[trb.effects.Effect, ...] = ()) -> Losses:
-    """Radial and axial loss [%] by load and phase, of contact solves for exactly these states."""
-    losses = {}
-    for radial, axial in LOADS:
-        for phase in PHASES:
-            scene = trb.Scene(trb.bearing("32008J"), trb.Load(radial, axial), (SPALL,), "direct", phase=phase,
-                              accuracy=accuracy, effects=effects)  # fmt: skip
-            losses[radial, axial, phase] = np.asarray(trb.assess(trb.prepare(scene)).loss)
-    return losses
+def measured(scene: trb.Scene, row: trb.Measurement, known: dict[tuple, np.ndarray]) -> float:
+    """What a row would read without noise; `known` keeps what is solved, by load and phase."""
+    phase = row.phase if isinstance(row.phase, str) else float(row.phase)
+    key = float(row.radial), float(row.axial), phase
+    if key not in known:
+        at = scene.replace(load=trb.Load(*key[:2]), phase=phase)
+        known[key] = np.asarray(trb.assess(trb.prepare(at)).loss)
+    return float(known[key][0 if row.quantity.startswith("radial") else 1])
 
 
-def noisy(losses: Losses, seed: int) -> list[trb.Measurement]:
-    """One data set: the truth with independent noise of `NOISE` of each value."""
-    rng = np.random.default_rng(seed)
-    rows = []
-    for (radial, axial, phase), pair in losses.items():
-        for quantity, value in zip(("radial_loss", "axial_loss"), pair, strict=True):
-            measured = float(value * (1.0 + NOISE * rng.standard_normal()))
-            rows.append(trb.Measurement(radial, axial, quantity, measured, NOISE * float(value), None, phase))  # type: ignore[arg-type]
-    return rows
+def one(seed: int) -> dict[str, Any]:
+    """A set: its truth, the fit of its first rows and of all."""
+    rng = np.random.default_rng([seed, 33])
+    truth = {name: float(rng.uniform(*RANGES[name])) for name in NAMES}
+    effects = (trb.effects.Raceways(),) if seed % 2 else ()
+    spall = trb.Spall(truth["length"], truth["width"], angle=truth["angle"])
+    world = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (spall,), "direct", accuracy=ACCURACY,
+                      effects=effects)  # fmt: skip
+    known: dict[tuple, np.ndarray] = {}
+
+    def read(row: trb.Measurement) -> trb.Measurement:
+        exact = measured(world, row, known)
+        sigma = NOISE * abs(exact) + 1e-3
+        return trb.Measurement(row.radial, row.axial, row.quantity, exact + sigma * float(rng.standard_normal()), sigma,
+                               row.definition, row.phase)  # fmt: skip
+
+    blank = [trb.Measurement(*load, f"{axis}_loss", 1.0, 1.0, None, phase)
+             for load in LOADS for phase in PHASES for axis in ("radial", "axial")]  # fmt: skip
+    rows = [read(row) for row in blank]
+    guess = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (trb.Spall(3.0, 5.0),), effects=effects)
+    record: dict[str, Any] = {"seed": seed, "truth": truth, "raceways": bool(effects), "fits": []}
+    for step in range(ROUNDS + 1):
+        began = time.perf_counter()
+        fit = trb.fit(guess, rows, NAMES)
+        record["fits"].append(told(fit) | {"seconds": time.perf_counter() - began})
+        if step < ROUNDS:
+            asked = trb.next_measurements(fit, count=ASKED)
+            rows += [read(suggestion.row) for suggestion in asked]
+    return record
 
 
-def of_design(rows: list[trb.Measurement], phases: tuple[float | str, ...]) -> list[trb.Measurement]:
-    """The rows, those at other phases as good as unknown."""
-    return [row if row.phase in phases else dataclasses.replace(row, sigma=UNKNOWN * row.sigma) for row in rows]  # type: ignore[operator]
-
-
-def fitted(scene: trb.Scene, rows: list[trb.Measurement]) -> dict[str, Any]:
-    """Values and intervals [mm], with the law's own error and without, what is determined, and seconds."""
-    began = time.perf_counter()
-    found = trb.fit(scene, rows)
-    seconds = time.perf_counter() - began
-    alone = trb.fit(found.scene, rows, model_error=0.0, starts=1)
+def told(fit: trb.Fit) -> dict[str, Any]:
+    """What a fit says, for the record."""
     return {
-        "values": found.values.tolist(),
-        "intervals": found.intervals.tolist(),
-        "values_without_own_error": alone.values.tolist(),
-        "intervals_without_own_error": alone.intervals.tolist(),
-        "determined": found.determined,
-        "seconds": seconds,
+        "rows": len(fit.rows),
+        "values": fit.values.tolist(),
+        "intervals": fit.intervals.tolist(),
+        "determined": fit.determined_each.tolist(),
+        "alternatives": [[*other.values.tolist(), other.weight] for other in fit.alternatives],
+        "chi2": fit.chi2,
+        "chance": fit.chance,
+        "status": int(fit.status_code),
+        "remarks": list(fit.remarks),
     }
 
 
-def summary(record: dict[str, Any]) -> dict[str, Any]:
-    """By design: coverage and errors [%] of length and width."""
-    size = np.array([float(SPALL.length), float(SPALL.width)])
-    told = {}
-    for design, sets in record["sets"].items():
-        if not sets:
-            continue
-        values = np.array([one["values"] for one in sets.values()])
-        errors = 100.0 * (values / size - 1.0)
-        own = {
-            "sets": len(values),
-            "determined": 100.0 * float(np.mean([one["determined"] for one in sets.values()])),
-            "median_error": dict(zip(NAMES, np.median(np.abs(errors), axis=0).tolist(), strict=True)),
-            "mean_error": dict(zip(NAMES, np.mean(errors, axis=0).tolist(), strict=True)),
-        }
-        for key in ("intervals", "intervals_without_own_error"):
-            ends = np.array([one[key] for one in sets.values()])
-            inside = (ends[..., 0] <= size) & (size <= ends[..., 1])
-            own[f"coverage_of_{key}"] = dict(zip(NAMES, (100.0 * inside.mean(axis=0)).tolist(), strict=True))
-        told[design] = own
-    return told
+def inside(fit: dict[str, Any], truth: np.ndarray) -> np.ndarray:
+    """Whether the intervals hold the truth, by parameter."""
+    ends = np.array(fit["intervals"])
+    return (ends[:, 0] <= truth) & (truth <= ends[:, 1])
 
 
-def figure(record: dict[str, Any], told: dict[str, Any]) -> None:
-    """Coverage by parameter, with what chance lets expect of so many sets, and errors by design."""
-    _, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.4), layout="constrained")
-    own = told["recommended"]
-    chance = 196.0 * np.sqrt(0.95 * 0.05 / own["sets"])
-    left.axhspan(95.0 - chance, min(95.0 + chance, 100.0), color=plot.ACCENT, alpha=0.35, lw=0)
-    left.axhline(95.0, color="black", lw=0.8)
-    for key, label, marker, colour, aside in (
-        ("coverage_of_intervals", "with the law's own error", "o", plot.HEALTHY, -0.06),
-        ("coverage_of_intervals_without_own_error", "without", "s", plot.SPALLED, 0.06),
-    ):
-        left.plot([aside, 1.0 + aside], [own[key][name] for name in NAMES], marker, color=colour, label=label)
-    left.set(xlim=(-0.6, 1.6), ylabel="95 % intervals that hold the truth [%]", title=f"{own['sets']} data sets")
-    left.set_xticks(range(len(NAMES)), list(NAMES))
-    left.legend(frameon=False, title="band: chance, 95 %", loc="lower right")
-    size = np.array([float(SPALL.length), float(SPALL.width)])
-    for i, (name, marker, colour) in enumerate(zip(NAMES, "os", (plot.HEALTHY, plot.SPALLED), strict=True)):
-        for k, design in enumerate(told):
-            values = np.array([one["values"][i] for one in record["sets"][design].values()])
-            off = 100.0 * np.abs(values / size[i] - 1.0)
-            low, middle, high = np.percentile(off, [25.0, 50.0, 75.0])
-            right.errorbar(k + 0.2 * i - 0.1, middle, [[middle - low], [high - middle]], fmt=marker, color=colour,
-                           capsize=3, label=name if k == 0 else None)  # fmt: skip
-    right.set(yscale="log", ylabel="error [%], quartiles", title="Error by design (noise 1 %)")
-    right.set_xticks(range(len(told)), list(told))
-    right.legend(frameon=False)
+def wrong(fit: dict[str, Any], truth: np.ndarray) -> np.ndarray:
+    """What is called determined and misses the truth by more than twice the interval's width, by parameter."""
+    ends = np.array(fit["intervals"])
+    off = np.maximum(ends[:, 0] - truth, truth - ends[:, 1])
+    return np.array(fit["determined"]) & (off > 2.0 * (ends[:, 1] - ends[:, 0]))
+
+
+def summary(records: list[dict[str, Any]], step: int) -> dict[str, Any]:
+    """Of the fits after so many rounds of further measurements."""
+    fits = [record["fits"][step] for record in records]
+    truths = [np.array([record["truth"][name] for name in NAMES]) for record in records]
+    held = np.array([inside(*pair) for pair in zip(fits, truths, strict=True)])
+    bad = np.array([wrong(*pair) for pair in zip(fits, truths, strict=True)])
+    sure = np.array([fit["determined"] for fit in fits])
+    return {
+        "rows": fits[0]["rows"],
+        "sets": len(fits),
+        "intervals that hold the truth [%]": dict(zip(NAMES, (100.0 * held.mean(axis=0)).round(1), strict=True)),
+        "of those determined [%]": dict(
+            zip(NAMES, (100.0 * np.where(sure, held, 0).sum(axis=0) / np.maximum(sure.sum(axis=0), 1)).round(1),
+                strict=True)),  # fmt: skip
+        "determined [%]": dict(zip(NAMES, (100.0 * sure.mean(axis=0)).round(1), strict=True)),
+        "determined and wrong": [records[k]["seed"] for k in np.flatnonzero(bad.any(axis=1))],
+        "median seconds": round(float(np.median([fit["seconds"] for fit in fits])), 2),
+    }
 
 
 def main() -> None:
-    """Measure, print, write."""
-    sets = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    case = sys.argv[2] if len(sys.argv) > 2 else "raceways"
-    folder = Path(sys.argv[3] if len(sys.argv) > 3 else "out")
+    """Measure, keep, print."""
+    sets = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    folder = Path(sys.argv[2] if len(sys.argv) > 2 else "out")
+    part, parts = map(int, sys.argv[3].split("/")) if len(sys.argv) > 3 else (0, 1)
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"fit_coverage_{case}.json"
-    effects = (trb.effects.Raceways(),) if case == "raceways" else ()
-    if file.exists():
-        record = json.loads(file.read_text(encoding="utf-8"))
-    else:
-        losses = truth(ACCURACY, effects)
-        record = {"truth": [[*key, value.tolist()] for key, value in losses.items()], "sets": {d: {} for d in DESIGNS}}
-        file.write_text(json.dumps(record), encoding="utf-8")
-    losses = {(r, a, phase): np.array(value) for r, a, phase, value in record["truth"]}
-    print("truth: losses [%]", {key: np.round(value, 3).tolist() for key, value in losses.items()}, flush=True)
-    rough = trb.Scene(trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (trb.Spall(3.0, 5.0),), "table", effects=effects)
-    scene = fitting.prepare_fit(rough, noisy(losses, 0))
-    record["own_error_of_the_law"] = float(scene.law.error)  # type: ignore[union-attr]
-    for design, phases in DESIGNS.items():
-        for seed in range(sets if design == "recommended" else sets // 4):
-            if str(seed) not in record["sets"][design]:
-                record["sets"][design][str(seed)] = fitted(scene, of_design(noisy(losses, seed), phases))
-                file.write_text(json.dumps(record), encoding="utf-8")
-    record["summary"] = told = summary(record)
-    file.write_text(json.dumps(record, indent=1), encoding="utf-8")
-    print(json.dumps(told, indent=1))
-    figure(record, told)
-    plot.save(plt.gca(), folder, f"fit_coverage_{case}")
+    file = folder / "fit_coverage.jsonl"
+
+    def kept() -> list[dict[str, Any]]:
+        return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
+
+    for seed in range(part, sets, parts):
+        if seed not in {record["seed"] for record in kept()}:
+            record = one(seed)
+            with file.open("a", encoding="utf-8") as out:
+                out.write(json.dumps(record) + "\n")
+            last = record["fits"][-1]
+            print(seed, [round(v, 3) for v in record["truth"].values()], np.round(last["values"], 3),
+                  np.round(last["intervals"], 3).tolist(), last["determined"], flush=True)  # fmt: skip
+    records = sorted(kept(), key=lambda record: record["seed"])
+    for step in range(ROUNDS + 1):
+        print(json.dumps(summary(records, step), indent=1))
 
 
 if __name__ == "__main__":

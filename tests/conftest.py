@@ -2,7 +2,12 @@
 
 import os
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
+
+# from jax 0.11 on there are none, and XLA ends a process that names a flag which it does not know
+OLD = tuple(map(int, version("jaxlib").split(".")[:2])) < (0, 11)
+OLDER_EMITTERS = " --xla_cpu_use_fusion_emitters=false" if OLD else ""
 
 # JAX reads these when it is imported: programs are shared by all processes of a run and kept for the next one, the
 # smallest, too, which take 30 ms to compile and 5 to read; the processes that tests start do likewise
@@ -10,7 +15,8 @@ KEPT = {
     "JAX_COMPILATION_CACHE_DIR": str(Path(__file__).parents[1] / ".pytest_cache" / "programs"),
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "0",
-    "XLA_FLAGS": "--xla_backend_optimization_level=1",  # as the package compiles contacts: no slower, sooner there
+    # what is compiled here runs once or twice; the package's own programs are compiled as for users
+    "XLA_FLAGS": "--xla_backend_optimization_level=0" + OLDER_EMITTERS,
     "TF_CPP_MIN_LOG_LEVEL": "3",  # else XLA reports its own tuning hints whenever it loads a kept program
 }
 for name, value in KEPT.items():

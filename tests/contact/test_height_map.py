@@ -133,14 +133,12 @@ def test_a_lattice_that_cuts_the_contact_is_noticed(contact: trb.LineContact, mo
     for cut in (lambda x, low, high: (0.4 * x, low, high), lambda x, low, high: (x, 0.6 * low, high)):
         monkeypatch.setattr(contact_extent, "extents", lambda *a, cut=cut: cut(*whole(*a)))
         contacts._by_lattice.clear_cache()
-        contacts._compiled.clear_cache()
         try:
             for case in ((None, 0.0), (m, 0.5)):
                 s = trb.solve_contact(contact, 3000.0, *case, 1e-2, "lattice")
                 assert int(s.status_code) == status.TOUCHES_BORDER
         finally:
             contacts._by_lattice.clear_cache()
-            contacts._compiled.clear_cache()
 
 
 def test_what_does_not_fit_together_is_refused(contact: trb.LineContact) -> None:

@@ -209,7 +209,7 @@ def _others(accuracy: float) -> list[float]:
     return ([a for a in GRIDS if a < own] + [a for a in reversed(GRIDS) if a > own])[:2]
 
 
-@partial(jax.jit, static_argnames=("mirrored", "accuracy"))
+@jit_quickly(static_argnames=("mirrored", "accuracy"))
 def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSolution:
     """By strips and, where they do not do, by cells; chosen as it runs."""
     edges, _ = strip_reach.outlook(inputs)
@@ -242,7 +242,7 @@ def _alone(method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy:
     """`_by`, of numbers: strips by numpy, which has nothing to compile."""
     if method == "strips":
         return _strips_of_numbers(inputs, mirrored, edges, accuracy)[0]
-    return _compiled(method, inputs, mirrored, accuracy)
+    return _by(method, inputs, mirrored, 0, accuracy)
 
 
 def _slopes(
@@ -253,11 +253,6 @@ def _slopes(
         solution, found, way = _strips_of_numbers(inputs, mirrored, edges, accuracy)
         return solution, strip_model.gradient(found, inputs, way)
     return _compiled_slopes(method, inputs, mirrored, accuracy)
-
-
-@jit_quickly(static_argnums=(0, 2, 3))
-def _compiled(method: Method, inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSolution:
-    return _by(method, inputs, mirrored, 0, accuracy)
 
 
 @jit_quickly(static_argnums=(0, 2, 3))
@@ -297,7 +292,7 @@ def _strips_of_numbers(
     return _laid_out(inputs, found, way, accuracy), found, way
 
 
-@partial(jax.jit, static_argnames=("mirrored", "edges", "accuracy"))
+@jit_quickly(static_argnames=("mirrored", "edges", "accuracy"))
 def _by_strips(inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
     """By strips, of tracers; `edges` says how many rolling edges may be in reach."""
     way = _way(inputs, mirrored, edges, accuracy)
@@ -310,14 +305,14 @@ def _laid_out(inputs: Inputs, found: strip_model.Strips, way: Way, accuracy: flo
     return assembled(inputs, cells, gap, accuracy, strip_model.on_cells(found, inputs, way, cells, accuracy))
 
 
-@partial(jax.jit, static_argnames=("resolution", "mirrored", "accuracy"))
+@jit_quickly(static_argnames=("resolution", "mirrored", "accuracy"))
 def _by_cells(inputs: Inputs, resolution: Resolution, mirrored: bool, accuracy: float) -> ContactSolution:
     """By projected gradient on cells."""
     stage = contact_cells.stage(inputs, resolution, mirrored)
     return _pressed(inputs, stage, halfspace.influence(stage.cells, jnp.asarray(inputs.contact.modulus)), accuracy)
 
 
-@partial(jax.jit, static_argnames=("size", "accuracy"))
+@jit_quickly(static_argnames=("size", "accuracy"))
 def _by_lattice(inputs: Inputs, size: tuple[int, int], accuracy: float) -> ContactSolution:
     """By projected gradient on a uniform lattice."""
     stage = contact_cells.uniform_stage(inputs, size)

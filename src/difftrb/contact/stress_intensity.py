@@ -8,7 +8,6 @@ E' the contact modulus (Irwin's K²(1−ν²)/E, for two bodies half of it each;
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +21,7 @@ from difftrb.contact.gap import Cells
 from difftrb.contact.halfspace import EDGE_SHIFT
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats
+from difftrb.core.jax_config import jit_quickly
 
 FIRST = 4  # rows at the edge that are left out: their own error is of the size of the pressure
 TERMS = 3  # of 2πs p² as a polynomial in s
@@ -78,7 +78,7 @@ def edge_intensity(
     return _solve(inputs, is_symmetric(spall), land, columns)
 
 
-@partial(jax.jit, static_argnums=(1, 2, 3))
+@jit_quickly(static_argnums=(1, 2, 3))
 def _solve(inputs: Inputs, mirrored: bool, land: int, columns: int) -> EdgeIntensity:
     contact, load, spall, offset, _ = inputs
     assert isinstance(spall, Spall)

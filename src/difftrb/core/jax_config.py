@@ -91,21 +91,30 @@ def _taken(name: str, value: Any) -> bool:
 
 
 def jit_quickly(**arguments: Any) -> Callable[[F], F]:
-    """As `partial(jax.jit, **arguments)`, compiled with `quick` options. They are probed at the first call, so that an
-    import starts no backend. Like a jitted function's, its programs are forgotten by `clear_cache()`."""
+    """As `partial(jax.jit, **arguments)`, compiled with `quick` options where it is the outermost: within another
+    program and for what is traced JAX takes none. They are probed at the first call, so that an import starts no
+    backend. Like a jitted function's, its programs are forgotten by `clear_cache()`."""
 
     def decorate(function: F) -> F:
         @functools.cache
-        def compiled() -> Callable[..., Any]:
+        def compiled(outermost: bool) -> Callable[..., Any]:
             import jax
 
-            return jax.jit(function, compiler_options=quick(), **arguments)
+            return jax.jit(function, **arguments, **({"compiler_options": quick()} if outermost else {}))
 
         @functools.wraps(function)
         def call(*a: Any, **k: Any) -> Any:
-            return compiled()(*a, **k)
+            import jax
 
-        call.clear_cache = lambda: compiled().clear_cache()  # type: ignore[attr-defined]
+            if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((a, k))):
+                try:
+                    return compiled(True)(*a, **k)
+                except ValueError as error:  # a program around it, of which nothing is given here
+                    if "compiler_options" not in str(error):
+                        raise
+            return compiled(False)(*a, **k)
+
+        call.clear_cache = lambda: [compiled(each).clear_cache() for each in (True, False)]  # type: ignore[attr-defined]
         return cast(F, call)
 
     return decorate

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import status
+from difftrb.core.jax_config import jit_quickly
 from difftrb.core.numeric import bisected
 from difftrb.fits import predicted
 from difftrb.fits.least_squares import FARTHEST, Least
@@ -184,7 +185,7 @@ class Fit(status.Judged):
         return np.asarray(_by_data(self.problem, jnp.asarray(self.place)))
 
 
-@jax.jit
+@jit_quickly()
 def _by_data(problem: Problem, u: jax.Array) -> jax.Array:
     def gradient(v: jax.Array, measured: jax.Array) -> jax.Array:
         own = dataclasses.replace(problem, measured=measured)

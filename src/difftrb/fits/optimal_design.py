@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import geometry
+from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import measured, predicted
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import MeasuredError, Measurement
@@ -119,7 +120,7 @@ def telling(fit: Fit, values: np.ndarray) -> tuple[Measurement, float]:
     return among[int(np.argmax(apart))], float(np.max(apart))
 
 
-@jax.jit
+@jit_quickly()
 def _of_others(problem: Problem, at: Conditions, u: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Predictions of other rows, shape (rows,), and their slopes by coordinates, shape (rows, parameters)."""
 

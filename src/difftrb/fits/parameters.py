@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from typing import ClassVar
 
 import jax
@@ -16,6 +15,7 @@ import numpy as np
 
 from difftrb.core import geometry, status
 from difftrb.core.geometry import LineContact, Real
+from difftrb.core.jax_config import jit_quickly
 from difftrb.core.numeric import bisected
 from difftrb.fits.least_squares import Bounds
 from difftrb.fits.measured import MeasuredError, Measurement
@@ -300,7 +300,7 @@ def _known(scene: Scene, **changed: Real) -> jax.Array:
     return at.judge(spalls, jnp.zeros((len(spalls), 1))) == status.CONVERGED
 
 
-@jax.jit
+@jit_quickly()
 def _size_limits(scene: Scene) -> tuple[jax.Array, jax.Array]:
     """The longest spall that the law takes and, of those, the narrowest [mm]."""
     length, half_way = scene.bearing.roller_length, _half_way(scene)
@@ -308,7 +308,7 @@ def _size_limits(scene: Scene) -> tuple[jax.Array, jax.Array]:
     return longest, _limit(lambda v: _known(scene, length=longest, width=v), 0.5 * half_way, 0.01)
 
 
-@partial(jax.jit, static_argnames="parameter")
+@jit_quickly(static_argnames="parameter")
 def _limits_of_law(parameter: Parameter, scene: Scene, longest: jax.Array, between: jax.Array) -> jax.Array:
     """Between which values the law knows the shortest and the longest spalls, going from the first of `between` towards
     the other two."""

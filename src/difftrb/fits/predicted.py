@@ -17,6 +17,7 @@ import optax
 
 from difftrb.core import machine, status
 from difftrb.core.geometry import Real
+from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import least_squares
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.least_squares import Bounds, Least
@@ -110,7 +111,7 @@ def predicted(
     return jnp.where(at.loss, 100.0 * (1.0 - left), sound * left), code
 
 
-@jax.jit
+@jit_quickly()
 def healthy_stiffness(scene: Scene, at: Conditions) -> jax.Array:
     """Of the prepared scene without spalls, radial and axial, of every condition [N/mm], shape (conditions, 2)."""
     return _stiffness(healthy(scene), at, lambda load: load)[0]
@@ -226,7 +227,7 @@ def solved(
     return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, meet, behind)
 
 
-@jax.jit
+@jit_quickly()
 def _adam(gradient: jax.Array, memory: optax.OptState) -> tuple[jax.Array, optax.OptState]:
     move, memory = ADAM.update(gradient, memory)
     return move, memory  # type: ignore[return-value]  # optax says any tree of arrays
@@ -249,7 +250,7 @@ def evaluated(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
     return least_squares.Evaluated(deviations, jacobian, tuple(beside))
 
 
-@jax.jit
+@jit_quickly()
 def _evaluated(problem: Problem, places: jax.Array, count: jax.Array) -> tuple[jax.Array, ...]:
     """Of the first `count` places, one after the other: the rings of one fill the processor."""
 

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import least_squares, predicted
 from difftrb.fits.least_squares import Bounds, Least
 from difftrb.fits.parameters import Parameter
@@ -85,7 +86,7 @@ def costs(problem: Problem, scan: Scan) -> np.ndarray:
     return np.asarray(_costs(problem, jnp.asarray(scan.told)))
 
 
-@jax.jit
+@jit_quickly()
 def _costs(problem: Problem, told: jax.Array) -> jax.Array:
     return 0.5 * jnp.sum(jax.vmap(lambda values: predicted.counted(problem, values))(told) ** 2, axis=1)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import field
-from functools import partial
 from typing import Any
 
 import jax
@@ -16,6 +15,7 @@ from difftrb.contact import solver as contacts
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
+from difftrb.core.jax_config import jit_quickly
 from difftrb.law import base, load_curve
 from difftrb.law.base import HardWindow, Law, LawKind, Request, Rest
 from difftrb.law.edge_ramp import RollerCurves
@@ -204,7 +204,7 @@ def power_law(
     return _fit(contact, load_range, shape, accuracy, contact_solution.is_symmetric(shape))
 
 
-@partial(jax.jit, static_argnames=("accuracy", "mirrored"))
+@jit_quickly(static_argnames=("accuracy", "mirrored"))
 def _fit(
     contact: LineContact, load_range: tuple[Real, Real], shape: Spall, accuracy: float, mirrored: bool
 ) -> PowerLaw:

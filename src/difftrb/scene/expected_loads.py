@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from difftrb.core import geometry
 from difftrb.core.geometry import Real
+from difftrb.core.jax_config import jit_quickly
 from difftrb.law import power
 from difftrb.law.base import Law
 from difftrb.ring import effects, ring
@@ -59,7 +60,7 @@ def single(scene: Scene, law: Law) -> Scene:
     return dataclasses.replace(scene, law=law, effects=acting, accuracy=1e-3)  # one accuracy is one program for all
 
 
-@jax.jit
+@jit_quickly()
 def _pressed(scene: Scene) -> jax.Array:
     """The largest load [N] on the ring by Palmgren's law, with through spalls at several phases: by a third or so too
     large for one contact alone, and by more if the inner one gives way, too."""

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from difftrb.core.geometry import Raceway, Real, Spall
+from difftrb.core.jax_config import jit_quickly
 from difftrb.law import local, roller_tilt
 from difftrb.law.base import Law, Rest
 from difftrb.law.direct import DirectLaw
@@ -195,7 +196,7 @@ def holding(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
     return dataclasses.replace(scene, law=made["outer"], effects=acting)
 
 
-@jax.jit
+@jit_quickly()
 def _rest(scene: Scene) -> tuple[dict[Raceway, jax.Array], dict[Raceway, jax.Array], jax.Array, Seat | None]:
     """First row's loads on every raceway [N], distances from the spalls there [mm], approaches [mm], and the seat."""
     law = cast(LocalLaw, scene.law)

@@ -18,6 +18,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, implicit, status
 from difftrb.core.geometry import Real
+from difftrb.core.jax_config import jit_quickly
 from difftrb.core.taylor import Taylor
 from difftrb.ring import effects, plain_ring, ring
 from difftrb.ring.effects import Results
@@ -64,7 +65,7 @@ def _assessed(spalled: Solution, whole: Solution, slopes: Any) -> Assessment:
     return Assessment(spalled, whole, 100.0 * (1.0 - ours / theirs), slopes[..., 0], slopes[..., 1])
 
 
-@jax.jit
+@jit_quickly()
 def assess_by_program(scene: Scene) -> Assessment:
     sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
 
@@ -113,7 +114,7 @@ def _solution(build: Build, scene: Scene) -> Solution:
     return _expanded(ready) if at_once else _traced(ready)
 
 
-_by_program = jax.jit(_solution, static_argnums=0)
+_by_program = jit_quickly(static_argnums=0)(_solution)
 
 
 def _expanded(scene: Scene) -> Solution:

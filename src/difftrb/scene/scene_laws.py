@@ -8,7 +8,6 @@ loads stay. In the mean it is a `DirectLaw`, of curves over all loads.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import cast
 
 import jax
@@ -18,6 +17,7 @@ import numpy as np
 from difftrb.contact import gap
 from difftrb.core import geometry
 from difftrb.core.geometry import LineContact, Raceway, Real
+from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import direct
@@ -129,7 +129,7 @@ def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | 
     return holding(scene, edged)
 
 
-@jax.jit
+@jit_quickly()
 def _phases(scene: Scene) -> jax.Array:
     return phases(scene)[0]
 
@@ -155,7 +155,7 @@ def _healthy_ring(scene: Scene, contact: LineContact, phase: Real) -> tuple[effe
     return here, effects.terms(scene.effects, here)
 
 
-@partial(jax.jit, static_argnames="raceway")
+@jit_quickly(static_argnames="raceway")
 def _healthy_approaches(scene: Scene, raceway: Raceway, phases: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Distances from the spalls on a raceway [mm] and approaches there on the healthy ring [mm], at every phase."""
     law = cast(DirectLaw, scene.law)

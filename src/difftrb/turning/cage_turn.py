@@ -18,6 +18,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, implicit, status
 from difftrb.core.geometry import Real, TaperedBearing
+from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
 from difftrb.law.base import LAWS
 from difftrb.law.samples import Progress
@@ -235,7 +236,7 @@ def _without_slopes(scene: Scene, spread: Any) -> _Found:
     return _Found(rest.displacement, rest.loads, rest.tangent, None, None, rest.status_code)
 
 
-@jax.jit
+@jit_quickly()
 def _with_slopes(scene: Scene, spread: Any) -> _Found:
     def at(sizes: jax.Array) -> tuple[jax.Array, _Found]:
         spalls = (dataclasses.replace(s, length=v[0], width=v[1]) for s, v in zip(scene.spalls, sizes, strict=True))
@@ -252,7 +253,7 @@ def _plain(spread: Any, scene: Scene) -> Any:
     return prepared.at_phases(scene, xp.asarray(scene.phase) + spread)
 
 
-@jax.jit
+@jit_quickly()
 def _mapped(scene: Scene, spread: Any) -> Any:
     def at(more: jax.Array) -> Any:
         turned = _turned(scene, cast(Any, scene.phase) + more)
