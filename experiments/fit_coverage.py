@@ -118,14 +118,19 @@ def summary(records: list[dict[str, Any]], step: int) -> dict[str, Any]:
     return {
         "rows": fits[0]["rows"],
         "sets": len(fits),
-        "intervals that hold the truth [%]": dict(zip(NAMES, (100.0 * held.mean(axis=0)).round(1), strict=True)),
-        "of those determined [%]": dict(
-            zip(NAMES, (100.0 * np.where(sure, held, 0).sum(axis=0) / np.maximum(sure.sum(axis=0), 1)).round(1),
-                strict=True)),  # fmt: skip
-        "determined [%]": dict(zip(NAMES, (100.0 * sure.mean(axis=0)).round(1), strict=True)),
+        "intervals that hold the truth [%]": shares(held),
+        "of those determined [%]": shares(held & sure, sure),
+        "determined [%]": shares(sure),
         "determined and wrong": [records[k]["seed"] for k in np.flatnonzero(bad.any(axis=1))],
         "median seconds": round(float(np.median([fit["seconds"] for fit in fits])), 2),
     }
+
+
+def shares(those: np.ndarray, among: np.ndarray | None = None) -> dict[str, float]:
+    """Of sets, by parameter [%]."""
+    every = np.ones_like(those) if among is None else among
+    found = 100.0 * those.sum(axis=0) / np.maximum(every.sum(axis=0), 1)
+    return dict(zip(NAMES, found.round(1).tolist(), strict=True))
 
 
 def main() -> None:

@@ -29,6 +29,7 @@ def cases(count: int) -> jax.Array:
     return jnp.asarray(np.stack([10 ** rng.uniform(0, 5, count), tilt, crown, *spalls], axis=1))
 
 
+@pytest.mark.slow
 def test_random_pairs_converge_with_finite_gradients(contact: trb.LineContact) -> None:
     def solved(v: jax.Array):
         spalls = trb.Spall(v[3], v[4], v[5], 0.0, v[6]), trb.Spall(v[8], v[9], v[10], 0.0, v[11])

@@ -72,6 +72,7 @@ def steep(spall: trb.Spall, pitch_x: float, pitch_y: float) -> trb.HeightMap:
     return trb.HeightMap(jnp.asarray(height), pitch_x, pitch_y, spall.axial_offset)
 
 
+@pytest.mark.slow
 def test_a_map_with_steep_walls_comes_to_the_spall_at_first_order(contact: trb.LineContact) -> None:
     spall = trb.Spall(3.0, 0.8, axial_offset=1.0)
     offsets = jnp.array([0.36, 0.37, 0.385, 0.4])

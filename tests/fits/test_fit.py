@@ -93,6 +93,7 @@ def test_slopes_equal_central_differences(noisy_fit: trb.Fit) -> None:
     np.testing.assert_allclose(noisy_fit.normal, slopes.T @ slopes, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_values_follow_the_data(rig: trb.Scene, exact: np.ndarray, noisy_fit: trb.Fit) -> None:
     slopes = noisy_fit.by_data()
     rows, k, step = noisy(exact, 1), 2, 1e-3

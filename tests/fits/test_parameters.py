@@ -97,6 +97,7 @@ TURNED = {"length": 5.0, "angle": 0.6, "preload": 400.0, "scale": 0.8}
 SHAPED = {"length": 5.0, "depth": 0.1, "axial_offset": -1.0, "crown": 9000.0}
 
 
+@pytest.mark.slow
 def test_place_preload_and_scale_are_found(liu: trb.Scene) -> None:
     found = fit(liu, measured(liu, rows("mean"), TURNED), tuple(TURNED), model_error=0.0).check()
     mirrored = np.abs(found.values)  # the load line is a line of symmetry

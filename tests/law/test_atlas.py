@@ -41,6 +41,7 @@ def q_over(law, spall, distance, delta):
 # ------------------------------------------------------------------------------------------------ against contacts
 
 
+@pytest.mark.slow
 def test_nodes_solved_afresh() -> None:
     """Without an edge in reach, at random ones of the atlas's own nodes; light loads count less, as in its build."""
     shipped, rng, off = atlas.shipped(), np.random.default_rng(0), []
@@ -60,7 +61,7 @@ def test_nodes_solved_afresh() -> None:
     assert max(off) < 30.0 * ACCURACY
 
 
-@pytest.mark.parametrize("region", range(5))
+@pytest.mark.parametrize("region", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3)), 4])
 def test_between_the_nodes_it_is_as_exact_as_it_says(region: int) -> None:
     """Over spalls and on ramps of random contacts: in the thirds of the places aside, over the roller's end; and over
     narrow spalls."""

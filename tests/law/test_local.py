@@ -44,6 +44,7 @@ def test_every_spall_under_a_roller_counts(two: trb.Scene) -> None:
     assert abs(float(both.by_length[0, 0] / both.by_length[0, 1]) - 1.0) < 0.02  # mirror images
 
 
+@pytest.mark.slow
 def test_spalls_that_touch_leave_no_land(bearing: trb.TaperedBearing) -> None:
     """Two of 4 × 5 mm side by side are one of 4 × 10 mm."""
     half = 2.5 / 28.65

@@ -149,6 +149,7 @@ def test_prepared_direct_law_refuses_another_scene(closed, bearing) -> None:
     assert bool(trb.solve(trb.healthy(scene)).converged)
 
 
+@pytest.mark.slow
 def test_a_law_that_is_there_is_not_solved_again(closed, bearing) -> None:
     """The outer raceway's law named anew beside the inner one's as prepared: one was solved again, and traced it ended
     in a traceback."""

@@ -111,6 +111,7 @@ def test_slopes_hold_what_the_tilt_makes_of_them(free: trb.Scene) -> None:
         assert change[0] == pytest.approx(change[1], rel=0.1)
 
 
+@pytest.mark.slow
 def test_symmetric_spalls_tilt_nothing(bearing: trb.TaperedBearing) -> None:
     ends = tuple(trb.Spall(3.0, 7.0, axial_offset=way * 3.5) for way in (-1.0, 1.0))
     both = Between(between(bearing, END).contacts, (ends, ()), ((0.0, 0.0), ()))

@@ -123,6 +123,7 @@ def test_assessment_agrees_with_solve(scene: trb.Scene) -> None:
     assert float(a.loss[0]) == pytest.approx(100 * (1 - float(a.spalled.stiffness[0, 0] / healthy.stiffness[0, 0])))
 
 
+@pytest.mark.slow
 def test_named_law_carries_gradients_through_its_contact_solves(scene: trb.Scene, bearing) -> None:
     """By design load: the law is fitted inside the differentiated function."""
     named = dataclasses.replace(scene, law="power", accuracy=1e-2)
