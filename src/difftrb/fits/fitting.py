@@ -260,7 +260,7 @@ def _alternatives(problem: Problem, tried: Tried, values: np.ndarray, intervals:
     outside = np.any(fit_result.outside(values, values[best], intervals), axis=1)
     within = 2.0 * (found.cost - found.cost[best]) < tried.limit
     cases = [best, *(k for k in search.distinct(problem, found) if k != best and outside[k] and within[k])]
-    weight = fit_result.weights(problem, found, cases, tried.scale, search.scales(problem))
+    weight = fit_result.weights(problem, found, cases, tried.scale, predicted.scales(problem))
     return tuple(
         Alternative(values[k], 2.0 * float(found.cost[k]), float(share))
         for k, share in zip(cases[1:], weight[1:], strict=True)

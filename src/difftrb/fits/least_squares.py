@@ -102,6 +102,7 @@ class First(NamedTuple):
 def minimum(
     evaluate: Callable[[np.ndarray], Evaluated], start: np.ndarray, free: np.ndarray, steps: int,
     first: First | None = None, enough: float = 0.0, meet: np.ndarray | None = None, behind: float = 0.0,
+    longest: np.ndarray | float = LONGEST,
 ) -> Least:  # fmt: skip
     """Least squares of what `evaluate` says of places, shape (some cases, n).
 
@@ -112,8 +113,9 @@ def minimum(
       enough: gain of half the sum of squares, besides rounding, below which a case is done.
       meet: a case that comes closer than this, shape (n,), to a better one, ends where that one does.
       behind: a case that expects of its next step less than this share of what parts it from the best one is done.
+      longest: step of every coordinate, shape (n,); how far the residual is about straight.
     """
-    cases, led, memory = _Cases(start), 0, None
+    cases, led, memory = _Cases(start, np.broadcast_to(longest, start.shape[1:])), 0, None
     if first is not None:
         led, memory = first.steps, first.memory
     for k in range(led + steps + 1):
@@ -123,7 +125,7 @@ def minimum(
             move, memory = first.rule(cases.gradient, memory)
             cases.move = np.where(free, move, 0.0)
         else:
-            cases.move[at] = _step(cases.place[at], cases.gradient[at], cases.normal[at], cases.damping[at], free[at])
+            cases.move[at] = _step(*cases.near(at), free[at] & ~cases.held[at])
         cases.shorten()
         if k >= led:
             cases.finish(enough, meet, behind)
@@ -135,8 +137,9 @@ def minimum(
 class _Cases:
     """Where all cases are, shape (cases, …) each, and the step that each tries next."""
 
-    def __init__(self, start: np.ndarray) -> None:
+    def __init__(self, start: np.ndarray, longest: np.ndarray) -> None:
         cases, n = start.shape
+        self.longest, self.held = longest, np.zeros((cases, n), bool)
         self.place, self.cost = start.copy(), np.full(cases, np.inf)
         self.gradient, self.normal = np.zeros((cases, n)), np.zeros((cases, n, n))
         self.move, self.expected = np.zeros((cases, n)), np.zeros(cases)
@@ -153,7 +156,11 @@ class _Cases:
         good = better & ~(self.cost[at] - sums < 0.25 * self.expected[at])
         damping = self.damping[at]
         relaxed = np.where(good & (k > led), np.maximum(0.1 * damping, LEAST_DAMPING), damping)
-        self.damping[at] = np.where(better, relaxed, np.maximum(10.0 * damping, 1e-4))
+        # a step that is none is tried again without its longest part, which may have met a kink; then a shorter one
+        again = ~better & ~self.held[at].any(axis=1)
+        self.held[at] = False
+        self.held[at[again], np.argmax(np.abs(self.move[at[again]]) / self.longest, axis=1)] = True
+        self.damping[at] = np.where(better, relaxed, np.where(again, damping, np.maximum(10.0 * damping, 1e-4)))
         here, jacobian = at[better], new.jacobian[better]
         self.place[here], self.cost[here] = (self.place[at] + self.move[at])[better], sums[better]
         self.gradient[here] = np.einsum("kmi,km->ki", jacobian, new.residual[better])
@@ -162,9 +169,15 @@ class _Cases:
             whole[here] = more[better]
         self.taken[at] = k
 
+    def near(self, at: np.ndarray) -> tuple[np.ndarray, ...]:
+        """What the next step of the cases `at` depends on: gradients, normal matrices, dampings, how far a step may go
+        down and up, shapes (cases, n), and what counts as a change, shape (n,)."""
+        down, up = (np.clip(way * FARTHEST - self.place[at], -self.longest, self.longest) for way in (-1.0, 1.0))
+        return self.gradient[at], self.normal[at], self.damping[at], down, up, self.longest
+
     def shorten(self) -> None:
         """Keep the next step in bounds, and say what it is expected to gain."""
-        inside = np.clip(self.place + np.clip(self.move, -LONGEST, LONGEST), -FARTHEST, FARTHEST)
+        inside = np.clip(self.place + np.clip(self.move, -self.longest, self.longest), -FARTHEST, FARTHEST)
         self.move = inside - self.place
         linear = np.einsum("ki,ki->k", self.gradient, self.move)
         self.expected = -linear - 0.5 * np.einsum("ki,kij,kj->k", self.move, self.normal, self.move)
@@ -173,7 +186,7 @@ class _Cases:
         """End the cases that have nothing more to gain; see `minimum`."""
         least = np.maximum(np.maximum(ROUNDING * self.cost, enough), behind * (self.cost - np.nanmin(self.cost)))
         tiny = (np.max(np.abs(self.move), axis=1) < TOLERANCE) | (self.expected <= least)
-        self.done |= tiny | (self.damping > 1e9)
+        self.done |= (tiny & ~self.held.any(axis=1)) | (self.damping > 1e9)
         if meet is not None:
             self._join(meet)
             self.done |= self.ends != np.arange(len(self.ends))
@@ -199,14 +212,31 @@ class _Cases:
 
 
 def _step(
-    place: np.ndarray, gradient: np.ndarray, normal: np.ndarray, damping: np.ndarray, free: np.ndarray
-) -> np.ndarray:
-    """Of Levenberg–Marquardt, shape (cases, n), along what is free and not held back by a bound."""
-    inward = free & ((place < FARTHEST) | (gradient > 0.0)) & ((place > -FARTHEST) | (gradient < 0.0))
-    diagonal = np.einsum("kii->ki", normal)
-    size = np.sqrt(np.maximum(diagonal, 1e-12 * np.max(diagonal, axis=1, keepdims=True) + 1e-300))
-    both = inward[:, :, None] & inward[:, None, :]
-    matrix = np.where(both, normal / (size[:, :, None] * size[:, None, :]), 0.0)
-    matrix += np.eye(place.shape[1]) * np.where(inward, damping[:, None], 1.0)[:, None, :]
-    right = np.where(inward, -gradient / size, 0.0)
-    return np.linalg.solve(matrix, right[..., None])[..., 0] / size
+    gradient: np.ndarray, normal: np.ndarray, damping: np.ndarray, down: np.ndarray, up: np.ndarray,
+    longest: np.ndarray, free: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Of Levenberg–Marquardt, shape (cases, n), along what is free, from `down` to `up` at most: what would go farther
+    goes as far as that, and the others follow. Cut afterwards, a long step along what hardly matters would spoil the
+    rest of it."""
+    cases, n = gradient.shape
+    each = np.arange(cases)
+    moves = free & ((up > 0.0) | (gradient > 0.0)) & ((down < 0.0) | (gradient < 0.0))
+    # what changes residuals by less than one over its longest step is damped as if it did by one
+    size = np.sqrt(np.maximum(np.einsum("kii->ki", normal), longest**-2.0))
+    scaled = normal / (size[:, :, None] * size[:, None, :])
+    step = np.zeros((cases, n))
+    for _ in range(n):
+        matrix = np.where(moves[:, :, None] & moves[:, None, :], scaled, 0.0)
+        matrix += np.eye(n) * np.where(moves, damping[:, None], 1.0)[:, None, :]
+        right = -(gradient + np.einsum("kij,kj->ki", normal, np.where(moves, 0.0, step))) / size
+        found = np.linalg.solve(matrix, np.where(moves, right, 0.0)[..., None])[..., 0] / size
+        step = np.where(moves, found, step)
+        over = np.where(moves, np.maximum(step - up, down - step) / longest, 0.0)
+        most = np.argmax(over, axis=1)
+        beyond = over[each, most] > 0.0
+        if not beyond.any():
+            break
+        at = each[beyond], most[beyond]
+        step[at] = np.clip(step[at], down[at], up[at])
+        moves[at] = False
+    return step

@@ -7,8 +7,9 @@ one step of optax's Adam, away from where the gradient vanishes by symmetry, is 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,11 +20,17 @@ from difftrb.fits import least_squares, predicted
 from difftrb.fits.least_squares import Bounds, Least
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import Problem
-from difftrb.scene.scene import Scene
+from difftrb.scene.scene import PitchMean, Scene
 
-SCANNED = 64, 256, 1024, 2048
+SCANNED = 64, 512, 4096, 8192
 """Points that are scanned for one, two, three and more parameters."""
-ROUNDS = 2, 4
+SLOPES = 64
+"""Points at which it is looked whether deviations change with a coordinate."""
+FACTOR = 3.0
+"""By how much losses may be off at points that are taken for good ones."""
+LOWEST = 256
+"""Most points from which least squares go down."""
+ROUNDS = 4, 8
 """Steps of Levenberg–Marquardt after which only every fourth case goes on."""
 KEPT = 4
 FEWEST = 12
@@ -38,6 +45,8 @@ BEHIND = 0.05
 """Cases that expect less of a step than this share of what parts them from the best one have found another minimum."""
 SAME = 0.05
 """Minima this close, of what parts basins, are one."""
+ROUGH = 2
+"""Points between two kinks of a mean over phases, where minima are looked for."""
 SPREAD = 0.05, 0.95
 """Between which shares of a parameter's range points lie."""
 
@@ -52,11 +61,10 @@ class Scan(NamedTuple):
 
 
 def scanned(problem: Problem, places: np.ndarray) -> Scan:
-    """The model at these places."""
-    found = predicted.evaluated(problem, places)
-    return Scan(
-        places, np.asarray(found.beside[0]), np.sqrt(np.max(np.sum(np.nan_to_num(found.jacobian) ** 2, axis=1), axis=0))
-    )
+    """The model at these places, roughly."""
+    rough = _rough(problem)
+    jacobian = np.nan_to_num(predicted.evaluated(rough, places[:SLOPES]).jacobian)
+    return Scan(places, predicted.told(rough, places), np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
 
 
 def places(parameters: Sequence[Parameter], bounds: Bounds, scene: Scene, count: int | None) -> np.ndarray:
@@ -91,29 +99,43 @@ def _costs(problem: Problem, told: jax.Array) -> jax.Array:
     return 0.5 * jnp.sum(jax.vmap(lambda values: predicted.counted(problem, values))(told) ** 2, axis=1)
 
 
-def scales(problem: Problem) -> np.ndarray:
-    """How far basins lie apart, in coordinates in the middle of the range, shape (parameters,)."""
-    low, high = (np.asarray(end) for end in problem.bounds.ends())
-    return 4.0 * np.array([parameter.apart(problem.scene) for parameter in problem.parameters]) / (high - low)
-
-
 def minima(problem: Problem, scan: Scan, free: np.ndarray | None = None) -> Least:
-    """Where least squares end that go down from the points of a scan: all some steps, the lower ones farther.
+    """Where least squares end that go down from the points of a scan: all some steps, the lower ones farther, all of
+    it roughly; at last exactly from what is left.
 
     `free`: which parameters move, shape (parameters,). None: all.
     """
-    place, cost = scan.place, costs(problem, scan)
+    place, cost, scale, rough = scan.place, costs(problem, scan), predicted.scales(problem), _rough(problem)
     free = np.ones(place.shape[1], bool) if free is None else free
+
+    def down(problem: Problem, place: np.ndarray, first: int, steps: int, **ends: Any) -> Least:
+        return predicted.solved(problem, place, np.tile(free, (len(place), 1)), first, steps, **ends)
+
+    cost = np.where(np.isfinite(cost), _alike(problem, scan), np.inf)
     for steps in ROUNDS:
-        place = place[_lower(place / scales(problem), cost, max(len(place) // KEPT, FEWEST))]
-        found = predicted.solved(problem, place, np.tile(free, (len(place), 1)), 0, steps)
+        place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, FEWEST, LOWEST))]
+        found = down(rough, place, 0, steps)
         place, cost = found.place, found.cost
+    ends = {"meet": MEET * scale, "behind": BEHIND}
     # the scene's own, too
-    last = np.concatenate([place[_lower(place / scales(problem), cost, FEWEST)], scan.place[:1]])
-    every = np.tile(free, (len(last), 1))
-    return predicted.solved(
-        problem, last, every, SEARCH, least_squares.STEPS, meet=MEET * scales(problem), behind=BEHIND
-    )
+    last = np.concatenate([place[_lower(place / scale, cost, FEWEST)], scan.place[:1]])
+    found = down(rough, last, SEARCH, least_squares.STEPS, **ends)
+    return down(problem, found.place[distinct(problem, found)], 0, least_squares.STEPS, **ends)
+
+
+def _alike(problem: Problem, scan: Scan) -> np.ndarray:
+    """What costs would be with the best factor on all losses, shape (points,): about what a longer or shorter spall at
+    the same place would have, which least squares find from far away. Other places they do not."""
+    loss, sigma, rows = (np.asarray(x) for x in (problem.conditions.loss, problem.sigma, problem.measured))
+    told, seen = scan.told / sigma, rows / sigma
+    own = np.nan_to_num(told * loss)
+    factor = np.clip((own @ seen) / np.maximum(np.sum(own**2, axis=1), 1e-300), 1.0 / FACTOR, FACTOR)
+    return 0.5 * np.sum((np.where(loss, factor[:, None], 1.0) * told - seen) ** 2, axis=1)
+
+
+def _rough(problem: Problem) -> Problem:
+    """The same with means of few phases."""
+    return dataclasses.replace(problem, conditions=dataclasses.replace(problem.conditions, mean=PitchMean(ROUGH)))
 
 
 def _lower(place: np.ndarray, cost: np.ndarray, most: int) -> list[int]:
@@ -129,7 +151,7 @@ def _lower(place: np.ndarray, cost: np.ndarray, most: int) -> list[int]:
 
 def distinct(problem: Problem, found: Least) -> list[int]:
     """Which of the cases are minima of their own, the least first."""
-    scale, kept = scales(problem), list[int]()
+    scale, kept = predicted.scales(problem), list[int]()
     for k in np.argsort(found.cost, kind="stable"):
         near = (np.max(np.abs(found.place[k] - found.place[other]) / scale) < SAME for other in kept)
         if np.isfinite(found.cost[k]) and not any(near):

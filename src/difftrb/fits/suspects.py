@@ -157,7 +157,7 @@ def _parameters(fit: Fit) -> Iterator[Suspect]:
     for i, parameter in enumerate(more, own):
         free = np.arange(len(parameters)) < own
         free[i] = True
-        many = search.scales(problem)[i] < TURNING
+        many = predicted.scales(problem)[i] < TURNING
         at = np.tile(still, (search.SCANNED[2] if many else FEW * len(low), 1))
         if many:
             at[:, free] = search.spread(own + 1, len(at))

