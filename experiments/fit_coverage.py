@@ -32,7 +32,7 @@ import difftrb as trb
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))
 PHASES = (0.0, "mean")
 NOISE = 0.01
-ACCURACY = 1e-4
+LAW, ACCURACY = "direct", 1e-4
 """Of the contacts of the truth: a hundredth of the noise."""
 NAMES = ("length", "width", "angle")
 RANGES = {"length": (1.5, 7.0), "width": (2.0, 9.0), "angle": (-0.5, 0.5)}
@@ -55,7 +55,7 @@ def one(seed: int) -> dict[str, Any]:
     truth = {name: float(rng.uniform(*RANGES[name])) for name in NAMES}
     effects = (trb.effects.Raceways(),) if seed % 2 else ()
     spall = trb.Spall(truth["length"], truth["width"], angle=truth["angle"])
-    world = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (spall,), "direct", accuracy=ACCURACY,
+    world = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (spall,), LAW, accuracy=ACCURACY,
                       effects=effects)  # fmt: skip
     known: dict[tuple, np.ndarray] = {}
 

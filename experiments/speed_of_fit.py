@@ -21,7 +21,7 @@ import numpy as np
 from scipy import optimize
 
 import difftrb as trb
-from difftrb.fits import parameters, predicted, search
+from difftrb.fits import conditions, parameters, predicted, search
 
 LOADS = ((9000.0, 4500.0), (6000.0, 4500.0), (3000.0, 4500.0))
 TRUTH = trb.Spall(5.0, 9.0)
@@ -37,10 +37,11 @@ def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measuremen
         for phase in (0.0, "mean")
         for quantity in ("radial_loss", "axial_loss")
     ]
-    at, sought = predicted.conditions(scene, rows), parameters.named(("length", "width"))
+    at, rough = (conditions.conditions(scene, rows, points) for points in (conditions.POINTS, conditions.ROUGH))
+    sought = parameters.named(("length", "width"))
     bounds, blank = parameters.bounds(sought, scene, rows), np.ones(len(rows))
     sound = predicted.healthy_stiffness(scene, at)
-    exact = predicted.Problem(sought, bounds, scene, at, blank, blank, sound, 0.0, 0)  # type: ignore[arg-type]
+    exact = predicted.Problem(sought, bounds, scene, at, rough, blank, blank, sound, 0.0, 0)  # type: ignore[arg-type]
     there = bounds.coordinates(np.array([[TRUTH.length, TRUTH.width]]))  # type: ignore[arg-type]
     true = predicted.evaluated(exact, np.asarray(there)).beside[0][0]
     sigma = NOISE * true

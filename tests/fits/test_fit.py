@@ -12,6 +12,7 @@ import pytest
 import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.fits import fit_report, fit_result, least_squares, optimal_design, predicted, search
+from difftrb.fits.conditions import conditions
 from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement, example, parse
 from difftrb.fits.predicted import evaluated, solved
@@ -303,11 +304,11 @@ def test_what_may_be_wrong_is_tried_and_named(rig: trb.Scene, exact: np.ndarray)
     """One row off, an axial load that was not measured: each is found, with the size that it hides."""
     pressed = [dataclasses.replace(row, axial=row.axial + 1500.0) for row in BLANK]
     problem = fit(rig, measured(exact), model_error=0.0).problem
-    elsewhere = predicted.conditions(rig, pressed)
-    preloaded, _ = optimal_design._of_others(problem, elsewhere, problem.bounds.coordinates(jnp.array([5.0, 9.0])))
+    there = np.asarray(problem.bounds.coordinates(jnp.array([[5.0, 9.0]])))
+    preloaded = predicted.of_others(problem, conditions(rig, pressed), there)[0][0]
     for sentence, values in {
         "row 3 is off": np.where(np.arange(8) == 2, 1.25, 1.0) * exact,
-        "an axial load acts that was not measured (preload 1.5e+03 N)": np.asarray(preloaded),
+        "an axial load acts that was not measured (preload 1.5e+03 N)": preloaded,
     }.items():
         found = fit(rig, measured(values), model_error=0.0)
         assert not found.explained, sentence

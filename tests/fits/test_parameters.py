@@ -11,6 +11,7 @@ import pytest
 import difftrb as trb
 from difftrb.core import status
 from difftrb.fits import parameters, predicted
+from difftrb.fits.conditions import Conditions, conditions
 from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.law import load_curve
@@ -68,14 +69,14 @@ def rough(phase: float | str) -> list[Measurement]:
 
 
 @partial(jax.jit, static_argnames="names")
-def _predicted(scene: trb.Scene, at: predicted.Conditions, names: tuple[str, ...], values: jax.Array) -> jax.Array:
+def _predicted(scene: trb.Scene, at: Conditions, names: tuple[str, ...], values: jax.Array) -> jax.Array:
     return predicted.predicted(parameters.named(names), scene, at, values)[0]
 
 
 def measured(scene: trb.Scene, blank: list[Measurement], truth: dict[str, float]) -> list[Measurement]:
     """What the rows are for the truth; sigma, so far relative, in their units."""
-    at, values = predicted.conditions(scene, blank), jnp.array(list(truth.values()))
-    true = _predicted(trb.prepare(scene), at, tuple(truth), values)
+    ready, values = trb.prepare(scene), jnp.array(list(truth.values()))
+    true = _predicted(ready, conditions(ready, blank), tuple(truth), values)
     return [
         dataclasses.replace(row, value=float(v), sigma=row.sigma * float(v)) for row, v in zip(blank, true, strict=True)
     ]

@@ -100,13 +100,13 @@ def jit_quickly(**arguments: Any) -> Callable[[F], F]:
         def compiled(outermost: bool) -> Callable[..., Any]:
             import jax
 
-            return jax.jit(function, **arguments, **({"compiler_options": quick()} if outermost else {}))
+            return jax.jit(function, compiler_options=quick() if outermost else None, **arguments)
 
         @functools.wraps(function)
         def call(*a: Any, **k: Any) -> Any:
-            import jax
+            from difftrb.core import arrays as xp
 
-            if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((a, k))):
+            if xp.are_numbers((a, k)):
                 try:
                     return compiled(True)(*a, **k)
                 except ValueError as error:  # a program around it, of which nothing is given here

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import status
-from difftrb.fits import diagnostics, fit_result, least_squares, measured, predicted, search
+from difftrb.fits import conditions, diagnostics, fit_result, least_squares, measured, predicted, search
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import Alternative, Fit, History, Known, Profiles
 from difftrb.fits.least_squares import Least
@@ -129,13 +129,14 @@ def _problem(
             f"measurements: {len(rows)} rows cannot give {len(names)} parameters and their own error: give sigma, more "
             "rows, or fewer parameters"
         )
-    at = predicted.conditions(scene, rows)
+    at, rough = (conditions.conditions(scene, rows, points) for points in (conditions.POINTS, conditions.ROUGH))
     own_error = float(scene.law.error)  # type: ignore[union-attr]  # it is prepared
     return Problem(
         parameters=parameters,
         bounds=bounds,
         scene=scene,
         conditions=at,
+        rough=rough,
         measured=jnp.asarray([float(row.value) for row in rows]),
         sigma=jnp.asarray(_own_size(rows) if estimate else [float(row.sigma) for row in rows]),  # type: ignore[arg-type]
         sound=None if any(p.changes_healthy for p in parameters) else predicted.healthy_stiffness(scene, at),

@@ -125,7 +125,7 @@ def minimum(
             move, memory = first.rule(cases.gradient, memory)
             cases.move = np.where(free, move, 0.0)
         else:
-            cases.move[at] = _step(*cases.near(at), free[at] & ~cases.held[at])
+            cases.step(at, free)
         cases.shorten()
         if k >= led:
             cases.finish(enough, meet, behind)
@@ -154,13 +154,13 @@ class _Cases:
         sums = 0.5 * np.sum(new.residual**2, axis=1)
         better = (sums < self.cost[at]) | (k < led)
         good = better & ~(self.cost[at] - sums < 0.25 * self.expected[at])
-        damping = self.damping[at]
-        relaxed = np.where(good & (k > led), np.maximum(0.1 * damping, LEAST_DAMPING), damping)
+        damping, whole = self.damping[at], ~self.held[at].any(axis=1)
+        relaxed = np.where(good & whole & (k > led), np.maximum(0.1 * damping, LEAST_DAMPING), damping)
         # a step that is none is tried again without its longest part, which may have met a kink; then a shorter one
-        again = ~better & ~self.held[at].any(axis=1)
+        again = ~better & whole
         self.held[at] = False
         self.held[at[again], np.argmax(np.abs(self.move[at[again]]) / self.longest, axis=1)] = True
-        self.damping[at] = np.where(better, relaxed, np.where(again, damping, np.maximum(10.0 * damping, 1e-4)))
+        self.damping[at] = np.where(better, relaxed, np.maximum(10.0 * damping, 1e-4))
         here, jacobian = at[better], new.jacobian[better]
         self.place[here], self.cost[here] = (self.place[at] + self.move[at])[better], sums[better]
         self.gradient[here] = np.einsum("kmi,km->ki", jacobian, new.residual[better])
@@ -169,11 +169,12 @@ class _Cases:
             whole[here] = more[better]
         self.taken[at] = k
 
-    def near(self, at: np.ndarray) -> tuple[np.ndarray, ...]:
-        """What the next step of the cases `at` depends on: gradients, normal matrices, dampings, how far a step may go
-        down and up, shapes (cases, n), and what counts as a change, shape (n,)."""
+    def step(self, at: np.ndarray, free: np.ndarray) -> None:
+        """Say where the cases `at` go next, moving what is `free` and not held."""
         down, up = (np.clip(way * FARTHEST - self.place[at], -self.longest, self.longest) for way in (-1.0, 1.0))
-        return self.gradient[at], self.normal[at], self.damping[at], down, up, self.longest
+        damping = np.where(self.held[at].any(axis=1), 0.1, 1.0) * self.damping[at]  # as it was before
+        self.move[at] = _step(self.gradient[at], self.normal[at], damping, down, up, self.longest,
+                              free[at] & ~self.held[at])  # fmt: skip
 
     def shorten(self) -> None:
         """Keep the next step in bounds, and say what it is expected to gain."""

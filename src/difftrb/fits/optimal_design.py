@@ -6,16 +6,13 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import geometry
-from difftrb.core.jax_config import jit_quickly
-from difftrb.fits import measured, predicted
+from difftrb.fits import conditions, measured, predicted
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import MeasuredError, Measurement
-from difftrb.fits.predicted import Conditions, Problem
 from difftrb.ring.ring import Load, largest_load, needed_axial
 
 
@@ -85,8 +82,7 @@ def next_measurements(
         raise MeasuredError(f"next_measurements: parameter = {parameter!r} was not fitted; use one of "
                             f"{', '.join(fit.parameters)}")  # fmt: skip
     measured.check_loads(fit.scene, among, "next_measurements")
-    at = predicted.conditions(fit.scene, among)
-    values, slopes = map(np.asarray, _of_others(fit.problem, at, jnp.asarray(fit.place)))
+    values, slopes = (each[0] for each in _told(fit, among, fit.place[None]))
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, values, strict=True)])
     rows = slopes / sigma[:, None]
     prior = np.array([parameter.prior for parameter in fit.problem.parameters])
@@ -112,24 +108,16 @@ def telling(fit: Fit, values: np.ndarray) -> tuple[Measurement, float]:
     """The measurement among `candidates` that tells the fitted values best from other ones, shape (parameters,), and by
     how many sigma it would differ."""
     among = candidates(fit)
-    at = predicted.conditions(fit.scene, among)
     other = np.asarray(fit.problem.bounds.coordinates(jnp.asarray(values)))
-    here, there = (np.asarray(_of_others(fit.problem, at, jnp.asarray(u))[0]) for u in (fit.place, other))
+    here, there = _told(fit, among, np.stack([fit.place, other]))[0]
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, here, strict=True)])
     apart = np.nan_to_num(np.abs(there - here) / sigma)
     return among[int(np.argmax(apart))], float(np.max(apart))
 
 
-@jit_quickly()
-def _of_others(problem: Problem, at: Conditions, u: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Predictions of other rows, shape (rows,), and their slopes by coordinates, shape (rows, parameters)."""
-
-    def twice(v: jax.Array) -> tuple[jax.Array, jax.Array]:
-        values, _ = predicted.predictions(problem, v, at)
-        return values, values
-
-    slopes, values = jax.jacfwd(twice, has_aux=True)(u)
-    return values, slopes
+def _told(fit: Fit, among: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `predicted.of_others`."""
+    return predicted.of_others(fit.problem, conditions.conditions(fit.scene, among, conditions.ROUGH), places)
 
 
 def _sigma(fit: Fit, row: Measurement, value: float) -> float:

@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,16 +21,12 @@ from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import least_squares
 from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.conditions import Conditions, stiffness, whole
 from difftrb.fits.least_squares import Bounds, Least
-from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
 from difftrb.ring.ring import Load
-from difftrb.scene import solving
-from difftrb.scene.scene import Definition, PitchMean, Scene, healthy
-from difftrb.scene.scene import phases as phases_of
+from difftrb.scene.scene import Scene
 
-Kind = tuple[Definition, bool]
-"""Of stiffness, and whether it is the mean over phases."""
 ROBUST = ("squares", "huber", "student")
 HUBER = 1.345
 """Deviations beyond this many sigma count linearly: 95 % efficient on normal errors (Huber 1981)."""
@@ -41,53 +38,6 @@ BATCH = 16
 """Most cases that one call evaluates."""
 ADAM = optax.adam(0.25)
 """Steps of a quarter, in coordinates."""
-
-
-MEAN = PitchMean(5)
-"""Means over phases have half the points that they have elsewhere: a hundredth of the noise of good measurements."""
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Conditions:
-    """What to solve for rows of measurements, and where each row finds itself in it.
-
-    Attributes:
-      kinds: of stiffness and phase. each: for each kind radial load [N], axial load [N], phase [rad], shape
-        (conditions, 3). place: of every row among the conditions of all kinds one after the other, shape (rows,).
-      axis: 0 radial, 1 axial, shape (rows,). loss: whether it is a loss, shape (rows,).
-      mean: over phases, and with how many points.
-    """
-
-    kinds: tuple[Kind, ...] = dataclasses.field(metadata={"static": True})
-    each: tuple[jax.Array, ...]
-    place: jax.Array
-    axis: jax.Array
-    loss: jax.Array
-    mean: PitchMean = MEAN
-
-
-def conditions(scene: Scene, rows: Sequence[Measurement]) -> Conditions:
-    """Those of `rows`; what they leave open is the scene's."""
-    found: dict[Kind, list[tuple[float, float, float]]] = {}
-    seen = []
-    for row in rows:
-        phase = scene.phase if row.phase is None else row.phase
-        mean = isinstance(phase, str | PitchMean)
-        kind: Kind = (row.definition or scene.definition, mean)
-        condition = float(row.radial), float(row.axial), 0.0 if mean else float(phase)  # type: ignore[arg-type]
-        of_kind = found.setdefault(kind, [])
-        if condition not in of_kind:
-            of_kind.append(condition)
-        seen.append((kind, of_kind.index(condition)))
-    first = dict(zip(found, np.cumsum([0, *map(len, found.values())]).tolist(), strict=False))
-    return Conditions(
-        kinds=tuple(found),
-        each=tuple(map(jnp.asarray, found.values())),
-        place=jnp.array([first[kind] + k for kind, k in seen]),
-        axis=jnp.array([0 if row.quantity.startswith("radial") else 1 for row in rows]),
-        loss=jnp.array([row.is_loss for row in rows]),
-    )
 
 
 def predicted(
@@ -105,11 +55,11 @@ def predicted(
             load = parameter.load(load, value)
         return load
 
-    stiffness, code = _stiffness(scene, at, loaded)
+    spalled, code = stiffness(scene, at, loaded)
     if sound is None:
-        sound, other = _stiffness(healthy(scene), at, loaded)
+        sound, other = stiffness(scene, at, loaded, sound=True)
         code = status.worst(code, other)
-    spalled, sound = (pair[at.place, at.axis] for pair in (stiffness, sound))
+    spalled, sound = (pair[at.place, at.axis] for pair in (spalled, sound))
     added = sound / spalled - 1.0
     for parameter, value in zip(parameters, values, strict=True):
         sound, added = parameter.measured(sound, added, value)
@@ -119,41 +69,8 @@ def predicted(
 
 @jit_quickly()
 def healthy_stiffness(scene: Scene, at: Conditions) -> jax.Array:
-    """Of the prepared scene without spalls, radial and axial, of every condition [N/mm], shape (conditions, 2)."""
-    return _stiffness(healthy(scene), at, lambda load: load)[0]
-
-
-def _stiffness(scene: Scene, at: Conditions, loaded: Callable[[Load], Load]) -> tuple[jax.Array, jax.Array]:
-    """Radial and axial stiffness of every condition [N/mm], shape (conditions, 2), and the worst status.
-
-    All phases of all conditions are solved side by side: a program for one and one for means would be compiled twice.
-    """
-
-    def under(condition: jax.Array, mean: bool) -> Scene:
-        load = loaded(Load(condition[0], condition[1]))
-        return dataclasses.replace(scene, load=load, phase=at.mean if mean else condition[2])
-
-    def phases(condition: jax.Array, mean: bool) -> tuple[jax.Array, jax.Array]:
-        each, weights = phases_of(under(condition, mean))
-        return jnp.stack([jnp.broadcast_to(v, each.shape) for v in (condition[0], condition[1], each)], 1), weights
-
-    def one(condition: jax.Array, definition: Definition) -> tuple[jax.Array, jax.Array]:
-        solved = solving.solve(dataclasses.replace(under(condition, False), definition=definition))
-        return jnp.stack([solved.radial_stiffness, solved.axial_stiffness]), solved.status_code
-
-    every: dict[int, jax.Array] = {}
-    codes = []
-    definitions: dict[Definition, None] = dict.fromkeys(definition for definition, _ in at.kinds)
-    for definition in definitions:
-        own = [k for k, kind in enumerate(at.kinds) if kind[0] == definition]
-        parts = [jax.vmap(partial(phases, mean=at.kinds[k][1]))(at.each[k]) for k in own]
-        together = jnp.concatenate([each.reshape(-1, 3) for each, _ in parts])
-        stiffness, code = jax.vmap(partial(one, definition=definition))(together)
-        codes.append(jnp.max(code))
-        ends = np.cumsum([weights.size for _, weights in parts])[:-1]
-        for k, (_, weights), found in zip(own, parts, jnp.split(stiffness, ends), strict=True):
-            every[k] = jnp.einsum("cp,cpd->cd", weights, found.reshape(*weights.shape, 2))
-    return jnp.concatenate([every[k] for k in range(len(at.kinds))]), status.worst(*codes)
+    """Of the prepared scene without spalls, radial and axial, of every condition [N/mm], shape (size, 2)."""
+    return stiffness(scene, at, lambda load: load, sound=True)[0]
 
 
 @jax.tree_util.register_dataclass
@@ -162,7 +79,8 @@ class Problem:
     """Measurements against the model.
 
     Attributes:
-      parameters: what is sought, within `bounds`. scene: prepared. conditions: of the rows.
+      parameters: what is sought, within `bounds`. scene: prepared. conditions: of the rows. rough: the same with means
+        of few phases, to look for minima.
       measured, sigma: values and their standard deviations [% or N/mm], shape (rows,).
       sound: `healthy_stiffness` unless a parameter changes it.
       common: the model's own relative error, which all losses share, and all stiffnesses.
@@ -173,6 +91,7 @@ class Problem:
     bounds: Bounds
     scene: Scene
     conditions: Conditions
+    rough: Conditions | None
     measured: jax.Array
     sigma: jax.Array
     sound: jax.Array | None
@@ -185,10 +104,10 @@ def residual(problem: Problem, u: jax.Array) -> jax.Array:
     return counted(problem, predictions(problem, u)[0])
 
 
-def predictions(problem: Problem, u: jax.Array, at: Conditions | None = None) -> tuple[jax.Array, jax.Array]:
-    """See `predicted`: at coordinates u, of the problem's rows or of others `at` other conditions."""
-    at, sound = (problem.conditions, problem.sound) if at is None else (at, None)
-    return predicted(problem.parameters, problem.scene, at, problem.bounds.values(u), sound)
+def predictions(problem: Problem, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """See `predicted`: at coordinates u."""
+    values = problem.bounds.values(u)
+    return predicted(problem.parameters, problem.scene, problem.conditions, values, problem.sound)
 
 
 def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
@@ -202,8 +121,8 @@ def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
 def counted(problem: Problem, values: jax.Array) -> jax.Array:
     """Predicted `values` minus measured ones in sigma as it counts, shape (rows,): half the sum of squares is the
     negative log likelihood up to a constant."""
-    known = jnp.isfinite(values)
-    r = jnp.where(known, (values - problem.measured) / problem.sigma, LOST)
+    known, counts = jnp.isfinite(values), jnp.isfinite(problem.sigma)
+    r = jnp.where(known, (values - problem.measured) / problem.sigma, jnp.where(counts, LOST, 0.0))
     common = jnp.where(problem.robust == ROBUST.index("squares"), problem.common, 0.0)
     # of what is predicted: a share of the measured values would pull every fit below them
     scale = jnp.where(known, values, problem.measured) / problem.sigma
@@ -240,9 +159,9 @@ def scales(problem: Problem) -> np.ndarray:
 
 
 @jit_quickly()
-def _adam(gradient: jax.Array, memory: optax.OptState) -> tuple[jax.Array, optax.OptState]:
+def _adam(gradient: Any, memory: Any) -> tuple[Any, Any]:
     move, memory = ADAM.update(gradient, memory)
-    return move, memory  # type: ignore[return-value]  # optax says any tree of arrays
+    return move, memory
 
 
 def evaluated(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
@@ -252,6 +171,16 @@ def evaluated(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
     return least_squares.Evaluated(deviations, jacobian, tuple(beside))
 
 
+def of_others(problem: Problem, at: Conditions, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the model says of other rows at `places`, shape (cases, other rows), and its slopes by coordinates, shape
+    (cases, other rows, parameters)."""
+    rows = len(at.place)
+    sound = None if problem.sound is None else healthy_stiffness(problem.scene, at)
+    found = evaluated(dataclasses.replace(problem, conditions=at, measured=jnp.zeros(rows), sigma=jnp.ones(rows),
+                                          sound=sound, common=0.0, robust=ROBUST.index("squares")), places)  # fmt: skip
+    return found.beside[0], found.jacobian
+
+
 def told(problem: Problem, places: np.ndarray) -> np.ndarray:
     """What the model says of the rows at `places`, shape (cases, rows): a quarter of the time of `evaluated`."""
     return _in_parts(_told, problem, places)[0]
@@ -259,17 +188,44 @@ def told(problem: Problem, places: np.ndarray) -> np.ndarray:
 
 def _in_parts(program: Callable[..., tuple[jax.Array, ...]], problem: Problem, places: np.ndarray) -> list[np.ndarray]:
     """What a program says of all places: in parts of one size, side by side."""
+    rows, laid_out = len(problem.measured), _laid_out(problem)
 
     def part(k: int) -> list[np.ndarray]:
         own = places[k : k + BATCH]
         padded = np.zeros((BATCH, places.shape[1]))
         padded[: len(own)] = own
-        return [np.asarray(out)[: len(own)] for out in program(problem, padded, len(own))]
+        every = (np.asarray(out)[: len(own)] for out in program(laid_out, padded, len(own)))
+        return [out[:, :rows] if out.ndim > 1 else out for out in every]
 
     first = part(0)  # compiles
     with ThreadPoolExecutor(machine.cores()) as pool:
         parts = [first, *pool.map(part, range(BATCH, len(places), BATCH))]
     return [np.concatenate(each) for each in zip(*parts, strict=True)]
+
+
+def costs(problem: Problem, told: np.ndarray) -> np.ndarray:
+    """Half the sums of squares of what the model has `told` of the rows, shape (cases, rows); shape (cases,)."""
+    rows = len(problem.measured)
+    longer = np.pad(told, ((0, 0), (0, whole(rows) - rows)))
+    return np.asarray(_costs(_laid_out(problem), jnp.asarray(longer)))
+
+
+@jit_quickly()
+def _costs(problem: Problem, told: jax.Array) -> jax.Array:
+    return 0.5 * jnp.sum(jax.vmap(lambda values: counted(problem, values))(told) ** 2, axis=1)
+
+
+def _laid_out(problem: Problem) -> Problem:
+    """The problem with rows that do not count behind its own: one program does for many numbers of rows."""
+    more = whole(len(problem.measured)) - len(problem.measured)
+
+    def longer(rows: Any, value: Any) -> Any:
+        return np.concatenate([np.asarray(rows), np.full(more, value, np.asarray(rows).dtype)])
+
+    at = problem.conditions
+    at = dataclasses.replace(at, place=longer(at.place, 0), axis=longer(at.axis, 0), loss=longer(at.loss, False))
+    return dataclasses.replace(problem, conditions=at, rough=None, measured=longer(problem.measured, 0.0),
+                               sigma=longer(problem.sigma, np.inf))  # fmt: skip
 
 
 @jit_quickly()

@@ -11,16 +11,14 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import least_squares, predicted
 from difftrb.fits.least_squares import Bounds, Least
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import Problem
-from difftrb.scene.scene import PitchMean, Scene
+from difftrb.scene.scene import Scene
 
 SCANNED = 64, 512, 4096, 8192
 """Points that are scanned for one, two, three and more parameters."""
@@ -45,8 +43,6 @@ BEHIND = 0.05
 """Cases that expect less of a step than this share of what parts them from the best one have found another minimum."""
 SAME = 0.05
 """Minima this close, of what parts basins, are one."""
-ROUGH = 2
-"""Points between two kinks of a mean over phases, where minima are looked for."""
 SPREAD = 0.05, 0.95
 """Between which shares of a parameter's range points lie."""
 
@@ -91,12 +87,7 @@ def spread(n: int, count: int) -> np.ndarray:
 
 def costs(problem: Problem, scan: Scan) -> np.ndarray:
     """Half the sums of squares at the points, of the problem as it is now, shape (points,)."""
-    return np.asarray(_costs(problem, jnp.asarray(scan.told)))
-
-
-@jit_quickly()
-def _costs(problem: Problem, told: jax.Array) -> jax.Array:
-    return 0.5 * jnp.sum(jax.vmap(lambda values: predicted.counted(problem, values))(told) ** 2, axis=1)
+    return predicted.costs(problem, scan.told)
 
 
 def minima(problem: Problem, scan: Scan, free: np.ndarray | None = None) -> Least:
@@ -135,7 +126,7 @@ def _alike(problem: Problem, scan: Scan) -> np.ndarray:
 
 def _rough(problem: Problem) -> Problem:
     """The same with means of few phases."""
-    return dataclasses.replace(problem, conditions=dataclasses.replace(problem.conditions, mean=PitchMean(ROUGH)))
+    return problem if problem.rough is None else dataclasses.replace(problem, conditions=problem.rough)
 
 
 def _lower(place: np.ndarray, cost: np.ndarray, most: int) -> list[int]:

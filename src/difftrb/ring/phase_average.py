@@ -23,7 +23,16 @@ from difftrb.ring.ring import Load
 
 POINTS = 10
 """Gauss–Legendre points between two kinks: 60 phases with one spall of soft edges. Losses are within 2e-5 of themselves
-by the median of 30 random spalls, and within 7e-4 at worst; with 5 points 1.4e-4 and 4e-4, with 2 1e-3 and 4e-3."""
+by the median of 30 random spalls, and within 7e-4 at worst."""
+
+
+Rule = tuple[Any, Any]
+"""Places in −1 … 1 and weights, which add up to 2, of a mean between two kinks, shape (points,) each."""
+
+
+def gauss(points: int) -> Rule:
+    """Gauss and Legendre's."""
+    return np.polynomial.legendre.leggauss(points)
 
 
 class Met(NamedTuple):
@@ -36,12 +45,13 @@ class Met(NamedTuple):
 
 def phases(
     bearing: TaperedBearing, load: Load, met: tuple[Met, ...], terms: ring.Terms = ring.PLAIN,
-    rest: ring.Equilibrium | None = None, points: int = POINTS,
+    rest: ring.Equilibrium | None = None, rule: Rule | None = None,
 ) -> tuple[Any, Any]:  # fmt: skip
     """Angles of roller 0 [rad] over one pitch and their weights, which add up to 1; both of shape (phases,).
 
     The laws met, the outer raceway's first, say how far their edges reach; where the load zone ends is taken from the
-    healthy bearing, at `rest` with `terms` at phase 0; None: not known yet.
+    healthy bearing, at `rest` with `terms` at phase 0; None: not known yet. `rule`: between two kinks; None: `gauss`
+    with `POINTS`.
     """
     if rest is None:
         rest = ring.equilibrium(bearing, load, (), met[0].law, 0.0, terms)
@@ -77,7 +87,7 @@ def phases(
     kink = xp.where(xp.of(kink).isfinite(xp.value(kink)), kink, 0.0)
     starts = kink[xp.of(kink).argsort(xp.value(kink))]
     ends = xp.concatenate([starts[1:], starts[:1] + whole])
-    places, weights = np.polynomial.legendre.leggauss(points)
+    places, weights = rule or gauss(POINTS)
     length = ends - starts
     at = starts[:, None] + length[:, None] * (0.5 + 0.5 * places)[None, :]
     share = (length / whole)[:, None] * (0.5 * weights)[None, :]

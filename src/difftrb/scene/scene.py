@@ -39,9 +39,7 @@ Phase = Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")]
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PitchMean:
-    """In place of a phase: the mean over one roller pitch, with so many `points` between two kinks of it."""
-
-    points: int = dataclasses.field(default=phase_average.POINTS, metadata={"static": True})
+    """In place of a phase: the mean over one roller pitch."""
 
 
 @jax.tree_util.register_dataclass
@@ -222,8 +220,9 @@ def is_plain(scene: Scene) -> bool:
 
 
 @np.errstate(all="ignore")
-def phases(scene: Scene) -> tuple[Any, Any]:
-    """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
+def phases(scene: Scene, rule: phase_average.Rule | None = None) -> tuple[Any, Any]:
+    """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each; `rule`
+    as in `phase_average.phases`."""
     if not isinstance(scene.phase, PitchMean):
         return xp.asarray(scene.phase)[None], np.ones(1)
     if is_plain(scene) and xp.are_numbers(scene):
@@ -238,7 +237,7 @@ def phases(scene: Scene) -> tuple[Any, Any]:
         rest = plain_ring.equilibrium(scene.bearing, scene.load, (), acting, 0.0)
     else:
         terms = effects.terms(scene.effects, effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0))
-    found = phase_average.phases(scene.bearing, scene.load, tuple(met), terms, rest, scene.phase.points)
+    found = phase_average.phases(scene.bearing, scene.load, tuple(met), terms, rest, rule)
     return found if xp.expands(scene) else xp.values(found)
 
 
