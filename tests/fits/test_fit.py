@@ -206,6 +206,31 @@ def test_limits_of_intervals() -> None:
     assert fit_result.tail(9.488, 4) == pytest.approx(0.05, rel=1e-3)
 
 
+def test_a_kink_along_one_coordinate_does_not_hold_back_the_others() -> None:
+    """The full step always leaves the floor of x between walls; y has far to go all the same."""
+
+    def walled(u: np.ndarray) -> least_squares.Evaluated:
+        x, y = u.T
+        beyond, zero = np.abs(x) > 0.2, np.zeros_like(x)
+        residual = np.stack([np.exp(y) - 20.0, 100.0 * np.where(beyond, np.abs(x) - 0.2, 0.0), 0.3 * (x - 1.0)], 1)
+        slopes = [[zero, np.exp(y)], [np.where(beyond, 100.0 * np.sign(x), 0.0), zero], [zero + 0.3, zero]]
+        return least_squares.Evaluated(residual, np.stack([np.stack(row, 1) for row in slopes], 1), ())
+
+    found = least_squares.minimum(walled, np.array([[0.0, 0.5]]), np.ones((1, 2), bool), 25)
+    assert found.place[0, 1] == pytest.approx(np.log(20.0), rel=1e-6)
+    assert found.place[0, 0] == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_place_that_the_data_do_not_tell_has_a_wide_interval(rig: trb.Scene, exact: np.ndarray) -> None:
+    """By a hard window the angle changes nothing at one phase while roller 0 is over the spall, ± 0.1 rad, and next to
+    nothing in the mean. The profile, straight from 0 to a far place behind a cliff, gave ± 0.004."""
+    as_wide = dataclasses.replace(rig, spalls=(trb.Spall(4.0, TRUTH["width"]),))
+    found = fit(as_wide, measured(exact), ("length", "angle"), model_error=0.0)
+    low, high = found.intervals[1]
+    assert -0.13 < low < -0.05
+    assert 0.05 < high < 0.13
+
+
 def test_levenberg_marquardt_alone() -> None:
     def rosenbrock(u: np.ndarray) -> least_squares.Evaluated:
         x, y = u.T

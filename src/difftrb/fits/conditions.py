@@ -83,7 +83,7 @@ def conditions(scene: Scene, rows: Sequence[Measurement], points: int = POINTS) 
     place: dict[Condition, int] = {}
     for row in rows:
         place.setdefault(_condition(scene, row), len(place))
-    definitions = tuple(dict.fromkeys(condition.definition for condition in place))
+    definitions: tuple[Definition, ...] = tuple({condition.definition: None for condition in place})
     size = whole(len(place))
     own = [{c: k for c, k in place.items() if c.definition == definition} for definition in definitions]
     return Conditions(

@@ -26,6 +26,10 @@ FAR = np.array([0.15, 0.45, 1.0])
 """More of them, as shares of the way from the last one to the bound."""
 WITHIN = 3
 """Places between the two that an end of an interval lies between: to 1e-3 of a standard error then."""
+ROUNDS = 5
+"""Times that places are put between those, at most."""
+STEEP = 3.0
+"""Where the root of the rise is this many times what it is at an end, it is not told by its neighbours."""
 STEPS = 25
 ENOUGH = 1e-5
 """Gain of half χ² that is not worth a step of a profile, whose ends are where χ² has risen by 4 or so."""
@@ -240,7 +244,8 @@ def _held(
 
 def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limit: float, known: Known) -> Profiles:
     """Profiles about the least place u, shape (parameters,), with its cost and normal matrix, and where they have risen
-    by `limit`: once over the whole range, once between the places that an interval's ends lie between."""
+    by `limit`: first over the whole range, then between the places that an interval's ends lie between, until the rise
+    behind an end is no cliff."""
     count = len(u)
 
     def risen(at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -248,30 +253,47 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
         costs, where = _held(problem, u, normal, free, np.where(free, u[None, :], at.ravel()[:, None]), known)
         return 2.0 * (costs - cost).reshape(at.shape), costs, where
 
-    places = _profile_places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
-    rise, costs, where = risen(places)
-    brackets, reached = _brackets(u, places, rise, limit)
-    before, behind = brackets[..., :1], brackets[..., 2:3]
-    inner = before + (behind - before) * np.arange(1, WITHIN + 1) / (WITHIN + 1)
-    finer, *_ = risen(inner)
-    ends = np.empty((count, 2))
-    for i, k in np.ndindex(count, 2):
-        at = np.concatenate([before[i, k], inner[i, k], behind[i, k]])
-        root = np.concatenate([brackets[i, k, 1:2], np.sqrt(np.maximum(finer[i, k], 0.0)), brackets[i, k, 3:]])
-        inside = np.interp(np.sqrt(limit), np.maximum.accumulate(root), at)
-        ends[i, k] = inside if reached[i, k] else np.inf * (2 * k - 1)
-    best = int(np.argmin(costs))
-    every = np.concatenate([places.reshape(count, -1), inner.reshape(count, -1), u[:, None]], 1)
-    order = np.argsort(every, axis=1)
-    rises = np.concatenate([rise.reshape(count, -1), finer.reshape(count, -1), np.zeros((count, 1))], 1)
+    at = _profile_places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
+    rise, costs, where = risen(at)
+    brackets, reached = _brackets(u, at, rise, limit)
+    every, rises, lowest = [at], [rise], [(np.min(costs), where[np.argmin(costs)])]
+    for _ in range(ROUNDS):
+        before, behind = brackets[..., :1], brackets[..., 2:3]
+        inner = before + (behind - before) * np.arange(1, WITHIN + 1) / (WITHIN + 1)
+        rise, costs, where = risen(inner)
+        every.append(inner)
+        rises.append(rise)
+        lowest.append((np.min(costs), where[np.argmin(costs)]))
+        at = np.concatenate([before, inner, behind], axis=2)
+        root = np.concatenate([brackets[..., 1:2], np.sqrt(np.maximum(rise, 0.0)), brackets[..., 3:]], axis=2)
+        root = np.maximum.accumulate(root, axis=2)
+        brackets = _narrower(at, root, limit)
+        if np.all(~reached | (root[..., -1] < STEEP * np.sqrt(limit))):
+            break
+    ends = np.array([[np.interp(np.sqrt(limit), *pair) for pair in zip(*side, strict=True)]
+                     for side in zip(root, at, strict=True)])  # fmt: skip
+    ends = np.where(reached, ends, np.array([-np.inf, np.inf]))
+    places = np.concatenate([*(one.reshape(count, -1) for one in every), u[:, None]], 1)
+    order = np.argsort(places, axis=1)
+    of_places = np.concatenate([*(one.reshape(count, -1) for one in rises), np.zeros((count, 1))], 1)
+    lowest_cost, lowest_place = min(lowest, key=lambda one: one[0])
     return Profiles(
-        coordinates=np.take_along_axis(every, order, 1),
-        rise=np.take_along_axis(rises, order, 1),
+        coordinates=np.take_along_axis(places, order, 1),
+        rise=np.take_along_axis(of_places, order, 1),
         ends=np.clip(ends, -FARTHEST, FARTHEST),
         open=~reached,
-        lowest=where[best],
-        lowest_cost=float(costs[best]),
+        lowest=lowest_place,
+        lowest_cost=float(lowest_cost),
     )
+
+
+def _narrower(at: np.ndarray, root: np.ndarray, limit: float) -> np.ndarray:
+    """As `_brackets`, of the two neighbours among places `at` between which the root of the rise passes the limit, both
+    of shape (parameters, 2, places)."""
+    k = np.argmax(root > np.sqrt(limit), axis=2)[..., None]
+    k = np.where(k > 0, k, at.shape[2] - 1)  # not reached
+    of = [np.take_along_axis(each, j, 2) for j in (k - 1, k) for each in (at, root)]
+    return np.concatenate(of, axis=2)
 
 
 def outside(values: np.ndarray, best: np.ndarray, intervals: np.ndarray) -> np.ndarray:
