@@ -78,8 +78,8 @@ def fit(
         load), "preload" (added to every axial load), "scale" (the bearing's share in the measured compliance, the
         rest being housing and shaft), and what `fits.parameters.register` adds. All others stay as in the scene.
       robust: "squares"; "huber" or "student" where single rows may be far off.
-      starts: at how many points the range is scanned, at least 1; the first is the scene's own spall. None: 64, 256,
-        1024 or 2048, for one, two, three or more parameters.
+      starts: at how many points the range is scanned, at least 1; the first is the scene's own spall. None: 64, 512,
+        4096 or 8192, for one, two, three or more parameters.
       model_error: relative error of the model that all losses share, and all stiffnesses, ≥ 0; it widens intervals
         (not of robust fits). None: that of the roller law, if it is known.
       progress: told how many of how many contacts are solved for the law.
