@@ -30,6 +30,8 @@ ROUNDS = 5
 """Times that places are put between those, at most."""
 STEEP = 3.0
 """Where the root of the rise is this many times what it is at an end, it is not told by its neighbours."""
+CLOSE = 0.01
+"""Places this close, as a share of how far they are, tell an end well enough, whatever is between them."""
 STEPS = 25
 ENOUGH = 1e-5
 """Gain of half χ² that is not worth a step of a profile, whose ends are where χ² has risen by 4 or so."""
@@ -247,53 +249,55 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
     by `limit`: first over the whole range, then between the places that an interval's ends lie between, until the rise
     behind an end is no cliff."""
     count = len(u)
+    seen: list[tuple[np.ndarray, ...]] = []
 
-    def risen(at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        free = np.repeat(np.arange(count), at[0].size)[:, None] != np.arange(count)[None, :]
-        costs, where = _held(problem, u, normal, free, np.where(free, u[None, :], at.ravel()[:, None]), known)
-        return 2.0 * (costs - cost).reshape(at.shape), costs, where
+    def risen(which: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """With the parameters `which` held `at` places, both of one shape."""
+        free = which.ravel()[:, None] != np.arange(count)
+        costs, where = _held(problem, u, normal, free, np.where(free, u, at.ravel()[:, None]), known)
+        rise = 2.0 * (costs - cost)
+        seen.append((which.ravel(), at.ravel(), rise, costs, where))
+        return rise.reshape(at.shape)
 
-    at = _profile_places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
-    rise, costs, where = risen(at)
-    brackets, reached = _brackets(u, at, rise, limit)
-    every, rises, lowest = [at], [rise], [(np.min(costs), where[np.argmin(costs)])]
-    for _ in range(ROUNDS):
-        before, behind = brackets[..., :1], brackets[..., 2:3]
+    places = _profile_places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
+    rise = risen(np.broadcast_to(np.arange(count)[:, None, None], places.shape), places)
+    brackets, reached = _brackets(u, places, rise, limit)
+    ends, unclear = np.where(reached, 0.0, np.array([-np.inf, np.inf])), reached.copy()
+    for _ in range(ROUNDS if reached.any() else 0):
+        own, (before, low, behind, high) = np.nonzero(unclear), brackets[unclear].T[..., None]
         inner = before + (behind - before) * np.arange(1, WITHIN + 1) / (WITHIN + 1)
-        rise, costs, where = risen(inner)
-        every.append(inner)
-        rises.append(rise)
-        lowest.append((np.min(costs), where[np.argmin(costs)]))
-        at = np.concatenate([before, inner, behind], axis=2)
-        root = np.concatenate([brackets[..., 1:2], np.sqrt(np.maximum(rise, 0.0)), brackets[..., 3:]], axis=2)
-        root = np.maximum.accumulate(root, axis=2)
-        brackets = _narrower(at, root, limit)
-        if np.all(~reached | (root[..., -1] < STEEP * np.sqrt(limit))):
+        rise = risen(np.broadcast_to(own[0][:, None], inner.shape), inner)
+        at = np.concatenate([before, inner, behind], axis=1)
+        root = np.concatenate([low, np.sqrt(np.maximum(rise, 0.0)), high], axis=1)
+        root = np.maximum.accumulate(root, axis=1)
+        ends[own] = [np.interp(np.sqrt(limit), *pair) for pair in zip(root, at, strict=True)]
+        brackets[own] = _narrower(at, root, limit)
+        near = np.abs(brackets[own][:, 2] - brackets[own][:, 0]) < CLOSE * np.abs(brackets[own][:, 2] - u[own[0]])
+        unclear[own] = (root[:, -1] > STEEP * np.sqrt(limit)) & ~near
+        if not unclear.any():
             break
-    ends = np.array([[np.interp(np.sqrt(limit), *pair) for pair in zip(*side, strict=True)]
-                     for side in zip(root, at, strict=True)])  # fmt: skip
-    ends = np.where(reached, ends, np.array([-np.inf, np.inf]))
-    places = np.concatenate([*(one.reshape(count, -1) for one in every), u[:, None]], 1)
-    order = np.argsort(places, axis=1)
-    of_places = np.concatenate([*(one.reshape(count, -1) for one in rises), np.zeros((count, 1))], 1)
-    lowest_cost, lowest_place = min(lowest, key=lambda one: one[0])
+    which, at, rise, costs, where = (np.concatenate(each) for each in zip(*seen, strict=True))
+    longest = np.max(np.bincount(which)) + 1
+    told = np.tile(np.stack([u, np.zeros(count)])[..., None], longest)  # the least place, as often as it fills the rest
+    for i in range(count):
+        of = which == i
+        told[:, i, : of.sum()] = at[of], rise[of]
+    order = np.argsort(told[0], axis=1)
     return Profiles(
-        coordinates=np.take_along_axis(places, order, 1),
-        rise=np.take_along_axis(of_places, order, 1),
+        coordinates=np.take_along_axis(told[0], order, 1),
+        rise=np.take_along_axis(told[1], order, 1),
         ends=np.clip(ends, -FARTHEST, FARTHEST),
         open=~reached,
-        lowest=lowest_place,
-        lowest_cost=float(lowest_cost),
+        lowest=where[np.argmin(costs)],
+        lowest_cost=float(np.min(costs)),
     )
 
 
 def _narrower(at: np.ndarray, root: np.ndarray, limit: float) -> np.ndarray:
     """As `_brackets`, of the two neighbours among places `at` between which the root of the rise passes the limit, both
-    of shape (parameters, 2, places)."""
-    k = np.argmax(root > np.sqrt(limit), axis=2)[..., None]
-    k = np.where(k > 0, k, at.shape[2] - 1)  # not reached
-    of = [np.take_along_axis(each, j, 2) for j in (k - 1, k) for each in (at, root)]
-    return np.concatenate(of, axis=2)
+    of shape (ends, places); shape (ends, 4)."""
+    k = np.maximum(np.argmax(root > np.sqrt(limit), axis=1), 1)[:, None]
+    return np.concatenate([np.take_along_axis(each, j, 1) for j in (k - 1, k) for each in (at, root)], axis=1)
 
 
 def outside(values: np.ndarray, best: np.ndarray, intervals: np.ndarray) -> np.ndarray:
