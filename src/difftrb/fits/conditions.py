@@ -84,12 +84,12 @@ def conditions(scene: Scene, rows: Sequence[Measurement], points: int = POINTS) 
     for row in rows:
         place.setdefault(_condition(scene, row), len(place))
     definitions: tuple[Definition, ...] = tuple({condition.definition: None for condition in place})
-    size = whole(len(place))
+    size, kinks = whole(len(place)), _kinks(scene)
     own = [{c: k for c, k in place.items() if c.definition == definition} for definition in definitions]
     return Conditions(
         definitions=definitions,
         size=size,
-        blocks=tuple(_blocks(each, _kinks(scene), size, points) for each in own),
+        blocks=tuple(_blocks(each, kinks, size, points) for each in own),
         place=np.array([place[_condition(scene, row)] for row in rows]),
         axis=np.array([0 if row.quantity.startswith("radial") else 1 for row in rows]),
         loss=np.array([row.is_loss for row in rows]),

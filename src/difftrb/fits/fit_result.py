@@ -261,7 +261,10 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
 
     places = _profile_places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
     rise = risen(np.broadcast_to(np.arange(count)[:, None, None], places.shape), places)
-    brackets, reached = _brackets(u, places, rise, limit)
+    least = np.broadcast_to(u[:, None, None], (count, 2, 1))
+    root = np.concatenate([np.zeros_like(least), np.sqrt(np.maximum(rise, 0.0))], axis=2)
+    reached = (root > np.sqrt(limit)).any(axis=2)
+    brackets = _bracket(np.concatenate([least, places], axis=2), root, limit)
     ends, unclear = np.where(reached, 0.0, np.array([-np.inf, np.inf])), reached.copy()
     for _ in range(ROUNDS if reached.any() else 0):
         own, (before, low, behind, high) = np.nonzero(unclear), brackets[unclear].T[..., None]
@@ -271,7 +274,7 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
         root = np.concatenate([low, np.sqrt(np.maximum(rise, 0.0)), high], axis=1)
         root = np.maximum.accumulate(root, axis=1)
         ends[own] = [np.interp(np.sqrt(limit), *pair) for pair in zip(root, at, strict=True)]
-        brackets[own] = _narrower(at, root, limit)
+        brackets[own] = _bracket(at, root, limit)
         near = np.abs(brackets[own][:, 2] - brackets[own][:, 0]) < CLOSE * np.abs(brackets[own][:, 2] - u[own[0]])
         unclear[own] = (root[:, -1] > STEEP * np.sqrt(limit)) & ~near
         if not unclear.any():
@@ -293,11 +296,11 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
     )
 
 
-def _narrower(at: np.ndarray, root: np.ndarray, limit: float) -> np.ndarray:
-    """As `_brackets`, of the two neighbours among places `at` between which the root of the rise passes the limit, both
-    of shape (ends, places); shape (ends, 4)."""
-    k = np.maximum(np.argmax(root > np.sqrt(limit), axis=1), 1)[:, None]
-    return np.concatenate([np.take_along_axis(each, j, 1) for j in (k - 1, k) for each in (at, root)], axis=1)
+def _bracket(at: np.ndarray, root: np.ndarray, limit: float) -> np.ndarray:
+    """Place and root of the rise before and behind where it first passes the limit, shape (…, 4), of places `at` and
+    their roots, shape (…, places); of no use where it does not."""
+    k = np.maximum(np.argmax(root > np.sqrt(limit), axis=-1), 1)[..., None]
+    return np.concatenate([np.take_along_axis(each, j, -1) for j in (k - 1, k) for each in (at, root)], axis=-1)
 
 
 def outside(values: np.ndarray, best: np.ndarray, intervals: np.ndarray) -> np.ndarray:
@@ -330,19 +333,6 @@ def _profile_places(u: np.ndarray, spread: np.ndarray) -> np.ndarray:
             even = room * np.arange(1, half + 1) / half
             places[i, k] = u[i] + side * (np.concatenate([near, far]) if near[-1] < 0.7 * room else even)
     return places
-
-
-def _brackets(u: np.ndarray, places: np.ndarray, rise: np.ndarray, limit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Place and root of the rise before an interval's end, and behind it, shape (parameters, 2, 4), and whether the
-    rise has reached the limit, shape (parameters, 2)."""
-    brackets, reached = np.empty((len(u), 2, 4)), np.zeros((len(u), 2), bool)
-    for i, k in np.ndindex(len(u), 2):
-        beyond = np.nonzero(rise[i, k] > limit)[0]
-        reached[i, k] = len(beyond) > 0
-        last = beyond[0] if reached[i, k] else rise.shape[2] - 1
-        start = (places[i, k, last - 1], rise[i, k, last - 1]) if last else (u[i], 0.0)
-        brackets[i, k] = start[0], max(start[1], 0.0) ** 0.5, places[i, k, last], max(rise[i, k, last], 0.0) ** 0.5
-    return brackets, reached
 
 
 def tail(chi2: float, freedom: int) -> float:

@@ -204,8 +204,8 @@ def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Trie
     told = not estimated and freedom > 0 and problem.robust == ROBUST.index("squares")
     scale = max(2.0 * cost / freedom, 1.0) if told else 1.0
     limit = scale * fit_result.limit_of(freedom if estimated else None)
-    known = Known(np.concatenate([found.place, scan.place]),
-                  np.nan_to_num(np.concatenate([found.cost, search.costs(problem, scan)]), nan=np.inf))  # fmt: skip
+    costs = np.concatenate([found.cost, predicted.costs(problem, scan.told)])
+    known = Known(np.concatenate([found.place, scan.place]), np.nan_to_num(costs, nan=np.inf))
     profiles = fit_result.profiles(problem, place, cost, normal, limit, known)
     return Tried(found, best, profiles, limit, scale, known)
 

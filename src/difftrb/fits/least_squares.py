@@ -169,17 +169,21 @@ class _Cases:
             whole[here] = more[better]
         self.taken[at] = k
 
+    def reach(self) -> tuple[np.ndarray, np.ndarray]:
+        """How far a step may go down and up, shape (cases, n) each."""
+        down, up = (np.clip(way * FARTHEST - self.place, -self.longest, self.longest) for way in (-1.0, 1.0))
+        return down, up
+
     def step(self, at: np.ndarray, free: np.ndarray) -> None:
         """Say where the cases `at` go next, moving what is `free` and not held."""
-        down, up = (np.clip(way * FARTHEST - self.place[at], -self.longest, self.longest) for way in (-1.0, 1.0))
+        down, up = (end[at] for end in self.reach())
         damping = np.where(self.held[at].any(axis=1), 0.1, 1.0) * self.damping[at]  # as it was before
         self.move[at] = _step(self.gradient[at], self.normal[at], damping, down, up, self.longest,
                               free[at] & ~self.held[at])  # fmt: skip
 
     def shorten(self) -> None:
         """Keep the next step in bounds, and say what it is expected to gain."""
-        inside = np.clip(self.place + np.clip(self.move, -self.longest, self.longest), -FARTHEST, FARTHEST)
-        self.move = inside - self.place
+        self.move = np.clip(self.move, *self.reach())
         linear = np.einsum("ki,ki->k", self.gradient, self.move)
         self.expected = -linear - 0.5 * np.einsum("ki,kij,kj->k", self.move, self.normal, self.move)
 

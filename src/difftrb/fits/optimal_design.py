@@ -117,7 +117,7 @@ def telling(fit: Fit, values: np.ndarray) -> tuple[Measurement, float]:
 
 def _told(fit: Fit, among: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """As `predicted.of_others`."""
-    return predicted.of_others(fit.problem, conditions.conditions(fit.scene, among, conditions.ROUGH), places)
+    return predicted.of_others(fit.problem, conditions.conditions(fit.scene, among), places)
 
 
 def _sigma(fit: Fit, row: Measurement, value: float) -> float:

@@ -85,24 +85,18 @@ def spread(n: int, count: int) -> np.ndarray:
     return np.log(shares / (1.0 - shares))
 
 
-def costs(problem: Problem, scan: Scan) -> np.ndarray:
-    """Half the sums of squares at the points, of the problem as it is now, shape (points,)."""
-    return predicted.costs(problem, scan.told)
-
-
 def minima(problem: Problem, scan: Scan, free: np.ndarray | None = None) -> Least:
     """Where least squares end that go down from the points of a scan: all some steps, the lower ones farther, all of
     it roughly; at last exactly from what is left.
 
     `free`: which parameters move, shape (parameters,). None: all.
     """
-    place, cost, scale, rough = scan.place, costs(problem, scan), predicted.scales(problem), _rough(problem)
+    place, cost, scale, rough = scan.place, _alike(problem, scan), predicted.scales(problem), _rough(problem)
     free = np.ones(place.shape[1], bool) if free is None else free
 
     def down(problem: Problem, place: np.ndarray, first: int, steps: int, **ends: Any) -> Least:
         return predicted.solved(problem, place, np.tile(free, (len(place), 1)), first, steps, **ends)
 
-    cost = np.where(np.isfinite(cost), _alike(problem, scan), np.inf)
     for steps in ROUNDS:
         place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, FEWEST, LOWEST))]
         found = down(rough, place, 0, steps)

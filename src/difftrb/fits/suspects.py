@@ -107,7 +107,7 @@ def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, c
 def _down(fit: Fit, problem: Problem, scan: Scan) -> Least:
     """Least squares of another problem of the fit's parameters, from the fit's place, what else fitted well, and the
     lowest points of that problem."""
-    low = np.argsort(search.costs(problem, scan), kind="stable")[:STARTS]
+    low = np.argsort(predicted.costs(problem, scan.told), kind="stable")[:STARTS]
     starts = np.concatenate([fit.place[None], scan.place[low], _lowest(fit)])
     return predicted.solved(problem, starts, np.ones_like(starts, bool), 0, least_squares.STEPS, fit_result.ENOUGH)
 
