@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -19,7 +20,7 @@ from difftrb.fits.measured import Measurement
 from difftrb.ring import phase_average
 from difftrb.ring.ring import Load
 from difftrb.scene import solving
-from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, phases
+from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain, phases
 
 POINTS = 6
 """Between two kinks of a mean over phases: its error is a hundredth of the noise of good measurements, 1e-4 of a loss
@@ -104,8 +105,29 @@ def _condition(scene: Scene, row: Measurement) -> Condition:
 
 def _kinks(scene: Scene) -> int:
     """Of a mean over phases of a scene like this."""
-    at = dataclasses.replace(scene, phase=PitchMean())
-    return jax.eval_shape(lambda: phases(at, phase_average.gauss(1))[0]).size
+    at, one = dataclasses.replace(scene, phase=PitchMean()), phase_average.gauss(1)
+    if is_plain(scene):  # by numpy, in milliseconds
+        return phases(at, one)[0].size
+    return jax.eval_shape(lambda: phases(at, one)[0]).size
+
+
+def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = POINTS) -> list[Conditions]:
+    """Those of `rows` in parts, as few as have each the smallest layout: the program that a fit has is theirs, too."""
+    parts: list[list[Measurement]] = [[]]
+    kinks = _kinks(scene)
+    for row in rows:
+        if not _fit_together(scene, [*parts[-1], row], kinks, points):
+            parts.append([])
+        parts[-1].append(row)
+    return [conditions(scene, part, points) for part in parts]
+
+
+def _fit_together(scene: Scene, rows: Sequence[Measurement], kinks: int, points: int) -> bool:
+    """Whether one layout of the smallest size holds all of them."""
+    different = {_condition(scene, row) for row in rows}
+    means = sum(condition.phase is None for condition in different)
+    blocks = means * -(-points // TOGETHER) + -(-(len(different) - means) // (kinks * TOGETHER))
+    return len(rows) <= SIZE and blocks <= SIZE
 
 
 def whole(count: int) -> int:
@@ -132,33 +154,74 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> 
     return Blocks(rows, mean, at, weight, of, np.array(len(found)))
 
 
-def stiffness(
-    scene: Scene, at: Conditions, loaded: Callable[[Load], Load], sound: bool = False
-) -> tuple[jax.Array, jax.Array]:
+Of = Callable[[jax.Array], tuple[Scene, Callable[[Load], Load]]]
+"""Of values of parameters, shape (parameters,), the prepared scene and what bearings carry at a load."""
+
+
+def stiffness(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
     """Radial and axial stiffness of every condition [N/mm], shape (size, 2), and the worst status; `sound`: without the
     scene's spalls, which say where the phases of means are anyway."""
-    found = jnp.zeros((at.size + 1, 2)), jnp.asarray(status.CONVERGED)
+    blank = jnp.zeros((at.size + 1, 2)), jnp.asarray(status.CONVERGED)
+    found, code = _summed(partial(_block, of, sound, values), at, blank)
+    return found[:-1], code
+
+
+def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
+    """`stiffness` that is differentiable by `values` alone, and once: its slopes are solved beside it, block by block,
+    for to differentiate a loop takes several times as long to trace."""
+    fixed = jax.lax.stop_gradient(values)
+
+    def block(definition: Definition, blocks: Blocks, k: jax.Array) -> tuple[Any, jax.Array]:
+        def here(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+            each, code = _block(of, sound, values, definition, blocks, k)
+            return each, (each, code)
+
+        slopes, (each, code) = jax.jacfwd(here, has_aux=True)(fixed)
+        return (each, slopes), code
+
+    blank = jnp.zeros((at.size + 1, 2)), jnp.zeros((at.size + 1, 2, len(values)))
+    (found, slopes), code = _summed(block, at, (blank, jnp.asarray(status.CONVERGED)))
+    return (found + slopes @ (values - fixed))[:-1], code
+
+
+Block = Callable[[Definition, Blocks, jax.Array], tuple[Any, jax.Array]]
+"""What the rings of the k-th block have, shapes (rings, …), and their worst status."""
+
+
+def _summed(block: Block, at: Conditions, found: tuple[Any, jax.Array]) -> tuple[Any, jax.Array]:
+    """What the rings of all blocks have, added to the conditions to which they count, and the worst status."""
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
-        found = _added(dataclasses.replace(scene, definition=definition), blocks, loaded, sound, found)
-    return found[0][:-1], found[1]
+        found = _added(partial(block, definition), blocks, found)
+    return found
 
 
 def _added(
-    scene: Scene, blocks: Blocks, loaded: Callable[[Load], Load], sound: bool, found: tuple[jax.Array, jax.Array]
+    block: Callable[[Blocks, jax.Array], tuple[Any, jax.Array]], blocks: Blocks, found: tuple[Any, jax.Array]
+) -> tuple[Any, jax.Array]:
+    every = jax.tree.map(jnp.asarray, blocks)
+
+    def more(k: jax.Array, found: tuple[Any, jax.Array]) -> tuple[Any, jax.Array]:
+        each, code = block(every, k)
+        return jax.tree.map(lambda s, e: s.at[every.of[k]].add(e), found[0], each), status.worst(found[1], code)
+
+    return jax.lax.fori_loop(0, every.count, more, found)
+
+
+def _block(
+    of: Of, sound: bool, values: jax.Array, definition: Definition, every: Blocks, k: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    every, solved = jax.tree.map(jnp.asarray, blocks), healthy(scene) if sound else scene
+    """What the rings of a block count in stiffness [N/mm], shape (rings, 2), and the worst status."""
+    scene, loaded = of(values)
+    scene = dataclasses.replace(scene, definition=definition)
+    solved = healthy(scene) if sound else scene
+    rings, mean = every.rings[k], every.mean[k]
 
     def one(ring: jax.Array) -> tuple[jax.Array, jax.Array]:
         at = solving.solve(dataclasses.replace(solved, load=loaded(Load(ring[0], ring[1])), phase=ring[2]))
         return jnp.stack([at.radial_stiffness, at.axial_stiffness]), at.status_code
 
-    def block(k: jax.Array, found: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        rings, mean = every.rings[k], every.mean[k]
-        under = dataclasses.replace(scene, load=loaded(Load(rings[0, 0], rings[0, 1])), phase=PitchMean())
-        turned, share = phases(under, (every.places[k], every.weights[k]))
-        turned, share = jnp.where(mean, turned, rings[:, 2]), jnp.where(mean, share, 1.0)
-        each, codes = jax.vmap(one)(jnp.concatenate([rings[:, :2], turned[:, None]], axis=1))
-        sums, code = found
-        return sums.at[every.of[k]].add(share[:, None] * each), status.worst(code, jnp.max(codes))
-
-    return jax.lax.fori_loop(0, every.count, block, found)
+    under = dataclasses.replace(scene, load=loaded(Load(rings[0, 0], rings[0, 1])), phase=PitchMean())
+    turned, share = phases(under, (every.places[k], every.weights[k]))
+    turned, share = jnp.where(mean, turned, rings[:, 2]), jnp.where(mean, share, 1.0)
+    each, codes = jax.vmap(one)(jnp.concatenate([rings[:, :2], turned[:, None]], axis=1))
+    return share[:, None] * each, jnp.max(codes)

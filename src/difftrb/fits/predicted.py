@@ -21,7 +21,7 @@ from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import least_squares
 from difftrb.fits import parameters as fit_parameters
-from difftrb.fits.conditions import Conditions, stiffness, whole
+from difftrb.fits.conditions import Conditions, stiffness, whole, with_slopes
 from difftrb.fits.least_squares import Bounds, Least
 from difftrb.fits.parameters import Parameter
 from difftrb.ring.ring import Load
@@ -41,23 +41,26 @@ ADAM = optax.adam(0.25)
 
 
 def predicted(
-    parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: jax.Array, sound: jax.Array | None = None
-) -> tuple[jax.Array, jax.Array]:
+    parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: jax.Array, sound: jax.Array | None = None,
+    solve: Callable[..., tuple[jax.Array, jax.Array]] = stiffness,
+) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """What the model says of every row [% or N/mm], shape (rows,), and the worst status of all solves.
 
     `scene` is prepared; `values` of shape (parameters,); `sound` is `healthy_stiffness` where no parameter changes it.
-    Differentiable by all of it.
+    `solve`: `conditions.with_slopes` where nothing but first derivatives by `values` are wanted.
     """
-    scene = fit_parameters.put(parameters, scene, values)
 
-    def loaded(load: Load) -> Load:
-        for parameter, value in zip(parameters, values, strict=True):
-            load = parameter.load(load, value)
-        return load
+    def of(values: jax.Array) -> tuple[Scene, Callable[[Load], Load]]:
+        def loaded(load: Load) -> Load:
+            for parameter, value in zip(parameters, values, strict=True):
+                load = parameter.load(load, value)
+            return load
 
-    spalled, code = stiffness(scene, at, loaded)
+        return fit_parameters.put(parameters, scene, values), loaded
+
+    spalled, code = solve(of, values, at)
     if sound is None:
-        sound, other = stiffness(scene, at, loaded, sound=True)
+        sound, other = solve(of, values, at, sound=True)
         code = status.worst(code, other)
     spalled, sound = (pair[at.place, at.axis] for pair in (spalled, sound))
     added = sound / spalled - 1.0
@@ -67,10 +70,15 @@ def predicted(
     return jnp.where(at.loss, 100.0 * (1.0 - left), sound * left), code
 
 
-@jit_quickly()
 def healthy_stiffness(scene: Scene, at: Conditions) -> jax.Array:
     """Of the prepared scene without spalls, radial and axial, of every condition [N/mm], shape (size, 2)."""
-    return stiffness(scene, at, lambda load: load, sound=True)[0]
+    none = np.zeros(0, int)  # it does not know the rows: one program for any number of them
+    return _healthy_stiffness(scene, dataclasses.replace(at, place=none, axis=none, loss=none))
+
+
+@jit_quickly()
+def _healthy_stiffness(scene: Scene, at: Conditions) -> jax.Array:
+    return stiffness(lambda _: (scene, lambda load: load), jnp.zeros(0), at, sound=True)[0]
 
 
 @jax.tree_util.register_dataclass
@@ -104,10 +112,10 @@ def residual(problem: Problem, u: jax.Array) -> jax.Array:
     return counted(problem, predictions(problem, u)[0])
 
 
-def predictions(problem: Problem, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+def predictions(problem: Problem, u: jax.Array, solve: Any = stiffness) -> tuple[jax.Array, jax.Array]:
     """See `predicted`: at coordinates u."""
     values = problem.bounds.values(u)
-    return predicted(problem.parameters, problem.scene, problem.conditions, values, problem.sound)
+    return predicted(problem.parameters, problem.scene, problem.conditions, values, problem.sound, solve)
 
 
 def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
@@ -231,7 +239,7 @@ def _laid_out(problem: Problem) -> Problem:
 @jit_quickly()
 def _evaluated(problem: Problem, places: jax.Array, count: jax.Array) -> tuple[jax.Array, ...]:
     def misfit(u: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        values, code = predictions(problem, u)
+        values, code = predictions(problem, u, with_slopes)
         r = counted(problem, values)
         return r, (r, values, code)
 
@@ -251,6 +259,7 @@ def _each(
     of: Callable[[jax.Array], tuple[jax.Array, ...]], places: jax.Array, count: jax.Array
 ) -> tuple[jax.Array, ...]:
     """`of` the first `count` places, one after the other: the rings of one fill the processor."""
+    of = jax.jit(of)  # traced once
     blank = tuple(jnp.zeros((len(places), *out.shape), out.dtype) for out in jax.eval_shape(of, places[0]))
 
     def one(k: jax.Array, out: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:

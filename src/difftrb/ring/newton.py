@@ -252,6 +252,7 @@ def damped(balance: Callable[[Any], Any], start: Any) -> tuple[Any, Any, Any, An
 
     still, none = xp.zeros_like(start), xp.zeros_like(start[..., 0])
     if isinstance(start, jax.Array):  # a step of no length finds what is there
+        balance = jax.jit(balance)  # traced once
         blank = jax.tree.map(lambda v: jnp.zeros(v.shape), jax.eval_shape(balance, start))
         first = _State(start, blank._replace(residual=jnp.ones(start.shape)), still, none, jnp.asarray(-1))
         last = jax.lax.while_loop(unfinished, tried, first)
