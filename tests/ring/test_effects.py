@@ -143,6 +143,33 @@ def test_a_soft_flange_adds_its_part(bearing) -> None:
     np.testing.assert_allclose(found, loads, rtol=1e-11)
 
 
+@pytest.mark.hard
+def test_rollers_that_settle_beside_the_ring_rest_as_they_do_alone(bearing) -> None:
+    """Both raceways, a soft flange and a fast cage: one Newton step of the rollers a step of the ring finds what a
+    bracketed search finds, roller by roller."""
+    rng = np.random.default_rng(1)
+    acting = (SERIES, effects.Flange("hertz", 50.0), effects.Centrifugal(20000.0))
+
+    @jit_quickly()
+    def apart(axial: jax.Array, ratio: jax.Array, angle: jax.Array) -> tuple[jax.Array, ...]:
+        met = (trb.Spall(8.0, 9.0, angle=angle), trb.Spall(6.0, 9.0, angle=-angle, surface="inner"))
+        contact = geometry.LineContact.of(bearing)
+        here = effects.Ring(bearing, trb.Load(ratio * axial, axial), met, LIU, contact, angle)
+        terms = effects.terms(acting, here)
+        rest = here.equilibrium(terms)
+        curves = LIU.curves(met[:1], here.distances("outer", terms))
+        alone, _ = roller_balance.carried(terms.seat, curves, rest.approach)
+        return jnp.max(jnp.abs(alone - rest.loads)) / jnp.max(alone), rest.status_code, rest.iterations
+
+    axial, ratio, angle = 10 ** rng.uniform(1.0, 4.5, 200), rng.uniform(0.0, 2.0, 200), rng.uniform(-1.0, 1.0, 200)
+    off, code, steps = map(np.asarray, jax.vmap(apart)(axial, ratio, angle))
+    known = code == status.CONVERGED
+    assert np.mean(known) > 0.4
+    assert set(code[~known]) <= {status.NO_EQUILIBRIUM, status.OUTSIDE}
+    assert np.max(off[known]) < 1e-11
+    assert np.max(steps[known]) <= 12
+
+
 def test_inner_spalls_are_met_by_the_inner_law_only(bearing) -> None:
     """With one law on both raceways and one angle, an inner spall does almost what an outer one does."""
 

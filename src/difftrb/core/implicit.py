@@ -32,8 +32,8 @@ Pressed = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 def root(
     residual: Callable, outcome: Callable, solver: Callable, respond: Callable, parameters: Pytree
 ) -> tuple[jax.Array, Pytree, Pytree]:
-    """The vector x, shape (n,), with `residual(x, y, parameters)` = 0 for y = `outcome(x, parameters)`; that y; and
-    whatever else `solver` reports.
+    """The vector x, shape (n,), with `residual(x, y, parameters)` = 0 for y = `outcome(x, parameters, reported)`; that
+    y; and what else `solver` has `reported`.
 
     `solver(parameters)` returns all three; the last carries no derivative. `respond(x, y, parameters, right)` solves
     with the (n, n) Jacobian of the residual by x, through y too, which must be invertible at x; where it is not,
@@ -49,12 +49,12 @@ def _root_jvp(
     x, y, auxiliary = root(residual, outcome, solver, respond, parameters)
     moving, changes, among = _moving(parameters, tangents[0])
     # y by parameters and by x apart: the former is all that the residual needs of it
-    _, by_parameters = jax.jvp(lambda p: outcome(x, among(p)), (moving,), (changes,))
+    _, by_parameters = jax.jvp(lambda p: outcome(x, among(p), auxiliary), (moving,), (changes,))
     x_change = root_jvp(
         lambda x, y, p: residual(x, y, among(p)), x, (y, moving), (by_parameters, changes),
         solve=lambda _, right: respond(x, y, parameters, right),
     )  # fmt: skip
-    _, by_x = jax.jvp(lambda v: outcome(v, parameters), (x,), (x_change,))
+    _, by_x = jax.jvp(lambda v: outcome(v, parameters, auxiliary), (x,), (x_change,))
     y_change = jax.tree.map(jnp.add, by_parameters, by_x)
     return (x, y, auxiliary), (x_change, y_change, jax.tree.map(_zero_tangent, auxiliary))
 

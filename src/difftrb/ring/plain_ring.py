@@ -19,7 +19,7 @@ from difftrb.core.taylor import Taylor, by_product, plus, summed
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
-from difftrb.ring import newton, ring
+from difftrb.ring import load_zone, newton, ring
 from difftrb.ring.newton import TOLERANCE, Rollers, System
 from difftrb.ring.ring import Equilibrium, Load
 
@@ -40,8 +40,10 @@ def equilibrium(
     healthy = still.curves((), np.zeros((0, *angles.shape)))
     curves = law.curves(spalls, away)
     start = _start(xp.fixed(normals), xp.fixed(curves), healthy, xp.fixed(force))
-    system = System(Rollers(xp.values(normals), None, xp.values(curves)), xp.values(force), start, newton.norm(force))
-    u, _, (residual, iterations) = newton.found(system)
+    system = System(
+        Rollers(xp.values(normals), None, xp.values(curves)), xp.values(force), start, load_zone.norm(force)
+    )
+    u, _, (residual, iterations, _) = newton.found(system)
     parts = _expanded(normals, curves, force / system.size, system.size, u)
     rest = Equilibrium(*parts, residual, iterations, np.asarray(status.CONVERGED))
     state = Rest(geometry.equivalent_radius(at[0], "outer"), xp.fixed(rest.approach), xp.fixed(rest.loads))
@@ -54,14 +56,14 @@ def _all(condition: Any) -> Any:
 
 
 def _start(normals: Any, curves: RollerCurves, healthy: RollerCurves, force: Any) -> Any:
-    """See `newton.start`."""
+    """See `load_zone.start`."""
     one = load_curve.of(healthy.each, 0)
     while one.middle.ndim:  # the same at all phases
         one = load_curve.of(one, 0)
     axial = normals.reshape(-1, 3)[0, 2]
-    largest, narrow = newton.in_load_zone(one, force, normals.shape[-2], axial)
+    largest, narrow = load_zone.in_load_zone(one, force, normals.shape[-2], axial)
     clear = xp.of(curves.each.shift).min(curves.each.shift, axis=-1)
-    return newton.pressed(one, largest, narrow, axial, xp.maximum(clear, 0.0))
+    return load_zone.pressed(one, largest, narrow, axial, xp.maximum(clear, 0.0))
 
 
 def _expanded(normals: Any, curves: RollerCurves, force: Any, size: Any, u: Any) -> tuple[Any, Any, Any, Any]:

@@ -19,7 +19,7 @@ from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, status
 from difftrb.core.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
 from difftrb.law.base import Law, Rest
-from difftrb.ring import newton, roller_balance
+from difftrb.ring import load_zone, newton, roller_balance
 from difftrb.ring.newton import Rollers, System
 from difftrb.ring.terms import PLAIN, Terms, Tilting, beside, both, without_land
 
@@ -217,7 +217,7 @@ def _system(
     extra = jnp.broadcast_to(0.0 if terms.interference is None else terms.interference, angles.shape)
     healthy = roller_law.curves((), away[:0])
     rollers = Rollers(normals, extra, roller_law.curves(spalls, away) if spalls else healthy, terms.seat)
-    start = newton.start(rollers, healthy, force, terms)
+    start = load_zone.start(rollers, healthy, force, terms)
     if terms.slices is not None:
         count = terms.slices.each.shift.size // angles.size
         rollers = Rollers(jnp.repeat(normals, count, axis=0), jnp.repeat(extra, count), terms.slices)
@@ -225,7 +225,7 @@ def _system(
         rollers = rollers._replace(normals=terms.tilting.directions(rollers.normals, angles))
         force = jnp.concatenate([force, terms.tilting.moments / terms.tilting.longest])
         start = jnp.concatenate([start, jnp.zeros(2)])
-    size = newton.norm(force)
+    size = load_zone.norm(force)
     if terms.axial is not None or terms.pair is not None:  # what presses without a load
         still = start if terms.pair is None else jnp.zeros_like(start)
         size = jnp.maximum(size, jax.lax.stop_gradient(jnp.sum(rollers.carried(rollers.approach(still))[0])))
@@ -235,7 +235,7 @@ def _system(
 def _at_rest(system: System, angles: jax.Array, terms: Terms) -> tuple[Equilibrium, jax.Array | None]:
     """Where the ring rests, roller by roller of all rows, not judged yet; and whether it is held by slices without
     land, which are left a trace of stiffness (None: there are no slices)."""
-    u, (loads, slopes), (residual, iterations) = newton.found(system)
+    u, (loads, slopes), (residual, iterations, _) = newton.found(system)
     approach = system.rollers.approach(u)
     tangent = newton.tangent(system.rollers.normals, slopes)
     unheld = None

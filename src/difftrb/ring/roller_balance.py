@@ -19,7 +19,7 @@ from difftrb.law.edge_ramp import RollerCurves
 
 ROUNDS = 40
 """Of the bracketed Newton method for the inner approach, at most: the laws are nearly straight, four or five do."""
-CLOSE = 1e-4
+CLOSE = 1e-7
 """Last step, relative to what it led to, after which two more of Newton's method end at rounding."""
 
 
@@ -39,6 +39,11 @@ class Seat(NamedTuple):
     centrifugal: Real | None = None
     inner_curves: RollerCurves | None = None
     flange_compliance: Real | None = None
+
+    @property
+    def gives_way(self) -> bool:
+        """Whether where a roller rests between outer raceway and seat has to be looked for."""
+        return self.inner_curves is not None or self.flange_compliance is not None
 
     @property
     def outer_cos(self) -> jax.Array:
@@ -101,15 +106,19 @@ def _wedged(seat: Seat, outer_load: jax.Array) -> jax.Array:
     return outer_load * seat.wedge + seat.outwards * jnp.sin(seat.inner) / seat.inner_cos
 
 
-def carried(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> tuple[jax.Array, jax.Array]:
+def carried(
+    seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array | None = None
+) -> tuple[jax.Array, jax.Array]:
     """Outer load [N] and its slope [N/mm] of every roller whose ring has approached it by `approach` [mm], all of shape
-    (rollers,). Q is at least what the centrifugal force presses outwards."""
-    if seat.inner_curves is None and seat.flange_compliance is None:
+    (rollers,). Q is at least what the centrifugal force presses outwards. `inside`: where rollers rest, if it is known,
+    see `Settling`; without derivatives."""
+    if not seat.gives_way:
         load, slope = edge_ramp.roller_loads(outer_curves, approach)
         if seat.centrifugal is None:
             return load, slope
         return jnp.maximum(load, seat.least), jnp.where(load > seat.least, slope, 0.0)
-    pressed = _inside(seat, outer_curves, approach)
+    near = _looked_for(seat, outer_curves, approach) if inside is None else inside
+    pressed = _followed(seat, outer_curves, approach, near)
     rest = _balance(seat, outer_curves, approach, pressed)
     touched = pressed > 0.0
     return jnp.where(touched, rest.load, seat.least), jnp.where(touched, rest.slope, 0.0)
@@ -147,13 +156,14 @@ def _between(seat: Seat, inside: jax.Array) -> Between:
 
 
 class Balance(NamedTuple):
-    """How far a roller is from rest: what the outer raceway carries too much [N], how fast that falls, and the outer
-    load [N] and its slope by the ring's approach [N/mm] at the same place."""
+    """How far a roller is from rest: what the outer raceway carries too much [N], how fast that falls, the outer load
+    [N] and its slope by the ring's approach [N/mm] at the same place, and by the outer contact's own [N/mm]."""
 
     excess: jax.Array
     falling: jax.Array
     load: jax.Array
     slope: jax.Array
+    outer_slope: jax.Array
 
 
 def _balance(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array) -> Balance:
@@ -161,12 +171,57 @@ def _balance(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside
     load, slope = edge_ramp.roller_loads(outer_curves, approach - place.moved)
     falling = slope * place.pace + place.rate
     falling = jnp.where(falling > 0.0, falling, 1.0)
-    return Balance(load - place.load, falling, load, slope * place.rate / falling)
+    return Balance(load - place.load, falling, load, slope * place.rate / falling, slope)
 
 
-def _inside(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:
-    """Inner approach [mm] (or inner load [N]: see `_between`) at which every roller rests, shape (rollers,); 0 where
-    the inner raceway is not touched. Differentiable twice: two steps of Newton's method follow the solution."""
+class Settling(NamedTuple):
+    """Rollers on their way to rest, shape (rollers,) each.
+
+    Attributes:
+      inside: inner approach [mm], or inner load [N]: see `_between`; 0 where the inner raceway is not touched.
+      load, slope: outer load [N] of rollers that one more step would bring to rest, and its slope by the ring's
+        approach [N/mm].
+      excess: how far from rest they are [N]. step: of `inside` towards it. follows: `inside` by the ring's approach.
+    """
+
+    inside: jax.Array
+    load: jax.Array
+    slope: jax.Array
+    excess: jax.Array
+    step: jax.Array
+    follows: jax.Array
+
+
+def settling(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array) -> Settling:
+    """Rollers at `inside` whose ring has approached them by `approach` [mm]."""
+    at, place = _balance(seat, outer_curves, approach, inside), _between(seat, inside)
+    touched = (inside > 0.0) | (at.excess > 0.0)
+    step, follows = (jnp.where(touched, rate / at.falling, 0.0) for rate in (at.excess, at.outer_slope))
+    load = jnp.where(touched, place.load + place.rate * step, seat.least)
+    return Settling(inside, load, at.slope, jnp.where(touched, at.excess, 0.0), step, follows)
+
+
+def settled(seat: Seat, outer_curves: RollerCurves, at: Settling, approach: jax.Array, more: jax.Array) -> jax.Array:
+    """`inside` for the next try: one step of Newton's method, at `approach` [mm], which is `more` than before."""
+    top = _most(seat, outer_curves, approach)
+    after = jnp.clip(at.inside + at.step + at.follows * more, 0.0, top)
+    return jnp.where((at.inside == 0.0) & (at.excess > 0.0), 0.5 * top, after)
+
+
+def half_way(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:
+    """`inside` to begin with."""
+    return 0.5 * _most(seat, outer_curves, approach)
+
+
+def _most(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:
+    """No `inside` is larger."""
+    if seat.inner_curves is None:
+        return edge_ramp.roller_loads(outer_curves, approach)[0] / seat.inner_cos
+    return jnp.maximum(approach, 0.0) * seat.inner_cos / seat.outer_cos
+
+
+def _looked_for(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:
+    """`inside` of rollers at rest to about `CLOSE`, without derivatives."""
     fixed = jax.lax.stop_gradient((seat, outer_curves, approach))
     there = fixed[2]
     if seat.inner_curves is None:
@@ -189,8 +244,17 @@ def _inside(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.
         return (moved > CLOSE) & (rounds < ROUNDS)
 
     start = jnp.zeros_like(there), top, 0.5 * top, jnp.ones(()), jnp.asarray(0)
-    found = jnp.where(held, jax.lax.while_loop(unfinished, narrowed, start)[2], 0.5 * top)
-    for _ in range(2):
+    return jnp.where(held, jax.lax.while_loop(unfinished, narrowed, start)[2], 0.0)
+
+
+def _followed(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, near: jax.Array) -> jax.Array:
+    """`near` at rest, differentiable twice: two steps of Newton's method follow the solution."""
+    touched = near > 0.0
+    found = jnp.where(touched, near, 0.5 * jnp.maximum(_most(seat, outer_curves, approach), 1e-12))
+
+    @jax.jit  # traced once
+    def closer(found: jax.Array) -> jax.Array:
         now = _balance(seat, outer_curves, approach, found)
-        found = jnp.where(held, found + now.excess / now.falling, found)
-    return jnp.where(held, found, 0.0)
+        return jnp.where(touched, found + now.excess / now.falling, found)
+
+    return jnp.where(touched, closer(closer(found)), 0.0)

@@ -1,0 +1,113 @@
+"""Where Newton's method for a ring's equilibrium begins.
+
+At the load zone of a ring of so many rollers that sums over them are integrals. Rings that stay parallel press a roller
+by δ(ψ) = δ_max (1 − s (1 − cos ψ)), ψ from the load line: s is 0 under an axial load alone, 1 with half of the rollers
+loaded, and grows without limit as the zone becomes a point.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.core import arrays as xp
+from difftrb.core import numeric
+from difftrb.law import load_curve
+from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.load_curve import Curve
+from difftrb.ring.newton import Rollers
+from difftrb.ring.terms import Terms
+
+EXPONENTS = 1.1, 1.3
+"""n of Q = K δⁿ between which everything is taken as straight: line contacts have 1.1, crowned ones more."""
+NARROWEST = 0.98
+"""Of F_r tan α/F_a, up to which the integrals stand for the sums: beyond, two or three rollers carry all."""
+DEGREE = 8
+
+
+def _integrals(s: np.ndarray, exponent: float) -> tuple[np.ndarray, np.ndarray]:
+    """Axial and radial load by what they would be were all rollers loaded as the first (Sjövall's integrals)."""
+    angle = np.pi * (np.arange(2000) + 0.5) / 2000
+    load = np.maximum(1.0 - s[:, None] * (1.0 - np.cos(angle)), 0.0) ** exponent
+    return load.mean(axis=1), (load * np.cos(angle)).mean(axis=1)
+
+
+def _fits(exponent: float) -> np.ndarray:
+    """Coefficients in rising powers of F_r tan α/F_a of s and of the axial integral squared, both by how they end as
+    the zone closes, shape (2, DEGREE + 1)."""
+    s = np.concatenate([np.linspace(1e-3, 2.0, 200), np.geomspace(2.0, 20.0, 200)])
+    axial, radial = _integrals(s, exponent)
+    ratio = radial / axial
+    values = s * (1.0 - ratio) / ratio, (1.0 - ratio) / axial**2
+    return np.array([np.polynomial.Polynomial.fit(ratio, each, DEGREE).convert().coef for each in values])
+
+
+_FITS = np.array([_fits(exponent) for exponent in EXPONENTS])
+
+
+class LoadZone(NamedTuple):
+    """s [-], and the largest roller load by F_a/(Z sin α) [-], any one shape."""
+
+    narrowness: jax.Array
+    largest: jax.Array
+
+
+def load_zone(ratio: Any, exponent: Any) -> LoadZone:
+    """The load zone at F_r tan α/F_a and n, any shape, both to some per cent."""
+    ratio = xp.within(ratio, 0.0, NARROWEST)
+    way = xp.within((exponent - EXPONENTS[0]) / (EXPONENTS[1] - EXPONENTS[0]), 0.0, 2.0)
+    ends = [[numeric.horner(one, ratio) for one in fits] for fits in _FITS]
+    narrow, wide = (low + way * (high - low) for low, high in zip(*ends, strict=True))
+    return LoadZone(narrow * ratio / (1.0 - ratio), xp.sqrt(wide / (1.0 - ratio)))
+
+
+def in_load_zone(healthy: Curve, force: Any, rollers: int, axial: Any) -> tuple[Any, Any]:
+    """The most loaded roller's load [N], and s, of a healthy ring under `force` [N], shape (3,); `axial`: share of a
+    roller's load along the axis."""
+    radial = xp.sqrt(1.0 - axial**2)
+    # less than that holds no load; thrown rollers may take it
+    push = xp.maximum(force[2], axial * norm(force))
+    share = push / (rollers * axial)
+    at_share = load_curve.approach(healthy, share)
+    load, slope = load_curve.load(healthy, at_share)
+    zone = load_zone(force[0] * axial / (radial * push), at_share * slope / load)
+    return share * zone.largest, zone.narrowness
+
+
+def pressed(healthy: Curve, largest: Any, narrow: Any, axial: Any, clear: Any) -> Any:
+    """The displacement [mm], shape (…, 3), in that zone, and `clear` [mm], shape (…), more."""
+    deep = load_curve.approach(healthy, largest) + clear
+    radial = xp.sqrt(1.0 - axial**2)
+    return xp.stack([deep * (narrow / radial), xp.zeros_like(deep), deep * ((1.0 - narrow) / axial)], axis=-1)
+
+
+def norm(force: Any) -> Any:
+    """Of a force or of moments, as a number that is not differentiated."""
+    force = xp.fixed(force)
+    return xp.sqrt(xp.total(force * force))
+
+
+def start(rollers: Rollers, healthy: RollerCurves, force: jax.Array, terms: Terms) -> jax.Array:
+    """Where Newton's method begins: the load zone of a healthy ring, or, of a pair of rows, all rollers as loaded as
+    were the load shared equally. If all are clear of what they stand over, beyond the least of these gaps: without a
+    loaded roller Newton's method knows no way."""
+    if terms.axial is not None:
+        return jnp.zeros(3).at[2].set(terms.axial)
+    sound, count, axial = load_curve.of(healthy.each, 0), rollers.normals.shape[0], rollers.normals[0, 2]
+    force = xp.fixed(force)
+    if terms.pair is None:
+        largest, narrow = in_load_zone(sound, force, count, axial)
+    else:
+        total = norm(force)
+        if terms.tilting is not None:  # moments may be all that presses
+            total = total + norm(terms.tilting.moments / terms.tilting.longest)
+        largest, narrow = total / (count * axial), jnp.zeros(())
+    clear = jnp.maximum(jnp.min(rollers.curves.each.shift - rollers.interference), 0.0)
+    u = xp.fixed(pressed(sound, largest, narrow, axial, clear))
+    if terms.pair is None:
+        return u
+    # the first row pressed by the load, or both by the preload
+    return u.at[2].set(jnp.maximum(u[2] - 0.5 * jax.lax.stop_gradient(terms.pair.preload), 0.0))
