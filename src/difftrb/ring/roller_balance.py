@@ -19,7 +19,7 @@ from difftrb.law.edge_ramp import RollerCurves
 
 ROUNDS = 40
 """Of the bracketed Newton method for the inner approach, at most: the laws are nearly straight, four or five do."""
-CLOSE = 1e-7
+CLOSE = 1e-4
 """Last step, relative to what it led to, after which two more of Newton's method end at rounding."""
 
 
@@ -223,19 +223,21 @@ def _most(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Ar
 def _looked_for(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:
     """`inside` of rollers at rest to about `CLOSE`, without derivatives."""
     fixed = jax.lax.stop_gradient((seat, outer_curves, approach))
-    there = fixed[2]
+    ring = fixed[2]
     if seat.inner_curves is None:
-        top = jnp.maximum(edge_ramp.roller_loads(fixed[1], there)[0], 1.0) / fixed[0].inner_cos
+        top = jnp.maximum(edge_ramp.roller_loads(fixed[1], ring)[0], 1.0) / fixed[0].inner_cos
     else:
-        top = jnp.maximum(there, 1e-12) * fixed[0].inner_cos / fixed[0].outer_cos
-    held = _balance(*fixed, jnp.zeros_like(there)).excess > 0.0
+        top = jnp.maximum(ring, 1e-12) * fixed[0].inner_cos / fixed[0].outer_cos
+    held = _balance(*fixed, jnp.zeros_like(ring)).excess > 0.0
 
     def narrowed(state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         low, high, at, _, rounds = state
         now = _balance(*fixed, at)
         low, high = jnp.where(now.excess > 0.0, at, low), jnp.where(now.excess > 0.0, high, at)
-        step = at + now.excess / now.falling
-        step = jnp.where((step > low) & (step < high), step, 0.5 * (low + high))
+        newton = now.excess / now.falling
+        step = at + newton
+        there = jnp.abs(newton) <= CLOSE * at  # where rounding may lead out of the bracket
+        step = jnp.where(there | ((step > low) & (step < high)), step, 0.5 * (low + high))
         moved = jnp.max(jnp.where(held, jnp.abs(step - at) / jnp.maximum(step, 1e-300), 0.0))
         return low, high, step, moved, rounds + 1
 
@@ -243,7 +245,7 @@ def _looked_for(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> 
         *_, moved, rounds = state
         return (moved > CLOSE) & (rounds < ROUNDS)
 
-    start = jnp.zeros_like(there), top, 0.5 * top, jnp.ones(()), jnp.asarray(0)
+    start = jnp.zeros_like(ring), top, 0.5 * top, jnp.ones(()), jnp.asarray(0)
     return jnp.where(held, jax.lax.while_loop(unfinished, narrowed, start)[2], 0.0)
 
 
