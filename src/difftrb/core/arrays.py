@@ -344,7 +344,7 @@ def fixed(x: Any) -> Any:
 def repeated(count: int, function: Callable[[Any], Any], start: Any) -> Any:
     """`function` of what it returned, so many times: by a loop in the program, if there is one."""
     if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(start)):
-        once = jax.jit(function)  # traced once for all rounds that look alike
+        once = jax.jit(function, inline=True)  # traced once for all rounds that look alike
         for _ in range(3):  # derivatives that the first rounds bring in
             start = _filled(start, jax.eval_shape(once, start))
         return jax.lax.fori_loop(0, count, lambda _, x: once(x), start)

@@ -259,7 +259,7 @@ def _each(
     of: Callable[[jax.Array], tuple[jax.Array, ...]], places: jax.Array, count: jax.Array
 ) -> tuple[jax.Array, ...]:
     """`of` the first `count` places, one after the other: the rings of one fill the processor."""
-    of = jax.jit(of)  # traced once
+    of = jax.jit(of, inline=True)  # traced once
     blank = tuple(jnp.zeros((len(places), *out.shape), out.dtype) for out in jax.eval_shape(of, places[0]))
 
     def one(k: jax.Array, out: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:

@@ -190,7 +190,7 @@ def damped(
 
     still, none = xp.zeros_like(start), xp.zeros_like(start[..., 0])
     if isinstance(start, jax.Array):  # a step of no length finds what is there
-        balance = jax.jit(balance)  # traced once
+        balance = jax.jit(balance, inline=True)  # traced once
         form = jax.eval_shape(balance, start) if alone else jax.eval_shape(balance, start, inside)
         blank = jax.tree.map(lambda v: jnp.zeros(v.shape), form)
         first = _State(start, blank._replace(residual=jnp.ones(start.shape)), still, none, jnp.asarray(-1), inside)

@@ -7,6 +7,7 @@ the inner normal's β, and φ of the flange's face, to which the flange's force 
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -254,7 +255,7 @@ def _followed(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, near:
     touched = near > 0.0
     found = jnp.where(touched, near, 0.5 * jnp.maximum(_most(seat, outer_curves, approach), 1e-12))
 
-    @jax.jit  # traced once
+    @partial(jax.jit, inline=True)  # traced once
     def closer(found: jax.Array) -> jax.Array:
         now = _balance(seat, outer_curves, approach, found)
         return jnp.where(touched, found + now.excess / now.falling, found)
