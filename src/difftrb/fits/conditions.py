@@ -81,11 +81,15 @@ class Condition(NamedTuple):
 
 def conditions(scene: Scene, rows: Sequence[Measurement], points: int = POINTS) -> Conditions:
     """Those of `rows`; what they leave open is the scene's."""
+    return _laid_out(scene, rows, points, _kinks(scene))
+
+
+def _laid_out(scene: Scene, rows: Sequence[Measurement], points: int, kinks: int) -> Conditions:
     place: dict[Condition, int] = {}
     for row in rows:
         place.setdefault(_condition(scene, row), len(place))
     definitions: tuple[Definition, ...] = tuple({condition.definition: None for condition in place})
-    size, kinks = whole(len(place)), _kinks(scene)
+    size = whole(len(place))
     own = [{c: k for c, k in place.items() if c.definition == definition} for definition in definitions]
     return Conditions(
         definitions=definitions,
@@ -113,21 +117,16 @@ def _kinks(scene: Scene) -> int:
 
 def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = POINTS) -> list[Conditions]:
     """Those of `rows` in parts, as few as have each the smallest layout: the program that a fit has is theirs, too."""
-    parts: list[list[Measurement]] = [[]]
-    kinks = _kinks(scene)
-    for row in rows:
-        if not _fit_together(scene, [*parts[-1], row], kinks, points):
-            parts.append([])
-        parts[-1].append(row)
-    return [conditions(scene, part, points) for part in parts]
-
-
-def _fit_together(scene: Scene, rows: Sequence[Measurement], kinks: int, points: int) -> bool:
-    """Whether one layout of the smallest size holds all of them."""
-    different = {_condition(scene, row) for row in rows}
-    means = sum(condition.phase is None for condition in different)
-    blocks = means * -(-points // TOGETHER) + -(-(len(different) - means) // (kinks * TOGETHER))
-    return len(rows) <= SIZE and blocks <= SIZE
+    kinks, parts, first = _kinks(scene), list[Conditions](), 0
+    for behind in range(1, len(rows) + 1):
+        longer = _laid_out(scene, rows[first:behind], points, kinks)
+        smallest = all(len(blocks.rings) == SIZE for blocks in longer.blocks)
+        if behind - first == 1 or not (smallest and behind - first <= SIZE):
+            first = behind - 1
+            parts.append(_laid_out(scene, rows[first:behind], points, kinks))
+        else:
+            parts[-1] = longer
+    return parts
 
 
 def whole(count: int) -> int:

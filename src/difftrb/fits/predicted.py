@@ -34,6 +34,8 @@ FREEDOM = 4.0
 """Degrees of freedom of Student's t for data with outliers (Lange, Little and Taylor 1989)."""
 LOST = 1e3
 """Deviation [sigma] of a row that the model has no solution for."""
+Solve = Callable[..., tuple[jax.Array, jax.Array]]
+"""`conditions.stiffness`, or `with_slopes`."""
 BATCH = 16
 """Most cases that one call evaluates."""
 ADAM = optax.adam(0.25)
@@ -42,7 +44,7 @@ ADAM = optax.adam(0.25)
 
 def predicted(
     parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: jax.Array, sound: jax.Array | None = None,
-    solve: Callable[..., tuple[jax.Array, jax.Array]] = stiffness,
+    solve: Solve = stiffness,
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """What the model says of every row [% or N/mm], shape (rows,), and the worst status of all solves.
 
@@ -112,7 +114,7 @@ def residual(problem: Problem, u: jax.Array) -> jax.Array:
     return counted(problem, predictions(problem, u)[0])
 
 
-def predictions(problem: Problem, u: jax.Array, solve: Any = stiffness) -> tuple[jax.Array, jax.Array]:
+def predictions(problem: Problem, u: jax.Array, solve: Solve = stiffness) -> tuple[jax.Array, jax.Array]:
     """See `predicted`: at coordinates u."""
     values = problem.bounds.values(u)
     return predicted(problem.parameters, problem.scene, problem.conditions, values, problem.sound, solve)

@@ -18,7 +18,7 @@ from difftrb.core import numeric
 from difftrb.law import load_curve
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve
-from difftrb.ring.newton import Rollers
+from difftrb.ring.newton import Rollers, norm
 from difftrb.ring.terms import Terms
 
 EXPONENTS = 1.1, 1.3
@@ -82,12 +82,6 @@ def pressed(healthy: Curve, largest: Any, narrow: Any, axial: Any, clear: Any) -
     deep = load_curve.approach(healthy, largest) + clear
     radial = xp.sqrt(1.0 - axial**2)
     return xp.stack([deep * (narrow / radial), xp.zeros_like(deep), deep * ((1.0 - narrow) / axial)], axis=-1)
-
-
-def norm(force: Any) -> Any:
-    """Of a force or of moments, as a number that is not differentiated."""
-    force = xp.fixed(force)
-    return xp.sqrt(xp.total(force * force))
 
 
 def start(rollers: Rollers, healthy: RollerCurves, force: jax.Array, terms: Terms) -> jax.Array:

@@ -60,6 +60,12 @@ def tangent(normals: Any, slopes: Any) -> Any:
     return xp.einsum("...r,...rij->...ij", slopes, normals[..., :, None] * normals[..., None, :])
 
 
+def norm(force: Any) -> Any:
+    """Of a force or of moments, as a number that is not differentiated."""
+    force = xp.fixed(force)
+    return xp.sqrt(xp.total(force * force))
+
+
 class System(NamedTuple):
     """What is to be in balance.
 
@@ -124,14 +130,14 @@ def _respond(u: jax.Array, carried: RollerLoads, system: System, right: jax.Arra
 
 class _State(NamedTuple):
     """A search after some steps: displacements, what holds there, the step to try and how much it is damped; of rollers
-    that have to settle, where they are tried next."""
+    that have to settle, where they are tried next, alone in a tuple."""
 
     u: Any
     now: Any
     step: Any
     damping: Any
     count: Any
-    inside: Any = None
+    inside: tuple[Any, ...] = ()
 
 
 class Balance(NamedTuple):
@@ -150,21 +156,21 @@ Settle = Callable[[Settling, Any, Any], Any]
 
 
 def damped(
-    balance: Callable[..., Balance], start: Any, inside: Any = None, settle: Settle | None = None
+    balance: Callable[..., Balance], start: Any, inside: tuple[Any, ...] = (), settle: Settle | None = None
 ) -> tuple[Any, Any, Any, Any]:
     """Where `balance(u)`, at displacements u of shape (…, n), has a `residual` of 0; from its `jacobian`.
 
     Returns u, the balance there, the largest residual and the number of steps. A step p is taken unless the energy
     climbs again steeply at its end (force·p), else retaken shorter, by damping. Numbers are solved at once.
 
-    Rollers that have to settle do so beside it: `balance(u, inside)`, a step of Newton's method for theirs. After a
+    Rollers that have to settle do so beside it: `balance(u, *inside)`, a step of Newton's method for theirs. After a
     step that is not taken the ring waits for them.
     """
-    unit, alone = np.eye(start.shape[-1]), settle is None
+    unit = np.eye(start.shape[-1])
 
     def tried(state: _State) -> _State:
         u, now, p, damping, count, inside = state
-        new = balance(u + p) if alone else balance(u + p, inside)
+        new = balance(u + p, *inside)
         of = xp.of(new)
         better = of.sum(new.residual * p, axis=-1) <= 0.5 * of.abs(of.sum(now.residual * p, axis=-1))
 
@@ -179,10 +185,10 @@ def damped(
         more = damping * of.trace(now.jacobian, axis1=-2, axis2=-1)
         p = -solve(now.jacobian + more[..., None, None] * unit.reshape((1,) * more.ndim + unit.shape), now.residual)
         p = of.where(_far(now)[..., None], p, 0.0)
-        if settle is None:
-            return _State(u, now, p, damping, count + 1)
-        p = of.where(better, p, 0.0)
-        return _State(u, now, p, damping, count + 1, settle(cast(Settling, now.settling), u, p))
+        if settle is not None:
+            p = of.where(better, p, 0.0)
+            inside = (settle(cast(Settling, now.settling), u, p),)
+        return _State(u, now, p, damping, count + 1, inside)
 
     def unfinished(state: _State) -> Any:
         of = xp.of(state.u)
@@ -191,8 +197,7 @@ def damped(
     still, none = xp.zeros_like(start), xp.zeros_like(start[..., 0])
     if isinstance(start, jax.Array):  # a step of no length finds what is there
         balance = jax.jit(balance, inline=True)  # traced once
-        form = jax.eval_shape(balance, start) if alone else jax.eval_shape(balance, start, inside)
-        blank = jax.tree.map(lambda v: jnp.zeros(v.shape), form)
+        blank = jax.tree.map(lambda v: jnp.zeros(v.shape), jax.eval_shape(balance, start, *inside))
         first = _State(start, blank._replace(residual=jnp.ones(start.shape)), still, none, jnp.asarray(-1), inside)
         last = jax.lax.while_loop(unfinished, tried, first)
     else:
@@ -243,7 +248,7 @@ def _newton_settling(system: System, seat: Seat, curves: RollerCurves) -> tuple[
         return roller_balance.settled(seat, curves, at, after, after - approach(u))
 
     inside = roller_balance.half_way(seat, curves, approach(system.start))
-    u, now, residual, count = damped(balance, system.start, inside, settle)
+    u, now, residual, count = damped(balance, system.start, (inside,), settle)
     return u, now.carried, Reported(residual, count, cast(Settling, now.settling).inside)
 
 

@@ -40,9 +40,7 @@ def equilibrium(
     healthy = still.curves((), np.zeros((0, *angles.shape)))
     curves = law.curves(spalls, away)
     start = _start(xp.fixed(normals), xp.fixed(curves), healthy, xp.fixed(force))
-    system = System(
-        Rollers(xp.values(normals), None, xp.values(curves)), xp.values(force), start, load_zone.norm(force)
-    )
+    system = System(Rollers(xp.values(normals), None, xp.values(curves)), xp.values(force), start, newton.norm(force))
     u, _, (residual, iterations, _) = newton.found(system)
     parts = _expanded(normals, curves, force / system.size, system.size, u)
     rest = Equilibrium(*parts, residual, iterations, np.asarray(status.CONVERGED))

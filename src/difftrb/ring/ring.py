@@ -225,7 +225,7 @@ def _system(
         rollers = rollers._replace(normals=terms.tilting.directions(rollers.normals, angles))
         force = jnp.concatenate([force, terms.tilting.moments / terms.tilting.longest])
         start = jnp.concatenate([start, jnp.zeros(2)])
-    size = load_zone.norm(force)
+    size = newton.norm(force)
     if terms.axial is not None or terms.pair is not None:  # what presses without a load
         still = start if terms.pair is None else jnp.zeros_like(start)
         size = jnp.maximum(size, jax.lax.stop_gradient(jnp.sum(rollers.carried(rollers.approach(still))[0])))

@@ -158,13 +158,14 @@ def _between(seat: Seat, inside: jax.Array) -> Between:
 
 class Balance(NamedTuple):
     """How far a roller is from rest: what the outer raceway carries too much [N], how fast that falls, the outer load
-    [N] and its slope by the ring's approach [N/mm] at the same place, and by the outer contact's own [N/mm]."""
+    [N] and its slope by the ring's approach [N/mm] there, and by the outer contact's own [N/mm]; the place itself."""
 
     excess: jax.Array
     falling: jax.Array
     load: jax.Array
     slope: jax.Array
     outer_slope: jax.Array
+    place: Between
 
 
 def _balance(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array) -> Balance:
@@ -172,7 +173,7 @@ def _balance(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside
     load, slope = edge_ramp.roller_loads(outer_curves, approach - place.moved)
     falling = slope * place.pace + place.rate
     falling = jnp.where(falling > 0.0, falling, 1.0)
-    return Balance(load - place.load, falling, load, slope * place.rate / falling, slope)
+    return Balance(load - place.load, falling, load, slope * place.rate / falling, slope, place)
 
 
 class Settling(NamedTuple):
@@ -195,10 +196,10 @@ class Settling(NamedTuple):
 
 def settling(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array) -> Settling:
     """Rollers at `inside` whose ring has approached them by `approach` [mm]."""
-    at, place = _balance(seat, outer_curves, approach, inside), _between(seat, inside)
+    at = _balance(seat, outer_curves, approach, inside)
     touched = (inside > 0.0) | (at.excess > 0.0)
     step, follows = (jnp.where(touched, rate / at.falling, 0.0) for rate in (at.excess, at.outer_slope))
-    load = jnp.where(touched, place.load + place.rate * step, seat.least)
+    load = jnp.where(touched, at.place.load + at.place.rate * step, seat.least)
     return Settling(inside, load, at.slope, jnp.where(touched, at.excess, 0.0), step, follows)
 
 
@@ -224,12 +225,8 @@ def _most(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Ar
 def _looked_for(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:
     """`inside` of rollers at rest to about `CLOSE`, without derivatives."""
     fixed = jax.lax.stop_gradient((seat, outer_curves, approach))
-    ring = fixed[2]
-    if seat.inner_curves is None:
-        top = jnp.maximum(edge_ramp.roller_loads(fixed[1], ring)[0], 1.0) / fixed[0].inner_cos
-    else:
-        top = jnp.maximum(ring, 1e-12) * fixed[0].inner_cos / fixed[0].outer_cos
-    held = _balance(*fixed, jnp.zeros_like(ring)).excess > 0.0
+    top = jnp.maximum(_most(*fixed), 1e-12)
+    held = _balance(*fixed, jnp.zeros_like(top)).excess > 0.0
 
     def narrowed(state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         low, high, at, _, rounds = state
@@ -246,7 +243,7 @@ def _looked_for(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> 
         *_, moved, rounds = state
         return (moved > CLOSE) & (rounds < ROUNDS)
 
-    start = jnp.zeros_like(ring), top, 0.5 * top, jnp.ones(()), jnp.asarray(0)
+    start = jnp.zeros_like(top), top, 0.5 * top, jnp.ones(()), jnp.asarray(0)
     return jnp.where(held, jax.lax.while_loop(unfinished, narrowed, start)[2], 0.0)
 
 
