@@ -5,6 +5,7 @@ import typing
 from typing import Any
 
 import jax
+import numpy as np
 from jaxtyping import Float, Int, jaxtyped
 
 
@@ -17,6 +18,7 @@ def check(result: Any) -> None:
     assert written, kind
     with jaxtyped("context"):
         for name, text in written.items():
-            wanted = eval(text, {"Array": jax.Array, "Float": Float, "Int": Int})
             value = getattr(result, name)
+            array = np.ndarray if isinstance(value, np.ndarray) else jax.Array
+            wanted = eval(text, {"Array": array, "Float": Float, "Int": Int})
             assert isinstance(value, wanted), (kind.__name__, name, text, typing.cast(Any, value).shape)

@@ -329,7 +329,7 @@ def test_what_may_be_wrong_is_tried_and_named(rig: trb.Scene, exact: np.ndarray)
     """One row off, an axial load that was not measured: each is found, with the size that it hides."""
     pressed = [dataclasses.replace(row, axial=row.axial + 1500.0) for row in BLANK]
     problem = fit(rig, measured(exact), model_error=0.0).problem
-    there = np.asarray(problem.bounds.coordinates(jnp.array([[5.0, 9.0]])))
+    there = problem.bounds.coordinates(np.array([[5.0, 9.0]]))
     preloaded = predicted.of_others(problem, conditions(rig, pressed), there)[0][0]
     for sentence, values in {
         "row 3 is off": np.where(np.arange(8) == 2, 1.25, 1.0) * exact,

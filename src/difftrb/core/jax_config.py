@@ -26,6 +26,10 @@ Programs run as fast with them as without. JAX takes options at the outermost `j
 """
 
 
+_traced: list[Path] = []
+"""Where traced programs are kept, if they are."""
+
+
 def set_up_jax(cache: bool) -> None:
     """Float64, no noise from XLA and, if asked, compiled programs kept in the user's cache folder."""
     # XLA reports its own tuning hints as missing processor features whenever it loads a kept program
@@ -38,7 +42,8 @@ def set_up_jax(cache: bool) -> None:
 
 
 def keep_compiled() -> Path | None:
-    """Keep what JAX compiles from now on in the user's cache folder, and take from there what is kept.
+    """Keep what JAX compiles, and what this package traces, from now on in the user's cache folder, and take from there
+    what is kept.
 
     For programs of one's own, before the first solve: the command line does so by itself. JAX tells its releases apart,
     the folder processors. Returns the folder; None where none can be written, and nothing is kept.
@@ -50,6 +55,7 @@ def keep_compiled() -> Path | None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+        _traced[:] = [folder / "traced"]
     return folder
 
 
@@ -90,10 +96,22 @@ def _taken(name: str, value: Any) -> bool:
     return True
 
 
+def jit_kept(function: Callable[..., Any], depends: Any, *arguments: Any) -> Callable[..., Any]:
+    """`function` jitted, traced once for all processes where programs are kept: for `arguments` or their shapes. All
+    that it `depends` on tells it from others."""
+    import jax
+
+    from difftrb.core.kept_programs import kept
+
+    found = kept(_traced[0], function, depends, arguments, {}) if _traced else None
+    return found or jax.jit(function)
+
+
 def jit_quickly(**arguments: Any) -> Callable[[F], F]:
-    """As `partial(jax.jit, **arguments)`, compiled with `quick` options where it is the outermost: within another
-    program and for what is traced JAX takes none. They are probed at the first call, so that an import starts no
-    backend. Like a jitted function's, its programs are forgotten by `clear_cache()`."""
+    """As `partial(jax.jit, **arguments)`, compiled with `quick` options where it is the outermost, and traced once for
+    all processes where programs are kept. Within another program and for what is traced JAX takes no options. They are
+    probed at the first call, so that an import starts no backend. Like a jitted function's, its programs are forgotten
+    by `clear_cache()`."""
 
     def decorate(function: F) -> F:
         @functools.cache
@@ -102,19 +120,27 @@ def jit_quickly(**arguments: Any) -> Callable[[F], F]:
 
             return jax.jit(function, compiler_options=quick() if outermost else None, **arguments)
 
+        @functools.cache
+        def kept() -> Any:
+            from difftrb.core.kept_programs import Kept
+
+            return Kept(function, quick(), **arguments)
+
         @functools.wraps(function)
         def call(*a: Any, **k: Any) -> Any:
             from difftrb.core import arrays as xp
 
             if xp.are_numbers((a, k)):
                 try:
-                    return compiled(True)(*a, **k)
+                    run = kept().call(_traced[0], a, k) if _traced else None
+                    return run() if run else compiled(True)(*a, **k)
                 except ValueError as error:  # a program around it, of which nothing is given here
                     if "compiler_options" not in str(error):
                         raise
             return compiled(False)(*a, **k)
 
-        call.clear_cache = lambda: [compiled(each).clear_cache() for each in (True, False)]  # type: ignore[attr-defined]
+        every = lambda: (compiled(True), compiled(False), kept())  # noqa: E731
+        call.clear_cache = lambda: [each.clear_cache() for each in every()]  # type: ignore[attr-defined]
         return cast(F, call)
 
     return decorate

@@ -110,9 +110,9 @@ class Judged:
 
 def worst(*codes: Any) -> Any:
     """The status that matters most of several: the largest code that is not `CONVERGED`."""
-    import jax
+    import jax.core
 
-    if not any(isinstance(code, jax.Array) for code in codes):
+    if not any(isinstance(code, jax.core.Tracer) for code in codes):
         return np.max(np.stack([np.asarray(code) for code in codes]), axis=0)
     import jax.numpy as jnp
 

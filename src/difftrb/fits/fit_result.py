@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.special
 
 from difftrb.core import status
 from difftrb.core.jax_config import jit_quickly
@@ -168,7 +169,7 @@ class Fit(status.Judged):
 
     def along(self, i: int, coordinates: np.ndarray) -> np.ndarray:
         """Values of the i-th parameter at its coordinates, any one shape."""
-        low, high = (np.asarray(end)[i] for end in self.problem.bounds.ends())
+        low, high = (end[i] for end in self.problem.bounds.ends())
         raw = low + (high - low) / (1.0 + np.exp(-coordinates))
         return np.exp(raw) if self.problem.bounds.logarithmic[i] else raw
 
@@ -188,11 +189,11 @@ class Fit(status.Judged):
         By the implicit function theorem with the whole second derivative: exact for data that the model does not meet,
         too.
         """
-        return np.asarray(_by_data(self.problem, jnp.asarray(self.place)))
+        return np.asarray(_by_data(self.problem, self.place))
 
 
 @jit_quickly()
-def _by_data(problem: Problem, u: jax.Array) -> jax.Array:
+def _by_data(problem: Problem, u: jax.Array | np.ndarray) -> jax.Array:
     def gradient(v: jax.Array, measured: jax.Array) -> jax.Array:
         own = dataclasses.replace(problem, measured=measured)
         return jax.jacfwd(lambda w: 0.5 * jnp.sum(predicted.residual(own, w) ** 2))(v)
@@ -337,7 +338,7 @@ def _profile_places(u: np.ndarray, spread: np.ndarray) -> np.ndarray:
 
 def tail(chi2: float, freedom: int) -> float:
     """Chance that chi² of so many degrees of freedom is larger."""
-    return float(jax.scipy.special.gammaincc(0.5 * freedom, 0.5 * chi2))
+    return float(scipy.special.gammaincc(0.5 * freedom, 0.5 * chi2))
 
 
 def limit_of(freedom: int | None) -> float:
@@ -347,7 +348,7 @@ def limit_of(freedom: int | None) -> float:
         return NORMAL_95**2
 
     def outside(t2: np.ndarray) -> bool:  # an incomplete beta function (Abramowitz and Stegun, 26.7.1)
-        return float(jax.scipy.special.betainc(0.5 * freedom, 0.5, freedom / (freedom + t2))) > 0.05
+        return float(scipy.special.betainc(0.5 * freedom, 0.5, freedom / (freedom + t2))) > 0.05
 
     low, high = bisected(outside, np.zeros(()), np.asarray(1e6), 80)
     return 0.5 * float(low + high)

@@ -10,8 +10,6 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import status
@@ -137,8 +135,8 @@ def _problem(
         scene=scene,
         conditions=at,
         rough=rough,
-        measured=jnp.asarray([float(row.value) for row in rows]),
-        sigma=jnp.asarray(_own_size(rows) if estimate else [float(row.sigma) for row in rows]),  # type: ignore[arg-type]
+        measured=np.array([float(row.value) for row in rows]),
+        sigma=np.array(_own_size(rows) if estimate else [float(row.sigma) for row in rows]),  # type: ignore[arg-type]
         sound=None if any(p.changes_healthy for p in parameters) else predicted.healthy_stiffness(scene, at),
         common=model_error if model_error is not None else own_error if np.isfinite(own_error) else 0.0,
         robust=ROBUST.index(robust),
@@ -214,7 +212,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     """The fit, without remarks."""
     best, bounds, found, profiles = tried.best, problem.bounds, tried.found, tried.profiles
     u, normal, told = (np.asarray(each[best]) for each in (found.place, found.normal, found.beside[0]))
-    every = np.asarray(jax.vmap(bounds.values)(jnp.asarray(found.place)))
+    every = bounds.values(found.place)
     values = every[best]
     known = fit_result.covariance(normal, u)
     variance = np.diag(known)
@@ -222,8 +220,8 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     spread = np.sqrt(np.where(variance > 0.0, variance, 1.0))
     correlation = known / np.outer(spread, spread)
     prior = np.array([parameter.prior for parameter in problem.parameters])
-    converged = jnp.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
-    intervals = np.stack([np.asarray(bounds.values(jnp.asarray(end))) for end in profiles.ends.T], 1)
+    converged = np.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
+    intervals = bounds.values(profiles.ends.T).T
     return Fit(
         parameters=tuple(parameter.name for parameter in problem.parameters),
         values=values,

@@ -16,8 +16,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
+
+from difftrb.core import arrays as xp
 
 FARTHEST = 14.0
 """Coordinates stay within ± this of 0: there they are at the bound to 1e-6 of the range."""
@@ -37,35 +38,34 @@ LEAST_DAMPING = 1e-13
 class Bounds:
     """Bounds of n values, shape (n,) each, and which are sizes: those are above 0, and their relative changes count."""
 
-    low: jax.Array
-    high: jax.Array
+    low: Any
+    high: Any
     logarithmic: tuple[bool, ...] = dataclasses.field(metadata={"static": True})
 
-    def values(self, u: jax.Array) -> jax.Array:
-        """Values at coordinates u, both of shape (n,)."""
+    def values(self, u: Any) -> Any:
+        """Values at coordinates u within ±`FARTHEST`, both of shape (…, n)."""
         low, high = self.ends()
-        raw, sizes = low + (high - low) * jax.nn.sigmoid(u), np.array(self.logarithmic)
-        return jnp.where(sizes, jnp.exp(jnp.where(sizes, raw, 0.0)), raw)
+        raw, sizes = low + (high - low) / (1.0 + xp.exp(-u)), np.array(self.logarithmic)
+        return xp.where(sizes, xp.exp(xp.where(sizes, raw, 0.0)), raw)
 
-    def coordinates(self, values: jax.Array) -> jax.Array:
+    def coordinates(self, values: np.ndarray) -> np.ndarray:
         """Coordinates of values, both of shape (…, n); values at a bound or beyond are moved inside."""
-        raw = self._raw(values)
-        low, high = (jnp.broadcast_to(end, raw.shape) for end in self.ends())
-        share = jnp.clip((raw - low) / (high - low), 1e-6, 1.0 - 1e-6)
-        return jnp.log(share / (1.0 - share))
+        low, high = self.ends()
+        share = np.clip((self._raw(values) - low) / (high - low), 1e-6, 1.0 - 1e-6)
+        return np.log(share / (1.0 - share))
 
-    def ends(self) -> tuple[jax.Array, jax.Array]:
+    def ends(self) -> tuple[Any, Any]:
         """The bounds, of sizes their logarithms; shape (n,) each."""
         return self._raw(self.low), self._raw(self.high)
 
-    def _raw(self, values: jax.Array) -> jax.Array:
+    def _raw(self, values: Any) -> Any:
         sizes = np.array(self.logarithmic)
-        return jnp.where(sizes, jnp.log(jnp.where(sizes, values, 1.0)), values)
+        return xp.where(sizes, xp.log(xp.where(sizes, values, 1.0)), values)
 
     def slope(self, u: np.ndarray) -> np.ndarray:
         """Slope of the values, of sizes their logarithms, by coordinates, shape (n,)."""
-        low, high = (np.asarray(end) for end in self.ends())
-        share = 1.0 / (1.0 + np.exp(-np.asarray(u)))
+        low, high = self.ends()
+        share = 1.0 / (1.0 + np.exp(-u))
         return (high - low) * share * (1.0 - share)
 
 

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import geometry
@@ -108,7 +107,7 @@ def telling(fit: Fit, values: np.ndarray) -> tuple[Measurement, float]:
     """The measurement among `candidates` that tells the fitted values best from other ones, shape (parameters,), and by
     how many sigma it would differ."""
     among = candidates(fit)
-    other = np.asarray(fit.problem.bounds.coordinates(jnp.asarray(values)))
+    other = fit.problem.bounds.coordinates(values)
     here, there = _told(fit, among, np.stack([fit.place, other]))[0]
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, here, strict=True)])
     apart = np.nan_to_num(np.abs(there - here) / sigma)

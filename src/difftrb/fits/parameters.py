@@ -124,7 +124,7 @@ class KnownToLaw(Parameter):
         """As far as the law goes."""
         if scene.law.hard:  # type: ignore[union-attr]  # such laws are frozen
             return self.start(scene), self.start(scene)
-        between = jnp.array([self.start(scene), *self.farthest(scene)])
+        between = np.array([self.start(scene), *self.farthest(scene)], float)
         low, high = map(float, _limits_of_law(self, scene, _size_limits(scene)[0], between))
         return low, high
 
@@ -276,7 +276,7 @@ def bounds(parameters: Sequence[Parameter], scene: Scene, rows: Sequence[Measure
         if not high - low > 1e-6 * max(abs(low), abs(high)):
             raise MeasuredError(f"parameters: {parameter.name} cannot be fitted: {parameter.no_effect}")
         ends.append((low, high))
-    low, high = jnp.array(ends).T
+    low, high = np.array(ends, float).T
     return Bounds(low, high, tuple(parameter.logarithmic for parameter in parameters))
 
 
@@ -309,7 +309,7 @@ def _size_limits(scene: Scene) -> tuple[jax.Array, jax.Array]:
 
 
 @jit_quickly(static_argnames="parameter")
-def _limits_of_law(parameter: Parameter, scene: Scene, longest: jax.Array, between: jax.Array) -> jax.Array:
+def _limits_of_law(parameter: Parameter, scene: Scene, longest: jax.Array, between: Real) -> jax.Array:
     """Between which values the law knows the shortest and the longest spalls, going from the first of `between` towards
     the other two."""
 

@@ -102,9 +102,9 @@ class Problem:
     scene: Scene
     conditions: Conditions
     rough: Conditions | None
-    measured: jax.Array
-    sigma: jax.Array
-    sound: jax.Array | None
+    measured: Real
+    sigma: Real
+    sound: Real | None
     common: Real
     robust: int | jax.Array
 
@@ -157,15 +157,20 @@ def solved(
     """Least squares from `places`, shape (cases, parameters), moving those coordinates that are `free`, same shape:
     first `search` steps of Adam, then `steps` of Levenberg–Marquardt at most; the rest as in `least_squares.minimum`.
     """
-    first = least_squares.First(_adam, ADAM.init(jnp.asarray(places)), search) if search else None
+    first = least_squares.First(_adam, _rest(places), search) if search else None
     evaluate, longest = partial(evaluated, problem), np.minimum(scales(problem), least_squares.LONGEST)
     return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, meet, behind, longest)
 
 
 def scales(problem: Problem) -> np.ndarray:
     """How far basins lie apart, in coordinates in the middle of the range, shape (parameters,)."""
-    low, high = (np.asarray(end) for end in problem.bounds.ends())
+    low, high = problem.bounds.ends()
     return 4.0 * np.array([parameter.apart(problem.scene) for parameter in problem.parameters]) / (high - low)
+
+
+@jit_quickly()
+def _rest(places: Any) -> Any:
+    return ADAM.init(places)
 
 
 @jit_quickly()
@@ -186,7 +191,7 @@ def of_others(problem: Problem, at: Conditions, places: np.ndarray) -> tuple[np.
     (cases, other rows, parameters)."""
     rows = len(at.place)
     sound = None if problem.sound is None else healthy_stiffness(problem.scene, at)
-    found = evaluated(dataclasses.replace(problem, conditions=at, measured=jnp.zeros(rows), sigma=jnp.ones(rows),
+    found = evaluated(dataclasses.replace(problem, conditions=at, measured=np.zeros(rows), sigma=np.ones(rows),
                                           sound=sound, common=0.0, robust=ROBUST.index("squares")), places)  # fmt: skip
     return found.beside[0], found.jacobian
 
@@ -217,11 +222,11 @@ def costs(problem: Problem, told: np.ndarray) -> np.ndarray:
     """Half the sums of squares of what the model has `told` of the rows, shape (cases, rows); shape (cases,)."""
     rows = len(problem.measured)
     longer = np.pad(told, ((0, 0), (0, whole(rows) - rows)))
-    return np.asarray(_costs(_laid_out(problem), jnp.asarray(longer)))
+    return np.asarray(_costs(_laid_out(problem), longer))
 
 
 @jit_quickly()
-def _costs(problem: Problem, told: jax.Array) -> jax.Array:
+def _costs(problem: Problem, told: Real) -> jax.Array:
     return 0.5 * jnp.sum(jax.vmap(lambda values: counted(problem, values))(told) ** 2, axis=1)
 
 

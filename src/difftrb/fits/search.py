@@ -11,7 +11,6 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.fits import least_squares, predicted
@@ -70,8 +69,8 @@ def places(parameters: Sequence[Parameter], bounds: Bounds, scene: Scene, count:
     """
     n = len(parameters)
     count = SCANNED[min(n, len(SCANNED)) - 1] if count is None else count
-    own = bounds.coordinates(jnp.array([[parameter.start(scene) for parameter in parameters]]))
-    return np.concatenate([np.clip(np.asarray(own), -4.0, 4.0), spread(n, count - 1)])
+    own = bounds.coordinates(np.array([[parameter.start(scene) for parameter in parameters]], float))
+    return np.concatenate([np.clip(own, -4.0, 4.0), spread(n, count - 1)])
 
 
 def spread(n: int, count: int) -> np.ndarray:

@@ -89,7 +89,7 @@ def _explains(fit: Fit, chi2: float) -> bool:
 def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, chance: float = ALONE) -> Suspect:
     """From the lowest case."""
     k = int(np.nanargmin(found.cost))
-    values = np.asarray(problem.bounds.values(jnp.asarray(found.place[k])))
+    values = problem.bounds.values(found.place[k])
     told = [f"{p.name} {v:.3g} {p.unit}" for p, v in zip(problem.parameters, values, strict=True)]
     chi2, answer = 2.0 * float(found.cost[k]), ", ".join(told[: len(fit.parameters)])
     own = values[: len(fit.parameters)]
@@ -152,7 +152,7 @@ def _parameters(fit: Fit) -> Iterator[Suspect]:
     whole = any(parameter.changes_healthy for parameter in parameters)
     problem = dataclasses.replace(fit.problem, parameters=parameters, bounds=bounds,
                                   sound=None if whole else fit.problem.sound)  # fmt: skip
-    still = np.asarray(bounds.coordinates(jnp.array([parameter.start(fit.problem.scene) for parameter in parameters])))
+    still = bounds.coordinates(np.array([parameter.start(fit.problem.scene) for parameter in parameters], float))
     low = _lowest(fit)
     for i, parameter in enumerate(more, own):
         free = np.arange(len(parameters)) < own
@@ -167,7 +167,7 @@ def _parameters(fit: Fit) -> Iterator[Suspect]:
         at[0, :own] = fit.place
         found = search.minima(problem, search.scanned(problem, at), free)
         k = int(np.nanargmin(found.cost))
-        value = float(np.asarray(bounds.values(jnp.asarray(found.place[k])))[i])
+        value = float(bounds.values(found.place[k])[i])
         what = f"{parameter.suspect} ({parameter.name} {value:.3g} {parameter.unit})"
         yield _suspect(fit, problem, found, what, f"fit {parameter.name}, too, or measure it", ADDED)
 

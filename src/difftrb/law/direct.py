@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap as gaps
@@ -24,8 +23,9 @@ from difftrb.law.ramp_fit import Healthy
 from difftrb.law.samples import AT, Case, Node, Progress
 
 if TYPE_CHECKING:
-    from jax import Array
     from jaxtyping import Float
+
+    Array = jax.Array | np.ndarray
 
 LOADS = 12
 """Contact solves of one curve: enough for 1e-4 over `DECADES` of load."""
@@ -217,15 +217,15 @@ def without_edges(
     contact, spalls = as_floats(contact), as_floats(spalls)
     loads = log_loads(MARGIN * largest)
     levels = solved_levels(contact, [wide(spall) for spall in spalls], loads, accuracy, progress)
-    approaches = jnp.asarray([[node.approach for node in level] for level in levels])
-    slopes = jnp.asarray([[node.slopes for node in level] for level in levels])
+    approaches = np.asarray([[node.approach for node in level] for level in levels])
+    slopes = np.asarray([[node.slopes for node in level] for level in levels])
     half_width = ramp_fit.extents(loads, np.array([node.half_width for node in levels[0]]))
-    sunk = jnp.asarray(
+    sunk = np.asarray(
         [ramp_fit.sunk(contact, spall, level, loads) for spall, level in zip(spalls, levels[1:], strict=True)]
     )
     return DirectLaw(
-        contact, jnp.asarray(loads), spalls, jnp.asarray(samples.inputs(contact, None, 0.0)), approaches[0], slopes[0],
-        jnp.asarray(half_width), approaches[1:], slopes[1:], sunk.reshape(len(spalls), ramp_fit.EXTENT_DEGREE + 1),
+        contact, np.asarray(loads), spalls, np.asarray(samples.inputs(contact, None, 0.0)), approaches[0], slopes[0],
+        np.asarray(half_width), approaches[1:], slopes[1:], sunk.reshape(len(spalls), ramp_fit.EXTENT_DEGREE + 1),
         tuple(_edges(contact, spall, [], np.zeros((0, EDGE_LOADS)), []) for spall in spalls), accuracy,
         samples.worst_status([node for level in levels for node in level]),
     )  # fmt: skip
@@ -250,10 +250,10 @@ def with_edges(
         healthy, full = law.levels(i, spall)
         loads = np.zeros((len(own), EDGE_LOADS))
         for k, (distance, approach) in enumerate(own):
-            edge, rise = jnp.asarray(0.5 * spall.width - distance), ramp_fit.rise_over(law.contact, spall)
+            edge, rise = np.asarray(0.5 * spall.width - distance), ramp_fit.rise_over(law.contact, spall)
             beside = healthy.beside(edge, full, law.sunk[i], rise, edge_ramp.guess())
             at = approach * np.geomspace(*WINDOW, EDGE_LOADS)
-            healthy_loads, full_loads, low, high = edge_ramp.between(beside, jnp.asarray(at))
+            healthy_loads, full_loads, low, high = edge_ramp.between(beside, np.asarray(at))
             guessed = edge_ramp.guessed(healthy_loads, full_loads, edge_ramp.place(beside.edge, low, high))
             loads[k] = np.maximum(guessed, np.exp(law.log_loads[0]))
         distances = [distance for distance, _ in own]
@@ -267,12 +267,12 @@ def with_edges(
 def _edges(
     contact: LineContact, spall: Spall, distances: Sequence[float], loads: np.ndarray, solved: Sequence[Node]
 ) -> Edges:
-    def field(name: str, *shape: int) -> jax.Array:
-        return jnp.asarray([getattr(node, name) for node in solved], float).reshape(*loads.shape, *shape)
+    def field(name: str, *shape: int) -> np.ndarray:
+        return np.asarray([getattr(node, name) for node in solved], float).reshape(*loads.shape, *shape)
 
     given = [samples.inputs(contact, spall, d) for d in distances]
     return Edges(
-        jnp.asarray(given, float).reshape(len(distances), samples.INPUTS), jnp.asarray(loads), field("approach"),
+        np.asarray(given, float).reshape(len(distances), samples.INPUTS), np.asarray(loads), field("approach"),
         field("slopes", samples.INPUTS),
     )  # fmt: skip
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
@@ -27,8 +26,9 @@ from difftrb.law.roller_tilt import UPRIGHT, TiltCurve
 from difftrb.law.samples import Node, Progress, Turning
 
 if TYPE_CHECKING:
-    from jax import Array
     from jaxtyping import Float
+
+    Array = jax.Array | np.ndarray
 
 WITHIN = 0.2
 """By how much in its logarithm a roller's load may be off the one that its contacts were solved about."""
@@ -323,4 +323,4 @@ def _stacked(
               for field in (met, logs, approaches, given, slopes, leaning)]  # fmt: skip
     at = np.concatenate([at, np.zeros((more, at.shape[1]))])
     filled[0][len(reached) :] = 0.0
-    return States(jnp.asarray(at), *map(jnp.asarray, filled))
+    return States(at, *filled)

@@ -102,7 +102,14 @@ class Plan:
     @cached_property
     def shapes(self) -> dict[str, jax.ShapeDtypeStruct]:
         """Of one member's results by column."""
-        return jax.eval_shape(lambda: _member(self, [jnp.asarray(axis.values[:, 0]) for axis in self.axes]))
+        whole = jax.eval_shape(self.compute, *self._arguments)
+        return {name: jax.ShapeDtypeStruct(shape.shape[2:], shape.dtype) for name, shape in whole.items()}
+
+    @property
+    def _arguments(self) -> tuple[jax.ShapeDtypeStruct, list[jax.ShapeDtypeStruct]]:
+        """Shapes of what `compute` is given."""
+        values = [jax.ShapeDtypeStruct(axis.values.shape, axis.values.dtype) for axis in self.axes]
+        return jax.ShapeDtypeStruct((self.call,), np.dtype(np.int64)), values
 
     @cached_property
     def compute(self) -> Callable[[jax.Array, list[jax.Array]], dict[str, jax.Array]]:
@@ -114,7 +121,9 @@ class Plan:
         def several(blocks: jax.Array, values: list[jax.Array]) -> dict[str, jax.Array]:
             return jax.lax.map(lambda block: _block(self, values, block), blocks)
 
-        return jax.jit(several)
+        depends = (several.__qualname__, self.base, self.function, self.gradients, self.batch,
+                   [(axis.keys, axis.values.shape) for axis in self.axes])  # fmt: skip
+        return jax_config.jit_kept(several, depends, *self._arguments)
 
     @property
     def names(self) -> list[str]:
