@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial.chebyshev import chebfit, chebvander
 
-from difftrb.contact import gap, solver, strip_reach
+from difftrb.contact import crown, solver, strip_reach
 from difftrb.contact.contact_solution import given
 from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
@@ -166,7 +166,7 @@ def _stands(lengths: np.ndarray, asides: np.ndarray) -> list[Stand]:
 def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -> storage.Arrays:
     """Contacts without an edge in reach at the k-th λ."""
     number = float(np.exp(built.log_numbers[k]))
-    contact, unit = contact_at(number), float(gap.crown_scale(contact_at(number)))
+    contact, unit = contact_at(number), float(crown.scale(contact_at(number)))
     log_loads = np.asarray(chebyshev_nodes(size.solved_loads, *np.log(LOADS)))
     loads, across = np.exp(log_loads), np.sqrt(2.0 * float(contact.radius) * unit)
     places = [stand for stand in _stands(built.lengths, built.asides) if stand.i > 0 or stand.over_end]

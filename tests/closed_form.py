@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import gap
+from difftrb.contact import crown
 from difftrb.core import status
 from difftrb.law import samples
 
@@ -20,8 +20,8 @@ def healthy(contact, delta):
 
 def full(contact, delta, spall):
     """Load over the middle of a wide spall."""
-    crown = gap.crown_at(jnp.maximum(0.5 * spall.length - jnp.abs(spall.axial_offset), 0.0), contact)
-    return healthy(contact, delta - crown) * (1.0 - spall.length / contact.length) ** 0.9
+    rise = crown.height(jnp.maximum(0.5 * spall.length - jnp.abs(spall.axial_offset), 0.0), contact)
+    return healthy(contact, delta - rise) * (1.0 - spall.length / contact.length) ** 0.9
 
 
 def reach(contact, delta, spall):

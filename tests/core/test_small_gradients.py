@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import contact_extent, gap
+from difftrb.contact import contact_extent, crown
 from difftrb.contact.height_map import HeightMap, height_at
 from difftrb.core import geometry, series
 from difftrb.core.geometry import LineContact, Spall
@@ -53,9 +53,9 @@ def polynomial(v: jax.Array) -> jax.Array:
 
 SMOOTH: dict[str, tuple[Function, list[float]]] = {
     "height_at": (height, [1.3, 0.03, 0.05, 0.004, 0.007, 0.021, -0.017]),
-    "crown_scale": (lambda v: jnp.asarray(gap.crown_scale(roller(v))), [3.6, 13.66, 1.1e5, 6500.0]),
-    "crown_at": (lambda v: gap.crown_at(v[4], roller(v)), [3.6, 13.66, 1.1e5, 6500.0, 6.2]),
-    "crown_at, straight": (lambda v: gap.crown_at(v[1], LineContact(3.6, v[0], 1.1e5, v[2])), [13.66, 6.2, 10.0]),
+    "crown_scale": (lambda v: jnp.asarray(crown.scale(roller(v))), [3.6, 13.66, 1.1e5, 6500.0]),
+    "crown_at": (lambda v: crown.height(v[4], roller(v)), [3.6, 13.66, 1.1e5, 6500.0, 6.2]),
+    "crown_at, straight": (lambda v: crown.height(v[1], LineContact(3.6, v[0], 1.1e5, v[2])), [13.66, 6.2, 10.0]),
     "straight": (polynomial, [5.3, 2.9, -0.14, 0.05, -1.3, -0.4, 0.7, 1.2]),
     "needed_axial": (lambda v: ring.needed_axial(bearing(v[0]), v[1], v[2]), [0.25, 9000.0, 0.09]),
     "largest_load, part loaded": (
@@ -111,9 +111,9 @@ def test_the_crown_at_the_rollers_end_spoils_no_derivative(contact: trb.LineCont
     """It is infinite there; a choice that leaves it out has the derivative of what it takes."""
 
     def lowest(y: jax.Array) -> jax.Array:
-        return jnp.min(gap.crown_at(jnp.stack([y, jnp.asarray(HALF), jnp.asarray(HALF + 1.0)]), contact))
+        return jnp.min(crown.height(jnp.stack([y, jnp.asarray(HALF), jnp.asarray(HALF + 1.0)]), contact))
 
-    assert np.isinf(float(gap.crown_at(jnp.asarray(HALF), contact)))
+    assert np.isinf(float(crown.height(jnp.asarray(HALF), contact)))
     expected = central(lambda v: lowest(v[0]), np.array([5.0]))[0]
     for slope in (jax.grad(lowest)(5.0), jax.jacfwd(lowest)(5.0)):
         assert float(slope) == pytest.approx(float(expected), rel=1e-6)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import gap
+from difftrb.contact import crown
 from difftrb.core import geometry, status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import atlas, axial_place, direct, edge_ramp, load_curve, samples
@@ -54,7 +54,7 @@ def test_nodes_solved_afresh() -> None:
         load = float(np.exp(shipped.log_loads[q]))
         solved = samples.solved(contact, samples.Case(load * build_of_atlas.DESIGN_LOAD, spall), ACCURACY)
         assert solved.status_code == status.CONVERGED
-        approach = solved.approach / float(gap.crown_scale(contact))
+        approach = solved.approach / float(crown.scale(contact))
         off.append(min(load, 1.0) ** build_of_atlas.LIGHT * abs(approach / np.exp(shipped.full[k, i, a, q]) - 1.0))
     assert np.median(off) < 0.5 * ACCURACY
     assert np.quantile(off, 0.9) < 3.0 * ACCURACY
@@ -80,7 +80,7 @@ def test_only_two_numbers_of_a_contact_count(law: atlas.AtlasLaw) -> None:
     c = law.contact
     other = trb.LineContact(2.0 * c.radius, 3.0 * c.length, 0.6 * c.modulus, 0.6 * 27.0 / 2.0 * c.design_load)
     assert float(atlas.number_of(other)) == pytest.approx(float(atlas.number_of(c)), rel=1e-12)
-    wide, high = float(gap.crown_scale(other) / gap.crown_scale(c)), other.design_load / c.design_load
+    wide, high = float(crown.scale(other) / crown.scale(c)), other.design_load / c.design_load
     across = float(np.sqrt(other.radius / c.radius * wide))
     for length, width, distance in ((4.0, 7.0, 0.0), (4.0, 7.0, 3.45), (4.0, 0.2, 0.02), (9.0, 7.0, 3.6)):
         mine = q_over(law, trb.Spall(length, width, axial_offset=0.5), distance, 4e-3)

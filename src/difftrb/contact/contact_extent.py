@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from difftrb.contact import crown
 from difftrb.contact import gap as gaps
 from difftrb.contact.height_map import HeightMap, height_at
 from difftrb.core import arrays as xp
@@ -109,11 +110,10 @@ def clear_of_spall(contact: LineContact, spall: Spall, offset: Any, approach: An
 
 def extents(contact: LineContact, delta: Any, tilt: Any | None) -> tuple[Any, Any, Any]:
     """The domain of a contact whose approach is estimated as `delta` [mm]: see `domain`."""
-    half, scale = 0.5 * contact.length, gaps.crown_scale(contact)
+    half, scale = 0.5 * contact.length, crown.scale(contact)
     if tilt is None:
         delta = 1.15 * delta
-        unloaded = xp.where(scale > 0.0, xp.exp(-delta / xp.where(scale > 0.0, scale, 1.0)), 0.0)
-        top = half * xp.sqrt(1.0 - unloaded)
+        top = xp.where(scale > 0.0, crown.half_length(delta / xp.where(scale > 0.0, scale, 1.0), contact), half)
         bottom = -top
     else:
         least = least_rest(contact, tilt)
@@ -131,14 +131,14 @@ def _flattest(contact: LineContact, tilt: Any) -> tuple[Real, Any, Any]:
     """Crown scale and rise of a tilted roller from its middle to its end [mm], and where its gap is least, as a share
     of that half."""
     half = 0.5 * contact.length
-    scale, rise = gaps.crown_scale(contact), half * tilt
+    scale, rise = crown.scale(contact), half * tilt
     return scale, rise, -rise / (scale + xp.sqrt(scale * scale + rise * rise + 1e-30 * half**2))
 
 
 def least_rest(contact: LineContact, tilt: Any) -> Any:
     """The least gap of a tilted, crowned roller along its line [mm], at most 0."""
     scale, rise, t = _flattest(contact, tilt)
-    return rise * t + scale * gaps.log_crown(t, 1e-15)
+    return rise * t + scale * crown.logarithm(t, 1e-15)
 
 
 def crossing(contact: LineContact, delta: Any, tilt: Any, side: float) -> Any:
@@ -261,10 +261,10 @@ def reach_of_strips(contact: LineContact, load: Any, low: Any, high: Any) -> tup
     strips need no margin, so each land has the stiffness of a line contact of its own length beside the other one.
     """
     half = 0.5 * contact.length
-    scale = xp.maximum(gaps.crown_scale(contact), 1e-12 * half)
+    scale = xp.maximum(crown.scale(contact), 1e-12 * half)
 
     nearest = xp.where((low < 0.0) & (high > 0.0), xp.minimum(high, -low), 0.0)  # of the land to the roller's middle
-    lowest = gaps.crown_at(xp.minimum(nearest, half * (1.0 - 1e-9)), contact)
+    lowest = crown.height(xp.minimum(nearest, half * (1.0 - 1e-9)), contact)
 
     def lands(tip: Any) -> Any:
         return xp.maximum(xp.stack([tip - high, low + tip]), 1e-3 * half)
@@ -273,14 +273,14 @@ def reach_of_strips(contact: LineContact, load: Any, low: Any, high: Any) -> tup
         length = lands(state[0])
         half_width = gaps.line_half_width(load / xp.sum(length), contact.radius, contact.modulus)
         apart = [high - low, xp.sum(length) + high - low, *(length + high - low)]
-        whole, both, first, second = (gaps.xlogx(distance) for distance in apart)
+        whole, both, first, second = (crown.xlogx(distance) for distance in apart)
         shape = 2.0 * xp.log(4.0 * length / half_width) - 1.0 + (whole + both - first - second) / length
         needed = load / (np.pi * contact.modulus)
         delta = sinking(contact, needed, low, high, 1.0 / xp.maximum(shape, 1.0))
         alone = 1.0 - xp.clip(0.5 * (high - low) / xp.maximum(state[0], 1e-3 * half), 0.0, 1.0)
         # neighbours lift the surface beyond the tip, too: measured on strips four times as fine
         share = xp.maximum(1.0 - (1.5 + 0.5 * alone**2) / xp.max(shape), 0.2)
-        tip = half * xp.sqrt(-xp.expm1(-(lowest + share * xp.maximum(delta - lowest, 0.0)) / scale))
+        tip = crown.half_length((lowest + share * xp.maximum(delta - lowest, 0.0)) / scale, contact)
         return tip, delta
 
     tip, delta = xp.repeated(3, refine, (half + 0.0 * load, 0.0 * load))

@@ -11,7 +11,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import gap as gaps
+from difftrb.contact import crown
 from difftrb.contact.gap import Cells
 from difftrb.contact.height_map import HeightMap, height_map_is_sound
 from difftrb.core import arrays as xp
@@ -248,7 +248,7 @@ def cut_off(cells: Cells, loaded: jax.Array, approach: jax.Array, gap: jax.Array
     """The status `TOUCHES_BORDER` where the domain's border cuts pressure off: not at a roller's end, nor where the gap
     there, the crown's beyond the mean of the last row, exceeds the approach."""
     ends = np.array([0, -1])
-    rise = gaps.crown_at(cells.lines, contact)[ends] - gaps.crown(cells, contact)[ends, 0]
+    rise = crown.height(cells.lines, contact)[ends] - crown.mean_of_rows(cells.lines, contact)[ends]
     at_ends = loaded[ends] & (gap[ends] + rise[:, None] < approach)
     touched = xp.any(loaded[:, 0] | loaded[:, -1]) | xp.any(at_ends[1 if cells.mirrored else 0 :])
     return xp.where(touched, status.TOUCHES_BORDER, status.CONVERGED)

@@ -7,11 +7,11 @@ Every term of the gap is the mean over a cell [mm]; terms add. Lengths in mm, lo
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax
 import numpy as np
 
+from difftrb.contact import crown
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall
 
@@ -87,50 +87,15 @@ def tilt(cells: Cells, slope: Real) -> jax.Array:
     return (slope * cells.y)[:, None]
 
 
-def crown(cells: Cells, contact: LineContact) -> jax.Array:
-    """Logarithmic crown of the roller, shape (rows, 1); integrable where it is infinite, at the roller's ends."""
-    t = xp.clip(2.0 * cells.lines / contact.length, -1.0, 1.0)
-    inside = xp.diff(t)
-    mean = xp.diff(_log_integral(t)) / xp.where(inside > 0.0, inside, 1.0)
-    return (crown_scale(contact) * mean)[:, None]
-
-
-def crown_scale(contact: LineContact) -> Real:
-    """Q_d/(πE'l) [mm], the length that multiplies the crown's logarithm."""
-    return contact.design_load / (np.pi * contact.modulus * contact.length)  # Liu et al. 2018, eq. (2)
-
-
-def log_crown(t: Real, room: float) -> Any:
-    """ln(1/(1−t²)), the crown in its scale at t = 2y/length; beyond 1−t² = `room` it stays as it is there."""
-    return -xp.log1p(-xp.minimum(t * t, 1.0 - room))  # Liu et al. 2018, eq. (2)
-
-
-def crown_at(y: Real, contact: LineContact) -> Any:
-    """Logarithmic crown at positions `y` [mm] along the roller; infinite at the roller's ends unless straight."""
-    t = 2.0 * y / contact.length
-    inside = (t < 1.0 - 1e-12) & (t > 1e-12 - 1.0)
-    return xp.where(inside, crown_scale(contact) * log_crown(xp.where(inside, t, 0.0), 1e-13), np.inf)
-
-
-def _log_integral(t: jax.Array) -> jax.Array:
-    """∫₀ᵗ ln(1/(1−s²)) ds."""
-    return xlogx(1.0 - t) - xlogx(1.0 + t) + 2.0 * t
-
-
-def xlogx(v: jax.Array) -> jax.Array:
-    """v ln v, 0 at 0."""
-    return v * xp.log(xp.where(v > 0.0, v, 1.0))
-
-
 def undeformed(cells: Cells, contact: LineContact, slope: Real | None) -> jax.Array:
     """Curvature, crown and tilt (None: not tilted), shape (rows, columns)."""
-    gap = curvature(cells, contact.radius) + crown(cells, contact)
+    gap = curvature(cells, contact.radius) + crown.mean_of_rows(cells.lines, contact)[:, None]
     return gap if slope is None else gap + tilt(cells, slope)
 
 
 def rest_at(y: jax.Array, contact: LineContact, slope: Real | None) -> jax.Array:
     """Gap along the roller's line x = 0 at positions `y` [mm], from crown and tilt (None: not tilted)."""
-    return crown_at(y, contact) if slope is None else crown_at(y, contact) + slope * y
+    return crown.height(y, contact) if slope is None else crown.height(y, contact) + slope * y
 
 
 def depression(cells: Cells, spall: Spall, offset: Real) -> jax.Array:
@@ -148,8 +113,7 @@ def depression(cells: Cells, spall: Spall, offset: Real) -> jax.Array:
 
 def rest_slope(y: Real, contact: LineContact, slope: Real | None) -> Real:
     """The derivative of `rest_at` by `y`, between the roller's ends."""
-    t = 2.0 * y / contact.length
-    rise = crown_scale(contact) * 4.0 * t / ((1.0 - t * t) * contact.length)
+    rise = crown.slope(y, contact)
     return rise if slope is None else rise + slope
 
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from difftrb.contact import contact_extent
+from difftrb.contact import contact_extent, crown
 from difftrb.contact import gap as gaps
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.strip_plan import LEAST_ROWS
@@ -66,7 +66,7 @@ def suited(inputs: Inputs, reach: Reach, approach: Any) -> Any:
     land = (
         2.0 * reach.tip - (xp.clip(high, reach.bottom, reach.top) - xp.clip(low, reach.bottom, reach.top))
     ) / reach.unit
-    fits = (gaps.crown_scale(contact) > LEAST_CROWN * _interference(inputs, approach)) & (land > LEAST_LAND)
+    fits = (crown.scale(contact) > LEAST_CROWN * _interference(inputs, approach)) & (land > LEAST_LAND)
     return fits if spall is None else fits & (spall.depth > _interference(inputs, approach))
 
 
@@ -130,9 +130,9 @@ def _tip(contact: LineContact, tip: Any, estimate: Any, end: Any, other: Any) ->
     side: at the contact's `tip` or, where little or nothing is left before it, where the gap exceeds the approach, for
     land may touch with its corner alone. The land that then carries alone reaches farther, too.
     """
-    half, scale = 0.5 * contact.length, gaps.crown_scale(contact)
+    scale = crown.scale(contact)
     deepest = ABOVE * estimate / xp.where(scale > 0.0, scale, 1.0)
-    farthest = xp.maximum(half * xp.sqrt(-xp.expm1(-xp.where(scale > 0.0, deepest, 100.0))), tip)
+    farthest = xp.maximum(crown.half_length(xp.where(scale > 0.0, deepest, 100.0), contact), tip)
 
     def grown(start: float, full: float, value: Any) -> Any:
         share = xp.clip((value / tip - start) / (full - start), 0.0, 1.0)

@@ -16,7 +16,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from difftrb.contact import gap
+from difftrb.contact import crown
 from difftrb.core import arrays as xp
 from difftrb.core import series, status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
@@ -165,7 +165,7 @@ class AtlasLaw:
 
     def healthy(self) -> Healthy:
         """The curve of a healthy roller."""
-        atlas, contact, unit = self.atlas, self.contact, gap.crown_scale(self.contact)
+        atlas, contact, unit = self.atlas, self.contact, crown.scale(self.contact)
         at = _weights(atlas.log_numbers, xp.log(number_of(contact)))
         loads = atlas.log_loads + xp.log(contact.design_load)
         own = load_curve.through(loads, unit * xp.exp(xp.einsum("n,nq->q", at, atlas.healthy)), np.zeros(()))
@@ -180,7 +180,7 @@ class AtlasLaw:
 
     def _beside(self, spall: Spall, healthy: Healthy) -> Ramp:
         atlas, contact, place = self.atlas, self.contact, _place(self.contact, spall)
-        number, unit = xp.log(number_of(contact)), gap.crown_scale(contact)
+        number, unit = xp.log(number_of(contact)), crown.scale(contact)
         at = _weights(atlas.log_numbers, number)
         along = _at_place(atlas.lengths, atlas.asides, place)
         # by the contact's number first: where that is one for a batch, this is done once
@@ -232,14 +232,14 @@ def _place(contact: LineContact, spall: Spall) -> Place:
 
 def _farthest(contact: LineContact) -> Any:
     """No edge farther than this from a roller's middle touches it [mm], under any load of the atlas."""
-    return xp.sqrt(2.0 * contact.radius * DEEPEST * gap.crown_scale(contact))
+    return xp.sqrt(2.0 * contact.radius * DEEPEST * crown.scale(contact))
 
 
 def _narrow(beside: Ramp, contact: LineContact, spall: Spall) -> Ramp:
     """The ramp for both edges of the spall."""
-    crown = gap.crown_at(spall.axial_offset + 0.5 * spall.length * np.asarray(edge_ramp.ALONG), contact)
+    height = crown.height(spall.axial_offset + 0.5 * spall.length * np.asarray(edge_ramp.ALONG), contact)
     width = xp.asarray(spall.width)
-    return dataclasses.replace(beside, narrow=NarrowSpall(width, xp.minimum(crown, NO_LAND)))
+    return dataclasses.replace(beside, narrow=NarrowSpall(width, xp.minimum(height, NO_LAND)))
 
 
 @np.errstate(all="ignore")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import numpy as np
 
-from difftrb.contact import gap as gaps
+from difftrb.contact import crown
 from difftrb.contact.grids import GRIDS
 from difftrb.core import arrays as xp
 from difftrb.core import status
@@ -63,7 +63,7 @@ def shift_over(contact: LineContact, spall: Spall) -> Any:
     """Approach [mm] from which a roller in the middle of a wide and deep spall carries load: the crown at the land."""
     nearest = xp.maximum(0.5 * spall.length - xp.magnitude(spall.axial_offset), 0.0)
     half = 0.5 * contact.length
-    return gaps.crown_at(xp.minimum(nearest, half * (1.0 - 1e-9)), contact)
+    return crown.height(xp.minimum(nearest, half * (1.0 - 1e-9)), contact)
 
 
 class Edges(NamedTuple):

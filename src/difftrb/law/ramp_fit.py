@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from difftrb.contact import gap
+from difftrb.contact import crown
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev
@@ -78,7 +78,7 @@ def depth(approach: np.ndarray, risen: np.ndarray) -> np.ndarray:
 def rise_over(contact: LineContact, spall: Spall) -> Any:
     """The crown [mm] where the spall is nearest to the roller's middle."""
     nearest = xp.magnitude(xp.asarray(spall.axial_offset)) - 0.5 * spall.length
-    return gap.crown_at(xp.within(nearest, 0.0, 0.5 * contact.length * (1.0 - 1e-9)), contact)
+    return crown.height(xp.within(nearest, 0.0, 0.5 * contact.length * (1.0 - 1e-9)), contact)
 
 
 def roller_curves(

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from difftrb.contact import gap
+from difftrb.contact import crown
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_solution import is_symmetric, listed
 from difftrb.contact.solver import ContactSolution
@@ -179,7 +179,7 @@ def reach(contact: LineContact, solution: ContactSolution) -> float:
     ends = (float(spall.axial_offset) + side * 0.5 * float(spall.length) for side in (-1.0, 1.0))
     low, high = (min(max(end, -half), half) for end in ends)
     along = low + (high - low) * (np.arange(ALONG) + 0.5) / ALONG
-    crown = np.asarray(gap.crown_at(along, contact))
+    rise = np.asarray(crown.height(along, contact))
     rows, columns = np.nonzero(force > 0.0)
     pressed, x, y = force[rows, columns], x[columns], y[rows]
     radius, approach = float(contact.radius), float(solution.approach)
@@ -189,7 +189,7 @@ def reach(contact: LineContact, solution: ContactSolution) -> float:
     edge = np.sqrt(2.0 * radius * approach)
     for _ in range(10):
         sunk = (pressed / np.sqrt((x - edge) ** 2 + apart)).sum(axis=1) / (np.pi * float(contact.modulus))
-        edge = 0.5 * (edge + np.sqrt(2.0 * radius * max(approach - _least(crown + sunk), 1e-3 * approach)))
+        edge = 0.5 * (edge + np.sqrt(2.0 * radius * max(approach - _least(rise + sunk), 1e-3 * approach)))
     return float(edge)
 
 

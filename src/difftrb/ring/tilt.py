@@ -14,7 +14,7 @@ import jax.core
 import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
-from difftrb.contact import gap
+from difftrb.contact import crown, gap
 from difftrb.contact.contact_solution import is_given
 from difftrb.core import geometry
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
@@ -147,7 +147,7 @@ def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: jax.Array
     left = jnp.sum(jnp.where(here, land[None], 0.0), axis=1)
     K = stiffness * jnp.maximum(left, LEAST)
     slices = load_curve.power(K.ravel(), jnp.full(K.size, 10.0 / 9.0))
-    profile = 2.0 * gap.crown_at(at, contact)  # both raceways
+    profile = 2.0 * crown.height(at, contact)  # both raceways
     return RollerCurves(dataclasses.replace(slices, shift=jnp.tile(profile, under.size)))
 
 
