@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import difftrb as trb
+from difftrb.core import arrays as xp
 from difftrb.core import geometry
-from difftrb.ring import phase_average
+from difftrb.scene import expected_loads, prepared
+from difftrb.scene import scene as scenes
 
 pytestmark = pytest.mark.exact
 
@@ -29,18 +31,15 @@ def brute(scene: trb.Scene, values) -> jax.Array:
 
 
 def test_weights_are_a_mean(scene) -> None:
-    phases, weights = phase_average.phases(
-        scene.bearing, scene.load, (phase_average.Met("outer", scene.spalls, trb.liu2018()),)
-    )
-    whole = float(geometry.roller_pitch(scene.bearing))
-    assert phases.shape == weights.shape == (40,)
+    phases, weights = scenes.phases(trb.prepare(scene))
+    assert phases.shape == weights.shape == (50,)
     assert float(weights.sum()) == pytest.approx(1.0, abs=1e-12)
     assert float(weights.min()) > -1e-15  # two kinks may coincide
-    assert float(phases.max() - phases.min()) < whole
+    assert 0.0 <= float(phases.min()) <= float(phases.max()) <= float(geometry.roller_pitch(scene.bearing))
 
 
 def test_mean_is_that_of_many_phases(scene) -> None:
-    """40 phases against 2000, whose own error is a jump of 3 % times one step in 2000."""
+    """50 phases against 2000, whose own error is a jump of 3 % times one step in 2000."""
     r = trb.solve(scene).check()
     stiffness, loads = brute(scene, lambda s: s.stiffness), brute(scene, lambda s: s.loads)
     np.testing.assert_allclose(r.stiffness, stiffness, atol=3e-5 * float(stiffness.max()))
@@ -103,6 +102,64 @@ def test_pure_axial_load_and_no_spall_have_a_mean(bearing) -> None:
     r = trb.solve(scene).check()
     one = trb.solve(dataclasses.replace(scene, phase=0.03))
     np.testing.assert_allclose(r.stiffness, one.stiffness, atol=1e-9 * float(one.stiffness.max()))
+
+
+def fewer(bearing: trb.TaperedBearing, rollers: int, axial: float, *spalls: trb.Spall, **more) -> trb.Scene:
+    """As many of its rollers with their share of 9000 N; with little more than the least axial load a few carry it."""
+    share = rollers / bearing.rollers
+    less = dataclasses.replace(bearing, rollers=rollers)
+    return trb.prepare(trb.Scene(less, trb.Load(9000.0 * share, axial * share), spalls, **more))
+
+
+@pytest.mark.parametrize(
+    ("rollers", "axial", "spalls", "within"),
+    [(5, 3500.0, (), 4e-4), (6, 2900.0, (trb.Spall(4.0, 7.0),), 4e-4), (12, 2600.0, (), 2e-5),
+     (23, 2600.0, (trb.Spall(4.0, 7.0, angle=0.2),), 3e-4)],
+)  # fmt: skip
+def test_with_few_rollers_loaded_the_mean_is_that_of_many_phases(bearing, rollers, axial, spalls, within) -> None:
+    """Of every roller, too, as it rolls from its place to the next one's: loads were those of a pitch that began at the
+    first kink, up to 37 % of the largest off; and kinks were where the ring at phase 0 has them, 5e-3 of stiffness."""
+    scene = fewer(bearing, rollers, axial, *spalls)
+    at = (np.arange(4000) + 0.5) / 4000 * float(geometry.roller_pitch(scene.bearing))
+    with np.errstate(all="ignore"):
+        many = xp.values(prepared.at_phases(xp.numbers(scene), at))
+    mean = trb.solve(dataclasses.replace(scene, phase="mean")).check()
+    assert np.abs(np.asarray(mean.loads) - many.loads.mean(0)).max() < 3e-5 * float(mean.loads.max())
+    wanted = many.tangent.mean(0)
+    for k in (0, 2):
+        assert float(mean.stiffness[k, k]) == pytest.approx(wanted[k, k], rel=within)
+    np.testing.assert_allclose(mean.load_span[1], many.loads.max(0), atol=0.01 * float(mean.loads.max()))
+
+
+def test_a_healthy_mean_is_its_mirror_image(bearing) -> None:
+    loads = np.asarray(trb.solve(trb.Scene(bearing, trb.Load(9000.0, 2600.0), phase="mean")).check().loads)
+    np.testing.assert_allclose(loads, loads[-1 - np.arange(loads.size)], atol=1e-4 * loads.max())
+
+
+def test_a_secant_across_a_pole_has_no_mean(bearing) -> None:
+    """Within the pitch the ring's axial displacement runs through 0, and F/u to infinity on either side."""
+    scene = fewer(bearing, 6, 2700.0, definition="secant")
+    at = np.linspace(0.0, float(geometry.roller_pitch(scene.bearing)), 40)
+    with np.errstate(all="ignore"):
+        u = xp.values(prepared.at_phases(xp.numbers(scene), at)).displacement
+    assert u[:, 2].min() < 0.0 < u[:, 2].max()
+    assert u[:, 0].min() > 0.0
+    mean = trb.solve(dataclasses.replace(scene, phase="mean"))
+    assert np.isnan(mean.stiffness[2, 2])
+    assert np.isnan(mean.stiffness_span[:, 2, 2]).all()
+    assert float(mean.stiffness[0, 0]) > 0.0
+    assert float(trb.solve(dataclasses.replace(scene, phase="mean", definition="tangent")).stiffness[2, 2]) > 0.0
+
+
+@pytest.mark.parametrize("rollers", [5, 8, 23])
+def test_laws_by_contact_solves_reach_the_load_of_a_narrow_zone(bearing, rollers: int) -> None:
+    """They refused rings in which a few rollers carry all, for loads beyond their range."""
+    for ratio in (1.001, 1.02, 1.1, 1.3, 2.0):
+        least = float(np.tan(bearing.outer_angle)) * 9000.0
+        scene = fewer(bearing, rollers, ratio * least, law="liu2018")
+        at = 0.0 if ratio < 1.5 else 0.1
+        loads = np.asarray(trb.solve(dataclasses.replace(scene, phase=at)).check().loads)
+        assert 0.95 * loads.max() < expected_loads.largest_for_curves(scene) < 1.6 * loads.max()
 
 
 def test_another_word_for_the_mean_is_refused(scene) -> None:

@@ -8,13 +8,15 @@ from typing import cast
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import power
 from difftrb.law.base import Law
-from difftrb.ring import effects, ring
+from difftrb.ring import effects, plain_ring, ring
 from difftrb.ring.effect import among
 from difftrb.ring.effects import Raceways, Through
 from difftrb.scene.scene import Scene, law_in_effect, raceway_contact
@@ -41,11 +43,24 @@ def largest_for_curves(scene: Scene) -> float:
     pitch = float(geometry.roller_pitch(scene.bearing) * geometry.arc_radius(scene.bearing))
     through, presses = is_through(scene), any(effect.presses for effect in scene.effects)
     wide = not through and any(float(spall.width) > WIDE * pitch for spall in scene.spalls)
-    plain, largest = float(ring.largest_load(scene.bearing, scene.load)), float(largest_load(scene))
+    plain = float(ring.largest_load(scene.bearing, scene.load))
+    largest = max(float(largest_load(scene)), _in_narrow_zone(scene))
     # in steps: what presses a little more shares the nodes, so that neighbouring scenes differ by physics alone
     halves = max(math.ceil(2.0 * math.log2(largest / plain)), 0) if plain > 0.0 else 0
     pressed = plain * 2.0 ** (0.5 * halves) if plain > 0.0 else largest
     return pressed * (SPARE if wide or (presses and halves) else 1.0)
+
+
+def _in_narrow_zone(scene: Scene) -> float:
+    """The largest load [N] on the healthy ring by Palmgren's law, over one pitch: where little more than the least
+    axial load acts, a few rollers carry all."""
+    at = float(geometry.roller_pitch(scene.bearing)) * np.linspace(0.0, 1.0, PHASES)
+    law = power.Palmgren(scene.bearing.roller_length)
+    with np.errstate(all="ignore"):
+        rest = plain_ring.equilibrium(xp.numbers(scene.bearing), xp.numbers(scene.load), (), law, at)
+    one_carries_all = float(scene.load.radial / np.cos(scene.bearing.outer_angle))
+    loads = xp.value(rest.loads)
+    return float(np.max(np.where(np.isfinite(loads), loads, one_carries_all)))  # at some phases there may be no rest
 
 
 def is_through(scene: Scene) -> bool:

@@ -137,7 +137,7 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
 
     if isinstance(scene.phase, PitchMean):
         middle: Any = 0.5 * geometry.roller_pitch(scene.bearing)
-        of_every = mean
+        of_every, stiffness = mean, _without_poles(scene, every, stiffness)
     else:
         middle = scene.phase
         of_every = operator.itemgetter(0)
@@ -159,6 +159,18 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
         definition=scene.definition,
         remarks=effects.remarks(scene.effects, scene.spalls),
     )
+
+
+def _without_poles(scene: Scene, every: ring.Equilibrium, stiffness: Any) -> Any:
+    """NaN for a secant F/u whose displacement changes its sign within the pitch: it runs to infinity, and has no
+    mean."""
+    if scene.definition == "tangent":
+        return stiffness
+    u, values = xp.value(every.displacement), xp.value(stiffness)
+    of = xp.of(u)
+    turns = of.any(u > 0.0, axis=0) & of.any(u < 0.0, axis=0)
+    poles = turns[:, None] & np.eye(turns.size, dtype=bool) & of.any(values != 0.0, axis=0)
+    return xp.where(poles[None], np.nan, stiffness)
 
 
 def _traced(scene: Scene) -> Solution:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from typing import Annotated, Any, Literal, cast
 
 import jax
@@ -232,12 +233,13 @@ def phases(scene: Scene, rule: phase_average.Rule | None = None) -> tuple[Any, A
     series = effect.among(scene.effects, effects.SeriesRaceways)
     if series is not None:
         met.append(phase_average.Met("inner", ring.spalls_on(scene.spalls, "inner"), cast(Law, series.law)))
-    terms, rest = ring.PLAIN, None
     if is_plain(scene) and (xp.are_numbers(scene) or xp.expands(scene)):
-        rest = plain_ring.equilibrium(scene.bearing, scene.load, (), acting, 0.0)
+        terms, at_rest = ring.PLAIN, partial(plain_ring.equilibrium, scene.bearing, scene.load, (), acting)
     else:
-        terms = effects.terms(scene.effects, effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0))
-    found = phase_average.phases(scene.bearing, scene.load, tuple(met), terms, rest, rule)
+        here = effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0)
+        terms = effects.terms(scene.effects, here)
+        at_rest = jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))
+    found = phase_average.phases(scene.bearing, scene.load, tuple(met), at_rest, terms, rule)
     return found if xp.expands(scene) else xp.values(found)
 
 

@@ -48,7 +48,8 @@ class Solution(status.Judged):
         lateral axis [rad], shape (5,), and stiffness of shape (5, 5).
       approach: of every roller [mm], shape (rollers,). loads: on the outer raceway [N], shape (rollers,).
       stiffness: [N/mm], shape (3, 3) over radial, lateral, axial: dF/du if `definition` is "tangent"; the diagonal of
-        F/u if "secant" (0 for the lateral direction, which has no load; NaN for a direction without load).
+        F/u if "secant" (0 for the lateral direction, which has no load; NaN for a direction without load,
+        and for a mean over phases within which u changes its sign).
       load_span, stiffness_span: least and largest over the phases, shapes (2, rollers) and (2, 3, 3); the same twice
         at one phase.
       law: the roller law that was used, with its range and error.

@@ -10,13 +10,13 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
-from difftrb.core.geometry import Spall
 from difftrb.core.taylor import Taylor
 from difftrb.law.base import LAWS, Law
-from difftrb.ring import phase_average, plain_ring, ring
+from difftrb.ring import plain_ring
 from difftrb.ring.ring import Equilibrium
 from difftrb.scene.prepared import as_defined, at_phases, solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, healthy, is_plain, outer_law
+from difftrb.scene.scene import phases as phases_of
 
 
 class Turn(NamedTuple):
@@ -79,11 +79,10 @@ def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap |
     whole = np.asarray(mean.both_stiffnesses)
     values = np.full((3, 2, len(lengths), len(widths)), np.nan)
     with np.errstate(all="ignore"):
-        sound = _at(healthy(scene), 0.0)
         for i, length in enumerate(lengths):
-            rows = _losses(scene, sound, whole, float(length), widths)
+            rows = _losses(scene, whole, float(length), widths)
             if np.isnan(rows).all():  # one that the law does not know spoils all
-                rows = np.concatenate([_losses(scene, sound, whole, float(length), w[None]) for w in widths], axis=-1)
+                rows = np.concatenate([_losses(scene, whole, float(length), w[None]) for w in widths], axis=-1)
             values[:, :, i] = rows
     return LossMap(lengths, widths, *values)
 
@@ -124,19 +123,14 @@ def _at(scene: Scene, phases: Any) -> Equilibrium:
     return plain_ring.equilibrium(scene.bearing, scene.load, scene.spalls, outer_law(scene), phases)
 
 
-def _phases(scene: Scene, sound: Equilibrium, spalls: tuple[Spall, ...]) -> tuple[Any, Any]:
-    """Those of a mean and their weights, where the `sound` ring's load zone is known."""
-    met = phase_average.Met("outer", ring.spalls_on(spalls, "outer"), outer_law(scene))
-    return phase_average.phases(scene.bearing, scene.load, (met,), ring.PLAIN, sound)
-
-
-def _losses(scene: Scene, sound: Equilibrium, whole: np.ndarray, length: float, widths: np.ndarray) -> np.ndarray:
+def _losses(scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray) -> np.ndarray:
     """Loss [%] and its derivatives by length and width [% per mm] of spalls of one length and several widths, shape (3,
     2, widths), all their phases at once; NaN without a solution."""
     first, *others = scene.spalls
     along, across = Taylor(np.asarray(length), by=np.array([1.0, 0.0])), np.array([0.0, 1.0])
     every = [dataclasses.replace(first, length=along, width=Taylor(np.asarray(w), by=across)) for w in widths]
-    found = [_phases(scene, sound, (one, *others)) for one in every]
+    mean = dataclasses.replace(scene, phase=PitchMean())
+    found = [phases_of(dataclasses.replace(mean, spalls=(one, *others))) for one in every]
     phases, weights = (xp.concatenate(parts) for parts in zip(*found, strict=True))
     count = len(phases) // len(widths)
     if len(widths) == 1:
