@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import difftrb
-from difftrb.core import jax_config, messages
+from difftrb.core import bad_input, jax_config
 from difftrb.core.status import DifftrbError
 from difftrb.report import terminal
 from difftrb.report.terminal import EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_NO_SOLUTION, EXIT_OK, EXIT_PIPE, Figures
@@ -160,12 +160,12 @@ def _check(options: Any) -> int:
 
 
 def _example(options: Any) -> int:
-    texts = messages.packaged(".toml") | messages.packaged(".csv")
+    texts = bad_input.packaged(".toml") | bad_input.packaged(".csv")
     if options.name is None:
         for name, text in texts.items():
             print(f"{name:16s} {text.splitlines()[0].removeprefix('# ')}")
     elif options.name not in texts:
-        name = messages.shown(options.name)
+        name = bad_input.shown(options.name)
         return terminal.refuse(f"no example named {name}; there are {', '.join(texts)}", EXIT_BAD_FILE)
     else:
         print(texts[options.name], end="")

@@ -11,7 +11,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.fits import fit_report, fit_result, least_squares, optimal_design, predicted, search
+from difftrb.fits import fit_report, fit_result, least_squares, optimal_design, predicted, profile_intervals, search
 from difftrb.fits.conditions import conditions
 from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement, example, parse
@@ -201,8 +201,8 @@ def test_bounded_coordinates_go_both_ways() -> None:
 
 
 def test_limits_of_intervals() -> None:
-    assert fit_result.limit_of(None) == pytest.approx(3.841, rel=1e-3)
-    assert fit_result.limit_of(6) == pytest.approx(2.447**2, rel=1e-3)  # Student's t, tables
+    assert profile_intervals.limit_of(None) == pytest.approx(3.841, rel=1e-3)
+    assert profile_intervals.limit_of(6) == pytest.approx(2.447**2, rel=1e-3)  # Student's t, tables
     assert fit_result.tail(9.488, 4) == pytest.approx(0.05, rel=1e-3)
 
 

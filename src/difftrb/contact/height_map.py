@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import status
+from difftrb.core.bad_input import named, opened, shown, text_of
 from difftrb.core.geometry import Real
-from difftrb.core.messages import named, opened, shown, text_of
 
 PITCH = (1e-5, 10.0)
 """Least and largest distance of a map's points [mm]."""

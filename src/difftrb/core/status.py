@@ -52,8 +52,8 @@ SENTENCES = {
     "at one phase",
     BOTTOM: "a roller may meet the bottom of a spall, which this roller law does not know: use contact.law = 'direct' "
     "at one phase, or give the spall its true depth",
-    OUTSIDE: "rollers carry loads outside the range that the roller law was made for: prepare this scene, by naming "
-    "its law",
+    OUTSIDE: "rollers carry loads outside the range that the roller law was made for: name the law for this "
+    "scene, or use contact.law = 'table'",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
     SLIVER: "a spall ends close to the roller's end, or takes more than 0.85 of its length, which the table does not "
     "know: use contact.law = 'direct' or 'auto', or move or shorten it",

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.fits import fit_result, optimal_design, suspects
-from difftrb.fits.fit_result import EDGE, Alternative, Fit
+from difftrb.fits import fit_result, optimal_design, profile_intervals, suspects
+from difftrb.fits.fit_result import Alternative, Fit
+from difftrb.fits.profile_intervals import EDGE
 from difftrb.fits.search import Scan
 from difftrb.ring import effects
 
@@ -187,7 +188,7 @@ def _best_determined(fit: Fit, sizes: list[int]) -> tuple[dict[str, float], floa
     """The product of powers of these parameters that is known best: exponents by name, standard error of its
     logarithm."""
     slope = fit.problem.bounds.slope(fit.place)
-    covariance = (fit_result.covariance(fit.normal, fit.place) * np.outer(slope, slope))[np.ix_(sizes, sizes)]
+    covariance = (profile_intervals.covariance(fit.normal, fit.place) * np.outer(slope, slope))[np.ix_(sizes, sizes)]
     _, directions = np.linalg.eigh(covariance)
     powers = directions[:, 0] / directions[np.argmax(np.abs(directions[:, 0])), 0]
     names = [fit.parameters[i] for i in sizes]

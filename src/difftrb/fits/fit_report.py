@@ -15,9 +15,10 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from difftrb.fits import measured
-from difftrb.fits.fit_result import EDGE, NORMAL_95, Fit
+from difftrb.fits.fit_result import Fit
 from difftrb.fits.fitting import fit, prepare_fit
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
+from difftrb.fits.profile_intervals import EDGE, NORMAL_95
 from difftrb.report import remarks, run_report, terminal
 from difftrb.report.plot import ACCENT, HEALTHY, SPALLED
 from difftrb.scene import scene_file

@@ -13,13 +13,23 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.core import status
-from difftrb.fits import conditions, diagnostics, fit_result, least_squares, measured, predicted, search
+from difftrb.fits import (
+    conditions,
+    diagnostics,
+    fit_result,
+    least_squares,
+    measured,
+    predicted,
+    profile_intervals,
+    search,
+)
 from difftrb.fits import parameters as fit_parameters
-from difftrb.fits.fit_result import Alternative, Fit, History, Known, Profiles
+from difftrb.fits.fit_result import Alternative, Fit, History
 from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import ROBUST, Problem
+from difftrb.fits.profile_intervals import Known, Profiles
 from difftrb.fits.search import Scan
 from difftrb.law.samples import Progress
 from difftrb.ring.ring import Load, largest_load
@@ -201,10 +211,10 @@ def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Trie
     place, normal, cost = found.place[best], found.normal[best], float(found.cost[best])
     told = not estimated and freedom > 0 and problem.robust == ROBUST.index("squares")
     scale = max(2.0 * cost / freedom, 1.0) if told else 1.0
-    limit = scale * fit_result.limit_of(freedom if estimated else None)
+    limit = scale * profile_intervals.limit_of(freedom if estimated else None)
     costs = np.concatenate([found.cost, predicted.costs(problem, scan.told)])
     known = Known(np.concatenate([found.place, scan.place]), np.nan_to_num(costs, nan=np.inf))
-    profiles = fit_result.profiles(problem, place, cost, normal, limit, known)
+    profiles = profile_intervals.profiles(problem, place, cost, normal, limit, known)
     return Tried(found, best, profiles, limit, scale, known)
 
 
@@ -214,7 +224,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     u, normal, told = (np.asarray(each[best]) for each in (found.place, found.normal, found.beside[0]))
     every = bounds.values(found.place)
     values = every[best]
-    known = fit_result.covariance(normal, u)
+    known = profile_intervals.covariance(normal, u)
     variance = np.diag(known)
     slope = bounds.slope(u) * np.where(bounds.logarithmic, values, 1.0)
     spread = np.sqrt(np.where(variance > 0.0, variance, 1.0))

@@ -12,9 +12,9 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb.core import fields, geometry, messages
+from difftrb.core import bad_input, fields, geometry
+from difftrb.core.bad_input import allowed, known, shown
 from difftrb.core.geometry import FILE_RULES, Real
-from difftrb.core.messages import allowed, known, shown
 from difftrb.core.status import DifftrbError
 from difftrb.ring.ring import needed_axial
 from difftrb.scene.scene import Definition, Phase, Scene
@@ -84,12 +84,12 @@ def load_measured(path: str | Path) -> tuple[Measurement, ...]:
     Columns as the fields of `Measurement`, in any order, named in the first line; radial, axial, quantity and value are
     needed. Lines that begin with # are comments. At most 1 MB.
     """
-    return parse(messages.text_of(path, "a table of measurements", MeasuredError), path)
+    return parse(bad_input.text_of(path, "a table of measurements", MeasuredError), path)
 
 
 def example() -> str:
     """The text of the packaged measurements."""
-    return messages.packaged(".csv")["measured"]
+    return bad_input.packaged(".csv")["measured"]
 
 
 def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import special
 
-from difftrb.fits import fit_result, least_squares, predicted, search
+from difftrb.fits import fit_result, least_squares, predicted, profile_intervals, search
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import UNLIKELY, Fit
 from difftrb.fits.least_squares import Least
@@ -109,7 +109,9 @@ def _down(fit: Fit, problem: Problem, scan: Scan) -> Least:
     lowest points of that problem."""
     low = np.argsort(predicted.costs(problem, scan.told), kind="stable")[:STARTS]
     starts = np.concatenate([fit.place[None], scan.place[low], _lowest(fit)])
-    return predicted.solved(problem, starts, np.ones_like(starts, bool), 0, least_squares.STEPS, fit_result.ENOUGH)
+    return predicted.solved(
+        problem, starts, np.ones_like(starts, bool), 0, least_squares.STEPS, profile_intervals.ENOUGH
+    )
 
 
 def _lowest(fit: Fit) -> np.ndarray:

@@ -8,12 +8,14 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import Real
+from difftrb.law.base import LENGTH_SHARE
 
 INNER = 0.45
 """Both ends of a spall lie within this share of the roller's length from its middle, or one beyond the roller's end:
 of slivers of land between, and of spalls that leave no more than that of the roller's end, the atlas knows nothing."""
-LONGEST = 0.85
-"""Longest spall inside the roller by the roller's length."""
+LONGEST = LENGTH_SHARE
+"""Longest spall inside the roller by the roller's length. The atlas's variables are made of it: it has to be built anew
+where this changes."""
 AT_END = 0.05, 0.9
 """How much of the roller's length a spall over its end may take."""
 USUAL_LOAD = 0.3

@@ -18,8 +18,8 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
+from difftrb.core.bad_input import shown
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
-from difftrb.core.messages import shown
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve

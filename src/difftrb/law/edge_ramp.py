@@ -47,7 +47,7 @@ SHUT = 1e-3
 
 class NarrowSpall(NamedTuple):
     """A spall so narrow that both edges may be in reach: its width [mm], shape (…); the roller's crown over it at the
-    places `along` it [mm], shape (ROWS, …)."""
+    places `ALONG` it [mm], shape (places, …)."""
 
     width: jax.Array
     crown: jax.Array

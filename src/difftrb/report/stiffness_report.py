@@ -12,7 +12,7 @@ import numpy as np
 from rich.table import Table
 
 from difftrb.core import storage
-from difftrb.core.messages import named
+from difftrb.core.bad_input import named
 from difftrb.core.status import SceneError
 from difftrb.report import run_report, terminal
 from difftrb.scene import scene_file, solution

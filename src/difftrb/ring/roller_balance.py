@@ -127,7 +127,7 @@ def carried(
 
 class Between(NamedTuple):
     """A place of the roller between the raceways: outer load by the balance of the roller and its slope [N], [N/mm];
-    displacement of the roller along the outer normal [mm] and its slope [–]; both by what `_inside` finds."""
+    displacement of the roller along the outer normal [mm] and its slope [–]; both by what `inside` finds."""
 
     load: jax.Array
     rate: jax.Array

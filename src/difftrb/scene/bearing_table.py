@@ -11,8 +11,8 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from difftrb.core import geometry
+from difftrb.core.bad_input import UNKNOWN_KEY, in_one_sentence, shown
 from difftrb.core.geometry import FILE_RULES, TaperedBearing
-from difftrb.core.messages import UNKNOWN_KEY, in_one_sentence, shown
 from difftrb.core.status import SceneError
 from difftrb.ring.catalogue import Catalogue
 from difftrb.ring.catalogue_estimate import CatalogueBearing, estimated

@@ -13,8 +13,8 @@ from annotated_types import Interval, Unit
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry
+from difftrb.core.bad_input import known, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
-from difftrb.core.messages import known, shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import local, power

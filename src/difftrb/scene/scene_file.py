@@ -15,10 +15,10 @@ from pydantic import TypeAdapter
 
 from difftrb.contact import height_map
 from difftrb.contact.height_map import HeightMap
-from difftrb.core import geometry, messages
+from difftrb.core import bad_input, geometry
+from difftrb.core.bad_input import shown
 from difftrb.core.bearing_checks import across
 from difftrb.core.geometry import DESIGN_LOAD, FILE_RULES, LineContact, Real, Spall, TaperedBearing
-from difftrb.core.messages import shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.ring import effect, effects
@@ -127,7 +127,7 @@ def load_scene(path: str | Path) -> Scene:
 
 def example(name: str = "spall") -> str:
     """The text of a packaged scene; `SceneError` lists the names there are."""
-    texts = messages.packaged(".toml")
+    texts = bad_input.packaged(".toml")
     if name not in texts:
         raise SceneError(f"no example named {name!r}; there are {', '.join(texts)}")
     return texts[name]
@@ -135,7 +135,7 @@ def example(name: str = "spall") -> str:
 
 def example_names() -> list[str]:
     """Names of the packaged scenes."""
-    return list(messages.packaged(".toml"))
+    return list(bad_input.packaged(".toml"))
 
 
 def read(path: str | Path) -> SceneFile:
@@ -145,7 +145,7 @@ def read(path: str | Path) -> SceneFile:
 
 def text_of(path: str | Path) -> str:
     """The text of a scene file, at most 1 MB; raises `SceneError`."""
-    return messages.text_of(path, "a scene file", SceneError)
+    return bad_input.text_of(path, "a scene file", SceneError)
 
 
 def parse(text: str, path: str | Path = "scene") -> SceneFile:

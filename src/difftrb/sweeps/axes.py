@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
-from difftrb.core.messages import dotted, known, shown
+from difftrb.core.bad_input import dotted, known, shown
 from difftrb.core.status import SweepError
 from difftrb.scene.scene import Scene
 

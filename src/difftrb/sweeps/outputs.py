@@ -16,7 +16,7 @@ import numpy as np
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
-from difftrb.core.messages import shown
+from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
 from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress

@@ -23,7 +23,7 @@ import numpy as np
 from jax.sharding import SingleDeviceSharding
 
 from difftrb.core import jax_config, status
-from difftrb.core.messages import shown
+from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import Axis, Grid, number_at, replaced, up
 from difftrb.sweeps.outputs import STATUS

@@ -13,8 +13,8 @@ from typing import Any
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
 from difftrb.core import machine
+from difftrb.core.bad_input import dotted, known, shown
 from difftrb.core.bearing_checks import across
-from difftrb.core.messages import dotted, known, shown
 from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
 from difftrb.report import remarks, terminal
