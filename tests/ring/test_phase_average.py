@@ -162,6 +162,14 @@ def test_laws_by_contact_solves_reach_the_load_of_a_narrow_zone(bearing, rollers
         assert 0.95 * loads.max() < expected_loads.largest_for_curves(scene) < 1.6 * loads.max()
 
 
+@pytest.mark.parametrize("effect", [trb.effects.Mounting(-0.02), trb.effects.DoubleRow(0.02)])
+def test_what_holds_a_ring_without_axial_load_is_no_narrow_zone(bearing, effect) -> None:
+    """The load alone holds no ring here: a roller that carries all of it made ranges four and fourteen times as far."""
+    scene = trb.Scene(bearing, trb.Load(9000.0, 0.0), law="liu2018", effects=(effect,))
+    top = float(trb.solve(scene).check().loads.max())
+    assert top < expected_loads.largest_for_curves(scene) < 4.0 * top
+
+
 def test_another_word_for_the_mean_is_refused(scene) -> None:
     with pytest.raises(ValueError, match="give an angle"):
         dataclasses.replace(scene, phase="average")

@@ -44,7 +44,8 @@ def largest_for_curves(scene: Scene) -> float:
     through, presses = is_through(scene), any(effect.presses for effect in scene.effects)
     wide = not through and any(float(spall.width) > WIDE * pitch for spall in scene.spalls)
     plain = float(ring.largest_load(scene.bearing, scene.load))
-    largest = max(float(largest_load(scene)), _in_narrow_zone(scene))
+    # effects may hold the ring where the load alone does not
+    largest = float(largest_load(scene)) if through or presses else max(plain, _in_narrow_zone(scene))
     # in steps: what presses a little more shares the nodes, so that neighbouring scenes differ by physics alone
     halves = max(math.ceil(2.0 * math.log2(largest / plain)), 0) if plain > 0.0 else 0
     pressed = plain * 2.0 ** (0.5 * halves) if plain > 0.0 else largest
