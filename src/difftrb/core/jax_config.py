@@ -115,7 +115,7 @@ def jit_quickly(**arguments: Any) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         @functools.cache
-        def compiled(outermost: bool) -> Callable[..., Any]:
+        def compiled(outermost: bool) -> Any:
             import jax
 
             return jax.jit(function, compiler_options=quick() if outermost else None, **arguments)
@@ -139,8 +139,11 @@ def jit_quickly(**arguments: Any) -> Callable[[F], F]:
                         raise
             return compiled(False)(*a, **k)
 
-        every = lambda: (compiled(True), compiled(False), kept())  # noqa: E731
-        call.clear_cache = lambda: [each.clear_cache() for each in every()]  # type: ignore[attr-defined]
+        def clear_cache() -> None:
+            for each in (compiled(True), compiled(False), kept()):
+                each.clear_cache()
+
+        call.clear_cache = clear_cache  # type: ignore[attr-defined]
         return cast(F, call)
 
     return decorate

@@ -68,7 +68,7 @@ def phases(
 
     rows = 1 if terms.pair is None else 2
     count = 2 * rows + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met)
-    kinks = xp.repeated(ROUNDS, moved, xp.of(jax.tree.leaves((bearing, load, met))).zeros(count))
+    kinks = xp.repeated(ROUNDS, moved, xp.of(jax.tree.leaves((bearing, load, met, terms))).zeros(count))
     kinks = kinks[xp.of(kinks).argsort(xp.value(kinks))]
     none = 0.0 * kinks[:1]
     borders = xp.concatenate([none, kinks, none + whole])
@@ -82,7 +82,7 @@ def phases(
 def _kinks(bearing: TaperedBearing, met: tuple[Met, ...], rest: ring.Equilibrium, terms: ring.Terms) -> Any:
     """Angles [rad] of the rollers at kinks, each as its own ring of `rest` has them, shape (kinks,): where the load
     zone of every row ends on either side, then where a roller begins to meet every edge of every spall, and where it
-    has met it."""
+    has met it. They come in pairs, of both sides."""
     # without an equilibrium any phases will do: each of them will say so
     u = xp.where(xp.of(rest.displacement).isfinite(xp.value(rest.displacement)), rest.displacement, 0.0)
     rows = (u,) if terms.pair is None else jax.vmap(lambda v: terms.pair.rows(v, bearing.outer_angle))(u)  # type: ignore[union-attr]
@@ -91,18 +91,19 @@ def _kinks(bearing: TaperedBearing, met: tuple[Met, ...], rest: ring.Equilibrium
         found.append(_zone(bearing, own[2 * k : 2 * k + 2], sides))
     for raceway, spalls, law in met:
         radius = geometry.arc_radius(bearing, raceway)
+        share = None if terms.seat is None or law.hard else jax.vmap(partial(_share, law))(rest)
         for i, spall in enumerate(spalls):
             edges = spall.angle + sides * (0.5 * spall.width / radius)
             if law.hard:
                 found.append(edges)
                 continue
-            for end in (0, 1):
-                first = 2 * len(found)
-                own = rows[0][first : first + 2]  # whose rollers meet the spalls
-                approach = xp.einsum("si,si->s", ring.directions(bearing, edges), own[:, :3])
-                if terms.seat is not None:
-                    approach = approach * jax.vmap(partial(_share, law))(rest)[first : first + 2]
-                found.append(edges - sides * law.ramp(i, spall, approach)[end] / radius)
+            mine = slice(2 * len(found), 2 * len(found) + 4)
+            towards = ring.directions(bearing, xp.concatenate([edges, edges]))
+            approach = xp.einsum("ki,ki->k", towards, rows[0][mine, :3])  # whose rollers meet the spalls
+            if share is not None:
+                approach = approach * share[mine]
+            begins, ends = law.ramp(i, spall, approach)
+            found += [edges - sides * begins[:2] / radius, edges - sides * ends[2:] / radius]
     return xp.concatenate(found)
 
 
