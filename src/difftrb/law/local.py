@@ -200,7 +200,7 @@ class LocalLaw:
 
     def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:
         """See `Law`: not known, for there is no mean over phases."""
-        return np.zeros(()), np.zeros(())
+        return xp.zeros_like(approach), xp.zeros_like(approach)
 
 
 def _of_one_phase(distances: Any) -> Any:

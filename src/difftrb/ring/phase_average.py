@@ -102,7 +102,7 @@ def _kinks(bearing: TaperedBearing, met: tuple[Met, ...], rest: ring.Equilibrium
             approach = xp.einsum("ki,ki->k", towards, rows[0][mine, :3])  # whose rollers meet the spalls
             if share is not None:
                 approach = approach * share[mine]
-            begins, ends = law.ramp(i, spall, approach)
+            begins, ends = (xp.broadcast_to(place, (4,)) for place in law.ramp(i, spall, approach))
             found += [edges - sides * begins[:2] / radius, edges - sides * ends[2:] / radius]
     return xp.concatenate(found)
 
