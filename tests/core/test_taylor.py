@@ -18,8 +18,8 @@ AT = np.array([0.3, -0.45, 0.8])
 RATE, BEND = np.array([0.7, -0.2, 1.1]), np.array([0.4, 0.9, -0.6])
 BY = np.array([[0.5, -1.0, 0.25], [0.1, 0.3, -0.7]])
 SLOPE_BY = np.array([[0.2, 0.6, -0.1], [-0.3, 0.8, 0.45]])
-FIRST = Taylor(AT, RATE, BEND, BY, SLOPE_BY)
-"""x at δ = 0, θ = 0."""
+FIRST = Taylor(AT, np.stack([*BY, RATE]), np.stack([*SLOPE_BY, BEND]))
+"""x at δ = 0, θ = 0; δ is the last parameter."""
 
 
 def first(d: Any, p: Any) -> jax.Array:
@@ -28,7 +28,7 @@ def first(d: Any, p: Any) -> jax.Array:
 
 
 COLUMNS = np.arange(1.0, 13.0).reshape(4, 3) / 7.0
-MOVING = Taylor(COLUMNS, None, None, np.stack([COLUMNS**2, -0.3 * COLUMNS]))
+MOVING = Taylor(COLUMNS, np.stack([COLUMNS**2, -0.3 * COLUMNS, 0.0 * COLUMNS]))
 
 
 def moving(p: Any) -> jax.Array:
@@ -63,14 +63,13 @@ def compared(found: Taylor, function: Callable[[Any, Any], Any]) -> None:
     """The parts of an expansion beside JAX's derivatives of the same function."""
     close = {"rtol": 1e-12, "atol": 1e-12}
     slope = jax.jacfwd(function)
-    every = function, slope, jax.jacfwd(slope), jax.jacfwd(function, 1), jax.jacfwd(slope, 1)
-    truths = jax.jit(lambda d, p: [one(d, p) for one in every])(jnp.zeros(()), jnp.zeros(2))
-    for part, truth in zip((found.value, found.slope, found.bend), truths[:3], strict=True):
-        np.testing.assert_allclose(0.0 if part is None else part, truth, **close)
-    for part, truth in zip((found.by, found.slope_by), truths[3:], strict=True):
-        truth = np.moveaxis(np.asarray(truth), -1, 0)
-        np.testing.assert_allclose(np.zeros_like(truth) if part is None else part, truth, **close)
-        assert part is None or np.shape(part) == truth.shape
+    every = function, jax.jacfwd(function, 1), slope, jax.jacfwd(slope, 1), jax.jacfwd(slope)
+    value, by, rate, rate_by, bend = jax.jit(lambda d, p: [one(d, p) for one in every])(jnp.zeros(()), jnp.zeros(2))
+    np.testing.assert_allclose(found.value, value, **close)
+    for part, (sizes, last) in zip((found.by, found.mixed), ((by, rate), (rate_by, bend)), strict=True):
+        truth = np.concatenate([np.moveaxis(np.asarray(sizes), -1, 0), last[None]])
+        np.testing.assert_allclose(part, truth, **close)
+        assert np.shape(part) == truth.shape
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -107,9 +106,9 @@ def test_arrays_of_jax_give_the_same() -> None:
 
 
 def test_second_derivatives_are_not_computed_unless_wanted() -> None:
-    found = xp.exp(Taylor(AT, RATE)) * Taylor(AT, RATE)
-    assert found.bend is None
-    np.testing.assert_allclose(found.slope, np.exp(AT) * (1.0 + AT) * RATE, rtol=1e-15)
+    found = xp.exp(Taylor(AT, RATE[None])) * Taylor(AT, RATE[None])
+    assert found.mixed is None
+    np.testing.assert_allclose(found.by[0], np.exp(AT) * (1.0 + AT) * RATE, rtol=1e-15)
 
 
 def test_numbers_are_computed_by_numpy() -> None:

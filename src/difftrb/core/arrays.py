@@ -15,9 +15,9 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core.taylor import Taylor, bends, chained, summed, value, values, whole
+from difftrb.core.taylor import Taylor, beside_variable, chained, plus, value, values, variable, whole
 
-__all__ = ["Taylor", "value", "values"]
+__all__ = ["Taylor", "beside_variable", "value", "values", "variable"]
 PRECISE = jax.lax.Precision.HIGHEST
 LARGE = 2000  # entries from which numpy's sums of products are worth its thinking about how
 
@@ -28,7 +28,7 @@ def of(*arguments: Any) -> Any:
         if isinstance(one, jax.Array):
             return jnp
         if isinstance(one, Taylor):
-            if of(one.value, one.slope, one.by) is jnp:
+            if of(one.value, one.by) is jnp:
                 return jnp
         elif isinstance(one, list | tuple) and of(*one) is jnp:
             return jnp
@@ -61,12 +61,13 @@ arccos = _function("arccos", lambda xp, x, f: (-1.0 / xp.sqrt(1.0 - x * x), -x /
 
 
 def univariate(function: Callable[[Any], Any], x: Any) -> Any:
-    """`function(x)`, entry by entry; more axes may come in front. Of an expansion it takes the function's own two
-    derivatives first, by one variable, which is less than to carry all through each of its steps."""
-    if not isinstance(x, Taylor) or x.by is None:
+    """`function(x)`, entry by entry; more axes may come in front. Of an expansion by several parameters it takes the
+    function's own two derivatives first, by one, which is less than to carry all through each of its steps."""
+    if not isinstance(x, Taylor) or x.by is None or len(x.by) == 1:
         return function(x)
-    own = function(Taylor(x.value, of(x).ones_like(x.value), of(x).zeros_like(x.value)))
-    return chained(x[(None,) * (own.ndim - x.ndim)], own.value, own.slope, own.bend)
+    own = function(variable(x.value, mixed=x.mixed is not None))
+    bend = None if own.mixed is None else own.mixed[0]
+    return chained(x[(None,) * (own.ndim - x.ndim)], own.value, own.by[0], bend)
 
 
 def __getattr__(name: str) -> Callable[..., Any]:
@@ -96,19 +97,18 @@ def where(condition: Any, a: Any, b: Any) -> Any:
     def spread(part: Any, own: int) -> Any:
         return part if part is None else part.reshape(part.shape[:1] + (1,) * (rank - own) + part.shape[1:])
 
-    def chosen(p: Any, q: Any, mask: Any) -> Any:
-        if p is None and q is None:
-            return None
-        return xp.where(mask, 0.0 if p is None else p, 0.0 if q is None else q)
-
     shape = np.shape(condition)
     up = condition if not shape else condition.reshape((1,) * (rank + 1 - len(shape)) + shape)
+
+    def chosen(p: Any, q: Any) -> Any:
+        if p is None and q is None:
+            return None
+        return xp.where(up, 0.0 if p is None else p, 0.0 if q is None else q)
+
     return whole(
-        chosen(a.value, b.value, condition),
-        chosen(a.slope, b.slope, condition),
-        chosen(a.bend, b.bend, condition) if bends(a, b) else None,
-        chosen(spread(a.by, a.ndim), spread(b.by, b.ndim), up),
-        chosen(spread(a.slope_by, a.ndim), spread(b.slope_by, b.ndim), up),
+        xp.where(condition, a.value, b.value),
+        chosen(spread(a.by, a.ndim), spread(b.by, b.ndim)),
+        chosen(spread(a.mixed, a.ndim), spread(b.mixed, b.ndim)),
     )
 
 
@@ -164,14 +164,14 @@ def _joined(name: str, parts: list[Any], axis: int) -> Any:
 
     def joined(field: str) -> Any:
         own = [getattr(part, field) for part in every]
-        if all(part is None for part in own) or (field == "bend" and not bends(*every)):
+        if all(part is None for part in own):
             return None
-        by = field in ("by", "slope_by")
+        by = field != "value"
         first = next(part for part in own if part is not None).shape[:1] if by else ()
         filled = [xp.zeros(first + part.shape) if one is None else one for one, part in zip(own, every, strict=True)]
         return join(filled, axis=axis + 1 if by and axis >= 0 else axis)
 
-    return Taylor(*(joined(field) for field in ("value", "slope", "bend", "by", "slope_by")))
+    return Taylor(*(joined(field) for field in ("value", "by", "mixed")))
 
 
 def total(x: Any) -> Any:
@@ -238,18 +238,18 @@ def einsum(form: str, a: Any, b: Any) -> Any:
         own = f"{'z' * p_up}{one},{'z' * q_up}{other}->{'z' * (p_up or q_up)}{out}"
         return xp.einsum(own, p, q, **more)
 
-    return _bilinear_apart(product, a, b)
+    def summed(*pairs: tuple[Any, Any]) -> Any:
+        found = None
+        for p, q in pairs:
+            if p is not None and q is not None:
+                found = plus(found, product(p, q))
+        return found
 
-
-def _bilinear_apart(product: Callable[[Any, Any], Any], a: Taylor, b: Taylor) -> Taylor:
-    """As a product of expansions, of one that looks after shapes itself."""
-    twice = None if a.slope is None else 2.0 * a.slope
+    a_last, b_last = (None if x.mixed is None else x.by[-1] for x in (a, b))
     return Taylor(
         product(a.value, b.value),
-        summed((a.slope, b.value), (a.value, b.slope), product=product),
-        summed((a.bend, b.value), (twice, b.slope), (a.value, b.bend), product=product) if bends(a, b) else None,
-        summed((a.by, b.value), (a.value, b.by), product=product),
-        summed((a.slope_by, b.value), (a.value, b.slope_by), (a.slope, b.by), (a.by, b.slope), product=product),
+        summed((a.by, b.value), (a.value, b.by)),
+        summed((a.mixed, b.value), (a.value, b.mixed), (a_last, b.by), (a.by, b_last)),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import implicit, numeric
-from difftrb.core.taylor import Taylor, bends, by_product, chained, plus, summed, whole
+from difftrb.core.taylor import Taylor, chained, plus, summed, whole
 
 
 def polynomial_at(coefficients: Any, x: Any, order: int) -> Any:
@@ -23,7 +23,7 @@ def polynomial(coefficients: Any, x: Any, straight: bool = False) -> Any:
     straight = straight and len(coefficients) > 2
     c = coefficients if isinstance(coefficients, Taylor) else Taylor(coefficients)
     z = x if isinstance(x, Taylor) else Taylor(x)
-    if all(part is None for part in (c.slope, c.by, z.by)):
+    if c.by is None and (z.by is None or len(z.by) == 1):
         return _by_steps(c.value, z, straight)
     if straight:
         inside = xp.within(z.value, -1.0, 1.0)
@@ -40,20 +40,15 @@ def polynomial(coefficients: Any, x: Any, straight: bool = False) -> Any:
         up = np.ndim(part) > coefficients.ndim
         return (part * powers[None]).sum(axis=1) if up else (part * powers).sum(axis=0)
 
-    still = z.slope is None and z.by is None
-    rate = None if still else series(c.value, rates)
-    along = chained(z, series(c.value, table), rate, None if z.slope is None else series(c.value, curves))
-    slope_rate = None if still or c.slope is None else series(c.slope, rates)
-    by_rate = None if z.slope is None else series(c.by, rates)
-    twice = None if slope_rate is None else 2.0 * slope_rate
-    return whole(
-        along.value,
-        plus(along.slope, series(c.slope, table)),
-        plus(along.bend, plus(series(c.bend, table), summed((twice, z.slope)))) if bends(c, z) else None,
-        plus(along.by, series(c.by, table)),
-        plus(plus(along.slope_by, series(c.slope_by, table)),
-             summed((z.by, slope_rate), (by_rate, z.slope), product=by_product)),
-    )  # fmt: skip
+    if z.by is None:
+        return whole(series(c.value, table), series(c.by, table), series(c.mixed, table))
+    along = chained(z, series(c.value, table), series(c.value, rates), series(c.value, curves))
+    by, mixed = plus(along.by, series(c.by, table)), plus(along.mixed, series(c.mixed, table))
+    if mixed is not None:
+        by_rate = series(c.by, rates)
+        turned = None if c.mixed is None or by_rate is None else by_rate[-1]
+        mixed = plus(mixed, summed((z.by, turned), (by_rate, None if z.mixed is None else z.by[-1])))
+    return whole(along.value, by, mixed)
 
 
 def _by_steps(coefficients: Any, z: Taylor, straight: bool) -> Any:
@@ -63,10 +58,10 @@ def _by_steps(coefficients: Any, z: Taylor, straight: bool) -> Any:
     value, rate = rules.with_slope(coefficients, inside)
     if straight:
         value = value + rate * (z.value - inside)
-    if z.slope is None:
+    if z.by is None:
         return value
     bend = None
-    if z.bend is not None:
+    if z.mixed is not None:
         bend = numeric.polynomial(coefficients, inside, 2)
         bend = xp.where(xp.of(inside).abs(z.value) < 1.0, bend, 0.0) if straight else bend
     return chained(z, value, rate, bend)

@@ -1,14 +1,13 @@
 """Taylor expansions of arrays, to carry derivatives through formulas that are written once.
 
-`Taylor` is a number with its first derivatives by some parameters, and with its first and second one by one variable,
-which is told apart: what a ring needs of its rollers' loads, by sizes and by approach. Its parts are arrays of numpy or
-of JAX; None stands for 0, costs nothing and stays None. `core.arrays` has the functions of them.
+`Taylor` is a number with its first derivatives by some parameters, and with the second ones by each of them and the
+last: what a ring needs of its rollers' loads, by sizes and by approach, which is the last. Its parts are arrays of
+numpy or of JAX; None stands for 0, costs nothing and stays None. `core.arrays` has the functions of them.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -27,17 +26,14 @@ class Taylor:
 
     Attributes:
       value: of any shape.
-      slope, bend: first and second derivative by the variable, of that shape. A bend of None beside a slope is not
-        wanted, and stays so.
       by: derivatives by the parameters, shape (parameters, …).
-      slope_by: of the slope by the parameters, the same shape.
+      mixed: second derivatives by each parameter and the last one, the same shape. None of all that goes into a formula
+        if they are not wanted; of what does not depend on the last parameter it may be None, too.
     """
 
     value: Part
-    slope: Part = None
-    bend: Part = None
     by: Part = None
-    slope_by: Part = None
+    mixed: Part = None
 
     __array_ufunc__ = None  # numpy leaves arithmetic with it to this class
 
@@ -64,9 +60,8 @@ class Taylor:
         return self.mapped(lambda part: part[index], lambda part: part[(slice(None), *inner)])
 
     def mapped(self, plain: Callable[[Any], Any], by: Callable[[Any], Any]) -> Taylor:
-        """With a linear function of every part: `plain` of value, slope and bend, `by` of the others."""
-        parts = [None if part is None else plain(part) for part in (self.value, self.slope, self.bend)]
-        return Taylor(*parts, *(None if part is None else by(part) for part in (self.by, self.slope_by)))
+        """With a linear function of every part: `plain` of the value, `by` of the others."""
+        return Taylor(plain(self.value), *(None if part is None else by(part) for part in (self.by, self.mixed)))
 
     def reshape(self, *shape: int) -> Taylor:
         """Of the value's shape."""
@@ -77,8 +72,7 @@ class Taylor:
 
     def __add__(self, other: Any) -> Taylor:
         a, b, rank = _pair(self, other)
-        slope, bend, by, slope_by = map(plus, _rest(a, rank), _rest(b, rank))
-        return whole(a.value + b.value, slope, bend if bends(a, b) else None, by, slope_by)
+        return whole(a.value + b.value, *map(plus, _rest(a, rank), _rest(b, rank)))
 
     __radd__ = __add__
 
@@ -137,80 +131,83 @@ def values(tree: Any) -> Any:
     return jax.tree.map(value, tree, is_leaf=lambda leaf: isinstance(leaf, Taylor))
 
 
-def bends(*every: Taylor) -> bool:
-    """Whether second derivatives by the variable are wanted of all that have a first one."""
-    return all(x.slope is None or x.bend is not None for x in every)
-
-
 def plus(p: Any, q: Any) -> Any:
     """The sum of two parts."""
     return q if p is None else p if q is None else p + q
 
 
-def whole(value: Any, slope: Any, bend: Any, by: Any, slope_by: Any) -> Taylor:
+def whole(value: Any, by: Any, mixed: Any) -> Taylor:
     """An expansion whose parts are spread over the shape of its value."""
     shape = np.shape(value)
 
-    def spread(part: Any, own: tuple[int, ...]) -> Any:
-        if part is None or np.shape(part) == own:
+    def spread(part: Any) -> Any:
+        if part is None or np.shape(part)[1:] == shape:
             return part
-        return (jnp if isinstance(part, jax.Array) else np).broadcast_to(part, own)
+        return (jnp if isinstance(part, jax.Array) else np).broadcast_to(part, (len(part), *shape))
 
-    return Taylor(
-        value, spread(slope, shape), spread(bend, shape),
-        *(part if part is None else spread(part, (len(part), *shape)) for part in (by, slope_by)),
-    )  # fmt: skip
+    return Taylor(value, spread(by), spread(mixed))
+
+
+def variable(x: Any, mixed: bool = False) -> Taylor:
+    """`x` with one more parameter, the last, which is `x` itself; `mixed`: second derivatives are wanted."""
+    of, at = (jnp if isinstance(value(x), jax.Array) else np), value(x)
+    own = of.ones_like(at)[None]
+    by = own if not isinstance(x, Taylor) or x.by is None else of.concatenate([x.by, own])
+    return Taylor(at, by, of.zeros_like(by) if mixed else None)
+
+
+def beside_variable(tree: Any) -> Any:
+    """A pytree whose expansions have one more parameter, the last, by which they do not change."""
+
+    def widened(x: Any) -> Any:
+        if not isinstance(x, Taylor) or x.by is None:
+            return x
+        of = jnp if isinstance(x.by, jax.Array) else np
+        return Taylor(x.value, of.concatenate([x.by, of.zeros_like(x.by[:1])]))
+
+    return jax.tree.map(widened, tree, is_leaf=lambda leaf: isinstance(leaf, Taylor))
 
 
 def chained(x: Taylor, f: Any, rate: Any, bend: Any) -> Taylor:
     """A function of `x`, entry by entry, from its value and its first two derivatives at `x.value`."""
-    bent = None if bend is None or x.slope is None or (x.bend is None and x.by is None) else bend * x.slope
-    return Taylor(
-        f,
-        summed((rate, x.slope)),
-        summed((rate, x.bend), (bent, x.slope)) if bends(x) else None,
-        summed((x.by, rate), product=by_product),
-        summed((x.slope_by, rate), (x.by, bent), product=by_product),
-    )
+    by = summed((x.by, rate))
+    if x.mixed is None or bend is None:
+        return Taylor(f, by)
+    return Taylor(f, by, summed((x.mixed, rate), (x.by, bend * x.by[-1])))
 
 
-def summed(*pairs: tuple[Any, Any], product: Callable[[Any, Any], Any] = operator.mul) -> Any:
-    """The sum of products of parts; those of which one is None are 0, and so is None."""
+def summed(*pairs: tuple[Any, Any]) -> Any:
+    """The sum of derivatives times values; pairs of which one is None are 0, and so is None."""
     found = None
-    for p, q in pairs:
-        if p is not None and q is not None:
-            found = product(p, q) if found is None else found + product(p, q)
+    for by, value in pairs:
+        if by is not None and value is not None:
+            found = plus(found, by_product(by, value))
     return found
 
 
 def _multiplied(a: Any, b: Any) -> Taylor:
     """a·b, of which one may be no expansion."""
     a, b, rank = _pair(a, b)
-    (a1, a2, a_by, a1_by), (b1, b2, b_by, b1_by) = _rest(a, rank), _rest(b, rank)
-    return whole(
-        a.value * b.value,
-        summed((a1, b.value), (a.value, b1)),
-        summed((a2, b.value), (a.value, b2), (None if a1 is None else 2.0 * a1, b1)) if bends(a, b) else None,
-        summed((a_by, b.value), (b_by, a.value), product=by_product),
-        summed((a1_by, b.value), (b1_by, a.value), (a_by, b1), (b_by, a1), product=by_product),
-    )
+    (a_by, a_mixed), (b_by, b_mixed) = _rest(a, rank), _rest(b, rank)
+    mixed = summed(
+        (a_mixed, b.value), (b_mixed, a.value),
+        (b_by, None if a_mixed is None else a_by[-1]), (a_by, None if b_mixed is None else b_by[-1]),
+    )  # fmt: skip
+    return whole(a.value * b.value, summed((a_by, b.value), (b_by, a.value)), mixed)
 
 
 def _divided(a: Any, b: Any) -> Taylor:
     """a/b, of which one may be no expansion."""
     a, b, rank = _pair(a, b)
-    (a1, a2, a_by, a1_by), (b1, b2, b_by, b1_by) = _rest(a, rank), _rest(b, rank)
+    (a_by, a_mixed), (b_by, b_mixed) = _rest(a, rank), _rest(b, rank)
     value, share = a.value / b.value, 1.0 / b.value
     minus = -value
-    slope = summed((plus(a1, summed((b1, minus))), share))
-    bend, falls = None, None if slope is None else -slope
-    if bends(a, b):
-        twice = None if falls is None else 2.0 * falls
-        bend = summed((plus(a2, summed((b2, minus), (b1, twice))), share))
-    by = summed((plus(a_by, summed((b_by, minus), product=by_product)), share), product=by_product)
-    back = None if b1 is None else -b1
-    rest = summed((b1_by, minus), (b_by, falls), (by, back), product=by_product)
-    return whole(value, slope, bend, by, summed((plus(a1_by, rest), share), product=by_product))
+    by = summed((plus(a_by, summed((b_by, minus))), share))
+    if a_mixed is None and b_mixed is None:
+        return whole(value, by, None)
+    # (a/b)'' = (a'' − (a/b) b'' − (a/b)' b' − b' (a/b)')/b
+    rest = summed((b_mixed, minus), (b_by, -by[-1]), (by, None if b_mixed is None else -b_by[-1]))
+    return whole(value, by, summed((plus(a_mixed, rest), share)))
 
 
 def by_product(by: Any, value: Any) -> Any:
@@ -229,11 +226,11 @@ def _pair(a: Any, b: Any) -> tuple[Taylor, Taylor, int]:
     return a, b, max(a.ndim, b.ndim)
 
 
-def _rest(x: Taylor, rank: int) -> tuple[Any, Any, Any, Any]:
-    """The derivatives, those by parameters in shapes that go with values of that rank."""
+def _rest(x: Taylor, rank: int) -> tuple[Any, Any]:
+    """The derivatives, in shapes that go with values of that rank."""
     missing = rank - x.ndim
 
     def spread(part: Any) -> Any:
         return part if part is None or not missing else part.reshape(part.shape[:1] + (1,) * missing + part.shape[1:])
 
-    return x.slope, x.bend, spread(x.by), spread(x.slope_by)
+    return spread(x.by), spread(x.mixed)

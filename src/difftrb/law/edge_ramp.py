@@ -113,9 +113,9 @@ def roller_loads(curves: RollerCurves, approach: Any) -> tuple[Any, Any]:
 
 
 def expanded_loads(curves: RollerCurves, approach: Any) -> Taylor:
-    """Load of every roller [N] as an expansion by its approach, to the second order, and by parameters: `approach` [mm]
-    holds how it changes with these alone."""
-    variable = Taylor(xp.value(approach), xp.ones_like(approach), xp.zeros_like(approach), xp.by(approach))
+    """Load of every roller [N] as an expansion by parameters and, last, by its approach: `approach` [mm] holds how it
+    changes with the parameters alone."""
+    variable, curves = xp.variable(approach, mixed=True), xp.beside_variable(curves)
     loads = load_curve.carried(curves.each, variable)
     if curves.ramps is None or curves.at is None:
         return loads
@@ -125,8 +125,8 @@ def expanded_loads(curves: RollerCurves, approach: Any) -> Taylor:
 
 def load(ramp: Ramp, approach: Any) -> tuple[Any, Any]:
     """Q [N] and dQ/dδ [N/mm] at `approach` δ [mm], in the shape of the ramps."""
-    found = carried(ramp, Taylor(approach, xp.ones_like(approach)))
-    return found.value, found.slope
+    found = carried(ramp, xp.variable(approach))
+    return found.value, found.by[0]
 
 
 def carried(ramp: Ramp, approach: Any) -> Any:

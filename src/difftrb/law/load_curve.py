@@ -116,8 +116,8 @@ def _spread(count: int) -> list[int]:
 
 def load(curve: Curve, approach: Any) -> tuple[Any, Any]:
     """Q [N] and dQ/dδ [N/mm] at an approach δ [mm], in the shape of the curves."""
-    found = carried(curve, Taylor(approach, xp.ones_like(approach)))
-    return found.value, found.slope
+    found = carried(curve, xp.variable(approach))
+    return found.value, found.by[0]
 
 
 def carried(curve: Curve, approach: Any) -> Any:
@@ -135,8 +135,8 @@ def approach(curve: Curve, loads: Any) -> Any:
     goal = xp.log(loads)
 
     def step(z: Any) -> Any:
-        found = series.polynomial(curve.coefficients, Taylor(z, xp.ones_like(z)), straight=True)
-        return z + (goal - found.value) / found.slope
+        found = series.polynomial(curve.coefficients, xp.variable(z), straight=True)
+        return z + (goal - found.value) / found.by[0]
 
     z = xp.repeated(6, step, xp.zeros_like(curve.middle + goal))
     return xp.exp(curve.middle + curve.reach * z) + curve.shift

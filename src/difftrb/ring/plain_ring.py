@@ -15,7 +15,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
 from difftrb.core.geometry import Spall, TaperedBearing
-from difftrb.core.taylor import Taylor, by_product, plus, summed
+from difftrb.core.taylor import Taylor, plus, summed
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
@@ -69,16 +69,20 @@ def _expanded(normals: Any, curves: RollerCurves, force: Any, size: Any, u: Any)
     (implicit function theorem). `force` is by `size`."""
     approach = _approach(normals, u)  # as parameters move, at this displacement
     loads = edge_ramp.expanded_loads(curves, approach)
+    # the last parameter is the approach itself; without others there is nothing to follow
+    (by, slope), (slope_by, bend) = ((part[:-1], part[-1]) for part in (loads.by, loads.mixed))
+    if not len(by):
+        by = slope_by = None
     opposed = force.reshape(*[1] * (u.ndim - 1), 3)
-    unbalanced = xp.einsum("...r,...ri->...i", Taylor(loads.value, by=loads.by), normals) / size - opposed
+    unbalanced = xp.einsum("...r,...ri->...i", Taylor(loads.value, by), normals) / size - opposed
     moved = Taylor(u)
     if xp.by(unbalanced) is not None:
-        jacobian = newton.tangent(xp.value(normals), loads.slope) / size
+        jacobian = newton.tangent(xp.value(normals), slope) / size
         moved = Taylor(u, by=-newton.solve(jacobian[None], unbalanced.by))
     # and as the displacement follows
     further = _approach(xp.value(normals), moved).by
-    held = Taylor(loads.value, by=plus(loads.by, summed((further, loads.slope), product=by_product)))
-    slopes = Taylor(loads.slope, by=plus(loads.slope_by, summed((further, loads.bend), product=by_product)))
+    held = Taylor(loads.value, plus(by, summed((further, slope))))
+    slopes = Taylor(slope, plus(slope_by, summed((further, bend))))
     return moved, _approach(normals, moved), held, newton.tangent(normals, slopes)
 
 
