@@ -26,7 +26,7 @@ from difftrb.contact.contact_solution import given
 from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots
-from difftrb.law import atlas, axial_place, edge_ramp, load_curve, ramp_fit, samples
+from difftrb.law import atlas, axial_place, edge_ramp, edge_share, load_curve, ramp_fit, samples
 from difftrb.law.atlas import Atlas, AtlasLaw
 from difftrb.law.base import load_over
 from difftrb.law.samples import Case, Progress
@@ -289,7 +289,7 @@ def _aims(law: AtlasLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Ar
         least = LIGHTEST * healthy
         last = jnp.maximum(full, least)
         _, end = edge_ramp.extent(beside, load_curve.approach(beside.full, last))
-        loads = jnp.maximum(full + (healthy - full) * edge_ramp.usual(t), least)
+        loads = jnp.maximum(full + (healthy - full) * edge_share.usual(t), least)
         edge = jnp.concatenate([BESIDE * low[None], low + (high - low) * t, BESIDE * end[None]])
         return jnp.concatenate([healthy[None], loads, last[None]]), edge
 
@@ -349,7 +349,7 @@ def checks(built: Atlas, count: int, seed: int, region: int, narrow: bool = Fals
         else:
             spall = dataclasses.replace(spall, width=4.0 * high)
             distance = 2.0 * high - (low + (high - low) * t)
-            load = max(full + (healthy - full) * float(edge_ramp.usual(jnp.asarray(t))), 0.02 * healthy)
+            load = max(full + (healthy - full) * float(edge_share.usual(jnp.asarray(t))), 0.02 * healthy)
         approach = jnp.asarray(solved(contact, [Case(load, spall, distance)], 1e-4)[0].approach)
         own, whole = (float(_load(law, approach, *of)) for of in ((spall, distance), (None, 0.0)))
         found.append(Check(number, Case(load, spall, distance), (own - load) / whole))

@@ -52,8 +52,7 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "taken": lambda x: xp.taken(xp.stack([x, x * x]), np.array([1, 0, 1])),
     "polynomial": lambda x: series.polynomial(COLUMNS, x), "straight": lambda x: series.polynomial(
         COLUMNS, 2.0 * x, straight=True), "polynomial of one": lambda x: series.polynomial(COLUMNS[:, :1], x),
-    "univariate": lambda x: xp.univariate(lambda y: xp.sin(y) / (2.0 + y), x),
-    "univariate, more": lambda x: xp.univariate(lambda y: xp.stack([y, y * y]), x),
+    "known": lambda x: xp.known(lambda y: (xp.sin(y), xp.cos(y), -xp.sin(y)), x),
     "repeated": lambda x: xp.repeated(3, lambda y: 0.5 * y * y + x, x),
     "number and array": lambda x: x[0] * COLUMNS + x[None],
 }  # fmt: skip

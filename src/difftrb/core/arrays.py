@@ -60,14 +60,9 @@ arctan = _function("arctan", lambda xp, x, f: (1.0 / (1.0 + x * x), -2.0 * x / (
 arccos = _function("arccos", lambda xp, x, f: (-1.0 / xp.sqrt(1.0 - x * x), -x / (1.0 - x * x) ** 1.5))
 
 
-def univariate(function: Callable[[Any], Any], x: Any) -> Any:
-    """`function(x)`, entry by entry; more axes may come in front. Of an expansion by several parameters it takes the
-    function's own two derivatives first, by one, which is less than to carry all through each of its steps."""
-    if not isinstance(x, Taylor) or x.by is None or len(x.by) == 1:
-        return function(x)
-    own = function(variable(x.value, mixed=x.mixed is not None))
-    bend = None if own.mixed is None else own.mixed[0]
-    return chained(x[(None,) * (own.ndim - x.ndim)], own.value, own.by[0], bend)
+def known(function: Callable[[Any], tuple[Any, Any, Any]], x: Any) -> Any:
+    """A function of numbers that tells its first two derivatives, too, entry by entry."""
+    return chained(x, *function(x.value)) if isinstance(x, Taylor) else function(x)[0]
 
 
 def __getattr__(name: str) -> Callable[..., Any]:
@@ -344,18 +339,47 @@ def fixed(x: Any) -> Any:
 
 def repeated(count: int, function: Callable[[Any], Any], start: Any) -> Any:
     """`function` of what it returned, so many times: by a loop in the program, if there is one."""
+    return counted(count, lambda _, x: function(x), start)
+
+
+def counted(count: int, function: Callable[[Any, Any], Any], start: Any) -> Any:
+    """`function(k, x)` of what it returned, for k from 0 on, as `repeated`."""
     if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(start)):
-        once = jax.jit(function, inline=True)  # traced once for all rounds that look alike
-        for _ in range(3):  # derivatives that the first rounds bring in
-            start = _filled(start, jax.eval_shape(once, start))
-        return jax.lax.fori_loop(0, count, lambda _, x: once(x), start)
-    for _ in range(count):
-        start = function(start)
+        start, once = _started(function, start)
+        return jax.lax.fori_loop(0, count, once, start)
+    for k in range(count):
+        start = function(k, start)
     return start
 
 
+def repeated_if(needed: Any, count: int, function: Callable[[Any], Any], start: Any) -> Any:
+    """As `repeated` where it is `needed`; else `start`, at once. Without reverse derivatives."""
+    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(start)):
+        start, once = _started(lambda _, x: function(x), start)
+
+        def going(state: tuple[Any, Any]) -> Any:
+            return needed & (state[0] < count)
+
+        return jax.lax.while_loop(going, lambda state: (state[0] + 1, once(0, state[1])), (0, start))[1]
+    return repeated(count, function, start) if needed else start
+
+
+def together(tree: Any) -> Any:
+    """A pytree of which a program has nothing before it has all."""
+    traced = any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(tree))
+    return jax.lax.optimization_barrier(tree) if traced else tree
+
+
+def _started(function: Callable[[Any, Any], Any], start: Any) -> tuple[Any, Callable[[Any, Any], Any]]:
+    """For a loop: the start with all derivatives that rounds bring in, and the function, traced once for all."""
+    once = jax.jit(function, inline=True)
+    for _ in range(3):
+        start = tree_map(_filled, start, jax.eval_shape(once, 0, start))
+    return start, once
+
+
 def _filled(x: Any, like: Any) -> Any:
-    """With zeros for derivatives that `like` has and `x` has not."""
+    """An array or expansion with zeros for derivatives that `like` has and `x` has not."""
     if not isinstance(like, Taylor):
         return x
     x = x if isinstance(x, Taylor) else Taylor(x)

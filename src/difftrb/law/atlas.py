@@ -20,10 +20,11 @@ from difftrb.contact import crown
 from difftrb.core import arrays as xp
 from difftrb.core import series, status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.law import axial_place, base, direct, edge_ramp, load_curve, ramp_fit
+from difftrb.law import axial_place, base, direct, edge_ramp, equivalent_edge, load_curve, ramp_fit
 from difftrb.law.axial_place import Place
 from difftrb.law.base import LawKind, Rest, of_one_deep_spall, within_range
-from difftrb.law.edge_ramp import NarrowSpall, Ramp, RollerCurves
+from difftrb.law.edge_ramp import Ramp, RollerCurves
+from difftrb.law.equivalent_edge import NarrowSpall
 from difftrb.law.ramp_fit import Healthy
 
 LIGHTEST = 0.03
@@ -237,7 +238,7 @@ def _farthest(contact: LineContact) -> Any:
 
 def _narrow(beside: Ramp, contact: LineContact, spall: Spall) -> Ramp:
     """The ramp for both edges of the spall."""
-    height = crown.height(spall.axial_offset + 0.5 * spall.length * np.asarray(edge_ramp.ALONG), contact)
+    height = crown.height(spall.axial_offset + 0.5 * spall.length * np.asarray(equivalent_edge.ALONG), contact)
     width = xp.asarray(spall.width)
     return dataclasses.replace(beside, narrow=NarrowSpall(width, xp.minimum(height, NO_LAND)))
 

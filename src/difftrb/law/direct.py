@@ -15,7 +15,7 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats
 from difftrb.core.numeric import chebyshev_nodes
-from difftrb.law import base, edge_ramp, load_curve, ramp_fit, samples
+from difftrb.law import base, edge_ramp, edge_share, load_curve, ramp_fit, samples
 from difftrb.law.base import LENGTH_SHARE, LawKind, Rest, known_up_to, of_one_deep_spall, within_range
 from difftrb.law.edge_ramp import Ramp, RollerCurves
 from difftrb.law.load_curve import Curve
@@ -254,7 +254,7 @@ def with_edges(
             beside = healthy.beside(edge, full, law.sunk[i], rise, edge_ramp.guess())
             at = approach * np.geomspace(*WINDOW, EDGE_LOADS)
             healthy_loads, full_loads, low, high = edge_ramp.between(beside, np.asarray(at))
-            guessed = edge_ramp.guessed(healthy_loads, full_loads, edge_ramp.place(beside.edge, low, high))
+            guessed = edge_ramp.guessed(healthy_loads, full_loads, edge_share.place(beside.edge, low, high))
             loads[k] = np.maximum(guessed, np.exp(law.log_loads[0]))
         distances = [distance for distance, _ in own]
         cases = [Case(q, spall, d) for d, row in zip(distances, loads, strict=True) for q in row]

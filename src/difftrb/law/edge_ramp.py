@@ -1,13 +1,9 @@
 """A spall's rolling edge under a roller: what share of the land's load is left.
 
 At an approach δ the roller carries Q = Qₛ + (Qₕ − Qₛ) W(t): what it would over the middle of the spall, and of what the
-land would carry beyond that the share W. t runs from 0, where the edge enters the contact, to 1, where the roller no
-longer meets the land. W is written W₀(t) (1 + s): W₀ is what any roller has, to about 0.01, and s a polynomial in
-1 − √(1 − t), 0 where t is, for land is highest in the middle of its contact, whose length ends as √(1 − t).
-Beyond 0 and 1 the roller is healthy or over the middle of the spall, exactly.
-
-Where both edges of a spall narrower than the contact act, W is that of the one edge over which the roller would sink as
-far by plane strain (`narrow_spall`), in the mean over rows along the spall; the crown loads those near its ends less.
+land would carry beyond that the share W (`edge_share`). t runs from 0, where the edge enters the contact, to 1, where
+the roller no longer meets the land. Beyond 0 and 1 the roller is healthy or over the middle of the spall, exactly. Of a
+spall narrower than the contact both edges act as the one of `equivalent_edge`.
 """
 
 from __future__ import annotations
@@ -22,35 +18,18 @@ from difftrb.core import arrays as xp
 from difftrb.core import series
 from difftrb.core.geometry import Real
 from difftrb.core.taylor import Taylor
-from difftrb.law import load_curve, narrow_spall
+from difftrb.law import edge_share, equivalent_edge, load_curve
+from difftrb.law.equivalent_edge import NarrowSpall
 from difftrb.law.load_curve import Curve
 
 TERMS = 9
 """Of s: u = 1 − √(1 − t) times a polynomial in 2u − 1."""
-USUAL = 0.07, 0.23
-"""Of W₀: measured at many rollers."""
 LEAST = 300.0
 """Largest by smallest healthy load between which s changes; below it is constant, for such rollers matter little.
 Parametrised by the healthy load: over long spalls the roller's own load falls to a tenth and no longer identifies the
 state."""
 NARROWED = 1e-2
 """Least share of the approach that counts where the crown has risen."""
-SHARES = 5
-"""Rounds in which the one edge is found that stands for a narrow spall's two."""
-ALONG, WEIGHTS = np.polynomial.legendre.leggauss(6)
-"""Rows along a narrow spall, in halves of its length from its middle, and what they count."""
-ROW = 1.3
-"""A row's line load goes with this power of the approach less the crown, as a crowned roller's load does."""
-SHUT = 1e-3
-"""Least of that, in shares of the approach."""
-
-
-class NarrowSpall(NamedTuple):
-    """A spall so narrow that both edges may be in reach: its width [mm], shape (…); the roller's crown over it at the
-    places `ALONG` it [mm], shape (places, …)."""
-
-    width: jax.Array
-    crown: jax.Array
 
 
 @jax.tree_util.register_dataclass
@@ -132,8 +111,11 @@ def load(ramp: Ramp, approach: Any) -> tuple[Any, Any]:
 def carried(ramp: Ramp, approach: Any) -> Any:
     """Q [N] at `approach` δ [mm], in the shape of the ramps."""
     healthy, full, low, high = between(ramp, approach)
-    t = place(ramp.edge if ramp.narrow is None else _worth(ramp, ramp.narrow, approach, low, high), low, high)
-    return full + (healthy - full) * left(t, shares_at(ramp.share, level(ramp, healthy)))
+    edge = ramp.edge
+    if ramp.narrow is not None:
+        edge = equivalent_edge.of_both(edge, ramp.narrow, approach, low, high)
+    t = edge_share.place(edge, low, high)
+    return full + (healthy - full) * edge_share.left(t, shares_at(ramp.share, level(ramp, healthy)))
 
 
 def shares_at(share: Any, level: Any) -> Any:
@@ -141,58 +123,9 @@ def shares_at(share: Any, level: Any) -> Any:
     return series.polynomial(share, level[None])
 
 
-def _worth(ramp: Ramp, across: NarrowSpall, approach: Any, low: Any, high: Any) -> Any:
-    """The one edge over which the roller would sink as far, in the mean along the spall, as over both."""
-    left = xp.maximum(1.0 - across.crown / xp.maximum(approach, 1e-9)[None], SHUT)
-    weight = np.asarray(WEIGHTS).reshape(-1, *[1] * (left.ndim - 1)) * left ** (ROW - 1.0)
-    size = -low[None] * left ** (0.5 * ROW)  # of every row's contact without a spall, half its width
-
-    def nearer(edge: Any) -> Any:
-        # the share left decides how wide the contact is, and the edge the share
-        share = xp.univariate(lambda t: xp.sqrt(xp.maximum(usual(t), 1e-6)), place(edge, low, high))
-        own = size * share[None]
-        own = xp.maximum(own, across.width[None] / narrow_spall.WIDEST)
-        sunk = xp.leading_total(weight * narrow_spall.sinking(ramp.edge[None], across.width[None], own))
-        met = sunk > 1e-9
-        goal = across.width * xp.sqrt(xp.where(met, sunk, 1.0))
-        least = -xp.largest(own) * (1.0 - 1e-6)
-
-        def closer(edge: Any) -> Any:
-            square = xp.where(met, xp.leading_total(weight * narrow_spall.over_one(edge[None], own)), 1.0)
-            rate = xp.where(met, xp.leading_total(weight * narrow_spall.over_one_slope(edge[None], own)), 1.0)
-            root = xp.sqrt(square)
-            return xp.where(met, xp.maximum(edge - (root - goal) * 2.0 * root / rate, least), ramp.edge)
-
-        return xp.repeated(2, closer, edge)
-
-    edge = xp.repeated(SHARES, nearer, ramp.edge)  # a loop: rounds written out take a minute to compile
-    # a spall without width leaves the roller where it is: at the ramp's beginning
-    widest = xp.largest(size)
-    beside = ramp.edge <= -widest
-    stretch = (ramp.edge - low) / xp.where(beside, 1.0, ramp.edge + widest)
-    return xp.where(beside, ramp.edge, ramp.edge + (edge - ramp.edge) * stretch)
-
-
-def left(t: Any, coefficients: Any) -> Any:
-    """W for the coefficients of s, shape (TERMS, …), in powers of 2u − 1."""
-    u = xp.univariate(beyond, t)
-    return xp.univariate(usual, t) * (1.0 + u * series.polynomial(coefficients, 2.0 * u - 1.0))
-
-
-def usual(t: Any) -> Any:
-    """W₀ at t in 0…1, any shape."""
-    narrow = -xp.log(xp.within(1.0 - t, 1e-12, 1.0))  # the contact left on the land is a narrow line
-    return (1.0 - t * t) / (1.0 + t * t * (USUAL[0] + USUAL[1] * narrow))
-
-
-def beyond(t: Any) -> Any:
-    """u = 1 − √(1 − t)."""
-    return 1.0 - xp.sqrt(xp.within(1.0 - t, 1e-12, 1.0))
-
-
 def guessed(healthy: Any, full: Any, t: Any) -> Any:
     """About the load [N], before any solve at the edge."""
-    return full + (healthy - full) * usual(t)
+    return full + (healthy - full) * edge_share.usual(t)
 
 
 def between(ramp: Ramp, approach: Any) -> tuple[Any, Any, Any, Any]:
@@ -216,11 +149,6 @@ def extent(ramp: Ramp, approach: Any) -> tuple[Any, Any]:
 def spread(ramp: Ramp, axes: int) -> Ramp:
     """The ramp with so many axes behind all others, to go with as many approaches."""
     return xp.tree_map(lambda leaf: xp.asarray(leaf)[(..., *[None] * axes)], ramp)
-
-
-def place(edge: Any, low: Any, high: Any) -> Any:
-    """t in 0…1."""
-    return xp.within((edge - low) / (high - low), 0.0, 1.0)
 
 
 def _of_load(ramp: Ramp, load: Any) -> Any:

@@ -91,17 +91,20 @@ def _interpolant(z: Any, values: Any) -> Any:
 
 def _coefficients(z: Any, values: Any) -> Any:
     """Of the polynomials in powers of z through `values` at `z`, all of shape (n, …); linear in the values."""
-    of, order = xp.of(z, values), np.array(_spread(len(z)))
-    places, differences = z[order], values[order]
-    divided = [differences[0]]
-    for level in range(1, len(z)):
-        differences = (differences[1:] - differences[:-1]) / (places[level:] - places[:-level])
-        divided.append(differences[0])
-    powers = divided[-1][None]
-    for k in range(len(z) - 2, -1, -1):  # · (z − place) + difference
-        within = powers[:-1] - places[k : k + 1] * powers[1:]
-        powers = of.concatenate([(divided[k] - places[k] * powers[0])[None], within, powers[-1:]])
-    return powers
+    of, order, count = xp.of(z, values), np.array(_spread(len(z))), len(z)
+    places = z[order]
+    at = np.arange(count).reshape(-1, *[1] * (z.ndim - 1))
+
+    def divided(k: Any, differences: Any) -> Any:
+        apart = places - of.roll(places, k + 1, axis=0)
+        return of.where(at > k, (differences - of.roll(differences, 1, axis=0)) / apart, differences)
+
+    def multiplied(k: Any, powers: Any) -> Any:  # · (z − place) + difference
+        place, difference = (rows[count - 2 - k][None] for rows in (places, differences))
+        return of.roll(powers, 1, axis=0) - place * powers + of.where(at == 0, difference, 0.0)
+
+    differences = xp.counted(count - 1, divided, values[order])
+    return xp.counted(count - 1, multiplied, of.where(at == 0, differences[-1:], 0.0))
 
 
 def _spread(count: int) -> list[int]:

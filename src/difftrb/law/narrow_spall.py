@@ -18,7 +18,7 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import series
-from difftrb.core.numeric import bisected, chebyshev_roots
+from difftrb.core.numeric import bisected, chebyshev_roots, polynomial, with_slope
 
 MIDDLE = 1.0 / 8.0
 """Of the width's square, by which the roller sinks over the spall's middle, by R."""
@@ -49,14 +49,22 @@ def sinking(near: Any, width: Any, half_width: Any) -> Any:
     near, width, half_width = map(xp.asarray, (near, width, half_width))
     unit = xp.maximum(half_width, width / WIDEST)
     width = xp.maximum(width, NARROWEST * unit)
-    x = width / unit
-    farthest = xp.univariate(_farthest, x)
-    place = xp.minimum(((0.5 * x - near / unit) / farthest) ** 2, 1.0)
-    # over one land alone, by the width's square
-    last = xp.univariate(lambda x: _sunk_over_one(0.5 * x - _farthest(x) + 1.0) / (x * x), x)
-    rest = series.polynomial(_in_both(x), 2.0 * place - 1.0)
-    share = MIDDLE + place * (last - MIDDLE + (1.0 - place) * rest)
-    return xp.where(place < 1.0, share, over_one(near, unit) / (width * width))
+    x, edge = width / unit, near / unit
+    rows = xp.known(_of_width, x[None])
+    end, inside = rows[0], rows[1:]
+    place = xp.minimum(((0.5 * x - edge) / _farthest(x, end)) ** 2, 1.0)
+    both = place < 1.0
+    # over one land alone, by the width's square: where it lies, or where the far one begins to touch
+    alone = xp.known(_sunk_over_one, xp.where(both, x * end, edge + 1.0)) / (x * x)
+    rest = series.polynomial(inside, 2.0 * place - 1.0)
+    return xp.where(both, MIDDLE + place * (alone - MIDDLE + (1.0 - place) * rest), alone)
+
+
+def reaches_far_land(near: Any, width: Any, half_width: Any) -> Any:
+    """Whether the far land carries, too; arguments as of `sinking`, which is that of one edge where it does not."""
+    x = xp.maximum(width / xp.maximum(half_width, width / WIDEST), NARROWEST)
+    end = polynomial(_polynomials().of_width[:, 0], _variable(x))
+    return 0.5 * x - near * (x / xp.maximum(width, NARROWEST * half_width)) < _farthest(x, end)
 
 
 def _variable(x: Any) -> Any:
@@ -64,59 +72,48 @@ def _variable(x: Any) -> Any:
     return 2.0 * x / (x + HALF) * ((WIDEST + HALF) / WIDEST) - 1.0
 
 
-def _farthest(x: Any) -> Any:
-    """How far the spall's middle is from the roller's, in half-widths, where the far land begins to touch."""
-    w = _variable(x)
-    return 1.0 + x * (0.5 - series.polynomial(_lifted(_polynomials().end, w), w))
+def _of_width(x: Any) -> tuple[Any, Any, Any]:
+    """The rows of `Polynomials` and their first two derivatives by a width in half-widths, of shape (1, …)."""
+    every = _polynomials().of_width
+    every, w = every.reshape(*every.shape, *[1] * (x.ndim - 1)), _variable(x)
+    (value, rate), bend = with_slope(every, w), polynomial(every, w, 2)
+    rise = 2.0 * HALF * ((WIDEST + HALF) / WIDEST) / ((x + HALF) * (x + HALF))
+    return value, rate * rise, (bend * rise - 2.0 * rate / (x + HALF)) * rise
 
 
-def _lifted(coefficients: np.ndarray, x: Any) -> np.ndarray:
-    """Of a polynomial, to go with `x`."""
-    return coefficients.reshape(*coefficients.shape, *[1] * x.ndim)
-
-
-def _in_both(x: Any) -> Any:
-    """Of the polynomial in the place for a width in half-widths, shape (places, …)."""
-    inside = _polynomials().inside.T
-    return xp.univariate(lambda x: series.polynomial(_lifted(inside, x), _variable(x)[None]), x)
+def _farthest(x: Any, end: Any) -> Any:
+    """How far the spall's middle is from the roller's, in half-widths, where the far land begins to touch; `end`: the
+    first row of `Polynomials`."""
+    return 1.0 + x * (0.5 - end)
 
 
 def over_one(edge: Any, half_width: Any) -> Any:
     """How far a roller sinks over one edge, times R [mm²]; 0 where it is beside the contact."""
-    return half_width * half_width * xp.univariate(_sunk_over_one, edge / half_width + 1.0)
+    return half_width * half_width * xp.known(_sunk_over_one, edge / half_width + 1.0)
 
 
 def over_one_slope(edge: Any, half_width: Any) -> Any:
-    """Its derivative by the edge [mm]."""
-    return half_width * xp.univariate(_sunk_rate, edge / half_width + 1.0)
+    """Its derivative by the edge [mm], of numbers."""
+    return half_width * _sunk_over_one(edge / half_width + 1.0)[1]
 
 
-def _sunk_over_one(s: Any) -> Any:
-    """g at the edge s − 1."""
-    s = xp.maximum(s, 0.0)
-    short = _less(s)
+def _sunk_over_one(s: Any) -> tuple[Any, Any, Any]:
+    """g at the edge s − 1 and its first two derivatives, of numbers."""
+    s, above = xp.maximum(s, 0.0), s > 0.0
+    # short = 1 − k: k is half the width of the contact on the one land
+    root = xp.sqrt(4.0 - 2.0 * s + s * s)
+    short = (s + (2.0 * s - s * s) / (2.0 + root)) / 3.0
     rest = xp.log1p(-short) + short + 0.5 * short * short
-    return 0.5 * s * s + short * short - s * short - 0.5 * rest
-
-
-def _sunk_rate(s: Any) -> Any:
-    """Its derivative."""
-    s = xp.maximum(s, 0.0)
-    return s - _less(s)
-
-
-def _less(s: Any) -> Any:
-    """1 − k at the edge s − 1: k is half the width of the contact on the one land."""
-    return (s + (2.0 * s - s * s) / (2.0 + xp.sqrt(4.0 - 2.0 * s + s * s))) / 3.0
+    value = 0.5 * s * s + short * short - s * short - 0.5 * rest
+    return value, s - short, xp.where(above, (2.0 + (s - 1.0) / root) / 3.0, 0.0)
 
 
 class Polynomials(NamedTuple):
-    """Of a spall's width w in half-widths, coefficients of powers of the width's variable: of (e + 1)/w at the edge e
-    where the far land begins to touch; and of what the sinking by w² is more than linear in the place p between the
-    middle and there, by p(1 − p), shape (places, widths)."""
+    """Of a spall's width w in half-widths, coefficients of powers of the width's variable, shape (widths, 1 + places):
+    of (e + 1)/w at the edge e where the far land begins to touch; and of what the sinking by w² is more than linear in
+    the place p between the middle and there, by p(1 − p)."""
 
-    end: np.ndarray
-    inside: np.ndarray
+    of_width: np.ndarray
 
 
 @cache
@@ -137,7 +134,9 @@ def _polynomials() -> Polynomials:
     rows = rows * np.repeat(places * (1.0 - places), widths.size)[:, None]
     found = np.linalg.lstsq(rows * weight[:, None], more.ravel() * weight)[0].reshape(*(n + 1 for n in DEGREES))
     inside = np.array([chebyshev.cheb2poly(row) for row in found])
-    return Polynomials(end, np.array([chebyshev.cheb2poly(column) for column in inside.T]).T)
+    inside = np.array([chebyshev.cheb2poly(column) for column in inside.T])
+    inside = np.pad(inside, ((0, len(end) - len(inside)), (0, 0)))
+    return Polynomials(np.concatenate([end[:, None], inside], axis=1))
 
 
 def _over_one(edge: np.ndarray) -> np.ndarray:

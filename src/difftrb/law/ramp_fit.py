@@ -16,7 +16,7 @@ from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev
 from difftrb.core.taylor import Taylor
-from difftrb.law import edge_ramp, load_curve
+from difftrb.law import edge_ramp, edge_share, load_curve
 from difftrb.law.base import spalls_under
 from difftrb.law.edge_ramp import Ramp, RollerCurves
 from difftrb.law.load_curve import Curve
@@ -154,9 +154,9 @@ def asked(ramp: Ramp, approach: Any, load: Any) -> tuple[Any, Any]:
     """What contact solves as in `through` ask of the coefficients of s by u, each solve by how much land's load counts
     in it: matrix and right side, shapes (…, n, TERMS) and (…, n)."""
     healthy, full, low, high = edge_ramp.between(ramp, approach)
-    t, loss = edge_ramp.place(ramp.edge, low, high), healthy - full
-    first, weight = edge_ramp.usual(t), xp.fixed(loss / healthy)
-    u = edge_ramp.beyond(t)
+    t, loss = edge_share.place(ramp.edge, low, high), healthy - full
+    first, weight = edge_share.usual(t), xp.fixed(loss / healthy)
+    u = edge_share.beyond(t)
     terms = u[..., None] * xp.stack(chebyshev(2.0 * u - 1.0, edge_ramp.TERMS - 1), axis=-1)
     return (weight * first)[..., None] * terms, weight * ((load - full) / loss - first)
 
