@@ -110,6 +110,22 @@ def test_second_derivatives_are_not_computed_unless_wanted() -> None:
     np.testing.assert_allclose(found.by[0], np.exp(AT) * (1.0 + AT) * RATE, rtol=1e-15)
 
 
+def test_expansions_by_other_parameters_are_refused() -> None:
+    with pytest.raises(ValueError, match="by 3 and by 2 parameters"):
+        FIRST + Taylor(AT, BY)
+
+
+def test_one_more_parameter_beside_those_of_others() -> None:
+    """Of a formula in a moving array and a variable that does not move with it."""
+    for x, moved in ((AT, 0.0), (Taylor(AT, BY), 1.0)):
+        at, (columns, still) = xp.with_variable(x, (Taylor(COLUMNS, np.stack([COLUMNS**2, -0.3 * COLUMNS])), AT))
+        assert still is AT
+        compared(
+            xp.einsum("ij,j->i", columns, at * at * still),
+            lambda d, p, moved=moved: moving(p) @ ((AT + moved * (p @ BY) + d) ** 2 * AT),
+        )
+
+
 def test_numbers_are_computed_by_numpy() -> None:
     found = FUNCTIONS["straight"](FIRST)
     assert all(isinstance(part, np.ndarray) for part in jax.tree.leaves(found))

@@ -15,9 +15,10 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core.taylor import Taylor, beside_variable, chained, plus, value, values, variable, whole
+from difftrb.core.taylor import Taylor, chained, plus, value, values, variable, whole, with_variable
+from difftrb.core.taylor import by_of as by
 
-__all__ = ["Taylor", "beside_variable", "value", "values", "variable"]
+__all__ = ["Taylor", "by", "value", "values", "variable", "with_variable"]
 PRECISE = jax.lax.Precision.HIGHEST
 LARGE = 2000  # entries from which numpy's sums of products are worth its thinking about how
 
@@ -324,11 +325,6 @@ def numbers(tree: Any) -> Any:
         )
 
     return jax.tree.map(number, tree)
-
-
-def by(x: Any) -> Any:
-    """Derivatives by parameters, None without."""
-    return x.by if isinstance(x, Taylor) else None
 
 
 def fixed(x: Any) -> Any:

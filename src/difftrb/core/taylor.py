@@ -128,12 +128,16 @@ def value(x: Any) -> Any:
 
 def values(tree: Any) -> Any:
     """A pytree with values in place of expansions."""
-    return jax.tree.map(value, tree, is_leaf=lambda leaf: isinstance(leaf, Taylor))
+    return jax.tree.map(value, tree, is_leaf=_is_taylor)
 
 
 def plus(p: Any, q: Any) -> Any:
-    """The sum of two parts."""
-    return q if p is None else p if q is None else p + q
+    """The sum of two parts, of as many parameters."""
+    if p is None or q is None:
+        return q if p is None else p
+    if len(p) != len(q):
+        raise ValueError(f"expansions by {len(p)} and by {len(q)} parameters do not go together")
+    return p + q
 
 
 def whole(value: Any, by: Any, mixed: Any) -> Taylor:
@@ -148,24 +152,38 @@ def whole(value: Any, by: Any, mixed: Any) -> Taylor:
     return Taylor(value, spread(by), spread(mixed))
 
 
-def variable(x: Any, mixed: bool = False) -> Taylor:
-    """`x` with one more parameter, the last, which is `x` itself; `mixed`: second derivatives are wanted."""
-    of, at = (jnp if isinstance(value(x), jax.Array) else np), value(x)
-    own = of.ones_like(at)[None]
-    by = own if not isinstance(x, Taylor) or x.by is None else of.concatenate([x.by, own])
-    return Taylor(at, by, of.zeros_like(by) if mixed else None)
+def variable(x: Any) -> Taylor:
+    """`x` as the only parameter, to first derivatives."""
+    return Taylor(x, (jnp if isinstance(x, jax.Array) else np).ones_like(x)[None])
 
 
-def beside_variable(tree: Any) -> Any:
-    """A pytree whose expansions have one more parameter, the last, by which they do not change."""
+def with_variable(x: Any, others: Any) -> tuple[Taylor, Any]:
+    """An array or expansion `x` as one more parameter, the last, to second derivatives; and a pytree whose expansions
+    have it, too, and do not change by it. All may be expanded by the same parameters, or by none."""
+    expanded = [leaf for leaf in (x, *jax.tree.leaves(others, is_leaf=_is_taylor)) if by_of(leaf) is not None]
+    count = len(expanded[0].by) if expanded else 0
 
-    def widened(x: Any) -> Any:
-        if not isinstance(x, Taylor) or x.by is None:
-            return x
-        of = jnp if isinstance(x.by, jax.Array) else np
-        return Taylor(x.value, of.concatenate([x.by, of.zeros_like(x.by[:1])]))
+    def widened(leaf: Any) -> Any:
+        own = by_of(leaf)
+        return leaf if own is None else Taylor(leaf.value, of(own).concatenate([own, of(own).zeros_like(own[:1])]))
 
-    return jax.tree.map(widened, tree, is_leaf=lambda leaf: isinstance(leaf, Taylor))
+    def of(part: Any) -> Any:
+        return jnp if isinstance(part, jax.Array) else np
+
+    at, own = value(x), by_of(x)
+    last = of(at).ones_like(at)[None]
+    before = of(at).zeros((count, *np.shape(at))) if own is None else own
+    by = of(at).concatenate([before, last]) if count else last
+    return Taylor(at, by, of(at).zeros_like(by)), jax.tree.map(widened, others, is_leaf=_is_taylor)
+
+
+def by_of(x: Any) -> Any:
+    """Derivatives by parameters, None without."""
+    return x.by if isinstance(x, Taylor) else None
+
+
+def _is_taylor(leaf: Any) -> bool:
+    return isinstance(leaf, Taylor)
 
 
 def chained(x: Taylor, f: Any, rate: Any, bend: Any) -> Taylor:

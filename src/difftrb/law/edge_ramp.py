@@ -94,7 +94,7 @@ def roller_loads(curves: RollerCurves, approach: Any) -> tuple[Any, Any]:
 def expanded_loads(curves: RollerCurves, approach: Any) -> Taylor:
     """Load of every roller [N] as an expansion by parameters and, last, by its approach: `approach` [mm] holds how it
     changes with the parameters alone."""
-    variable, curves = xp.variable(approach, mixed=True), xp.beside_variable(curves)
+    variable, curves = xp.with_variable(approach, curves)
     loads = load_curve.carried(curves.each, variable)
     if curves.ramps is None or curves.at is None:
         return loads
