@@ -43,7 +43,7 @@ from difftrb.contact import gap as gaps
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.grids import GRIDS
-from difftrb.report import plot
+from difftrb.report import figure_style
 
 OUT, IN = "rolling edges out of reach", "a rolling edge in the contact"
 CHOSEN = {
@@ -272,9 +272,9 @@ def tasks(
 
 
 LOOKS: dict[str, tuple[str, str]] = {  # colour-blind safe (Tol, bright): colour, marker
-    "Tamaas": (plot.SPALLED, "s"),
+    "Tamaas": (figure_style.SPALLED, "s"),
     "ContactMechanics": ("#CCBB44", "D"),
-    "difftrb, strips": (plot.HEALTHY, "o"),
+    "difftrb, strips": (figure_style.HEALTHY, "o"),
     "difftrb, cells": ("#AA3377", "^"),
 }
 
@@ -342,7 +342,7 @@ def figure(rows: Sequence[Row], groups: Mapping[str, Sequence[Truth]], folder: P
     handles = {name: handle for ax in axes[0] for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)}
     drawing.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, frameon=False)
     folder.mkdir(parents=True, exist_ok=True)
-    plot.save(axes[0, 0], folder, "contact_against_peers")
+    figure_style.save(axes[0, 0], folder, "contact_against_peers")
 
 
 def table(rows: Sequence[Row], group: str) -> Table:

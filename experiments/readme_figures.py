@@ -21,7 +21,7 @@ from matplotlib.patches import Arc, Circle, Polygon, Rectangle, Wedge
 
 import difftrb as trb
 from difftrb.contact.solver import pressure_patches
-from difftrb.report import plot
+from difftrb.report import figure_style, load_figure, pressure_figure
 
 
 def loss_over_length(scene: trb.Scene, ax: Axes) -> None:
@@ -37,7 +37,7 @@ def loss_over_length(scene: trb.Scene, ax: Axes) -> None:
     values = np.asarray(jax.vmap(losses)(lengths))
     marks = jnp.array([2.0, 5.0, 8.0])
     at, slopes = np.asarray(jax.vmap(losses)(marks)), np.asarray(jax.vmap(jax.jacfwd(losses))(marks))
-    for i, (name, colour) in enumerate((("radial", plot.HEALTHY), ("axial", plot.SPALLED))):
+    for i, (name, colour) in enumerate((("radial", figure_style.HEALTHY), ("axial", figure_style.SPALLED))):
         ax.plot(lengths, values[:, i], color=colour, lw=1.6, label=name)
         for x, y, slope in zip(np.asarray(marks), at[:, i], slopes[:, i], strict=True):
             reach = np.array([-1.2, 1.2])
@@ -58,11 +58,11 @@ def overview(folder: Path) -> None:
     contact = trb.LineContact.of(bearing)
     scene = trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),)))
     result = trb.assess(scene)
-    pressed, patches = pressure_patches(contact, result.spalled.loads[0], scene.spalls[0], 0.0, plot.FINE)
+    pressed, patches = pressure_patches(contact, result.spalled.loads[0], scene.spalls[0], 0.0, pressure_figure.FINE)
     figure = plt.figure(figsize=(14.0, 4.6), layout="constrained")
     left, middle, right = np.ravel(np.asarray(figure.subfigures(1, 3, width_ratios=(1.0, 1.35, 1.15))))
-    plot.load_distribution(result, scene, left.add_subplot(projection="polar"))
-    plot.pressure_map(pressed, middle.add_subplot(), patches)
+    load_figure.load_distribution(result, scene, left.add_subplot(projection="polar"))
+    pressure_figure.pressure_map(pressed, middle.add_subplot(), patches)
     loss_over_length(scene, right.add_subplot())
     for kind in ("png", "svg"):
         figure.savefig(folder / f"overview.{kind}", dpi=110)
@@ -88,12 +88,16 @@ def ring_drawing(ax: Axes) -> None:
         ax.add_patch(Circle((0, 0), radius, fill=False, lw=1.5))
     place = lambda angle, r=pitch: (r * np.sin(angle), -r * np.cos(angle))  # noqa: E731  the load line points down
     ax.add_patch(
-        Wedge((0, 0), pitch + 0.21, np.degrees(spall) - 96, np.degrees(spall) - 84, width=0.05, color=plot.SPALLED)
+        Wedge(
+            (0, 0), pitch + 0.21, np.degrees(spall) - 96, np.degrees(spall) - 84, width=0.05, color=figure_style.SPALLED
+        )
     )
     for j in range(rollers):
         first = j == 0
         ax.add_patch(
-            Circle(place(phase + 2 * np.pi * j / rollers), 0.165, fc=plot.HEALTHY if first else "white", ec="black")
+            Circle(
+                place(phase + 2 * np.pi * j / rollers), 0.165, fc=figure_style.HEALTHY if first else "white", ec="black"
+            )
         )
     ax.annotate("", place(0, 1.75), place(0, 0.0), arrowprops={"arrowstyle": "-|>", "lw": 2.0, "color": "black"})
     ax.text(0.05, -1.72, "radial load, angle 0\n(the load line)", va="center")
@@ -106,8 +110,8 @@ def ring_drawing(ax: Axes) -> None:
         ax.plot(*zip((0, 0), place(angle, 1.25), strict=True), lw=0.8, ls="--", color="black")
         ax.add_patch(Arc((0, 0), 2 * radius, 2 * radius, theta1=-90, theta2=np.degrees(angle) - 90, lw=1.2))
         ax.text(*place(*at), name, ha="right" if angle == phase else "left", va="center")
-    ax.text(*place(spall, 1.32), "spall on the\nouter raceway", color=plot.SPALLED, va="top")
-    ax.text(*place(phase, 1.32), "roller 0", color=plot.HEALTHY, va="top", ha="left")
+    ax.text(*place(spall, 1.32), "spall on the\nouter raceway", color=figure_style.SPALLED, va="top")
+    ax.text(*place(phase, 1.32), "roller 0", color=figure_style.HEALTHY, va="top", ha="left")
     ax.set_xlim(-1.5, 2.1)
     ax.set_ylim(-1.95, 1.3)
     ax.set_title("Seen along the axis: angles from the load line")
@@ -116,12 +120,17 @@ def ring_drawing(ax: Axes) -> None:
 def spall_drawing(ax: Axes) -> None:
     """The raceway unrolled under one roller."""
     ax.axis("off")
-    ax.add_patch(Rectangle((-5, -0.35), 10, 0.7, fc=plot.HEALTHY, alpha=0.25, ec=plot.HEALTHY))
-    ax.text(-4.9, -0.42, "contact of roller and raceway", color=plot.HEALTHY, va="top")
+    ax.add_patch(Rectangle((-5, -0.35), 10, 0.7, fc=figure_style.HEALTHY, alpha=0.25, ec=figure_style.HEALTHY))
+    ax.text(-4.9, -0.42, "contact of roller and raceway", color=figure_style.HEALTHY, va="top")
     ax.add_patch(
-        Polygon([(-0.6, -0.2), (2.4, -0.2), (2.4, 2.2), (-0.6, 2.2)], fc=plot.SPALLED, alpha=0.35, ec=plot.SPALLED)
+        Polygon(
+            [(-0.6, -0.2), (2.4, -0.2), (2.4, 2.2), (-0.6, 2.2)],
+            fc=figure_style.SPALLED,
+            alpha=0.35,
+            ec=figure_style.SPALLED,
+        )
     )
-    ax.text(0.9, 1.6, "spall, depth below\nthe raceway", ha="center", color=plot.SPALLED)
+    ax.text(0.9, 1.6, "spall, depth below\nthe raceway", ha="center", color=figure_style.SPALLED)
 
     def measure(
         a: tuple[float, float], b: tuple[float, float], name: str, at: tuple[float, float], **text: str
@@ -135,7 +144,7 @@ def spall_drawing(ax: Axes) -> None:
     measure((0.0, 1.0), (0.9, 1.0), "axial_offset", (0.45, 1.1), ha="center")
     measure((-5.0, -0.9), (5.0, -0.9), "roller length", (0.0, -1.25), ha="center")
     ax.plot(0.9, 1.0, "+", color="black", ms=10)
-    ax.plot(0.0, 0.0, "+", color=plot.HEALTHY, ms=12)
+    ax.plot(0.0, 0.0, "+", color=figure_style.HEALTHY, ms=12)
     ax.annotate("", (-6.0, 1.9), (-6.0, 0.0), arrowprops={"arrowstyle": "-|>", "lw": 1.3})
     ax.text(-6.0, 2.0, "x, rolling", ha="center", fontsize=9)
     ax.annotate("", (-4.6, 0.0), (-6.0, 0.0), arrowprops={"arrowstyle": "-|>", "lw": 1.3})

@@ -35,7 +35,7 @@ from difftrb.accuracy.accuracy_report import WAYS
 from difftrb.accuracy.ladder import Measured, Rung
 from difftrb.core import machine
 from difftrb.law.base import Law
-from difftrb.report import plot
+from difftrb.report import figure_style
 from difftrb.scene import scene_file
 from difftrb.scene.scene import raceway_contact
 from experiments import by_scipy
@@ -138,7 +138,7 @@ def draw(rows: list[Row], known_to: float, out: Path) -> None:
     handles = dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))
     panels[0].figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, frameon=False)
     out.mkdir(parents=True, exist_ok=True)
-    plot.save(panels[0], out, "ring_against_peers")
+    figure_style.save(panels[0], out, "ring_against_peers")
 
 
 def _notes(own: list[Row]) -> list[tuple[str, tuple[float, float]]]:

@@ -38,7 +38,7 @@ import numpy as np
 import difftrb as trb
 from difftrb.core import jax_config
 from difftrb.core.machine import lanes_of
-from difftrb.report import plot
+from difftrb.report import figure_style
 from difftrb.scene import scene_file
 from difftrb.sweeps import chunks, sweep_plot, sweeping
 from difftrb.sweeps.plan import MOST_MEMBERS, Plan, Program
@@ -267,7 +267,7 @@ def main() -> None:
         print(f"{swept.status_code.size} contacts in {seconds:.2f} s ({compiling:.1f} s to compile); {swept.counts}")
         if options.out:
             options.out.mkdir(parents=True, exist_ok=True)
-            plot.save(sweep_plot.sweep_map(swept, "approach"), options.out, "fig13_surface")
+            figure_style.save(sweep_plot.sweep_map(swept, "approach"), options.out, "fig13_surface")
     else:
         folder = Path(tempfile.mkdtemp())
         try:

@@ -70,7 +70,7 @@ def draw(lines: dict[str, np.ndarray], widths: np.ndarray, folder: Path) -> None
     """All lines in one figure."""
     import matplotlib.pyplot as plt
 
-    from difftrb.report import plot
+    from difftrb.report import figure_style
 
     _, ax = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
     for (name, line), colour in zip(lines.items(), ("#CCBB44", "#EE6677", "#BBBBBB", "#4477AA"), strict=True):
@@ -79,7 +79,7 @@ def draw(lines: dict[str, np.ndarray], widths: np.ndarray, folder: Path) -> None
     ax.set_ylabel("radial tangent stiffness [kN/µm]")
     ax.legend(frameon=False)
     folder.mkdir(parents=True, exist_ok=True)
-    plot.save(ax, folder, "width_and_phase")
+    figure_style.save(ax, folder, "width_and_phase")
 
 
 def main() -> None:

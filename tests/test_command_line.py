@@ -15,7 +15,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import geometry, jax_config
 from difftrb.fits import measured
-from difftrb.report import plot, remarks
+from difftrb.report import load_figure, pressure_figure, remarks
 from difftrb.scene import scene_file
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.solution import Assessment
@@ -180,12 +180,12 @@ def test_figures_put_an_inner_spall_where_it_is() -> None:
     file = scene_file.parse(f"{before}[[spall]]{inner}")
     scene = trb.prepare(file.scene())
     found = solve_prepared(scene)
-    (pressed,) = plot.contacts_at_spall(scene, found)
+    (pressed,) = pressure_figure.contacts_at_spall(scene, found)
     assert not pressed.solution.spalls  # outside, no roller meets it
     assert pressed.roller == int(jnp.argmax(found.loads))
     nothing = jnp.zeros(2)
     result = Assessment(found, found, nothing, nothing, nothing)
-    bar = plot.load_distribution(result, scene).patches[0]
+    bar = load_figure.load_distribution(result, scene).patches[0]
     assert bar.get_width() == pytest.approx(7.0 / geometry.arc_radius(scene.bearing, "inner"))
 
 
@@ -341,7 +341,9 @@ def test_a_pressure_map_that_cannot_be_resolved_is_left_out(capsys, paper: Path,
     narrow = trb.solve_contact(
         trb.LineContact.of(trb.bearing("32008J")), 3000.0, trb.Spall(2.0, 0.01), accuracy=1e-2, method="cells"
     )
-    monkeypatch.setattr(plot, "contacts_at_spall", lambda scene, solution: [plot.Pressed(0, narrow, ())])
+    monkeypatch.setattr(
+        pressure_figure, "contacts_at_spall", lambda scene, solution: [pressure_figure.Pressed(0, narrow, ())]
+    )
     code, _, err = call(capsys, "run", str(paper), "--out", str(tmp_path / "out"))
     assert code == 0
     assert "no pressure map: a spall, or the ridge between two, is narrower than one cell" in err

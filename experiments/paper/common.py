@@ -25,7 +25,7 @@ from difftrb.core.geometry import Raceway, Real
 from difftrb.core.jax_config import set_up_jax
 from difftrb.law import atlas
 from difftrb.law.base import Law
-from difftrb.report import plot, run_report
+from difftrb.report import figure_style, run_report
 from difftrb.ring import effects
 from difftrb.scene import scene as scenes
 from difftrb.scene.scene import PitchMean
@@ -386,4 +386,4 @@ def numbers(law: Law) -> dict[str, list[float]]:
     return {"K": np.exp(np.asarray(law.log_stiffness)).tolist(), "n": np.asarray(law.exponent).tolist()}
 
 
-HUES = (plot.HEALTHY, plot.SPALLED)
+HUES = (figure_style.HEALTHY, figure_style.SPALLED)

@@ -81,7 +81,7 @@ def _run(options: Any) -> int:
 
     missing: list[str] = []
 
-    def figures(plot: Any) -> Figures:
+    def figures() -> Figures:
         from difftrb.report import run_figures
 
         yield from run_figures.figures(scene, result, mean, missing)
@@ -116,8 +116,10 @@ def _contact(options: Any) -> int:
         solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
     record = run_report.contact_json(solution, slopes, time.perf_counter() - started)
 
-    def figures(plot: Any) -> Figures:
-        yield "pressure", plot.pressure_map(solution, patches=pressure_patches(**file.single_contact())[1])
+    def figures() -> Figures:
+        from difftrb.report import pressure_figure
+
+        yield "pressure", pressure_figure.pressure_map(solution, patches=pressure_patches(**file.single_contact())[1])
 
     return terminal.deliver(options, path, record, partial(run_report.contact_text, solution, slopes), figures)
 

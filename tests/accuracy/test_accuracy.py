@@ -17,7 +17,7 @@ from difftrb.accuracy import accuracy_report, ladder, timing
 from difftrb.accuracy.ladder import Measured, Row, Rung
 from difftrb.core import machine
 from difftrb.law.base import LAWS
-from difftrb.report import plot
+from difftrb.report import figure_style
 from difftrb.scene import scene_file
 
 ROW_KEYS = {
@@ -137,7 +137,7 @@ def test_the_figure_has_a_panel_for_what_was_measured(tmp_path: Path) -> None:
     assert len(ax.figure.axes) == 1
     names = {text.get_text() for text in ax.get_legend().get_texts()}
     assert names == {"direct", "table", "power", "liu2018", "truth known to"}
-    plot.save(ax, tmp_path, "accuracy")
+    figure_style.save(ax, tmp_path, "accuracy")
     assert (tmp_path / "accuracy.png").stat().st_size > 0
 
 

@@ -82,3 +82,27 @@ def test_expansions_in_batches_beside_jax_and_differences(width: float) -> None:
     for k, rate in enumerate(rates):
         up, down = (edge_of(edges + s * h * (k == 0), (width + s * h * (k == 1)) * both) for s in (1.0, -1.0))
         np.testing.assert_allclose(rate, (up - down) / (2.0 * h), rtol=2e-6, atol=2e-7)
+
+
+@pytest.mark.hard
+def test_rounds_end_at_rounding_for_any_ramp(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And in a spall `FAR` wider than its ramp a roller beyond the ramp's end stays so: it need not be looked for."""
+    rng, n = np.random.default_rng(0), 4000
+
+    def spread(low: float, high: float) -> np.ndarray:
+        return np.exp(rng.uniform(np.log(low), np.log(high), n))
+
+    low, approach = -spread(5e-3, 1.0), spread(1e-3, 0.1)
+    high, width = -low * spread(0.5, 6.0), -low * spread(0.02, 5.0)
+    near = low + (np.minimum(0.5 * width, high) - low) * rng.uniform(0.0, 1.0, n)
+    crown = approach * (2.0 * rng.uniform(0.0, 1.0, n) * ALONG[:, None] ** 2 + 0.5 * rng.uniform(0.0, 1.0, n))
+    found = {}
+    for rounds in (equivalent_edge.ROUNDS, 60):
+        monkeypatch.setattr(equivalent_edge, "ROUNDS", rounds)
+        found[rounds] = equivalent_edge.of_both(near, NarrowSpall(width, crown), approach, low, high)
+    np.testing.assert_array_less(np.abs(np.subtract(*found.values())), -1e-10 * low)
+
+    width = high * spread(equivalent_edge.FAR, 100.0)
+    near = high + (0.5 * width - high) * rng.uniform(0.0, 1.0, n) ** 3
+    left_out = equivalent_edge._equivalent(near, NarrowSpall(width, crown), approach, low, high)
+    assert np.all(left_out >= high)

@@ -20,7 +20,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import machine
 from difftrb.law import power
-from difftrb.report import plot
+from difftrb.report import figure_style
 from difftrb.ring import ring
 from difftrb.scene import scene_file
 from difftrb.sweeps import axes, chunks, outputs, store, sweep_file, sweep_plot, sweeping
@@ -640,7 +640,7 @@ def test_a_disk_that_fills_while_drawing_leaves_the_results(
     file, out = tmp_path / "scene.toml", tmp_path / "out"
     file.write_text(FILE.replace("count = 45", "count = 2"), encoding="utf-8")
     with monkeypatch.context() as patch:
-        patch.setattr(plot, "save", full)
+        patch.setattr(figure_style, "save", full)
         assert cli.main(["--no-cache", "sweep", str(file), "--out", str(out), "--devices", "1"]) == 2
     said = capsys.readouterr()
     assert said.out == ""
@@ -753,11 +753,11 @@ def test_figures(whole: Path, plan: Plan, tmp_path: Path) -> None:
     swept = trb.load_sweep(whole)
     ax = sweep_plot.swept(swept, "radial_stiffness")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("spall length [mm]", "load axial [N]")
-    plot.save(ax, tmp_path, "map")
+    figure_style.save(ax, tmp_path, "map")
     other = sweep_plot.sweep_map(swept, "radial_stiffness", x="load.axial", y="spall.0.length")
     assert other.get_xlabel() == "load axial [N]"
-    plot.save(other, tmp_path, "turned")
-    plot.save(
+    figure_style.save(other, tmp_path, "turned")
+    figure_style.save(
         sweep_plot.sweep_curves(swept, "axial_stiffness", along="spall.0.length", over="load.axial"), tmp_path, "curves"
     )
     assert len(list(tmp_path.iterdir())) == 6

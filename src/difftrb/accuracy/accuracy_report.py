@@ -45,7 +45,7 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     with terminal.bar("measuring what accuracy costs") as progress:
         measured = timing.measure(file, path, rungs, options.accuracy, limit, progress=progress, thorough=options.full)
 
-    def figures(_: Any) -> terminal.Figures:
+    def figures() -> terminal.Figures:
         if any(row.error > 0.0 for row in measured.rows):
             yield "accuracy", work_precision(measured)
 

@@ -20,7 +20,7 @@ from difftrb.fits.fitting import fit, prepare_fit
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
 from difftrb.fits.profile_intervals import EDGE, NORMAL_95
 from difftrb.report import remarks, run_report, terminal
-from difftrb.report.plot import ACCENT, HEALTHY, SPALLED
+from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED
 from difftrb.scene import scene_file
 
 LIKELY = "95 % interval"
@@ -41,7 +41,7 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     record = fit_json(result, suggestions, time.perf_counter() - started)
 
     text = partial(fit_text, result, suggestions)
-    code = terminal.deliver(options, path, record, text, lambda _: [("fit", fit_panels(result))])
+    code = terminal.deliver(options, path, record, text, lambda: [("fit", fit_panels(result))])
     if code == terminal.EXIT_OK and not result.explained:
         return terminal.refuse(
             f"{options.measured}: the model does not explain the data: see the remarks", terminal.EXIT_NO_SOLUTION

@@ -16,8 +16,8 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.law import edge_share, narrow_spall
 
-ROUNDS = 7
-"""In which the one edge is found that stands for a narrow spall's two: to rounding, its derivatives to 1e-8."""
+ROUNDS = 9
+"""In which the one edge is found that stands for a narrow spall's two: to rounding, its derivatives to 1e-9."""
 ALONG, WEIGHTS = np.polynomial.legendre.leggauss(6)
 """Rows along a narrow spall, in halves of its length from its middle, and what they count."""
 ROW = 1.3

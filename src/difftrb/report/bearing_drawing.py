@@ -13,7 +13,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
 from difftrb.core import geometry
 from difftrb.core.geometry import Spall, TaperedBearing
-from difftrb.report.plot import ACCENT, HEALTHY, SPALLED
+from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED
 from difftrb.ring import ring
 from difftrb.scene.scene import Scene
 from difftrb.scene.solution import Solution

@@ -20,8 +20,8 @@ from bokeh.plotting import figure
 from difftrb.core import geometry
 from difftrb.core.geometry import Spall
 from difftrb.core.status import DifftrbError, SceneError
-from difftrb.report import page, plot
-from difftrb.report.plot import HEALTHY, SPALLED
+from difftrb.report import figure_style, page, pressure_figure
+from difftrb.report.figure_style import HEALTHY, SPALLED
 from difftrb.scene import scene_laws, solving
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, named
@@ -129,9 +129,9 @@ class Explorer:
             f"<p>In the mean over the cage's turn a millimetre of length changes radial stiffness by {slopes[0]} and "
             f"axial by {slopes[1]} N/mm, one of width by {slopes[2]} and {slopes[3]} N/mm.</p>"
         )
-        pressed = plot.contacts_at_spall(ready, found)
+        pressed = pressure_figure.contacts_at_spall(ready, found)
         if all(bool(one.solution.converged) for one in pressed):
-            svg = plot.svg_text(plot.pressures(pressed))
+            svg = figure_style.svg_text(pressure_figure.pressures(pressed))
             self.pressure.object = page.inlined(svg, "pressure", "pressure of the rollers at the spall")
 
     def _ring(self, scene: Scene, loads: np.ndarray, healthy: np.ndarray) -> None:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import difftrb
-from difftrb.report import plot, remarks, run_report
+from difftrb.report import figure_style, remarks, run_report
 from difftrb.report.run_report import number
 from difftrb.ring import effects
 from difftrb.scene.audit import Audit
@@ -142,8 +142,8 @@ def _spalls(scene: Scene) -> str:
 
 
 def _where(scene: Scene) -> str:
-    phase = f"{'in the ' if isinstance(scene.phase, PitchMean) else ''}{plot.phase_of(scene)}"
-    return f"{plot.loads_of(scene)}; {phase}; {scene.definition} stiffness"
+    phase = f"{'in the ' if isinstance(scene.phase, PitchMean) else ''}{figure_style.phase_of(scene)}"
+    return f"{figure_style.loads_of(scene)}; {phase}; {scene.definition} stiffness"
 
 
 def _with_code(sentence: str) -> str:

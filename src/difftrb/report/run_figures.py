@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from difftrb.report import bearing_drawing, plot
-from difftrb.report.plot import ACCENT, HEALTHY, SPALLED, loads_of
+from difftrb.report import bearing_drawing, load_figure, pressure_figure
+from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED, loads_of
 from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.solution import Assessment
 from difftrb.turning import spall_loss
@@ -34,10 +34,10 @@ DIRECTIONS = (("radial", 0), ("axial", 2))
 def figures(scene: Scene, result: Assessment, mean: Assessment | None, missing: list[str]) -> Iterator[tuple[str, Any]]:
     """Names and Axes, or Figures, of a solved and prepared scene; `missing` gets a sentence for each left out."""
     yield "bearing", bearing_drawing.bearing(scene, result.spalled)
-    yield "load_distribution", plot.load_distribution(result, scene)
-    pressed = plot.contacts_at_spall(scene, result.spalled)
+    yield "load_distribution", load_figure.load_distribution(result, scene)
+    pressed = pressure_figure.contacts_at_spall(scene, result.spalled)
     if all(bool(one.solution.converged) for one in pressed):
-        yield "pressure", plot.pressures(pressed)
+        yield "pressure", pressure_figure.pressures(pressed)
     else:
         missing.append(f"no pressure map: {next(o.solution.status for o in pressed if not bool(o.solution.converged))}")
     turn = spall_loss.over_turn(scene)

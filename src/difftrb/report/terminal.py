@@ -19,8 +19,8 @@ EXIT_OK, EXIT_NO_SOLUTION, EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_PIPE = 0, 1, 2,
 
 Figures = Iterable[tuple[str, Any]]
 """Names and Axes of figures, each drawn when the one before is saved."""
-Drawn = Callable[[Any], Figures]
-"""From the module `report.plot` to figures."""
+Drawn = Callable[[], Figures]
+"""What draws figures: it imports matplotlib, for which a command without them need not wait."""
 Page = Callable[[dict[str, str]], str]
 """From the figures' SVG by name to a page."""
 
@@ -80,11 +80,11 @@ def deliver(
 def draw(folder: Path, figures: Drawn, texts: dict[str, str] | None = None, page: Page | None = None) -> None:
     """Write figures, `texts` by their file names and the `page` of the figures into a folder, each whole; raises
     `OSError`."""
-    from difftrb.report import plot
+    from difftrb.report import figure_style
 
     def fill(scratch: Path) -> None:
-        for name, ax in figures(plot):
-            plot.save(ax, scratch, name)
+        for name, ax in figures():
+            figure_style.save(ax, scratch, name)
         written = dict(texts or {})
         if page is not None:
             written["report.html"] = page({svg.stem: svg.read_text(encoding="utf-8") for svg in scratch.glob("*.svg")})

@@ -96,7 +96,7 @@ def deliver(options: Any) -> int:
             from difftrb.sweeps import sweep_plot
 
             names = [name for name in shown.values if not shown.own_dims[name]]
-            terminal.draw(Path(str(out)), lambda _: ((name, sweep_plot.swept(shown, name)) for name in names))
+            terminal.draw(Path(str(out)), lambda: ((name, sweep_plot.swept(shown, name)) for name in names))
         except OSError as error:
             reason = f"{error.filename}: {error.strerror or error}: {ended.where} is whole, figures are missing"
             reason += "; make room or allow writing there, and go on with --resume"

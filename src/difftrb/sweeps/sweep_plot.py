@@ -8,7 +8,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 
-from difftrb.report.plot import ACCENT, HEALTHY
+from difftrb.report.figure_style import ACCENT, HEALTHY
 from difftrb.sweeps.outputs import label_of
 from difftrb.sweeps.swept import Swept
 

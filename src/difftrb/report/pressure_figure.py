@@ -1,80 +1,29 @@
-"""Figures. Every function draws on the Axes it is given (or makes one) and returns it."""
+"""The figure of pressure in contacts: of one, or of those at a spall."""
 
 from __future__ import annotations
 
-import io
-from pathlib import Path
 from typing import Any, NamedTuple
-
-import matplotlib
-
-matplotlib.use("Agg")
 
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import MaxNLocator
 
 from difftrb.contact import gap
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import pressure_patches
 from difftrb.contact.strip_model import Patch
-from difftrb.core.geometry import arc_radius
+from difftrb.report.figure_style import SPALLED
 from difftrb.ring import ring
-from difftrb.scene.scene import PitchMean, Scene, raceway_contact
-from difftrb.scene.solution import Assessment, Solution
+from difftrb.scene.scene import Scene, raceway_contact
+from difftrb.scene.solution import Solution
 
-HEALTHY, SPALLED, ACCENT = "#4477AA", "#EE6677", "#BBBBBB"  # colour-blind safe (Tol, bright)
 MOST = 3
 """Rollers at a spall whose contacts are drawn."""
 FINE = 1e-4
 """Accuracy of contacts that are drawn: their rows are dense enough to look at."""
-
-
-def load_distribution(result: Assessment, scene: Scene, ax: Any = None) -> Any:
-    """Roller loads on a polar axis, healthy and spalled; the load line points down, as the load hangs."""
-    if ax is None:
-        _, ax = plt.subplots(figsize=(5.0, 5.4), subplot_kw={"projection": "polar"}, layout="constrained")
-    ax.set_theta_zero_location("S")
-    ax.set_theta_direction(1)
-    angles = np.asarray(result.healthy.angles)
-    closed = np.append(angles, angles[0] + 2.0 * np.pi)
-    curves = [(result.healthy, HEALTHY, "healthy", "o", "-")]
-    if scene.spalls:
-        curves.append((result.spalled, SPALLED, "with spall", "s", "--"))
-    for solution, colour, label, marker, style in curves:
-        loads = np.asarray(solution.loads) / 1e3
-        ax.plot(closed, np.append(loads, loads[0]), style, marker=marker, ms=4, lw=1.2, color=colour, label=label)
-    top = float(max(np.nanmax(np.asarray(s.loads)) for s, *_ in curves)) / 1e3
-    named = set()
-    for spall in scene.spalls:
-        if spall.surface == "roller":  # it turns with roller 0: no place on a raceway
-            continue
-        label = "spall" if spall.surface == "outer" else "spall on the inner raceway"
-        width = float(spall.width) / float(arc_radius(scene.bearing, spall.surface))
-        bar = {"color": ACCENT, "alpha": 0.5, "zorder": 0, "hatch": None if spall.surface == "outer" else "//"}
-        ax.bar(float(spall.angle), 1.15 * top, width=width, label=None if label in named else label, **bar)
-        named.add(label)
-    ax.set_ylim(0.0, 1.15 * top)
-    ax.set_rlabel_position(150)
-    ax.yaxis.set_major_locator(MaxNLocator(3))
-    ax.set_title(f"Roller load [kN], {loads_of(scene)},\n{phase_of(scene)}", pad=14, fontsize=11)
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3, frameon=False)
-    return ax
-
-
-def loads_of(scene: Scene) -> str:
-    """A scene's loads in words."""
-    return f"{scene.load.radial:,g} N radial, {scene.load.axial:,g} N axial"
-
-
-def phase_of(scene: Scene) -> str:
-    """Where its rollers stand, in words."""
-    return "mean over the cage's turn" if isinstance(scene.phase, PitchMean) else f"roller 0 at {scene.phase:g} rad"
 
 
 class Pressed(NamedTuple):
@@ -187,22 +136,3 @@ def _by_cells(solution: ContactSolution, ax: Axes, look: dict[str, Any]) -> tupl
     rows, columns = loaded.any(axis=1), loaded.any(axis=0)
     reach = 1.3 * float(np.max(np.abs(np.asarray(cells.x)[columns]))) if columns.any() else float(x_lines[-1])
     return mesh, np.array([lines[:-1][rows].min(), lines[1:][rows].max()]), reach
-
-
-def save(ax: Any, folder: Path, name: str) -> None:
-    """Write a figure, or that of an Axes, as PNG and SVG into `folder` and close it. SVG keeps words as words."""
-    figure = ax if isinstance(ax, Figure) else ax.figure
-    with plt.rc_context({"svg.fonttype": "none", "font.family": ["DejaVu Sans", "sans-serif"]}):
-        figure.savefig(folder / f"{name}.svg", dpi=110)
-        figure.set_layout_engine("none")  # it stays as laid out
-        figure.savefig(folder / f"{name}.png", dpi=120, pil_kwargs={"compress_level": 1})
-    plt.close(figure)
-
-
-def svg_text(ax: Any) -> str:
-    """The figure of `ax` as SVG, which keeps words as words; the figure is closed."""
-    text = io.StringIO()
-    with plt.rc_context({"svg.fonttype": "none"}):
-        ax.figure.savefig(text, format="svg")
-    plt.close(ax.figure)
-    return text.getvalue()
