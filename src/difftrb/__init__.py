@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from difftrb.contact.height_map import HeightMap, HeightMapError, example_map, load_height_map
     from difftrb.contact.solver import approach_slopes, solve_contact
     from difftrb.contact.stress_intensity import EdgeIntensity, edge_intensity
-    from difftrb.core.geometry import LineContact, Spall, TaperedBearing, bearing
+    from difftrb.core.geometry import LineContact, Spall, TaperedBearing
     from difftrb.core.jax_config import keep_compiled
+    from difftrb.core.packaged_bearings import bearing
     from difftrb.core.status import DifftrbError, SceneError, SolveError, SweepError
     from difftrb.fits.fit_result import Fit
     from difftrb.fits.fitting import fit
@@ -52,7 +53,8 @@ _HOMES = {
     "fits.fit_result": ("Fit",),
     "contact.stress_intensity": ("EdgeIntensity", "edge_intensity"),
     "core.jax_config": ("keep_compiled",),
-    "core.geometry": ("LineContact", "Spall", "TaperedBearing", "bearing"),
+    "core.geometry": ("LineContact", "Spall", "TaperedBearing"),
+    "core.packaged_bearings": ("bearing",),
     "contact.height_map": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),
     "law.power": ("PowerLaw", "liu2018", "power_law"),
     "fits.measured": ("MeasuredError", "Measurement", "load_measured"),

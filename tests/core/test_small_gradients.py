@@ -10,7 +10,7 @@ import pytest
 import difftrb as trb
 from difftrb.contact import contact_extent, crown
 from difftrb.contact.height_map import HeightMap, height_at
-from difftrb.core import geometry, series
+from difftrb.core import packaged_bearings, series
 from difftrb.core.geometry import LineContact, Spall
 from difftrb.ring import ring
 
@@ -33,7 +33,7 @@ def height(v: jax.Array) -> jax.Array:
 
 def bearing(v: jax.Array) -> trb.TaperedBearing:
     values, tree = jax.tree.flatten(trb.bearing("32008J"))
-    place = [i for i, value in enumerate(values) if value == geometry.bearing("32008J").outer_angle]
+    place = [i for i, value in enumerate(values) if value == packaged_bearings.bearing("32008J").outer_angle]
     values[place[0]] = v
     return jax.tree.unflatten(tree, values)
 

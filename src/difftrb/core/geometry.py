@@ -265,27 +265,3 @@ def spin_share(bearing: TaperedBearing) -> Real:
 
 def _cone_angle(bearing: TaperedBearing, raceway: Raceway) -> Real:
     return {"outer": bearing.outer_angle, "inner": bearing.inner_angle}[raceway]
-
-
-NAMED_BEARINGS = {
-    # Liu et al. 2018, Tribology International 122, Table 1
-    "32008J": TaperedBearing(
-        roller_small_diameter=6.131,
-        roller_large_diameter=6.846,
-        roller_length=13.66,
-        rollers=23,
-        outer_angle=0.2473,
-        inner_angle=0.1949,
-        roller_angle=0.0262,
-        flange_angle=1.5621,
-        modulus=2.1e5,
-        poisson=0.278,
-    ),
-}
-
-
-def bearing(name: str) -> TaperedBearing:
-    """A bearing by its catalogue name; raises `KeyError` with the known names if there is none."""
-    if name not in NAMED_BEARINGS:
-        raise KeyError(f"no bearing named {name!r}; known: {', '.join(NAMED_BEARINGS)}")
-    return NAMED_BEARINGS[name]

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import geometry, status
+from difftrb.core import packaged_bearings, status
 from difftrb.core.bad_input import shown
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.law import edge_ramp, load_curve
@@ -237,7 +237,7 @@ class LawKind:
         """Whether the law holds for this bearing's outer contacts, as far as is known: traced numbers are not."""
         if self.bearing is None:
             return True
-        only = geometry.bearing(self.bearing)
+        only = packaged_bearings.bearing(self.bearing)
         return all(
             isinstance(own := getattr(bearing, name), jax.core.Tracer) or float(own) == getattr(only, name)
             for name in OF_CONTACT

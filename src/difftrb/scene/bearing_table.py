@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb.core import geometry
+from difftrb.core import packaged_bearings
 from difftrb.core.bad_input import UNKNOWN_KEY, in_one_sentence, shown
 from difftrb.core.geometry import FILE_RULES, TaperedBearing
 from difftrb.core.status import SceneError
@@ -18,7 +18,7 @@ from difftrb.ring.catalogue import Catalogue
 from difftrb.ring.catalogue_estimate import CatalogueBearing, estimated
 
 TAKES = {
-    "bearing": f"a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}), a catalogue's {{ d, D, T, e }} or a "
+    "bearing": f"a name ({', '.join(map(repr, packaged_bearings.BEARINGS))}), a catalogue's {{ d, D, T, e }} or a "
     "[bearing] table"
 }
 """What keys take of which annotations do not tell all."""
@@ -29,13 +29,13 @@ def in_full(content: dict[str, Any], path: str | Path) -> CatalogueBearing | Non
     brings the crown of its rollers, too, if `[contact]` has none. Returns what it was estimated from, if it was."""
     bearing = content.get("bearing")
     if isinstance(bearing, str):
-        if bearing not in geometry.NAMED_BEARINGS:
-            known = ", ".join(geometry.NAMED_BEARINGS)
+        if bearing not in packaged_bearings.BEARINGS:
+            known = ", ".join(packaged_bearings.BEARINGS)
             raise SceneError(
                 f"{path}: bearing = {shown(bearing)} is unknown; use {known}, a catalogue's {{ d, D, T, e }} or a "
                 "[bearing] table"
             )
-        content["bearing"] = _table_of(geometry.bearing(bearing))
+        content["bearing"] = _table_of(packaged_bearings.bearing(bearing))
     if not isinstance(bearing, dict) or not {"d", "D", "T"} & set(bearing):
         return None
     read = validated(_catalogues(), {"bearing": bearing}, path, _CatalogueFile)

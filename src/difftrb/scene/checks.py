@@ -17,7 +17,7 @@ import numpy as np
 
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
-from difftrb.core import fields, geometry, status
+from difftrb.core import fields, geometry, packaged_bearings, status
 from difftrb.core.bad_input import number_in, shown
 from difftrb.core.bearing_checks import across, as_numbers, first
 from difftrb.core.geometry import Spall, TaperedBearing
@@ -78,7 +78,7 @@ def _of_kinds(scene: Scene) -> str | None:
         return "bearing = a CatalogueBearing: give its .bearing, and as design_load its .design_load"
     if not isinstance(scene.bearing, TaperedBearing):
         return (
-            f"bearing = {shown(scene.bearing)}: must be a name ({', '.join(map(repr, geometry.NAMED_BEARINGS))}) or a "
+            f"bearing = {shown(scene.bearing)}: must be a name ({', '.join(map(repr, packaged_bearings.BEARINGS))}) or a "
             "TaperedBearing"
         )
     if not isinstance(scene.load, Load):

@@ -12,7 +12,7 @@ from annotated_types import Interval, Unit
 
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
-from difftrb.core import fields, geometry
+from difftrb.core import fields, packaged_bearings
 from difftrb.core.bad_input import known, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
@@ -169,7 +169,7 @@ class Scene:
 
     def __repr__(self) -> str:
         """On a few lines: bearing, load, every spall, law, phase and effects."""
-        name = next((name for name, one in geometry.NAMED_BEARINGS.items() if one is self.bearing), "own bearing")
+        name = next((name for name, one in packaged_bearings.BEARINGS.items() if one is self.bearing), "own bearing")
         rollers = getattr(self.bearing, "rollers", "?")
         law = getattr(self.law, "name", type(self.law).__name__)
         rows = [f"Scene: {name}, {rollers} rollers; {self.load}; law {law}, {self.definition}", f"  phase {self.phase}"]
@@ -189,10 +189,10 @@ def _with_called_for(named: tuple[Effect, ...], spalls: Any) -> tuple[Effect, ..
 
 def _bearing(name: str) -> TaperedBearing:
     """A bearing by its name; raises `SceneError`."""
-    if name not in geometry.NAMED_BEARINGS:
-        names = ", ".join(geometry.NAMED_BEARINGS)
+    if name not in packaged_bearings.BEARINGS:
+        names = ", ".join(packaged_bearings.BEARINGS)
         raise SceneError(f"bearing = {shown(name)} is unknown; use {names} or a TaperedBearing")
-    return geometry.bearing(name)
+    return packaged_bearings.bearing(name)
 
 
 def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Interval, Unit
 
 from difftrb.core import arrays as xp
-from difftrb.core import fields, geometry
+from difftrb.core import fields, geometry, packaged_bearings
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.core.status import SceneError
 
@@ -55,7 +55,7 @@ def defect_frequencies(bearing: TaperedBearing | str, inner_rpm: Real, outer_rpm
     """
     if isinstance(bearing, str):
         try:
-            bearing = geometry.bearing(bearing)
+            bearing = packaged_bearings.bearing(bearing)
         except KeyError as error:
             raise SceneError(str(error.args[0])) from None
     if (sentence := fields.wrong(Speeds(inner_rpm, outer_rpm), "speed")) is not None:

@@ -1,0 +1,28 @@
+"""Bearings that come with the package, by their catalogue names: to add one, give its numbers and their source here."""
+
+from __future__ import annotations
+
+from difftrb.core.geometry import TaperedBearing
+
+BEARINGS = {
+    # Liu et al. 2018, Tribology International 122, Table 1
+    "32008J": TaperedBearing(
+        roller_small_diameter=6.131,
+        roller_large_diameter=6.846,
+        roller_length=13.66,
+        rollers=23,
+        outer_angle=0.2473,
+        inner_angle=0.1949,
+        roller_angle=0.0262,
+        flange_angle=1.5621,
+        modulus=2.1e5,
+        poisson=0.278,
+    ),
+}
+
+
+def bearing(name: str) -> TaperedBearing:
+    """A bearing by its catalogue name; raises `KeyError` with the known names if there is none."""
+    if name not in BEARINGS:
+        raise KeyError(f"no bearing named {name!r}; known: {', '.join(BEARINGS)}")
+    return BEARINGS[name]
