@@ -78,8 +78,8 @@ def _of_kinds(scene: Scene) -> str | None:
         return "bearing = a CatalogueBearing: give its .bearing, and as design_load its .design_load"
     if not isinstance(scene.bearing, TaperedBearing):
         return (
-            f"bearing = {shown(scene.bearing)}: must be a name ({', '.join(map(repr, packaged_bearings.BEARINGS))}) or a "
-            "TaperedBearing"
+            f"bearing = {shown(scene.bearing)}: must be a name ({', '.join(map(repr, packaged_bearings.BEARINGS))}) "
+            "or a TaperedBearing"
         )
     if not isinstance(scene.load, Load):
         return f"load = {shown(scene.load)}: must be a Load, say Load(radial=9000.0, axial=4500.0)"
