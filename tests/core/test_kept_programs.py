@@ -1,5 +1,7 @@
 """Programs are traced once for all processes, and never taken for another."""
 
+import os
+import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -76,6 +78,18 @@ def test_what_is_broken_is_written_again(broken: bytes | None, tmp_path: Path) -
 
 
 @pytest.mark.hard
+def test_programs_of_older_contents_of_the_package_go(tmp_path: Path) -> None:
+    for name, days in (("old", 31), ("recent", 1)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "program").write_bytes(b"")
+        then = time.time() - 86400.0 * days
+        os.utime(tmp_path / name, (then, then))
+    of(tmp_path, [], "this", np.arange(3.0), {"y": 1.0})
+    assert not (tmp_path / "old").exists()
+    assert (tmp_path / "recent" / "program").exists()
+    assert len(files(tmp_path)) == 2
+
+
 def test_where_nothing_can_be_written_it_runs(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     assert of(tmp_path / "file", [], "this", np.ones(2), {"y": 0.0}) is not None

@@ -13,6 +13,8 @@ import inspect
 import io
 import os
 import pickle
+import shutil
+import time
 import types
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -28,6 +30,8 @@ LIBRARIES = ("jax", "jaxlib", "numpy", "optax")
 """Their versions are part of what a program depends on."""
 KNOWN = {"difftrb", *LIBRARIES, "builtins", "collections", "copyreg", "functools", "operator"}
 """Packages whose code a program that is kept may depend on."""
+OLD = 30 * 86400.0
+"""Seconds after which programs of other contents of the package go, if none was added to them."""
 UNTOLD = (pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError)
 """What pickle raises: code from elsewhere, or without a name; a thing that is within itself."""
 
@@ -95,7 +99,16 @@ def kept(
         part = file.with_name(f"{file.name}.{os.getpid()}")
         part.write_bytes(written)
         part.replace(file)
+        _clear_of_old(folder)
     return _jitted(function.__name__, exported, returned[0], options)
+
+
+@functools.cache
+def _clear_of_old(folder: Path) -> None:
+    """Once in a process: every edit of the package makes a folder of its own."""
+    for other in folder.iterdir():
+        if other.name != _package() and time.time() - other.stat().st_mtime > OLD:
+            shutil.rmtree(other, ignore_errors=True)
 
 
 def _jitted(
