@@ -49,13 +49,16 @@ def the_scene(law: Law | str) -> trb.Scene:
 
 
 def measure(law: Law, count: int) -> dict[str, tuple[float, float]]:
-    """First call [s] and time per scene [µs] for loads, for stiffness with its length derivative, and for stiffness,
-    loads and all their derivatives by length and width."""
+    """First call [s] and time per scene [µs] for loads, where the width is a constant and where it changes, too; for
+    stiffness with its length derivative, and for stiffness, loads and all their derivatives by length and width."""
     scene = the_scene(law)
 
-    def at(length: jax.Array, axial: jax.Array) -> trb.Solution:
-        spalls = (dataclasses.replace(scene.spalls[0], length=length),)
+    def at(length: jax.Array, axial: jax.Array, **sizes: jax.Array) -> trb.Solution:
+        spalls = (dataclasses.replace(scene.spalls[0], length=length, **sizes),)
         return trb.solve(dataclasses.replace(scene, load=trb.Load(9000.0, axial), spalls=spalls))
+
+    def of_any_width(length: jax.Array, axial: jax.Array) -> jax.Array:
+        return at(length, axial, width=1.0 + length).loads
 
     def loads(length: jax.Array, axial: jax.Array) -> jax.Array:
         return at(length, axial).loads
@@ -66,8 +69,7 @@ def measure(law: Law, count: int) -> dict[str, tuple[float, float]]:
 
     def everything(length: jax.Array, axial: jax.Array) -> tuple:
         def both(sizes: jax.Array) -> tuple[tuple[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]:
-            spalls = (dataclasses.replace(scene.spalls[0], length=sizes[0], width=sizes[1]),)
-            s = trb.solve(dataclasses.replace(scene, load=trb.Load(9000.0, axial), spalls=spalls))
+            s = at(sizes[0], axial, width=sizes[1])
             return (s.stiffness, s.loads), (s.stiffness, s.loads)
 
         return jax.jacfwd(both, has_aux=True)(jnp.stack([length, jnp.asarray(7.0)]))
@@ -76,6 +78,7 @@ def measure(law: Law, count: int) -> dict[str, tuple[float, float]]:
     results = {}
     for name, function in (
         (VALUE, loads),
+        ("loads, of spalls of any width", of_any_width),
         ("stiffness matrix and d(radial)/d(length)", sensitive),
         (SLOPES, everything),
     ):

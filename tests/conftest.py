@@ -29,6 +29,7 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 import difftrb as trb
+from difftrb.core import jax_config
 from difftrb.law import samples
 from experiments.programs import let_go
 from tests.closed_form import closed_form
@@ -39,6 +40,14 @@ def _few_programs() -> Iterator[None]:
     """A worker that keeps all of them crashes."""
     yield
     let_go(25_000)
+
+
+@pytest.fixture(autouse=True)
+def _nothing_kept_as_traced() -> Iterator[None]:
+    """A command keeps programs from there on; a test that replaces a function would get, or leave, one that does not
+    know."""
+    yield
+    jax_config._traced.clear()
 
 
 @pytest.fixture(scope="session")

@@ -111,7 +111,7 @@ def test_second_derivatives_are_not_computed_unless_wanted() -> None:
 
 
 def test_expansions_by_other_parameters_are_refused() -> None:
-    with pytest.raises(ValueError, match="by 3 and by 2 parameters"):
+    with pytest.raises(TypeError, match="by 3 and by 2 parameters"):
         FIRST + Taylor(AT, BY)
 
 

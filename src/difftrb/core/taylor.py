@@ -136,7 +136,7 @@ def plus(p: Any, q: Any) -> Any:
     if p is None or q is None:
         return q if p is None else p
     if len(p) != len(q):
-        raise ValueError(f"expansions by {len(p)} and by {len(q)} parameters do not go together")
+        raise TypeError(f"expansions by {len(p)} and by {len(q)} parameters do not go together")
     return p + q
 
 
