@@ -15,7 +15,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core.taylor import Taylor, chained, plus, value, values, variable, whole, with_variable
+from difftrb.core.taylor import Taylor, chained, rest, summed, value, values, variable, whole, with_variable
 from difftrb.core.taylor import by_of as by
 
 __all__ = ["Taylor", "by", "value", "values", "variable", "with_variable"]
@@ -89,10 +89,6 @@ def where(condition: Any, a: Any, b: Any) -> Any:
         return xp.where(condition, a, b)
     a, b = (x if isinstance(x, Taylor) else Taylor(x) for x in (a, b))
     rank = max(np.ndim(condition), a.ndim, b.ndim)
-
-    def spread(part: Any, own: int) -> Any:
-        return part if part is None else part.reshape(part.shape[:1] + (1,) * (rank - own) + part.shape[1:])
-
     shape = np.shape(condition)
     up = condition if not shape else condition.reshape((1,) * (rank + 1 - len(shape)) + shape)
 
@@ -101,11 +97,7 @@ def where(condition: Any, a: Any, b: Any) -> Any:
             return None
         return xp.where(up, 0.0 if p is None else p, 0.0 if q is None else q)
 
-    return whole(
-        xp.where(condition, a.value, b.value),
-        chosen(spread(a.by, a.ndim), spread(b.by, b.ndim)),
-        chosen(spread(a.mixed, a.ndim), spread(b.mixed, b.ndim)),
-    )
+    return whole(xp.where(condition, a.value, b.value), *map(chosen, rest(a, rank), rest(b, rank)))
 
 
 def maximum(a: Any, b: Any) -> Any:
@@ -234,18 +226,11 @@ def einsum(form: str, a: Any, b: Any) -> Any:
         own = f"{'z' * p_up}{one},{'z' * q_up}{other}->{'z' * (p_up or q_up)}{out}"
         return xp.einsum(own, p, q, **more)
 
-    def summed(*pairs: tuple[Any, Any]) -> Any:
-        found = None
-        for p, q in pairs:
-            if p is not None and q is not None:
-                found = plus(found, product(p, q))
-        return found
-
     a_last, b_last = (None if x.mixed is None else x.by[-1] for x in (a, b))
     return Taylor(
         product(a.value, b.value),
-        summed((a.by, b.value), (a.value, b.by)),
-        summed((a.mixed, b.value), (a.value, b.mixed), (a_last, b.by), (a.by, b_last)),
+        summed((a.by, b.value), (a.value, b.by), product=product),
+        summed((a.mixed, b.value), (a.value, b.mixed), (a_last, b.by), (a.by, b_last), product=product),
     )
 
 
@@ -348,16 +333,16 @@ def counted(count: int, function: Callable[[Any, Any], Any], start: Any) -> Any:
     return start
 
 
-def repeated_if(needed: Any, count: int, function: Callable[[Any], Any], start: Any) -> Any:
-    """As `repeated` where it is `needed`; else `start`, at once. Without reverse derivatives."""
+def done_if(needed: Any, function: Callable[[Any], Any], start: Any) -> Any:
+    """`function(start)` where it is `needed`; else `start`, at once: in a batch, too, by a loop that may have no
+    rounds. Without reverse derivatives."""
     if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(start)):
         start, once = _started(lambda _, x: function(x), start)
-
-        def going(state: tuple[Any, Any]) -> Any:
-            return needed & (state[0] < count)
-
-        return jax.lax.while_loop(going, lambda state: (state[0] + 1, once(0, state[1])), (0, start))[1]
-    return repeated(count, function, start) if needed else start
+        first = jnp.asarray(needed), start
+        return jax.lax.while_loop(
+            lambda state: state[0], lambda state: (jnp.zeros_like(state[0]), once(0, state[1])), first
+        )[1]
+    return function(start) if needed else start
 
 
 def together(tree: Any) -> Any:

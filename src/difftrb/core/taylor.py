@@ -72,7 +72,7 @@ class Taylor:
 
     def __add__(self, other: Any) -> Taylor:
         a, b, rank = _pair(self, other)
-        return whole(a.value + b.value, *map(plus, _rest(a, rank), _rest(b, rank)))
+        return whole(a.value + b.value, *map(plus, rest(a, rank), rest(b, rank)))
 
     __radd__ = __add__
 
@@ -147,14 +147,14 @@ def whole(value: Any, by: Any, mixed: Any) -> Taylor:
     def spread(part: Any) -> Any:
         if part is None or np.shape(part)[1:] == shape:
             return part
-        return (jnp if isinstance(part, jax.Array) else np).broadcast_to(part, (len(part), *shape))
+        return _of(part).broadcast_to(part, (len(part), *shape))
 
     return Taylor(value, spread(by), spread(mixed))
 
 
 def variable(x: Any) -> Taylor:
     """`x` as the only parameter, to first derivatives."""
-    return Taylor(x, (jnp if isinstance(x, jax.Array) else np).ones_like(x)[None])
+    return Taylor(x, _of(x).ones_like(x)[None])
 
 
 def with_variable(x: Any, others: Any) -> tuple[Taylor, Any]:
@@ -165,16 +165,14 @@ def with_variable(x: Any, others: Any) -> tuple[Taylor, Any]:
 
     def widened(leaf: Any) -> Any:
         own = by_of(leaf)
-        return leaf if own is None else Taylor(leaf.value, of(own).concatenate([own, of(own).zeros_like(own[:1])]))
-
-    def of(part: Any) -> Any:
-        return jnp if isinstance(part, jax.Array) else np
+        return leaf if own is None else Taylor(leaf.value, _of(own).concatenate([own, _of(own).zeros_like(own[:1])]))
 
     at, own = value(x), by_of(x)
-    last = of(at).ones_like(at)[None]
-    before = of(at).zeros((count, *np.shape(at))) if own is None else own
-    by = of(at).concatenate([before, last]) if count else last
-    return Taylor(at, by, of(at).zeros_like(by)), jax.tree.map(widened, others, is_leaf=_is_taylor)
+    of = _of(at)
+    last = of.ones_like(at)[None]
+    before = of.zeros((count, *np.shape(at))) if own is None else own
+    by = of.concatenate([before, last]) if count else last
+    return Taylor(at, by, of.zeros_like(by)), jax.tree.map(widened, others, is_leaf=_is_taylor)
 
 
 def by_of(x: Any) -> Any:
@@ -186,6 +184,11 @@ def _is_taylor(leaf: Any) -> bool:
     return isinstance(leaf, Taylor)
 
 
+def _of(part: Any) -> Any:
+    """See `arrays.of`: of one array."""
+    return jnp if isinstance(part, jax.Array) else np
+
+
 def chained(x: Taylor, f: Any, rate: Any, bend: Any) -> Taylor:
     """A function of `x`, entry by entry, from its value and its first two derivatives at `x.value`."""
     by = summed((x.by, rate))
@@ -194,19 +197,20 @@ def chained(x: Taylor, f: Any, rate: Any, bend: Any) -> Taylor:
     return Taylor(f, by, summed((x.mixed, rate), (x.by, bend * x.by[-1])))
 
 
-def summed(*pairs: tuple[Any, Any]) -> Any:
-    """The sum of derivatives times values; pairs of which one is None are 0, and so is None."""
+def summed(*pairs: tuple[Any, Any], product: Callable[[Any, Any], Any] | None = None) -> Any:
+    """The sum of products of parts, None: of derivatives and values; pairs of which one is None are 0, and so is
+    None."""
     found = None
-    for by, value in pairs:
-        if by is not None and value is not None:
-            found = plus(found, by_product(by, value))
+    for p, q in pairs:
+        if p is not None and q is not None:
+            found = plus(found, (product or by_product)(p, q))
     return found
 
 
 def _multiplied(a: Any, b: Any) -> Taylor:
     """a·b, of which one may be no expansion."""
     a, b, rank = _pair(a, b)
-    (a_by, a_mixed), (b_by, b_mixed) = _rest(a, rank), _rest(b, rank)
+    (a_by, a_mixed), (b_by, b_mixed) = rest(a, rank), rest(b, rank)
     mixed = summed(
         (a_mixed, b.value), (b_mixed, a.value),
         (b_by, None if a_mixed is None else a_by[-1]), (a_by, None if b_mixed is None else b_by[-1]),
@@ -217,15 +221,15 @@ def _multiplied(a: Any, b: Any) -> Taylor:
 def _divided(a: Any, b: Any) -> Taylor:
     """a/b, of which one may be no expansion."""
     a, b, rank = _pair(a, b)
-    (a_by, a_mixed), (b_by, b_mixed) = _rest(a, rank), _rest(b, rank)
+    (a_by, a_mixed), (b_by, b_mixed) = rest(a, rank), rest(b, rank)
     value, share = a.value / b.value, 1.0 / b.value
     minus = -value
     by = summed((plus(a_by, summed((b_by, minus))), share))
     if a_mixed is None and b_mixed is None:
         return whole(value, by, None)
     # (a/b)'' = (a'' − (a/b) b'' − (a/b)' b' − b' (a/b)')/b
-    rest = summed((b_mixed, minus), (b_by, -by[-1]), (by, None if b_mixed is None else -b_by[-1]))
-    return whole(value, by, summed((plus(a_mixed, rest), share)))
+    turned = summed((b_mixed, minus), (b_by, -by[-1]), (by, None if b_mixed is None else -b_by[-1]))
+    return whole(value, by, summed((plus(a_mixed, turned), share)))
 
 
 def by_product(by: Any, value: Any) -> Any:
@@ -244,7 +248,7 @@ def _pair(a: Any, b: Any) -> tuple[Taylor, Taylor, int]:
     return a, b, max(a.ndim, b.ndim)
 
 
-def _rest(x: Taylor, rank: int) -> tuple[Any, Any]:
+def rest(x: Taylor, rank: int) -> tuple[Any, Any]:
     """The derivatives, in shapes that go with values of that rank."""
     missing = rank - x.ndim
 

@@ -55,7 +55,7 @@ def _if_reached(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: A
         # what does not depend on the loop's state is computed before it, needed or not
         return _equivalent(*xp.together((edge, across, approach, low, high)))
 
-    return xp.repeated_if(xp.of(reached).any(reached), 1, found, edge)
+    return xp.done_if(xp.of(reached).any(reached), found, edge)
 
 
 @jax.custom_jvp
