@@ -22,8 +22,7 @@ from rich.progress import track
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.contact import grids
-from difftrb.contact import solver as contacts
+from difftrb.contact import cell_solve, grids
 from difftrb.contact.contact_cells import Resolution
 from difftrb.contact.contact_solution import Inputs
 
@@ -46,8 +45,8 @@ def approaches(grid: Resolution, contact: trb.LineContact, cases: jax.Array) -> 
     """Approach of every case [mm], seconds to compile and seconds per solve."""
 
     def one(case: jax.Array) -> jax.Array:
-        spall = trb.Spall(case[1], case[2])
-        return contacts._by_cells(Inputs(contact, case[0], spall, case[3]), grid, True, 1e-3).approach
+        inputs = Inputs(contact, case[0], trb.Spall(case[1], case[2]), case[3])
+        return cell_solve.solve(inputs, grid, True, 1e-3).approach
 
     batch = jax.jit(lambda c: jax.lax.map(one, c))
     started = time.perf_counter()

@@ -26,7 +26,7 @@ from rich.progress import track
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.contact import gap
+from difftrb.contact import cell_solve, gap
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_cells import Resolution
 from difftrb.contact.contact_solution import Inputs
@@ -65,9 +65,8 @@ def truths(contact: trb.LineContact, cases: jax.Array, grid: Resolution) -> np.n
     """Approaches by cells [mm], shape (cases,)."""
 
     def approach(case: jax.Array) -> jax.Array:
-        return contacts._by_cells(
-            Inputs(contact, case[0], trb.Spall(case[1], case[2]), case[3]), grid, True, 1e-4
-        ).approach
+        inputs = Inputs(contact, case[0], trb.Spall(case[1], case[2]), case[3])
+        return cell_solve.solve(inputs, grid, True, 1e-4).approach
 
     return np.asarray(jax.jit(lambda c: jax.lax.map(approach, c))(cases))
 
@@ -132,7 +131,7 @@ def cores(count: int, contact: trb.LineContact, accuracy: float = 1e-3) -> dict[
 
     ways = {
         "strips": lambda case: contacts._by_strips(Inputs(*arguments(case)), True, 0, accuracy).approach,
-        "cells": lambda case: contacts._by_cells(Inputs(*arguments(case)), grid, True, accuracy).approach,
+        "cells": lambda case: cell_solve.solve(Inputs(*arguments(case)), grid, True, accuracy).approach,
     }
     return {name: on_two_threads(way, geometries(count, contact, 0)) for name, way in ways.items()}
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import halfspace
-from difftrb.contact import solver as contacts
+from difftrb.contact import cell_solve, contact_cells, halfspace
 from difftrb.contact.contact_solution import Inputs
 
 pytestmark = pytest.mark.exact
@@ -19,8 +18,8 @@ jaxopt = pytest.importorskip("jaxopt")
 @pytest.mark.parametrize(("spall", "offset"), [(None, 0.0), (trb.Spall(3.0, 1.0), 0.46)])
 def test_jaxopt_finds_the_same_approach_and_forces(contact: trb.LineContact, spall, offset: float) -> None:
     load = 2000.0
-    s = contacts._by_cells(
-        Inputs(contact, jnp.asarray(load), spall, jnp.asarray(offset)), contacts.Resolution(12, 8, 4), True, 1e-2
+    s = cell_solve.solve(
+        Inputs(contact, jnp.asarray(load), spall, jnp.asarray(offset)), contact_cells.Resolution(12, 8, 4), True, 1e-2
     )  # fmt: skip
     W = jax.jit(halfspace.influence)(s.cells, jnp.asarray(contact.modulus))
     W = jax.tree.map(lambda m: m * (load / s.approach), W)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import contact_extent
+from difftrb.contact import cell_solve, contact_extent
 from difftrb.contact.height_map import load_height_map
 from difftrb.core import status
 
@@ -128,17 +128,15 @@ def test_heights_that_are_no_numbers_are_flagged(contact: trb.LineContact, value
 def test_a_lattice_that_cuts_the_contact_is_noticed(contact: trb.LineContact, monkeypatch) -> None:
     whole = contact_extent.extents
     m = load_height_map(trb.example_map())
-    from difftrb.contact import solver as contacts
-
     for cut in (lambda x, low, high: (0.4 * x, low, high), lambda x, low, high: (x, 0.6 * low, high)):
         monkeypatch.setattr(contact_extent, "extents", lambda *a, cut=cut: cut(*whole(*a)))
-        contacts._by_lattice.clear_cache()
+        cell_solve.solve.clear_cache()
         try:
             for case in ((None, 0.0), (m, 0.5)):
                 s = trb.solve_contact(contact, 3000.0, *case, 1e-2, "lattice")
                 assert int(s.status_code) == status.TOUCHES_BORDER
         finally:
-            contacts._by_lattice.clear_cache()
+            cell_solve.solve.clear_cache()
 
 
 def test_what_does_not_fit_together_is_refused(contact: trb.LineContact) -> None:

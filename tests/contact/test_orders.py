@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import projected_gradient
-from difftrb.contact import solver as contacts
+from difftrb.contact import cell_solve, contact_cells, projected_gradient
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.gap import Cells
 from difftrb.contact.grids import GRIDS
@@ -82,15 +81,15 @@ def test_roller_contact_converges(spall: trb.Spall | None, offsets: list[float])
     contact = trb.LineContact(3.623, 13.66, 2.1e5 / (2.0 * (1.0 - 0.278**2)), 3000.0)
     cases = jnp.array([(load, offset) for load in (1500.0, 2000.0, 3000.0, 4500.0) for offset in offsets])
 
-    def approaches(grid: contacts.Resolution) -> jax.Array:
+    def approaches(grid: contact_cells.Resolution) -> jax.Array:
         def one(case: jax.Array) -> jax.Array:
-            return contacts._by_cells(Inputs(contact, case[0], spall, case[1]), grid, True, 1e-3).approach
+            return cell_solve.solve(Inputs(contact, case[0], spall, case[1]), grid, True, 1e-3).approach
 
         return jax.jit(lambda c: jax.lax.map(one, c))(cases)
 
     fine = approaches(GRIDS[1e-4].cells)
     errors = [
-        float(jnp.sqrt(jnp.mean((approaches(contacts.Resolution(8 * k, 6 * k, 3 * k)) / fine - 1.0) ** 2)))
+        float(jnp.sqrt(jnp.mean((approaches(contact_cells.Resolution(8 * k, 6 * k, 3 * k)) / fine - 1.0) ** 2)))
         for k in (1, 4)
     ]
     assert np.log(errors[0] / errors[1]) / np.log(4.0) > 1.0

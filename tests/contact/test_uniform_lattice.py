@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import halfspace, projected_gradient
-from difftrb.contact import solver as contacts
+from difftrb.contact import cell_solve, halfspace, projected_gradient
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.gap import Cells
 from difftrb.contact.height_map import height_at
@@ -81,7 +80,9 @@ def test_a_map_with_steep_walls_comes_to_the_spall_at_first_order(contact: trb.L
     for columns in (12, 24, 48):
         size = (8 * columns, columns)
         found = jax.lax.map(
-            lambda o, size=size: contacts._by_lattice(Inputs(contact, load, steep(spall, 0.005, 0.01), o), size, 1e-2),
+            lambda o, size=size: cell_solve.solve(
+                Inputs(contact, load, steep(spall, 0.005, 0.01), o), size, False, 1e-2
+            ),
             offsets,
         )
         assert not found.status_code.any()

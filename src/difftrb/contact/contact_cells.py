@@ -112,7 +112,7 @@ def _single(inputs: Inputs, spall: Spall | None, resolution: Resolution, mirrore
 
 def _is_narrow(spall: Spall, offset: jax.Array, reach: jax.Array, resolution: Resolution) -> jax.Array:
     """Whether both edges are on the cells, and nearer to each other than a cell."""
-    inside = xp.abs(offset) + 0.5 * spall.width < reach
+    inside = xp.magnitude(offset) + 0.5 * spall.width < reach
     return inside & (spall.width > 0.0) & (spall.width < 2.0 * reach / resolution.columns)
 
 
@@ -128,14 +128,14 @@ def _beyond_edge(land: jax.Array, room: jax.Array) -> jax.Array:
 
 def _several(
     inputs: Inputs, spalls: tuple[Spall, ...], resolution: Resolution, mirrored: bool
-) -> tuple[Cells, jax.Array, jax.Array]:
+) -> tuple[Cells, Any, Any]:
     """Cells with a boundary on every edge, the depth under each [mm], and their status. Where spalls overlap the deeper
     one counts. A spall out of the contact's reach in the rolling direction does not act on the cells at all."""
     contact, load, _, offsets, tilt = inputs
     reach_x, _, _ = domain(contact, load, spalls, offsets, tilt)
-    near = jnp.stack([jnp.abs(o) - 0.5 * s.width < reach_x for s, o in zip(spalls, offsets, strict=True)])
+    near = xp.stack([xp.magnitude(o) - 0.5 * s.width < reach_x for s, o in zip(spalls, offsets, strict=True)])
     spalls = tuple(
-        dataclasses.replace(s, length=jnp.where(near[i], s.length, 0.0), depth=jnp.where(near[i], s.depth, 0.0))
+        dataclasses.replace(s, length=xp.where(near[i], s.length, 0.0), depth=xp.where(near[i], s.depth, 0.0))
         for i, s in enumerate(spalls)
     )
     reach_x, bottom, top = domain(contact, load, spalls, offsets, tilt)
@@ -143,12 +143,12 @@ def _several(
     lines, under_rows = _along(spans, bottom, top, resolution, mirrored)
     reach_x = reach_x * (1.0 + 2.0 / resolution.columns)  # the lattice may slide by half a cell, borders stay unloaded
     cells, under_columns, spoiled = _across(spalls, offsets, reach_x, resolution.columns, lines, mirrored)
-    depression = jnp.zeros((1, 1))
+    depression = np.zeros((1, 1))
     for i, spall in enumerate(spalls):
         inside = (under_rows[i][:, None] & under_columns[i][None, :]) & near[i]
-        depression = jnp.maximum(depression, jnp.where(inside, spall.depth, 0.0))  # Liu et al. 2018, eq. (3)
+        depression = xp.maximum(depression, xp.where(inside, spall.depth, 0.0))  # Liu et al. 2018, eq. (3)
     narrow = [_is_narrow(spall, offset, reach_x, resolution) for spall, offset in zip(spalls, offsets, strict=True)]
-    return cells, depression, jnp.where(spoiled | jnp.any(jnp.stack(narrow)), status.UNRESOLVED, status.CONVERGED)
+    return cells, depression, xp.where(spoiled | xp.any(xp.stack(narrow)), status.UNRESOLVED, status.CONVERGED)
 
 
 def _spans(
@@ -159,18 +159,20 @@ def _spans(
     a sliver cannot tell whose end the land's border is: each counts by Hertz's pressure squared over its width, about
     the energy that its edge would release, and less where its bottom is met."""
     mean = gaps.line_half_width(load / contact.length, contact.radius, contact.modulus)
-    half, reach = AT_ENDS * jax.lax.stop_gradient(mean), 0.5 * (top - bottom)
-    widths = jnp.stack([jnp.asarray(spall.width, float) for spall in spalls])
-    low, high = (jnp.clip((offsets + side * widths) / half, -1.0, 1.0) for side in (-0.5, 0.5))
-    sunk = gaps.palmgren_approach(load, contact.length)
-    fallen = jnp.stack([jnp.minimum(spall.depth / sunk, 1.0) ** 2 for spall in spalls])
-    share = jax.lax.stop_gradient(((high - high**3 / 3.0) - (low - low**3 / 3.0)) * fallen) + 1e-9
-    every, lines = jnp.stack([jnp.stack(edges_along(contact, spall)) for spall in spalls]), []
-    for side, ends, still in zip((-1.0, 1.0), every.T, jax.lax.stop_gradient(every).T, strict=True):
-        weight = jnp.where(jnp.abs(still[:, None] - still[None]) <= TOGETHER * reach, share[None], 0.0)
-        moved = still + jnp.sum(weight * (ends - still)[None], axis=1) / jnp.sum(weight, axis=1)
+    half, reach = AT_ENDS * xp.fixed(mean), 0.5 * (top - bottom)
+    widths, places = (xp.fixed(part) for part in (xp.stack([spall.width for spall in spalls]), offsets))
+    low, high = (xp.clip((places + side * widths) / half, -1.0, 1.0) for side in (-0.5, 0.5))
+    sunk = xp.fixed(gaps.palmgren_approach(load, contact.length))
+    fallen = xp.stack([xp.minimum(xp.fixed(spall.depth) / sunk, 1.0) ** 2 for spall in spalls])
+    share = ((high - high**3 / 3.0) - (low - low**3 / 3.0)) * fallen + 1e-9
+    every, lines = zip(*(edges_along(contact, spall) for spall in spalls), strict=True), []
+    for side, ends in zip((-1.0, 1.0), map(xp.stack, every), strict=True):
+        still = xp.fixed(ends)
+        together = xp.abs(still[:, None] - still[None]) <= TOGETHER * xp.fixed(reach)
+        weight = xp.where(together, share[None], 0.0)
+        moved = still + xp.total(weight * (ends - still)[None]) / xp.total(weight)
         longer = moved + side * APART * reach * np.arange(len(spalls))
-        lines.append(jnp.where(near, jnp.clip(longer, bottom, top), top))
+        lines.append(xp.where(near, xp.clip(longer, bottom, top), top))
     return list(zip(*lines, strict=True))
 
 
@@ -178,40 +180,43 @@ def _along(
     spans: list[tuple[jax.Array, ...]], bottom: jax.Array, top: jax.Array, resolution: Resolution, mirrored: bool
 ) -> tuple[jax.Array, list[jax.Array]]:
     """Lines along the roller, and for every spall which rows lie over it."""
-    start = jnp.zeros(()) if mirrored else bottom
+    start = np.zeros(()) if mirrored else bottom
     ends = [span[1] for span in spans] if mirrored else [edge for span in spans for edge in span]
     into = np.array([-1.0] * len(spans) if mirrored else [1.0, -1.0] * len(spans))  # from an edge into its spall
     count, apart = len(ends), 0.5 * APART * 0.5 * (top - bottom)
-    order = jnp.argsort(jax.lax.stop_gradient(jnp.stack(ends)))
-    edges = jnp.stack(ends)[order]
+    edges = xp.stack(ends)
+    order = xp.argsort(xp.fixed(edges))
+    edges = edges[order]
     knots = [start]
     for i in range(count):
-        knots.append(jnp.maximum(jnp.minimum(edges[i], top - (count - i) * apart), knots[-1] + apart))
-    knots = jnp.stack([*knots, top])
+        knots.append(xp.maximum(xp.minimum(edges[i], top - (count - i) * apart), knots[-1] + apart))
+    knots = xp.stack([*knots, top])
 
     most = np.array([resolution.land] + [max(2 * resolution.spall, resolution.land // 2)] * (count - 1)
                     + [resolution.land])  # fmt: skip
     if mirrored:
         most[0] = resolution.spall
-    lengths = jax.lax.stop_gradient(jnp.diff(knots))
-    share = jnp.minimum(lengths / (FULL * 0.5 * jax.lax.stop_gradient(top - bottom)), 1.0)
-    rows = jnp.maximum(jnp.round(most * share), 1.0).astype(int)
-    rows = rows.at[jnp.argmax(lengths)].add(int(most.sum()) - jnp.sum(rows))  # what slivers do not need
-    first = jnp.concatenate([jnp.zeros(1, int), jnp.cumsum(rows)])  # line that stands on each knot
-    line = jnp.arange(int(most.sum()) + 1)
-    part = jnp.clip(jnp.sum(line[:, None] >= first[None, 1:], axis=1), 0, count)
+    lengths = xp.diff(xp.fixed(knots))
+    share = xp.minimum(lengths / (FULL * 0.5 * xp.fixed(top - bottom)), 1.0)
+    rows = xp.maximum(xp.round(most * share), 1.0).astype(int)
+    longest = np.arange(count + 1) == xp.argmax(lengths)
+    rows = rows + xp.where(longest, int(most.sum()) - xp.sum(rows), 0)  # what slivers do not need
+    first = xp.concatenate([np.zeros(1, int), xp.cumsum(rows)])  # line that stands on each knot
+    line = np.arange(int(most.sum()) + 1)
+    part = xp.clip(xp.sum(line[:, None] >= first[None, 1:], axis=1), 0, count)
     s = (line - first[part]) / rows[part]
-    both, end = 0.5 * (1.0 - jnp.cos(jnp.pi * s)), jnp.sin(0.5 * jnp.pi * s)
-    gathered = jnp.where((part == 0) & mirrored, end, both)
+    both, end = 0.5 * (1.0 - xp.cos(np.pi * s)), xp.sin(0.5 * np.pi * s)
+    gathered = xp.where((part == 0) & mirrored, end, both)
     lines = knots[part] + (knots[part + 1] - knots[part]) * (0.05 * s + 0.95 * gathered)
 
     # the discrete edge acts as the true one from within the spall
-    here, side = first[1:-1], jnp.asarray(into)[order].astype(int)
-    land, hollow = jnp.abs(lines[here] - lines[here - side]), jnp.abs(lines[here + side] - lines[here])
-    lines = lines.at[here].add(side * jnp.minimum(EDGE_SHIFT * land, 0.4 * hollow))
+    here, side = first[1:-1], xp.of(order).asarray(into)[order].astype(int)
+    land, hollow = side * (lines[here] - lines[here - side]), side * (lines[here + side] - lines[here])
+    drawn = side * xp.minimum(EDGE_SHIFT * land, 0.4 * hollow)
+    lines = lines + xp.leading_total(drawn[:, None] * (line[None] == here[:, None]))
 
-    rank = jnp.argsort(order)
-    row = jnp.arange(int(most.sum()))
+    rank = xp.argsort(order)
+    row = np.arange(int(most.sum()))
     at = here[rank]
     if mirrored:
         return lines, [row < at[i] for i in range(count)]
@@ -224,49 +229,49 @@ def _across(
     """The cells, for every spall which columns lie over it, and whether lines were too close to keep their order."""
     left, right = ([o + side * s.width for s, o in zip(spalls, offsets, strict=True)] for side in (-0.5, 0.5))
     pitch, x = halfspace.lattice(reach, columns, left[0], right[0])
-    borders = jnp.concatenate([x - 0.5 * pitch, x[-1:] + 0.5 * pitch])
-    even, h = jax.lax.stop_gradient(borders), jax.lax.stop_gradient(pitch)
-    column = jnp.arange(columns)
+    borders = xp.concatenate([x - 0.5 * pitch, x[-1:] + 0.5 * pitch])
+    even, h = xp.fixed(borders), xp.fixed(pitch)
+    column, line = np.arange(columns), np.arange(columns + 1)
 
-    def line_of(edge: jax.Array) -> jax.Array:
-        return jnp.clip(jnp.round((jax.lax.stop_gradient(edge) - even[0]) / h), 0, columns).astype(int)
+    def line_of(edge: Any) -> Any:
+        return xp.clip(xp.round((xp.fixed(edge) - even[0]) / h), 0, columns).astype(int)
 
     taken, at = [], []
     for edge, into in ((left[0], 1), (right[0], -1)):
-        inside = jnp.abs(edge) < reach
+        inside = xp.magnitude(edge) < reach
         k = line_of(edge + into * EDGE_SHIFT * pitch)
-        taken.append((jnp.where(inside, k, -1), into, edge))
-        at.append(jnp.where(inside, k, jnp.where(edge < 0.0, 0, columns)))
+        taken.append((xp.where(inside, k, -1), into, edge))
+        at.append(xp.where(inside, k, xp.where(edge < 0.0, 0, columns)))
     low, high = at
     under = [(column >= low) & (column < high)]
-    uneven, spoiled = [], jnp.asarray(False)
+    uneven, spoiled = [], np.asarray(False)
     for i, (a, b) in enumerate(zip(left[1:], right[1:], strict=True), 1):
         at = []
         for edge, into in ((a, 1), (b, -1)):
-            inside = jnp.abs(edge) < reach
+            inside = xp.magnitude(edge) < reach
             edge = edge - into * i * APART_ACROSS * pitch
             even_shift = edge + into * EDGE_SHIFT * pitch
-            k = nearest = jnp.clip(line_of(even_shift), 1, columns - 1)
+            k = nearest = xp.clip(line_of(even_shift), 1, columns - 1)
             for other, *_ in taken:  # a line that stands on another edge stays there; take its neighbour
-                k = jnp.where(k == other, k + jnp.where(even_shift >= borders[k], 1, -1), k)
-            k = jnp.clip(k, 1, columns - 1)
-            shift = EDGE_SHIFT / (1.0 - EDGE_SHIFT) * jnp.abs(edge - borders[k - into])
-            wanted = jnp.where(k == nearest, edge + into * shift, even_shift)
+                k = xp.where(k == other, k + xp.where(even_shift >= borders[k], 1, -1), k)
+            k = xp.clip(k, 1, columns - 1)
+            shift = EDGE_SHIFT / (1.0 - EDGE_SHIFT) * xp.magnitude(edge - borders[k - into])
+            wanted = xp.where(k == nearest, edge + into * shift, even_shift)
             closest = 0.5 * APART_ACROSS * pitch
-            wanted = jnp.clip(wanted, borders[k - 1] + closest, borders[k + 1] - closest)
+            wanted = xp.clip(wanted, borders[k - 1] + closest, borders[k + 1] - closest)
             for other, facing, theirs in taken:  # two spalls that touch share one line
                 ridge = into * (edge - theirs)
-                touching = inside & (other >= 0) & (jnp.abs(ridge) < TOUCHING * pitch) & (facing != into)
-                k, wanted = jnp.where(touching, other, k), jnp.where(touching, borders[other], wanted)
+                touching = inside & (other >= 0) & (xp.magnitude(ridge) < TOUCHING * pitch) & (facing != into)
+                k, wanted = xp.where(touching, other, k), xp.where(touching, borders[other], wanted)
                 spoiled = spoiled | (touching & (ridge > 0.1 * pitch))
-            borders = jnp.where(inside, borders.at[k].set(wanted), borders)
-            taken.append((jnp.where(inside, k, -1), into, edge))
-            at.append(jnp.where(inside, k, jnp.where(edge < 0.0, 0, columns)))
+            borders = xp.where(inside & (line == k), wanted, borders)
+            taken.append((xp.where(inside, k, -1), into, edge))
+            at.append(xp.where(inside, k, xp.where(edge < 0.0, 0, columns)))
             uneven += [k - 1, k]
         under.append((column >= at[0]) & (column < at[1]))
-    spoiled = spoiled | (jnp.min(jnp.diff(borders)) < 0.4 * APART_ACROSS * h)
+    spoiled = spoiled | (xp.min(xp.diff(xp.fixed(borders))) < 0.4 * APART_ACROSS * h)
     centres = 0.5 * (borders[1:] + borders[:-1])
-    return Cells(pitch, centres, lines, mirrored, Uneven(jnp.stack(uneven), borders)), under, spoiled
+    return Cells(pitch, centres, lines, mirrored, Uneven(xp.stack(uneven), borders)), under, spoiled
 
 
 def uniform_stage(inputs: Inputs, size: tuple[int, int]) -> Stage:

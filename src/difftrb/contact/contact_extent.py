@@ -35,7 +35,7 @@ def domain(
         return extents(contact, delta, tilt)
     lands = _beside(contact, spalls)
     raised = _raised(contact, spalls, offsets, lands)
-    depth = xp.max(xp.stack([spall.depth for spall in spalls]))
+    depth = xp.largest(xp.stack([spall.depth for spall in spalls]))
     if len(spalls) == 1:
         sunk = sinking(contact, needed, lands.low[0], lands.high[0], np.ones(2), tilt, raised[1])
     else:
@@ -43,7 +43,7 @@ def domain(
     delta = xp.minimum(sunk, delta + depth)  # at most down to its bottom
     reach, bottom, top = extents(contact, delta, tilt)
     interference = delta if tilt is None else delta - least_rest(contact, tilt)
-    met = xp.max(xp.where(lands.covered & (raised < interference), raised, 0.0))  # by a slice over a spall
+    met = xp.largest(xp.where(lands.covered & (raised < interference), raised, 0.0))  # by a slice over a spall
     beyond, low, high = extents(contact, delta - xp.minimum(met, 0.999 * interference), tilt)
     certain = xp.sqrt(2.0 * contact.radius * 1.15 * interference)
     edge = xp.sqrt(2.0 * contact.radius * xp.where(met > 0.0, met, 1.0))
@@ -146,12 +146,14 @@ def crossing(contact: LineContact, delta: Any, tilt: Any, side: float) -> Any:
     half = 0.5 * contact.length
     scale, rise, flat = _flattest(contact, tilt)
 
-    def beyond(t: Any) -> tuple[Any, Any]:
+    still, begin = xp.fixed((scale, rise, delta)), xp.fixed(flat)
+
+    def beyond(t: Any, scale: Any, rise: Any, delta: Any) -> tuple[Any, Any]:
         room = xp.maximum(1.0 - t * t, 1e-15)
         return rise * t - scale * xp.log(room) - delta, rise + 2.0 * scale * t / room
 
-    found, _ = bisected(lambda t: ~(beyond(t)[0] > 0.0), flat, side + 0.0 * flat)
-    value, slope = beyond(found)
+    found, _ = bisected(lambda t: ~(beyond(t, *still)[0] > 0.0), begin, side + 0.0 * begin)
+    value, slope = beyond(found, scale, rise, delta)
     free = xp.abs(found) < 1.0 - 1e-9  # else the roller's end is the end
     step = xp.where(free, value / xp.where(free, slope, 1.0), 0.0)
     return half * xp.where(free, found - step, side)  # one step from the solution carries its derivatives
@@ -168,8 +170,9 @@ def sinking(
     start, land, later = xp.stack([high, low]), land * np.array([1.0, -1.0]), np.zeros(2)
     if raised is not None:
         hollow = 0.5 * (high - low) * np.array([1.0, -1.0])  # either half from its end on
-        start, land = xp.append(start, xp.stack([low, high])), xp.append(land, hollow)
-        stiffness, later = xp.append(stiffness, np.full(2, AT_EDGES)), xp.append(later, raised * np.ones(2))
+        start, land = xp.concatenate([start, xp.stack([low, high])]), xp.concatenate([land, hollow])
+        stiffness = xp.concatenate([stiffness, np.full(2, AT_EDGES)])
+        later = xp.concatenate([later, raised * np.ones(2)])
     return _carried(contact, needed, start, land, stiffness, later, tilt)
 
 
@@ -187,7 +190,8 @@ class Lands(NamedTuple):
 def _beside(contact: LineContact, spalls: tuple[Spall, ...]) -> Lands:
     half = 0.5 * contact.length
     low, high = (xp.stack(edge) for edge in zip(*(edges_along(contact, spall) for spall in spalls), strict=True))
-    breaks = xp.sort(xp.concatenate([low, high, xp.stack([-half, half])]))
+    breaks = xp.concatenate([low, high, xp.stack([-half, half])])
+    breaks = breaks[xp.argsort(xp.fixed(breaks))]
     middle = 0.5 * (breaks[1:] + breaks[:-1])
     covering = (low[:, None] <= middle[None]) & (middle[None] < high[:, None])
     return Lands(breaks, xp.any(covering, axis=0), covering, low, high)
@@ -198,15 +202,15 @@ def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: Any, lands
     raceway that is nearest to the middle in the rolling direction, or at the deepest bottom."""
     half = 0.5 * xp.stack([spall.width for spall in spalls])
     places = xp.concatenate([np.zeros(1), offsets - half, offsets + half])
-    gone = xp.abs(places[:, None] - offsets[None]) < half[None] * (1.0 - 1e-9)
+    gone = xp.magnitude(places[:, None] - offsets[None]) < half[None] * (1.0 - 1e-9)
     sound = ~xp.any(gone[:, :, None] & lands.covering[None], axis=1)  # (places, parts)
     own = [np.ones((1, lands.covered.size), bool), lands.covering, lands.covering]  # another spall's edge is none here
     sound = sound & xp.concatenate(own)
     if len(spalls) > 1:  # where edges of two coincide the least of their rises has a kink, which the grid would follow
         places, sound = places[:1], sound[:1]
-    depth = xp.max(xp.stack([spall.depth for spall in spalls]))
+    depth = xp.largest(xp.stack([spall.depth for spall in spalls]))
     rise = xp.where(sound, (places**2 / (2.0 * contact.radius))[:, None], np.inf)
-    return xp.minimum(xp.min(rise, axis=0), depth)
+    return xp.minimum(-xp.largest(-rise), depth)
 
 
 def _sunk_beside(contact: LineContact, needed: Any, lands: Lands, raised: Any, tilt: Any | None) -> Any:
@@ -228,7 +232,7 @@ def _carried(
     half = 0.5 * contact.length
     s = (xp.arange(64) + 0.5) / 64.0
     y = start[:, None] + land[:, None] * (s**3)[None, :]
-    weight = (stiffness * xp.abs(land))[:, None] * (3.0 * s**2 / 64.0)[None, :]
+    weight = (stiffness * xp.magnitude(land))[:, None] * (3.0 * s**2 / 64.0)[None, :]
     rest = gaps.rest_at(xp.clip(y, -half * (1.0 - 1e-9), half * (1.0 - 1e-9)), contact, tilt)
     return carried(needed, weight, rest + later[:, None])
 
@@ -236,22 +240,24 @@ def _carried(
 def carried(needed: Any, weight: Any, rest: Any, steps: int = 30) -> Any:
     """The approach [mm] at which slices that weigh `weight` [mm] and begin at `rest` [mm] carry `needed` [mm²]."""
 
-    least = xp.min(weight)
+    weight, rest = weight.reshape(-1), rest.reshape(-1)
+    still = xp.fixed((needed, weight, rest))
+    least = xp.min(still[1])
 
-    def newton(delta: Any) -> Any:
+    def newton(delta: Any, needed: Any, weight: Any, rest: Any) -> Any:
         pressed = xp.where(delta > rest, weight, 0.0)
-        held, slope = xp.sum(pressed * (delta - rest)), xp.sum(pressed)
+        held, slope = xp.total(pressed * (delta - rest)), xp.total(pressed)
         return delta - (held - needed) / xp.maximum(slope, least)
 
     def going(state: tuple) -> Any:
         delta, last, count = state
         return (delta != last) & (count < steps)
 
-    begin = needed / xp.sum(weight) + xp.max(rest)
+    begin = still[0] / xp.sum(still[1]) + xp.max(still[2])
     found, *_ = xp.repeated_while(
-        going, lambda state: (newton(state[0]), state[0], state[2] + 1), (begin, 0.0 * begin, 0)
+        going, lambda state: (newton(state[0], *still), state[0], state[2] + 1), (begin, 0.0 * begin, 0)
     )
-    return newton(xp.fixed(found))  # one step from the solution carries its derivatives
+    return newton(found, needed, weight, rest)  # one step from the solution carries its derivatives
 
 
 def reach_of_strips(contact: LineContact, load: Any, low: Any, high: Any) -> tuple[Any, Any, Any, Any]:

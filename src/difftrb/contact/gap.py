@@ -64,7 +64,9 @@ class Cells:
     @property
     def widths(self) -> jax.Array:
         """Of the columns [mm], shape (columns,)."""
-        return xp.broadcast_to(self.pitch, self.x.shape) if self.uneven is None else xp.diff(self.uneven.borders)
+        if self.uneven is not None:
+            return xp.diff(self.uneven.borders)
+        return xp.broadcast_to(self.pitch[None], self.x.shape)
 
     @property
     def area(self) -> jax.Array:
@@ -79,7 +81,7 @@ def curvature(cells: Cells, radius: Real) -> jax.Array:
 
 def first_level(cells: Cells, radius: Real) -> jax.Array:
     """The gap up to which a first guess puts pressure [mm]: 0.4 of the largest curvature gap."""
-    return xp.fixed(0.4 * xp.max(curvature(cells, radius)))
+    return 0.4 * xp.max(xp.fixed(curvature(cells, radius)))
 
 
 def tilt(cells: Cells, slope: Real) -> jax.Array:
@@ -104,11 +106,9 @@ def depression(cells: Cells, spall: Spall, offset: Real) -> jax.Array:
     `offset` is the distance of the spall's centre from the contact's in the rolling direction [mm]. Walls are
     vertical; cells follow the edges, so the mask is exact and has no derivative of its own.
     """
-    across = xp.abs(cells.x - offset) < 0.5 * spall.width
-    along = xp.abs(cells.y - spall.axial_offset) < 0.5 * spall.length
-    if cells.mirrored:
-        along = xp.abs(cells.y) < 0.5 * spall.length
-    return spall.depth * (along[:, None] & across[None, :])  # Liu et al. 2018, eq. (3)
+    across = xp.magnitude(cells.x - offset) < 0.5 * spall.width
+    along = xp.magnitude(cells.y if cells.mirrored else cells.y - spall.axial_offset) < 0.5 * spall.length
+    return xp.where(along[:, None] & across[None, :], spall.depth, 0.0)  # Liu et al. 2018, eq. (3)
 
 
 def rest_slope(y: Real, contact: LineContact, slope: Real | None) -> Real:

@@ -165,10 +165,10 @@ def lattice(half_width: Any, columns: int, left: Any, right: Any) -> tuple[Any, 
     their place in a cell, are in opposite phase and cancel.
     """
     even_pitch = 2.0 * half_width / columns
-    left_in, right_in = xp.abs(left) < half_width, xp.abs(right) < half_width
+    left_in, right_in = xp.magnitude(left) < half_width, xp.magnitude(right) < half_width
     both = left_in & right_in & (right - left >= even_pitch)
     width = xp.where(both, right - left, 4.0 * half_width)
-    count = xp.maximum(xp.floor(xp.fixed(width) / even_pitch - 2.0 * EDGE_SHIFT), 1.0)
+    count = xp.maximum(xp.floor(xp.fixed(width) / xp.fixed(even_pitch) - 2.0 * EDGE_SHIFT), 1.0)
     pitch = xp.where(both, width / (count + 2.0 * EDGE_SHIFT), even_pitch)
     line = xp.where(left_in, left + EDGE_SHIFT * pitch, xp.where(right_in, right - EDGE_SHIFT * pitch, 0.25 * pitch))
     first = xp.round(xp.fixed((line + 0.5 * columns * pitch) / pitch))

@@ -15,25 +15,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import contact_cells, halfspace, strip_model, strip_reach
-from difftrb.contact import gap as gaps
-from difftrb.contact.contact_cells import Resolution, Stage
+from difftrb.contact import cell_solve, contact_cells, strip_model, strip_reach
 from difftrb.contact.contact_solution import (
     ContactSolution,
     Defect,
-    Found,
     Inputs,
     Method,
     assembled,
-    cut_off,
     given,
     gradient_by_name,
-    moment_of,
-    verdict,
-    width_of,
 )  # fmt: skip
 from difftrb.contact.grids import GRIDS, grid_for, reached
-from difftrb.contact.projected_gradient import TOLERANCE, press_by
 from difftrb.contact.strip_model import Patch, Way
 from difftrb.core import arrays as xp
 from difftrb.core import status
@@ -114,7 +106,7 @@ def on_lattice(
     """As `solve_contact` by a lattice of any `size`, cells across and along the roller, to compare with; `accuracy`
     changes nothing."""
     inputs, _, _ = given(contact, load, spall, offset, tilt, "lattice")
-    return _by_lattice(inputs, (size[1], size[0]), accuracy)
+    return cell_solve.solve(inputs, (size[1], size[0]), False, accuracy)
 
 
 def approach_slopes(
@@ -165,8 +157,10 @@ def gradients_of_approach_and_moment(
     grid_for(accuracy)
 
     def by(way: Method, edges: int, own: float) -> tuple[ContactSolution, Inputs, Inputs]:
-        if way != "strips":
-            return _compiled_moment_slopes(way, inputs, mirrored, own)
+        if way == "lattice":
+            return _lattice_slopes(inputs, own, 2)
+        if way == "cells":
+            return _cells_of_numbers(inputs, mirrored, own, 2)
         solution, found, strips = _strips_of_numbers(inputs, mirrored, edges, own)
         gradients = strip_model.gradient, strip_model.moment_gradient
         by_approach, by_moment = (gradient(found, inputs, strips) for gradient in gradients)
@@ -187,9 +181,9 @@ def _first_that_does(
     `by` takes a way, how many rolling edges may be in reach of strips, and an accuracy; it returns a `ContactSolution`
     first.
     """
-    if method in ("cells", "lattice"):
-        return by(method, 0, accuracy)
     with np.errstate(all="ignore"):  # what comes of bad inputs has a status
+        if method in ("cells", "lattice"):
+            return by(method, 0, accuracy)
         edges, suited = strip_reach.outlook(inputs)
         if method == "strips":
             return by("strips", int(edges), accuracy)
@@ -200,7 +194,7 @@ def _first_that_does(
                 return result
             if code != status.NOT_CONVERGED:  # finer ones say the same
                 break
-    return by("cells", 0, accuracy)
+        return by("cells", 0, accuracy)
 
 
 def _others(accuracy: float) -> list[float]:
@@ -220,7 +214,7 @@ def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSoluti
     return jax.lax.cond(
         first.status_code == status.CONVERGED,
         lambda first, _: first,
-        lambda _, inputs: _by_cells(inputs, cells, mirrored, accuracy),
+        lambda _, inputs: cell_solve.solve(inputs, cells, mirrored, accuracy),
         first, inputs,
     )  # fmt: skip
 
@@ -229,19 +223,19 @@ def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSoluti
 
 
 def _by(method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
-    """By one way: "strips", "cells" or "lattice"."""
-    grid = grid_for(accuracy)
+    """By one way, of tracers or height maps: "strips", "cells" or "lattice"."""
     if method == "strips":
         return _by_strips(inputs, mirrored, edges, accuracy)
-    if method == "lattice":
-        return _by_lattice(inputs, grid.lattice, accuracy)
-    return _by_cells(inputs, grid.cells, mirrored, accuracy)
+    grid = grid_for(accuracy)
+    return cell_solve.solve(inputs, grid.cells if method == "cells" else grid.lattice, mirrored, accuracy)
 
 
 def _alone(method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
     """`_by`, of numbers: strips by numpy, which has nothing to compile."""
     if method == "strips":
         return _strips_of_numbers(inputs, mirrored, edges, accuracy)[0]
+    if method == "cells":
+        return _cells_of_numbers(inputs, mirrored, accuracy, 0)[0]
     return _by(method, inputs, mirrored, 0, accuracy)
 
 
@@ -249,33 +243,30 @@ def _slopes(
     method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: float
 ) -> tuple[ContactSolution, Inputs]:
     """The solved contact and the derivatives of its approach by the inputs, of numbers."""
-    if method == "strips":
-        solution, found, way = _strips_of_numbers(inputs, mirrored, edges, accuracy)
-        return solution, strip_model.gradient(found, inputs, way)
-    return _compiled_slopes(method, inputs, mirrored, accuracy)
+    if method == "lattice":
+        return _lattice_slopes(inputs, accuracy, 1)
+    if method == "cells":
+        return _cells_of_numbers(inputs, mirrored, accuracy, 1)
+    solution, found, way = _strips_of_numbers(inputs, mirrored, edges, accuracy)
+    return solution, strip_model.gradient(found, inputs, way)
 
 
-@jit_quickly(static_argnums=(0, 2, 3))
-def _compiled_slopes(method: Method, inputs: Inputs, mirrored: bool, accuracy: float) -> tuple[ContactSolution, Inputs]:
-    def approach(inputs: Inputs) -> tuple[jax.Array, ContactSolution]:
-        solution = _by(method, inputs, mirrored, 0, accuracy)
-        return solution.approach, solution
-
-    (_, solution), slopes = jax.value_and_grad(approach, has_aux=True)(inputs)
-    return solution, slopes
+def _cells_of_numbers(inputs: Inputs, mirrored: bool, accuracy: float, gradients: int) -> tuple:
+    """The solved contact, and so many gradients."""
+    solution, found = cell_solve.solve_numbers(inputs, grid_for(accuracy).cells, mirrored, accuracy, gradients)
+    return solution, *found
 
 
-@jit_quickly(static_argnums=(0, 2, 3))
-def _compiled_moment_slopes(
-    method: Method, inputs: Inputs, mirrored: bool, accuracy: float
-) -> tuple[ContactSolution, Inputs, Inputs]:
+@jit_quickly(static_argnums=(1, 2))
+def _lattice_slopes(inputs: Inputs, accuracy: float, gradients: int) -> tuple:
+    """The same on a lattice: of the approach and, if two are asked for, of the moment."""
+
     def both(inputs: Inputs) -> tuple[jax.Array, ContactSolution]:
-        solution = _by(method, inputs, mirrored, 0, accuracy)
-        return jnp.stack([solution.approach, solution.moment]), solution
+        solution = _by("lattice", inputs, False, 0, accuracy)
+        return jnp.stack([solution.approach, solution.moment][:gradients]), solution
 
     _, back, solution = jax.vjp(both, inputs, has_aux=True)
-    (by_approach,), (by_moment,) = back(jnp.array([1.0, 0.0])), back(jnp.array([0.0, 1.0]))
-    return solution, by_approach, by_moment
+    return solution, *(back(row)[0] for row in jnp.eye(gradients))
 
 
 def _way(inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> Way:
@@ -303,34 +294,3 @@ def _laid_out(inputs: Inputs, found: strip_model.Strips, way: Way, accuracy: flo
     """The solution by strips; the pressure is laid on the accuracy's cells."""
     cells, gap, _ = contact_cells.stage(inputs, grid_for(accuracy).cells, way.mirrored)
     return assembled(inputs, cells, gap, accuracy, strip_model.on_cells(found, inputs, way, cells, accuracy))
-
-
-@jit_quickly(static_argnames=("resolution", "mirrored", "accuracy"))
-def _by_cells(inputs: Inputs, resolution: Resolution, mirrored: bool, accuracy: float) -> ContactSolution:
-    """By projected gradient on cells."""
-    stage = contact_cells.stage(inputs, resolution, mirrored)
-    return _pressed(inputs, stage, halfspace.influence(stage.cells, jnp.asarray(inputs.contact.modulus)), accuracy)
-
-
-@jit_quickly(static_argnames=("size", "accuracy"))
-def _by_lattice(inputs: Inputs, size: tuple[int, int], accuracy: float) -> ContactSolution:
-    """By projected gradient on a uniform lattice."""
-    stage = contact_cells.uniform_stage(inputs, size)
-    matrix = halfspace.uniform_influence(stage.cells, jnp.asarray(inputs.contact.modulus))
-    return _pressed(inputs, stage, matrix, accuracy)
-
-
-def _pressed(inputs: Inputs, stage: Stage, matrix: halfspace.Operator, accuracy: float) -> ContactSolution:
-    """The solution on cells by their influence `matrix`."""
-    cells, gap, code = stage
-    contact = inputs.contact
-    lowest = jax.lax.stop_gradient(jnp.min(gap))
-    level = gaps.first_level(cells, contact.radius)
-    force, approach, residual, iterations = press_by(matrix, cells.area, gap - lowest, inputs.load, level)
-    approach = approach + lowest
-    touched = cut_off(cells, force > 0.0, approach, gap, contact)
-    code = status.worst(code, verdict(approach, residual, TOLERANCE), touched)
-    found = Found(
-        approach, force, moment_of(cells, force), width_of(cells, force), residual, iterations, force.size, code
-    )
-    return assembled(inputs, cells, gap, accuracy, found)

@@ -55,6 +55,7 @@ cos = _function("cos", lambda xp, x, f: (-xp.sin(x), -f))
 tan = _function("tan", lambda xp, x, f: (1.0 + f * f, 2.0 * f * (1.0 + f * f)))
 exp = _function("exp", lambda xp, x, f: (f, f))
 log = _function("log", lambda xp, x, f: (1.0 / x, -1.0 / (x * x)))
+expm1 = _function("expm1", lambda xp, x, f: (1.0 + f, 1.0 + f))
 log1p = _function("log1p", lambda xp, x, f: (1.0 / (1.0 + x), -1.0 / ((1.0 + x) * (1.0 + x))))
 sqrt = _function("sqrt", lambda xp, x, f: (0.5 / f, -0.25 / (f * x)))
 arctan = _function("arctan", lambda xp, x, f: (1.0 / (1.0 + x * x), -2.0 * x / (1.0 + x * x) ** 2))
@@ -112,6 +113,18 @@ def minimum(a: Any, b: Any) -> Any:
     if not isinstance(a, Taylor) and not isinstance(b, Taylor):
         return of(a, b).minimum(a, b)
     return -maximum(-a, -b)
+
+
+def clip(x: Any, low: Any, high: Any) -> Any:
+    """As numpy's; at its ends as `maximum`."""
+    if any(isinstance(one, Taylor) for one in (x, low, high)):
+        return minimum(maximum(x, low), high)
+    return of(x, low, high).clip(x, low, high)
+
+
+def diff(x: Any, **options: Any) -> Any:
+    """As numpy's; of an expansion with one axis."""
+    return x[1:] - x[:-1] if isinstance(x, Taylor) else of(x).diff(x, **options)
 
 
 def within(x: Any, low: Any, high: Any) -> Any:
