@@ -15,8 +15,8 @@ KEPT = {
     "JAX_COMPILATION_CACHE_DIR": str(Path(__file__).parents[1] / ".pytest_cache" / "programs"),
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "0",
-    # what is compiled here runs once or twice; the package's own programs are compiled as for users
-    "XLA_FLAGS": "--xla_backend_optimization_level=0" + OLDER_EMITTERS,
+    # what is compiled here runs a few times; processes that tests start compile the package's own programs as for users
+    "XLA_FLAGS": "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true" + OLDER_EMITTERS,
     "TF_CPP_MIN_LOG_LEVEL": "3",  # else XLA reports its own tuning hints whenever it loads a kept program
 }
 for name, value in KEPT.items():
@@ -33,6 +33,9 @@ from difftrb.core import jax_config
 from difftrb.law import samples
 from experiments.programs import let_go
 from tests.closed_form import closed_form
+
+
+jax_config.OPTIONS.update(xla_backend_optimization_level=0, xla_llvm_disable_expensive_passes=True)
 
 
 @pytest.fixture(scope="module", autouse=True)
