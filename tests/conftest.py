@@ -34,7 +34,6 @@ from difftrb.law import samples
 from experiments.programs import let_go
 from tests.closed_form import closed_form
 
-
 jax_config.OPTIONS.update(xla_backend_optimization_level=0, xla_llvm_disable_expensive_passes=True)
 
 
