@@ -18,7 +18,6 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.law import base
 from difftrb.law.power import Palmgren, PowerLaw
 from difftrb.ring import effects, life, ring, terms, tilt
-from difftrb.ring.phase_average import gauss
 from difftrb.scene import scene as scenes
 from tests.bearings import of_many
 
@@ -198,9 +197,9 @@ def test_where_load_zones_end_phases_are_divided_for_both_rows(bearing) -> None:
     start = dataclasses.replace(scene(bearing, effects.DoubleRow(0.02), spalls=()), phase="mean")
     phases = (jnp.arange(500) + 0.5) / 500 * geometry.roller_pitch(bearing)
     every = jax.jit(jax.vmap(lambda p: trb.solve(dataclasses.replace(start, phase=p)).stiffness))(phases)
-    borders = [jax.eval_shape(lambda one=one: scenes.phases(one, gauss(1))[0]).size
+    borders = [jax.eval_shape(lambda one=one: scenes.pitch_borders(one)).size
                for one in (dataclasses.replace(start, effects=()), start)]  # fmt: skip
-    assert borders == [3, 5]
+    assert borders == [4, 6]
     mean = jnp.mean(every, axis=0)
     np.testing.assert_allclose(trb.solve(start).stiffness, mean, atol=3e-5 * float(mean.max()))
 

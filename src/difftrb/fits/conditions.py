@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -20,7 +19,7 @@ from difftrb.fits.measured import Measurement
 from difftrb.ring import phase_average
 from difftrb.ring.ring import Load
 from difftrb.scene import solving
-from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain, phases
+from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain, pitch_borders
 
 POINTS = 6
 """Between two kinks of a mean over phases: its error is a hundredth of the noise of good measurements, 1e-4 of a loss
@@ -30,19 +29,23 @@ ROUGH = 2
 TOGETHER = 2
 """Points of a rule that are in one block."""
 SIZE = 16
-"""Rows, conditions and blocks are laid out for multiples of this many."""
+"""Rows, conditions, means and blocks are laid out for multiples of this many."""
 
 
 class Blocks(NamedTuple):
     """Rings to solve, by blocks.
 
     Attributes:
+      means: radial and axial load [N] of the means over phases, shape (means, 2). turns: how many there are.
       rings: radial load [N], axial load [N] and phase [rad], shape (blocks, rings, 3); in a mean the phase is not used.
-      mean: whether a block is of a mean over phases. places, weights: its part of a rule, shape (blocks, TOGETHER).
+      mean: of which mean over phases a block is; −1: of none. places, weights: its part of a rule, shape
+        (blocks, TOGETHER).
       of: number of the condition to which each ring counts, shape (blocks, rings); behind the last one to none.
       count: how many blocks there are.
     """
 
+    means: np.ndarray | jax.Array
+    turns: np.ndarray | jax.Array
     rings: np.ndarray | jax.Array
     mean: np.ndarray | jax.Array
     places: np.ndarray | jax.Array
@@ -108,11 +111,11 @@ def _condition(scene: Scene, row: Measurement) -> Condition:
 
 
 def _kinks(scene: Scene) -> int:
-    """Of a mean over phases of a scene like this."""
-    at, one = dataclasses.replace(scene, phase=PitchMean()), phase_average.gauss(1)
+    """Into how many parts a mean over phases of a scene like this is divided."""
+    at = dataclasses.replace(scene, phase=PitchMean())
     if is_plain(scene):  # by numpy, in milliseconds
-        return phases(at, one)[0].size
-    return jax.eval_shape(lambda: phases(at, one)[0]).size
+        return pitch_borders(at).size - 1
+    return jax.eval_shape(lambda: pitch_borders(at)).size - 1
 
 
 def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = POINTS) -> list[Conditions]:
@@ -142,15 +145,18 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> 
         own = single[k : k + rings]
         more = rings - len(own)
         at = [c[:3] for c in own] + [own[0][:3]] * more
-        found.append((at, False, *none, [place[c] for c in own] + [size] * more))
+        found.append((at, -1, *none, [place[c] for c in own] + [size] * more))
     places, weights = phase_average.gauss(points)
-    for c in (c for c in place if c.phase is None):
+    turning = [c for c in place if c.phase is None]
+    for number, c in enumerate(turning):
         for k in range(0, points, TOGETHER):
             part = slice(k, k + TOGETHER)
-            found.append(([(c.radial, c.axial, 0.0)] * rings, True, places[part], weights[part], [place[c]] * rings))
+            found.append(([(c.radial, c.axial, 0.0)] * rings, number, places[part], weights[part], [place[c]] * rings))
     blank = [found[0]] * (whole(len(found)) - len(found))
     rows, mean, at, weight, of = (np.array(each) for each in zip(*found, *blank, strict=True))
-    return Blocks(rows, mean, at, weight, of, np.array(len(found)))
+    means = np.zeros((whole(max(len(turning), 1)), 2))
+    means[: len(turning)] = [c[:2] for c in turning] or np.zeros((0, 2))
+    return Blocks(means, np.array(len(turning)), rows, mean, at, weight, of, np.array(len(found)))
 
 
 Of = Callable[[jax.Array], tuple[Scene, Callable[[Load], Load]]]
@@ -160,67 +166,100 @@ Of = Callable[[jax.Array], tuple[Scene, Callable[[Load], Load]]]
 def stiffness(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
     """Radial and axial stiffness of every condition [N/mm], shape (size, 2), and the worst status; `sound`: without the
     scene's spalls, which say where the phases of means are anyway."""
-    blank = jnp.zeros((at.size + 1, 2)), jnp.asarray(status.CONVERGED)
-    found, code = _summed(partial(_block, of, sound, values), at, blank)
-    return found[:-1], code
+    (found,), code = _summed(of, at, sound, Told(values, slopes=False))
+    return found, code
 
 
 def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
     """`stiffness` that is differentiable by `values` alone, and once: its slopes are solved beside it, block by block,
     for to differentiate a loop takes several times as long to trace."""
-    fixed = jax.lax.stop_gradient(values)
-
-    def block(definition: Definition, blocks: Blocks, k: jax.Array) -> tuple[Any, jax.Array]:
-        def here(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-            each, code = _block(of, sound, values, definition, blocks, k)
-            return each, (each, code)
-
-        slopes, (each, code) = jax.jacfwd(here, has_aux=True)(fixed)
-        return (each, slopes), code
-
-    blank = jnp.zeros((at.size + 1, 2)), jnp.zeros((at.size + 1, 2, len(values)))
-    (found, slopes), code = _summed(block, at, (blank, jnp.asarray(status.CONVERGED)))
-    return (found + slopes @ (values - fixed))[:-1], code
+    told = Told(jax.lax.stop_gradient(values), slopes=True)
+    parts, code = _summed(of, at, sound, told)
+    return told.at(parts, values), code
 
 
-Block = Callable[[Definition, Blocks, jax.Array], tuple[Any, jax.Array]]
-"""What the rings of the k-th block have, shapes (rings, …), and their worst status."""
+class Told(NamedTuple):
+    """How functions of `values`, shape (parameters,), are told: by what they are there, or that and their slopes."""
+
+    values: jax.Array
+    slopes: bool
+
+    def parts(self, function: Callable[[jax.Array], tuple[jax.Array, Any]]) -> tuple[list[jax.Array], Any]:
+        """The first thing that a function returns, as it is told, and the other."""
+        if not self.slopes:
+            own, beside = function(self.values)
+            return [own], beside
+
+        def twice(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, Any]]:
+            own, beside = function(values)
+            return own, (own, beside)
+
+        slopes, (own, beside) = jax.jacfwd(twice, has_aux=True)(self.values)
+        return [own, slopes], beside
+
+    def at(self, parts: list[jax.Array], values: jax.Array) -> jax.Array:
+        """What such parts say at other values."""
+        return parts[0] + parts[1] @ (values - self.values) if self.slopes else parts[0]
+
+    def zeros(self, *shape: int) -> list[jax.Array]:
+        """Of what has this shape."""
+        return [jnp.zeros(shape), jnp.zeros((*shape, len(self.values)))][: 2 if self.slopes else 1]
 
 
-def _summed(block: Block, at: Conditions, found: tuple[Any, jax.Array]) -> tuple[Any, jax.Array]:
-    """What the rings of all blocks have, added to the conditions to which they count, and the worst status."""
+def _summed(of: Of, at: Conditions, sound: bool, told: Told) -> tuple[list[jax.Array], jax.Array]:
+    """What the rings of all blocks add to the conditions to which they count, as it is told, and the worst status."""
+    found, code = told.zeros(at.size + 1, 2), jnp.asarray(status.CONVERGED)
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
-        found = _added(partial(block, definition), blocks, found)
-    return found
+        every: Blocks = jax.tree.map(jnp.asarray, blocks)
+        borders = _borders(of, every, told)
+
+        def more(
+            k: jax.Array, state: tuple[Any, jax.Array], definition: Definition = definition, every: Blocks = every,
+            borders: list[jax.Array] = borders,
+        ) -> tuple[Any, jax.Array]:  # fmt: skip
+            def block(values: jax.Array) -> tuple[jax.Array, jax.Array]:
+                turn = told.at([part[every.mean[k]] for part in borders], values)
+                return _block(of, sound, values, definition, every, turn, k)
+
+            each, code = told.parts(block)
+            return [s.at[every.of[k]].add(e) for s, e in zip(state[0], each, strict=True)], status.worst(state[1], code)
+
+        found, code = jax.lax.fori_loop(0, every.count, more, (found, code))
+    return [part[:-1] for part in found], code
 
 
-def _added(
-    block: Callable[[Blocks, jax.Array], tuple[Any, jax.Array]], blocks: Blocks, found: tuple[Any, jax.Array]
-) -> tuple[Any, jax.Array]:
-    every = jax.tree.map(jnp.asarray, blocks)
+def _borders(of: Of, every: Blocks, told: Told) -> list[jax.Array]:
+    """Between which phases [rad] there is no kink, of every mean, shape (means, borders), as it is told."""
 
-    def more(k: jax.Array, found: tuple[Any, jax.Array]) -> tuple[Any, jax.Array]:
-        each, code = block(every, k)
-        return jax.tree.map(lambda s, e: s.at[every.of[k]].add(e), found[0], each), status.worst(found[1], code)
+    def one(k: jax.Array, found: list[jax.Array]) -> list[jax.Array]:
+        def borders(values: jax.Array) -> tuple[jax.Array, None]:
+            scene, loaded = of(values)
+            return pitch_borders(
+                dataclasses.replace(scene, load=loaded(Load(*every.means[k])), phase=PitchMean())
+            ), None
 
-    return jax.lax.fori_loop(0, every.count, more, found)
+        own, _ = told.parts(borders)
+        return [whole.at[k].set(part) for whole, part in zip(found, own, strict=True)]
+
+    blank = told.zeros(len(every.means), every.rings.shape[1] // TOGETHER + 1)
+    return jax.lax.fori_loop(0, every.turns, one, blank)
 
 
 def _block(
-    of: Of, sound: bool, values: jax.Array, definition: Definition, every: Blocks, k: jax.Array
+    of: Of, sound: bool, values: jax.Array, definition: Definition, every: Blocks, borders: jax.Array, k: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """What the rings of a block count in stiffness [N/mm], shape (rings, 2), and the worst status."""
+    """What the rings of a block count in stiffness [N/mm], shape (rings, 2), and the worst status; `borders` of its
+    mean, if it is of one."""
     scene, loaded = of(values)
     scene = dataclasses.replace(scene, definition=definition)
-    solved = healthy(scene) if sound else scene
-    rings, mean = every.rings[k], every.mean[k]
+    solved, rings, mean = healthy(scene) if sound else scene, every.rings[k], every.mean[k] >= 0
 
     def one(ring: jax.Array) -> tuple[jax.Array, jax.Array]:
         at = solving.solve(dataclasses.replace(solved, load=loaded(Load(ring[0], ring[1])), phase=ring[2]))
         return jnp.stack([at.radial_stiffness, at.axial_stiffness]), at.status_code
 
-    under = dataclasses.replace(scene, load=loaded(Load(rings[0, 0], rings[0, 1])), phase=PitchMean())
-    turned, share = phases(under, (every.places[k], every.weights[k]))
+    blank = jnp.linspace(0.0, 1.0, len(borders))  # without a mean there may be no borders
+    turned, share = phase_average.between(jnp.where(mean, borders, blank), (every.places[k], every.weights[k]))
     turned, share = jnp.where(mean, turned, rings[:, 2]), jnp.where(mean, share, 1.0)
     each, codes = jax.vmap(one)(jnp.concatenate([rings[:, :2], turned[:, None]], axis=1))
     return share[:, None] * each, jnp.max(codes)

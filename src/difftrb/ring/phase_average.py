@@ -48,16 +48,15 @@ class Met(NamedTuple):
     law: Law
 
 
-def phases(
+def borders(
     bearing: TaperedBearing, load: Load, met: tuple[Met, ...], at_rest: Callable[[Any], ring.Equilibrium],
-    terms: ring.Terms = ring.PLAIN, rule: Rule | None = None,
-) -> tuple[Any, Any]:  # fmt: skip
-    """Angles of roller 0 [rad] over the pitch that begins at 0 and their weights, which add up to 1; both of shape
-    (phases,).
+    terms: ring.Terms = ring.PLAIN,
+) -> Any:  # fmt: skip
+    """Angles of roller 0 [rad] between which nothing has a kink, over the pitch that begins at 0, rising from there to
+    its end; shape (kinks + 2,).
 
     The laws met, the outer raceway's first, say how far their edges reach. `at_rest`: healthy rings under the `load`
-    with `terms`, at phases of shape (kinks,): with few rollers a ring lies differently at every phase. `rule`: between
-    two kinks; None: `gauss` with `POINTS`.
+    with `terms`, at phases of shape (kinks,): with few rollers a ring lies differently at every phase.
     """
     whole = geometry.roller_pitch(bearing)
 
@@ -71,11 +70,18 @@ def phases(
     kinks = xp.repeated(ROUNDS, moved, xp.of(jax.tree.leaves((bearing, load, met, terms))).zeros(count))
     kinks = kinks[xp.of(kinks).argsort(xp.value(kinks))]
     none = 0.0 * kinks[:1]
-    borders = xp.concatenate([none, kinks, none + whole])
+    return xp.concatenate([none, kinks, none + whole])
+
+
+def between(borders: Any, rule: Rule | None = None) -> tuple[Any, Any]:
+    """Angles of roller 0 [rad] and their weights, which add up to 1, by a rule between every two of the `borders`.
+
+    None: `gauss` with `POINTS`. Both of shape (phases,).
+    """
     starts, length = borders[:-1], borders[1:] - borders[:-1]
     places, weights = rule or gauss(POINTS)
     at = starts[:, None] + length[:, None] * (0.5 + 0.5 * places)[None, :]
-    share = (length / whole)[:, None] * (0.5 * weights)[None, :]
+    share = (length / borders[-1])[:, None] * (0.5 * weights)[None, :]
     return at.reshape(-1), share.reshape(-1)
 
 

@@ -221,11 +221,16 @@ def is_plain(scene: Scene) -> bool:
 
 
 @np.errstate(all="ignore")
-def phases(scene: Scene, rule: phase_average.Rule | None = None) -> tuple[Any, Any]:
-    """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each; `rule`
-    as in `phase_average.phases`."""
+def phases(scene: Scene) -> tuple[Any, Any]:
+    """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
     if not isinstance(scene.phase, PitchMean):
         return xp.asarray(scene.phase)[None], np.ones(1)
+    found = phase_average.between(pitch_borders(scene))
+    return found if xp.expands(scene) else xp.values(found)
+
+
+def pitch_borders(scene: Scene) -> Any:
+    """Between which phases a prepared scene has no kink [rad]: see `phase_average.borders`."""
     if is_plain(scene) and xp.are_numbers(scene):
         scene = xp.numbers(scene)
     acting, contact = law_in_effect(scene, outer_law(scene)), raceway_contact(scene, "outer")
@@ -239,8 +244,7 @@ def phases(scene: Scene, rule: phase_average.Rule | None = None) -> tuple[Any, A
         here = effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0)
         terms = effects.terms(scene.effects, here)
         at_rest = jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))
-    found = phase_average.phases(scene.bearing, scene.load, tuple(met), at_rest, terms, rule)
-    return found if xp.expands(scene) else xp.values(found)
+    return phase_average.borders(scene.bearing, scene.load, tuple(met), at_rest, terms)
 
 
 def is_auto(scene: Scene) -> bool:
