@@ -19,6 +19,8 @@ from difftrb.law.base import spalls_under
 from difftrb.law.edge_ramp import RollerCurves
 
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0), (6000.0, 3000.0))
+FEW = 512
+"""Points that are scanned in place of 8192."""
 QUANTITIES = ("radial_stiffness", "axial_stiffness", "radial_loss", "axial_loss")
 
 
@@ -110,20 +112,20 @@ def test_place_preload_and_scale_are_found(liu: trb.Scene) -> None:
 
 
 def test_losses_alone_do_not_tell_the_scale(liu: trb.Scene) -> None:
-    found = fit(liu, measured(liu, rough("mean"), TURNED), tuple(TURNED), model_error=0.0)
+    found = fit(liu, measured(liu, rough("mean"), TURNED), tuple(TURNED), starts=FEW, model_error=0.0)
     assert not found.determined
     assert any("scale is not" in remark and "measure the" in remark for remark in found.remarks)
 
 
 def test_depth_axial_offset_and_crown_are_found(formula: trb.Scene) -> None:
-    found = fit(formula, measured(formula, rows(0.0), SHAPED), tuple(SHAPED), model_error=0.0).check()
+    found = fit(formula, measured(formula, rows(0.0), SHAPED), tuple(SHAPED), starts=FEW, model_error=0.0).check()
     np.testing.assert_allclose(found.values, list(SHAPED.values()), rtol=1e-6)
     assert found.problem.bounds.high[2] == pytest.approx(3.0, rel=1e-6)  # where the law ends
     assert found.determined
 
 
 def test_losses_alone_do_not_tell_the_shape(formula: trb.Scene) -> None:
-    found = fit(formula, measured(formula, rough(0.0), SHAPED), tuple(SHAPED), model_error=0.0)
+    found = fit(formula, measured(formula, rough(0.0), SHAPED), tuple(SHAPED), starts=FEW, model_error=0.0)
     assert not found.determined
     for name in ("axial_offset", "crown"):
         assert any(f"{name} is not" in remark.lower() for remark in found.remarks), name
