@@ -8,15 +8,16 @@ loads stay. In the mean it is a `DirectLaw`, of curves over all loads.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import cast
+from typing import Any, cast
 
 import jax
 import jax.core
 import numpy as np
 
 from difftrb.contact import gap
+from difftrb.core import arrays as xp
 from difftrb.core import geometry
-from difftrb.core.geometry import LineContact, Raceway, Real
+from difftrb.core.geometry import Raceway, Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
@@ -24,11 +25,11 @@ from difftrb.law import direct
 from difftrb.law.base import Law
 from difftrb.law.direct import DirectLaw
 from difftrb.law.samples import Progress
-from difftrb.ring import effect, effects, ring
+from difftrb.ring import effect, effects, plain_ring, ring
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
 from difftrb.scene.local_laws import holding, local_laws
-from difftrb.scene.scene import LawName, PitchMean, Scene, phases, raceway_contact
+from difftrb.scene.scene import LawName, PitchMean, Scene, is_plain, phases, raceway_contact
 
 NOT_IN_THE_MEAN = (
     "stiffness.phase = 'mean': several spalls under one roller, or a bottom that rollers may meet, are known at one "
@@ -122,7 +123,7 @@ def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | 
     }
     if not lacking or not isinstance(scene.law, LawName):
         return ready
-    every = _phases(ready)
+    every = phases(ready)[0] if is_plain(ready) else _phases(ready)
     edged: dict[Raceway, Law] = dict(made)
     for raceway, law in lacking.items():
         edged[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
@@ -134,7 +135,7 @@ def _phases(scene: Scene) -> jax.Array:
     return phases(scene)[0]
 
 
-def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw, every: jax.Array) -> list[list[tuple[float, float]]]:
+def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw, every: Any) -> list[list[tuple[float, float]]]:
     """For every spall the distances [mm] at which rollers stand on its ramps, in any of these phases [rad], and their
     approaches [mm] on the healthy ring."""
     distances, approaches = map(np.asarray, _healthy_approaches(expected_loads.single(scene, law), raceway, every))
@@ -142,27 +143,33 @@ def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw, every: jax.Array) 
         return [[] for _ in law.spalls]
     return [
         sorted({(abs(float(d)), max(float(a), 0.1 * float(approaches.max())))  # out of the load zone: as good as any
-                for d, a in zip(distances[:, i].ravel(), approaches.ravel(), strict=True)
+                for d, a in zip(distances[i].ravel(), approaches.ravel(), strict=True)
                 if low <= 0.5 * float(spall.width) - abs(d) <= high})
         for i, spall in enumerate(law.spalls)
         for low, high in [map(float, law.ramp(i, spall, law.full[i, -1]))]
     ]  # fmt: skip
 
 
-def _healthy_ring(scene: Scene, contact: LineContact, phase: Real) -> tuple[effects.Ring, ring.Terms]:
-    """The ring of a scene with one law, without spalls, and what its effects add."""
-    here = effects.Ring(scene.bearing, scene.load, (), cast(Law, scene.law), contact, phase)
-    return here, effects.terms(scene.effects, here)
+def _healthy_approaches(scene: Scene, raceway: Raceway, phases: Any) -> tuple[Any, Any]:
+    """Distances from the spalls on a raceway [mm], shape (spalls, phases, rollers), and approaches there on the healthy
+    ring [mm], shape (phases, rollers)."""
+    bearing, law = scene.bearing, cast(DirectLaw, scene.law)
+    away = ring.distances(bearing, law.spalls, ring.roller_angles(bearing, phases), raceway)
+    if not is_plain(scene):
+        return away, _approaches(scene, phases)
+    with np.errstate(all="ignore"):
+        rest = plain_ring.equilibrium(xp.numbers(bearing), xp.numbers(scene.load), (), law, phases)
+    return away, xp.value(rest.approach)
 
 
-@jit_quickly(static_argnames="raceway")
-def _healthy_approaches(scene: Scene, raceway: Raceway, phases: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Distances from the spalls on a raceway [mm] and approaches there on the healthy ring [mm], at every phase."""
+@jit_quickly()
+def _approaches(scene: Scene, phases: jax.Array) -> jax.Array:
+    """Of the healthy ring with effects, at every phase."""
     law = cast(DirectLaw, scene.law)
 
-    def at(phase: jax.Array) -> tuple[jax.Array, jax.Array]:
-        here, terms = _healthy_ring(scene, law.contact, phase)
-        return ring.distances(scene.bearing, law.spalls, here.angles, raceway), here.equilibrium(terms).approach
+    def at(phase: jax.Array) -> jax.Array:
+        here = effects.Ring(scene.bearing, scene.load, (), law, law.contact, phase)
+        return here.equilibrium(effects.terms(scene.effects, here)).approach
 
     return jax.vmap(at)(phases)
 
