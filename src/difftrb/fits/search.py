@@ -91,20 +91,26 @@ def minima(problem: Problem, scan: Scan, free: np.ndarray | None = None) -> Leas
     `free`: which parameters move, shape (parameters,). None: all.
     """
     place, cost, scale, rough = scan.place, _alike(problem, scan), predicted.scales(problem), _rough(problem)
-    free = np.ones(place.shape[1], bool) if free is None else free
-
-    def down(problem: Problem, place: np.ndarray, first: int, steps: int, **ends: Any) -> Least:
-        return predicted.solved(problem, place, np.tile(free, (len(place), 1)), first, steps, **ends)
-
     for steps in ROUNDS:
         place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, FEWEST, LOWEST))]
-        found = down(rough, place, 0, steps)
+        found = predicted.solved(rough, place, _moving(place, free), 0, steps)
         place, cost = found.place, found.cost
-    ends = {"meet": MEET * scale, "behind": BEHIND}
     # the scene's own, too
-    last = np.concatenate([place[_lower(place / scale, cost, FEWEST)], scan.place[:1]])
-    found = down(rough, last, SEARCH, least_squares.STEPS, **ends)
-    return down(problem, found.place[distinct(problem, found)], 0, least_squares.STEPS, **ends)
+    return minima_from(problem, np.concatenate([place[_lower(place / scale, cost, FEWEST)], scan.place[:1]]), free)
+
+
+def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = None) -> Least:
+    """Where least squares end that go down from these places, roughly, and then exactly from what is left of them;
+    `free` as in `minima`."""
+    ends: dict[str, Any] = {"meet": MEET * predicted.scales(problem), "behind": BEHIND}
+    found = predicted.solved(_rough(problem), place, _moving(place, free), SEARCH, least_squares.STEPS, **ends)
+    place = found.place[distinct(problem, found)]
+    return predicted.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, **ends)
+
+
+def _moving(place: np.ndarray, free: np.ndarray | None) -> np.ndarray:
+    """Which coordinates move, of every case."""
+    return np.ones_like(place, bool) if free is None else np.tile(free, (len(place), 1))
 
 
 def _alike(problem: Problem, scan: Scan) -> np.ndarray:

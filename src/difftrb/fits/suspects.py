@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import special
 
-from difftrb.fits import fit_result, least_squares, predicted, profile_intervals, search
+from difftrb.fits import fit_result, predicted, search
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import UNLIKELY, Fit
 from difftrb.fits.least_squares import Least
@@ -108,10 +108,7 @@ def _down(fit: Fit, problem: Problem, scan: Scan) -> Least:
     """Least squares of another problem of the fit's parameters, from the fit's place, what else fitted well, and the
     lowest points of that problem."""
     low = np.argsort(predicted.costs(problem, scan.told), kind="stable")[:STARTS]
-    starts = np.concatenate([fit.place[None], scan.place[low], _lowest(fit)])
-    return predicted.solved(
-        problem, starts, np.ones_like(starts, bool), 0, least_squares.STEPS, profile_intervals.ENOUGH
-    )
+    return search.minima_from(problem, np.concatenate([fit.place[None], scan.place[low], _lowest(fit)]))
 
 
 def _lowest(fit: Fit) -> np.ndarray:
