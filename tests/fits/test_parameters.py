@@ -111,6 +111,7 @@ def test_place_preload_and_scale_are_found(liu: trb.Scene) -> None:
     assert "measure the" in rival  # means are as symmetric as the load; at one phase rollers stand unevenly about it
 
 
+@pytest.mark.slow
 def test_losses_alone_do_not_tell_the_scale(liu: trb.Scene) -> None:
     found = fit(liu, measured(liu, rough("mean"), TURNED), tuple(TURNED), starts=FEW, model_error=0.0)
     assert not found.determined
