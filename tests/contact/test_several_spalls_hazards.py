@@ -7,6 +7,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.contact import projected_gradient
+from difftrb.contact.solver import approach_and_gradient
 from difftrb.core import status
 
 pytestmark = pytest.mark.hard
@@ -58,3 +59,25 @@ def test_a_batch_is_what_its_members_are(contact: trb.LineContact) -> None:
     offsets = jnp.array([0.4, 0.55])
     together = jax.jit(jax.vmap(approach))(offsets)
     np.testing.assert_allclose(together, [approach(o) for o in offsets], rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("load", "first", "offset"),
+    [
+        (np.nan, trb.Spall(3.0, 7.0), 2.0),
+        (0.0, trb.Spall(3.0, 7.0), 2.0),
+        (-5.0, trb.Spall(3.0, 7.0), 2.0),
+        (np.inf, trb.Spall(3.0, 7.0), 2.0),
+        (1000.0, trb.Spall(3.0, np.nan), 2.0),
+        (1000.0, trb.Spall(np.nan, 7.0), 2.0),
+        (1000.0, trb.Spall(3.0, 7.0, axial_offset=np.inf), 2.0),
+        (1000.0, trb.Spall(3.0, 7.0), np.nan),
+    ],
+)
+def test_numbers_that_are_none_have_a_status(
+    contact: trb.LineContact, load: float, first: trb.Spall, offset: float
+) -> None:
+    """Rows and lines are counted by numbers, which were no indices here."""
+    spalls = (first, trb.Spall(2.0, 5.0, axial_offset=3.0))
+    solution, _ = approach_and_gradient(contact, load, spalls, offset, 1e-2)
+    assert int(solution.status_code) == status.BAD_INPUT

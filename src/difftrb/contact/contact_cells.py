@@ -198,6 +198,7 @@ def _along(
         most[0] = resolution.spall
     lengths = xp.diff(xp.fixed(knots))
     share = xp.minimum(lengths / (FULL * 0.5 * xp.fixed(top - bottom)), 1.0)
+    share = xp.where(xp.isfinite(share), share, 1.0)  # what comes of bad inputs has a status; rows are counted anyway
     rows = xp.maximum(xp.round(most * share), 1.0).astype(int)
     longest = np.arange(count + 1) == xp.argmax(lengths)
     rows = rows + xp.where(longest, int(most.sum()) - xp.sum(rows), 0)  # what slivers do not need
@@ -234,7 +235,7 @@ def _across(
     column, line = np.arange(columns), np.arange(columns + 1)
 
     def line_of(edge: Any) -> Any:
-        return xp.clip(xp.round((xp.fixed(edge) - even[0]) / h), 0, columns).astype(int)
+        return xp.clip(xp.nan_to_num(xp.round((xp.fixed(edge) - even[0]) / h)), 0, columns).astype(int)
 
     taken, at = [], []
     for edge, into in ((left[0], 1), (right[0], -1)):
