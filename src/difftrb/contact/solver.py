@@ -66,8 +66,9 @@ def solve_contact(
     A contact of which every `axial_offset` and the tilt are 0, and not being traced, is solved on half the roller.
     The approach is differentiable by every number in `contact`, `spall`, `load`, `offset` and `tilt`, forward and
     reverse; pressures are by cells, while those of strips count as constant. `jit` and `vmap` as you like (`lax.map` is
-    faster for batches on a CPU). Of numbers, strips are solved by numpy and compile nothing; inside `jit`, `grad` or
-    `vmap`, "auto" compiles strips of this accuracy and cells and chooses as it runs. Raises
+    faster for batches on a CPU). Of numbers, strips are solved by numpy and compile nothing, cells compile one small
+    program for all contacts of as many cells; inside `jit`, `grad` or `vmap`, "auto" compiles strips of this accuracy
+    and cells and chooses as it runs. Raises
     `SceneError` for an accuracy out of range, a method that cannot take the case, or offsets that are not as many as
     spalls; SolveError without float64; everything else ends as a status in the result.
     """
