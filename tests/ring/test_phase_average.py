@@ -173,3 +173,11 @@ def test_what_holds_a_ring_without_axial_load_is_no_narrow_zone(bearing, effect)
 def test_another_word_for_the_mean_is_refused(scene) -> None:
     with pytest.raises(ValueError, match="give an angle"):
         dataclasses.replace(scene, phase="average")
+
+
+def test_sizes_that_are_none_warn_of_nothing(bearing: trb.TaperedBearing) -> None:
+    """Warnings are errors here; a solve says what is wrong by its status."""
+    ready = trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), "table", phase="mean"))
+    nothing = dataclasses.replace(ready, spalls=(trb.Spall(float("nan"), 7.0),))
+    assert scenes.pitch_borders(nothing).size == 8
+    assert "not a number" in trb.solve(nothing).status

@@ -104,7 +104,7 @@ def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = N
     `free` as in `minima`."""
     ends: dict[str, Any] = {"meet": MEET * predicted.scales(problem), "behind": BEHIND}
     found = predicted.solved(_rough(problem), place, _moving(place, free), SEARCH, least_squares.STEPS, **ends)
-    place = found.place[distinct(problem, found)]
+    place = found.place[distinct(problem, found) or [0]]
     return predicted.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, **ends)
 
 

@@ -220,7 +220,6 @@ def is_plain(scene: Scene) -> bool:
     return not scene.effects and getattr(scene.law, "expands", False)
 
 
-@np.errstate(all="ignore")
 def phases(scene: Scene) -> tuple[Any, Any]:
     """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
     if not isinstance(scene.phase, PitchMean):
@@ -229,6 +228,7 @@ def phases(scene: Scene) -> tuple[Any, Any]:
     return found if xp.expands(scene) else xp.values(found)
 
 
+@np.errstate(all="ignore")
 def pitch_borders(scene: Scene) -> Any:
     """Between which phases a prepared scene has no kink [rad]: see `phase_average.borders`."""
     if is_plain(scene) and xp.are_numbers(scene):
