@@ -14,7 +14,7 @@ from difftrb.contact.contact_solution import Defect, given
 from difftrb.contact.grids import grid_for
 from difftrb.contact.solver import approach_and_gradient
 from difftrb.core import arrays as xp
-from difftrb.core.taylor import Taylor
+from difftrb.core.taylor import Taylor, parameters
 
 pytestmark = pytest.mark.gradient
 
@@ -39,7 +39,7 @@ def test_expansions_have_the_derivatives_of_the_program(contact: trb.LineContact
         stage = contact_cells.stage(form.unflatten(leaves), grid_for(1e-2).cells, mirrored)
         return [stage.cells.pitch, stage.cells.x, stage.cells.lines, stage.cells.borders, stage.gap]
 
-    seeds = cell_solve._seeds(leaves)
+    seeds = parameters(leaves)
     expanded, plain = laid(seeds), laid(leaves)
     by_program = jax.jit(jax.jacfwd(laid))([jnp.asarray(leaf) for leaf in leaves])
     for own, number, slopes in zip(expanded, plain, by_program, strict=True):

@@ -29,7 +29,7 @@ from difftrb.contact.contact_solution import (
 from difftrb.contact.gap import Cells, Uneven
 from difftrb.contact.projected_gradient import TOLERANCE, press_by
 from difftrb.core import arrays as xp
-from difftrb.core import status
+from difftrb.core import status, taylor
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.taylor import Taylor
 
@@ -79,7 +79,7 @@ def solve_numbers(
 ) -> tuple[ContactSolution, Gradients]:
     """On cells, of numbers, and so many `gradients`: of the approach, of the moment."""
     leaves, form = jax.tree.flatten(inputs)
-    seeds = form.unflatten(_seeds(leaves) if gradients else leaves)
+    seeds = form.unflatten(taylor.parameters(leaves) if gradients else leaves)
     laid = contact_cells.stage(seeds, resolution, mirrored)
     stage = xp.values(laid)
     cells, lowest = stage.cells, np.min(stage.gap)
@@ -129,16 +129,6 @@ def _judged(inputs: Inputs, stage: Stage, pressed: Pressed, accuracy: float) -> 
 def _bed(cells: Cells, gap: Any, inputs: Inputs) -> Bed:
     borders = None if cells.uneven is None else cells.uneven.borders
     return Bed(cells.pitch, cells.x, cells.lines, borders, gap, inputs.load, inputs.contact.modulus)
-
-
-def _seeds(leaves: list[Any]) -> list[Taylor]:
-    """Every number as a parameter of an expansion by all."""
-    sizes = [np.size(leaf) for leaf in leaves]
-    rows = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1], axis=1)
-    return [
-        Taylor(np.asarray(leaf), by=row.reshape(len(row), *np.shape(leaf)))
-        for leaf, row in zip(leaves, rows, strict=True)
-    ]
 
 
 def _by_inputs(leaves: list[Any], form: Any, bed: Bed, by_bed: Bed) -> Inputs:

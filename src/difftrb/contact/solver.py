@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -75,7 +76,7 @@ def solve_contact(
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
     if xp.are_numbers(inputs):
-        found = _first_that_does(method, inputs, accuracy, lambda way, *a: (_alone(way, inputs, mirrored, *a),))[0]
+        found = _first_that_does(method, inputs, accuracy, partial(_of_numbers, inputs, mirrored, 0))[0]
         return jax.device_put(found)
     if method == "auto":
         return _by_either(inputs, mirrored, accuracy)
@@ -93,7 +94,7 @@ def pressure_patches(
 
     def by(way: Method, edges: int, own: float) -> tuple[ContactSolution, tuple[Patch, ...]]:
         if way != "strips":
-            return _alone(way, inputs, mirrored, edges, max(own, 1e-3)), ()
+            return _of_numbers(inputs, mirrored, 0, way, edges, max(own, 1e-3))[0], ()
         solution, found, strips = _strips_of_numbers(inputs, mirrored, edges, own)
         return solution, strip_model.patches(found, inputs, strips)
 
@@ -146,7 +147,7 @@ def approach_and_gradient(
     by strips in numpy's."""
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
-    return _first_that_does(method, inputs, accuracy, lambda way, *a: _slopes(way, inputs, mirrored, *a))
+    return _first_that_does(method, inputs, accuracy, partial(_of_numbers, inputs, mirrored, 1))  # type: ignore[return-value]
 
 
 def gradients_of_approach_and_moment(
@@ -156,18 +157,7 @@ def gradients_of_approach_and_moment(
     """`approach_and_gradient`, and the gradient of the moment of the same solve [N mm]."""
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, "auto")
     grid_for(accuracy)
-
-    def by(way: Method, edges: int, own: float) -> tuple[ContactSolution, Inputs, Inputs]:
-        if way == "lattice":
-            return _lattice_slopes(inputs, own, 2)
-        if way == "cells":
-            return _cells_of_numbers(inputs, mirrored, own, 2)
-        solution, found, strips = _strips_of_numbers(inputs, mirrored, edges, own)
-        gradients = strip_model.gradient, strip_model.moment_gradient
-        by_approach, by_moment = (gradient(found, inputs, strips) for gradient in gradients)
-        return solution, by_approach, by_moment
-
-    return _first_that_does(method, inputs, accuracy, by)  # type: ignore[return-value]
+    return _first_that_does(method, inputs, accuracy, partial(_of_numbers, inputs, mirrored, 2))  # type: ignore[return-value]
 
 
 # ------------------------------------------------------------------------------------------ which way is chosen
@@ -228,34 +218,24 @@ def _by(method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: fl
     if method == "strips":
         return _by_strips(inputs, mirrored, edges, accuracy)
     grid = grid_for(accuracy)
-    return cell_solve.solve(inputs, grid.cells if method == "cells" else grid.lattice, mirrored, accuracy)
+    if method == "cells":
+        return cell_solve.solve(inputs, grid.cells, mirrored, accuracy)
+    return cell_solve.solve(inputs, grid.lattice, False, accuracy)
 
 
-def _alone(method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
-    """`_by`, of numbers: strips by numpy, which has nothing to compile."""
+def _of_numbers(
+    inputs: Inputs, mirrored: bool, gradients: int, method: Method, edges: int, accuracy: float
+) -> tuple[Any, ...]:
+    """The solved contact and so many gradients by its inputs: of the approach, of the moment. Strips and where cells
+    lie are computed by numpy."""
     if method == "strips":
-        return _strips_of_numbers(inputs, mirrored, edges, accuracy)[0]
+        solution, found, way = _strips_of_numbers(inputs, mirrored, edges, accuracy)
+        ways = (strip_model.gradient, strip_model.moment_gradient)[:gradients]
+        return solution, *(gradient(found, inputs, way) for gradient in ways)
     if method == "cells":
-        return _cells_of_numbers(inputs, mirrored, accuracy, 0)[0]
-    return _by(method, inputs, mirrored, 0, accuracy)
-
-
-def _slopes(
-    method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: float
-) -> tuple[ContactSolution, Inputs]:
-    """The solved contact and the derivatives of its approach by the inputs, of numbers."""
-    if method == "lattice":
-        return _lattice_slopes(inputs, accuracy, 1)
-    if method == "cells":
-        return _cells_of_numbers(inputs, mirrored, accuracy, 1)
-    solution, found, way = _strips_of_numbers(inputs, mirrored, edges, accuracy)
-    return solution, strip_model.gradient(found, inputs, way)
-
-
-def _cells_of_numbers(inputs: Inputs, mirrored: bool, accuracy: float, gradients: int) -> tuple:
-    """The solved contact, and so many gradients."""
-    solution, found = cell_solve.solve_numbers(inputs, grid_for(accuracy).cells, mirrored, accuracy, gradients)
-    return solution, *found
+        solution, every = cell_solve.solve_numbers(inputs, grid_for(accuracy).cells, mirrored, accuracy, gradients)
+        return solution, *every
+    return _lattice_slopes(inputs, accuracy, gradients) if gradients else (_by(method, inputs, False, 0, accuracy),)
 
 
 @jit_quickly(static_argnums=(1, 2))

@@ -13,7 +13,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from difftrb.core import arrays as xp
@@ -159,8 +158,9 @@ def _expanded_jvp(function: Callable[[Pytree], Pytree], primals: tuple, tangents
     moving, changes, among = _moving(parameters, tangents[0])
     if any(jnp.ndim(leaf) for leaf in moving):
         return jax.jvp(lambda some: taylor.values(function(among(some))), (moving,), (changes,))
-    seeds = [Taylor(leaf, by=row) for leaf, row in zip(moving, np.eye(len(moving)), strict=True)]
-    leaves, form = jax.tree.flatten(function(among(seeds)), is_leaf=lambda leaf: isinstance(leaf, Taylor))
+    leaves, form = jax.tree.flatten(
+        function(among(taylor.parameters(moving))), is_leaf=lambda leaf: isinstance(leaf, Taylor)
+    )
     found = [jnp.asarray(taylor.value(leaf)) for leaf in leaves]
     rates = {k: leaf.by for k, leaf in enumerate(leaves) if isinstance(leaf, Taylor) and leaf.by is not None}
     moved = [_zero_tangent(leaf) for leaf in found]
@@ -266,7 +266,7 @@ stationary.defjvp(_stationary_jvp, symbolic_zeros=True)
 def rates(function: Callable[[list], Any], scalars: list) -> Any:
     """Derivatives of `function(scalars)` by all of them, shape (scalars, …), from one expansion; None if there are
     none."""
-    return xp.by(function([Taylor(x, by=row) for x, row in zip(scalars, np.eye(len(scalars)), strict=True)]))
+    return xp.by(function(taylor.parameters(scalars)))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))

@@ -8,7 +8,8 @@ numpy or of JAX; None stands for 0, costs nothing and stays None. `core.arrays` 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -173,6 +174,16 @@ def with_variable(x: Any, others: Any) -> tuple[Taylor, Any]:
     before = of.zeros((count, *np.shape(at))) if own is None else own
     by = of.concatenate([before, last]) if count else last
     return Taylor(at, by, of.zeros_like(by)), jax.tree.map(widened, others, is_leaf=_is_taylor)
+
+
+def parameters(leaves: Sequence[Any]) -> list[Taylor]:
+    """Every number in these arrays as a parameter of expansions by all."""
+    sizes = [math.prod(np.shape(leaf)) for leaf in leaves]
+    every, ends = np.eye(sum(sizes)), np.cumsum(sizes)
+    return [
+        Taylor(leaf, every[:, end - size : end].reshape(len(every), *np.shape(leaf)))
+        for leaf, size, end in zip(leaves, sizes, ends, strict=True)
+    ]
 
 
 def by_of(x: Any) -> Any:

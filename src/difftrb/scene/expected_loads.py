@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import cast
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -57,11 +57,16 @@ def _in_narrow_zone(scene: Scene) -> float:
     axial load acts, a few rollers carry all."""
     at = float(geometry.roller_pitch(scene.bearing)) * np.linspace(0.0, 1.0, PHASES)
     law = power.Palmgren(scene.bearing.roller_length)
-    with np.errstate(all="ignore"):
-        rest = plain_ring.equilibrium(xp.numbers(scene.bearing), xp.numbers(scene.load), (), law, at)
     one_carries_all = float(scene.load.radial / np.cos(scene.bearing.outer_angle))
-    loads = xp.value(rest.loads)
+    loads = healthy_plain_ring(scene, law, at).loads
     return float(np.max(np.where(np.isfinite(loads), loads, one_carries_all)))  # at some phases there may be no rest
+
+
+@np.errstate(all="ignore")
+def healthy_plain_ring(scene: Scene, law: Law, phases: Any) -> ring.Equilibrium:
+    """Of numbers, without spalls and effects, at phases of shape (phases,), by any law."""
+    at_rest = plain_ring.equilibrium(xp.numbers(scene.bearing), xp.numbers(scene.load), (), law, phases)
+    return xp.values(at_rest)
 
 
 def is_through(scene: Scene) -> bool:

@@ -15,7 +15,6 @@ import jax.core
 import numpy as np
 
 from difftrb.contact import gap
-from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Raceway, Real
 from difftrb.core.jax_config import jit_quickly
@@ -25,7 +24,7 @@ from difftrb.law import direct
 from difftrb.law.base import Law
 from difftrb.law.direct import DirectLaw
 from difftrb.law.samples import Progress
-from difftrb.ring import effect, effects, plain_ring, ring
+from difftrb.ring import effect, effects, ring
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
 from difftrb.scene.local_laws import holding, local_laws
@@ -157,9 +156,7 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: Any) -> tuple[An
     away = ring.distances(bearing, law.spalls, ring.roller_angles(bearing, phases), raceway)
     if not is_plain(scene):
         return away, _approaches(scene, phases)
-    with np.errstate(all="ignore"):
-        rest = plain_ring.equilibrium(xp.numbers(bearing), xp.numbers(scene.load), (), law, phases)
-    return away, xp.value(rest.approach)
+    return away, expected_loads.healthy_plain_ring(scene, law, phases).approach
 
 
 @jit_quickly()
