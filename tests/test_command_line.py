@@ -13,7 +13,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.core import geometry, jax_config
+from difftrb.core import geometry, kept_programs
 from difftrb.fits import measured
 from difftrb.report import load_figure, pressure_figure, remarks
 from difftrb.scene import scene_file
@@ -342,7 +342,7 @@ def test_a_pressure_map_that_cannot_be_resolved_is_left_out(capsys, paper: Path,
         trb.LineContact.of(trb.bearing("32008J")), 3000.0, trb.Spall(2.0, 0.01), accuracy=1e-2, method="cells"
     )
     monkeypatch.setattr(
-        pressure_figure, "contacts_at_spall", lambda scene, solution: [pressure_figure.Pressed(0, narrow, ())]
+        pressure_figure, "contacts_at_spall", lambda scene, solution: [pressure_figure.DrawnContact(0, narrow, ())]
     )
     code, _, err = call(capsys, "run", str(paper), "--out", str(tmp_path / "out"))
     assert code == 0
@@ -364,12 +364,12 @@ def test_secant_without_radial_load(capsys, tmp_path: Path) -> None:
 
 def test_programs_are_kept_only_where_one_may_write(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    folder = jax_config.cache_folder()
+    folder = kept_programs.cache_folder()
     assert folder is not None
     assert folder.is_dir()
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert jax_config.cache_folder() is None
+    assert kept_programs.cache_folder() is None
 
 
 def test_library_users_keep_programs_by_one_call(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Contacts where geometry degenerates, and where a grid could cut something off."""
 
+import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -181,6 +182,19 @@ def test_an_unknown_method_is_refused(contact: trb.LineContact) -> None:
     for function in (trb.solve_contact, trb.approach_slopes):
         with pytest.raises(ValueError, match="method = 'sieve' is unknown; use 'auto', 'strips', 'cells', 'lattice'"):
             function(contact, 1000.0, method="sieve")  # type: ignore[arg-type]
+
+
+def test_arrays_in_place_of_numbers_are_refused(contact: trb.LineContact) -> None:
+    pair, three = np.ones(2), dataclasses.replace(contact, radius=np.ones(3))
+    spalls = trb.Spall(1.0, 1.0), trb.Spall(pair, 1.0)
+    for words, arguments in {
+        r"load has shape \(1,\): a contact takes one number; use jax.vmap": (contact, np.array([3000.0])),
+        r"contact.radius has shape \(3,\)": (three, 3000.0),
+        r"spall.length has shape \(2,\)": (contact, 3000.0, spalls[1]),
+        r"spall.1.length has shape \(2,\)": (contact, 3000.0, spalls),
+    }.items():
+        with pytest.raises(trb.SceneError, match=words):
+            trb.solve_contact(*arguments)
 
 
 @pytest.mark.slow

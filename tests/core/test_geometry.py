@@ -52,5 +52,5 @@ def test_contact_of_a_bearing(bearing: trb.TaperedBearing) -> None:
 
 
 def test_unknown_bearing_names_the_known_ones() -> None:
-    with pytest.raises(KeyError, match="32008J"):
+    with pytest.raises(trb.SceneError, match="32008J"):
         trb.bearing("30205")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from difftrb.core import arrays as xp
-from difftrb.core import series
+from difftrb.core import loops, series
 from difftrb.core.taylor import Taylor
 
 pytestmark = pytest.mark.gradient
@@ -53,7 +53,7 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "polynomial": lambda x: series.polynomial(COLUMNS, x), "straight": lambda x: series.polynomial(
         COLUMNS, 2.0 * x, straight=True), "polynomial of one": lambda x: series.polynomial(COLUMNS[:, :1], x),
     "known": lambda x: xp.known(lambda y: (xp.sin(y), xp.cos(y), -xp.sin(y)), x),
-    "repeated": lambda x: xp.repeated(3, lambda y: 0.5 * y * y + x, x),
+    "repeated": lambda x: loops.repeated(3, lambda y: 0.5 * y * y + x, x),
     "number and array": lambda x: x[0] * COLUMNS + x[None],
 }  # fmt: skip
 

@@ -175,7 +175,7 @@ def test_names_one_spall_and_lists_are_taken() -> None:
     whole = trb.Scene(BEARING, LOAD, (SPALL,), effects=(effects.Life(),))
     assert trb.Scene("32008J", LOAD, SPALL, effects=effects.Life()) == whole
     assert trb.Scene("32008J", LOAD, [SPALL], effects=[effects.Life()]) == whole
-    with pytest.raises(trb.SceneError, match=r"bearing = '6205' is unknown; use 32008J or a TaperedBearing"):
+    with pytest.raises(trb.SceneError, match=r"bearing = '6205' is unknown; use 32008J, or a TaperedBearing"):
         trb.Scene("6205", LOAD)
     with pytest.raises(trb.SceneError, match=r"effects.0 = 'tilt': must be one of difftrb.effects"):
         trb.Scene(BEARING, LOAD, effects=("tilt",))

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from difftrb.core import arrays as xp
+from difftrb.core import loops
 
 TOUCHING = 1e-9  # overlap by the approach that an unknown without load may have
 
@@ -73,5 +74,5 @@ def solve(problem: Quadratic, active: Any, rounds: int) -> tuple[Response, Any, 
 
     zero, none = np.zeros(gap.shape), np.zeros(())
     begun = active, Response(zero, zero, none, none), 0, np.asarray(False)
-    active, found, _, still = xp.repeated_while(going, step, begun)
+    active, found, _, still = loops.repeated_while(going, step, begun)
     return found, active, still

@@ -50,7 +50,7 @@ class Bed(NamedTuple):
     modulus: Any
 
 
-class Pressed(NamedTuple):
+class PressedCells(NamedTuple):
     """Forces of the cells [N], approach above the gap's least [mm], moment [N mm], residual, and iterations."""
 
     force: Any
@@ -92,10 +92,12 @@ def solve_numbers(
 
 
 @jit_quickly(static_argnums=(3, 4))
-def _program(bed: Bed, level: Any, columns: Any, mirrored: bool, gradients: int) -> tuple[Pressed, tuple[Bed, ...]]:
+def _program(
+    bed: Bed, level: Any, columns: Any, mirrored: bool, gradients: int
+) -> tuple[PressedCells, tuple[Bed, ...]]:
     """The forces, and derivatives of the approach and the moment by all of the bed."""
 
-    def pressed(bed: Bed) -> tuple[Any, Pressed]:
+    def pressed(bed: Bed) -> tuple[Any, PressedCells]:
         uneven = None if columns is None else Uneven(columns, bed.borders)
         cells = Cells(bed.pitch, bed.x, bed.lines, mirrored, uneven)
         found = _pressed(halfspace.influence(cells, bed.modulus), cells, bed.gap, bed.load, level)
@@ -107,13 +109,13 @@ def _program(bed: Bed, level: Any, columns: Any, mirrored: bool, gradients: int)
     return found, tuple(back(tuple(row))[0] for row in np.eye(gradients))
 
 
-def _pressed(matrix: halfspace.Operator, cells: Cells, gap: jax.Array, load: Any, level: Any) -> Pressed:
+def _pressed(matrix: halfspace.Operator, cells: Cells, gap: jax.Array, load: Any, level: Any) -> PressedCells:
     """On a gap whose least is 0."""
     force, approach, residual, iterations = press_by(matrix, cells.area, gap, load, level)
-    return Pressed(force, approach, moment_of(cells, force), residual, iterations)
+    return PressedCells(force, approach, moment_of(cells, force), residual, iterations)
 
 
-def _judged(inputs: Inputs, stage: Stage, pressed: Pressed, accuracy: float) -> ContactSolution:
+def _judged(inputs: Inputs, stage: Stage, pressed: PressedCells, accuracy: float) -> ContactSolution:
     """The solution."""
     (cells, gap, code), force, approach = stage, pressed.force, pressed.approach
     touched = cut_off(cells, force > 0.0, approach, gap, inputs.contact)

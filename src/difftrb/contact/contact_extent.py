@@ -10,6 +10,7 @@ from difftrb.contact import crown
 from difftrb.contact import gap as gaps
 from difftrb.contact.height_map import HeightMap, height_at
 from difftrb.core import arrays as xp
+from difftrb.core import loops
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import bisected
 
@@ -254,7 +255,7 @@ def carried(needed: Any, weight: Any, rest: Any, steps: int = 30) -> Any:
         return (delta != last) & (count < steps)
 
     begin = still[0] / xp.sum(still[1]) + xp.max(still[2])
-    found, *_ = xp.repeated_while(
+    found, *_ = loops.repeated_while(
         going, lambda state: (newton(state[0], *still), state[0], state[2] + 1), (begin, 0.0 * begin, 0)
     )
     return newton(found, needed, weight, rest)  # one step from the solution carries its derivatives
@@ -289,6 +290,6 @@ def reach_of_strips(contact: LineContact, load: Any, low: Any, high: Any) -> tup
         tip = crown.half_length((lowest + share * xp.maximum(delta - lowest, 0.0)) / scale, contact)
         return tip, delta
 
-    tip, delta = xp.repeated(3, refine, (half + 0.0 * load, 0.0 * load))
+    tip, delta = loops.repeated(3, refine, (half + 0.0 * load, 0.0 * load))
     line_load = load / xp.sum(lands(tip))
     return tip, line_load, gaps.line_half_width(line_load, contact.radius, contact.modulus), delta

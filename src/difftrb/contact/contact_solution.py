@@ -46,7 +46,7 @@ def given(
 ) -> tuple[Inputs, bool, Method]:
     """The inputs as floats, whether half the roller will do, and the method for them.
 
-    Refuses float32 and a method that is unknown or cannot take the case.
+    Refuses float32, arrays in place of numbers, and a method that is unknown or cannot take the case.
     """
     status.require_float64()
     if method not in get_args(Method):
@@ -64,12 +64,24 @@ def given(
         raise status.SceneError(
             f"offset has shape {place.shape}: one spall has one offset; give a tuple of spalls for several"
         )
+    _refuse_arrays(contact=contact, load=load, tilt=tilt, spall=spall)
     straight = is_zero(tilt)
     inputs = Inputs(
         as_floats(contact), xp.asarray(load), as_floats(spall), place, None if straight else xp.asarray(tilt)
     )
     inputs = xp.numbers(inputs) if xp.are_numbers(inputs) else jax.tree.map(jnp.asarray, inputs)
     return inputs, straight and is_symmetric(spall), _method_for(spall, method)
+
+
+def _refuse_arrays(**inputs: Any) -> None:
+    """Raise if a number, or a number of a contact or spall, is an array; maps have theirs."""
+    every = jax.tree_util.tree_leaves_with_path(inputs, is_leaf=lambda leaf: isinstance(leaf, HeightMap))
+    for path, leaf in every:
+        if not isinstance(leaf, HeightMap) and np.ndim(leaf):
+            name = jax.tree_util.keystr(path, simple=True, separator=".")
+            raise status.SceneError(
+                f"{name} has shape {np.shape(leaf)}: a contact takes one number; use jax.vmap for many at once"
+            )
 
 
 def _method_for(spall: Defect, method: Method) -> Method:

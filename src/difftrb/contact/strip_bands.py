@@ -15,6 +15,7 @@ from difftrb.contact.active_set import Quadratic
 from difftrb.contact.strip_plan import LAND, LEFT, RIGHT, Kernel, Plan
 from difftrb.contact.strip_settling import Problem
 from difftrb.core import arrays as xp
+from difftrb.core import loops
 
 ROUNDS = 15  # steps of the active set
 FIRST = {2: (0.85, 1.2), 3: (0.7, 0.95, 1.25)}
@@ -59,7 +60,7 @@ def chosen(plan: Plan, problem: Problem, kernel: Kernel, estimate: Any, count: i
     first = 1.03**2 * xp.clip(1.0 - gap_of_rows / estimate, 0.03, 1.0)
     begun = np.tile(np.arange(count) < 2, rows.size)
     state = 0, first, begun, np.asarray(False)
-    _, load, active, still = xp.repeated(times, solve, state)
+    _, load, active, still = loops.repeated(times, solve, state)
     return boundary(load), xp.any(active.reshape(-1, count), axis=1).astype(float), still
 
 

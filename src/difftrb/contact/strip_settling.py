@@ -16,6 +16,7 @@ from difftrb.contact import active_set, strip_waves
 from difftrb.contact.active_set import Quadratic
 from difftrb.contact.strip_plan import LEFT, MIDDLE, RIGHT, Kernel, Plan
 from difftrb.core import arrays as xp
+from difftrb.core import loops
 
 FARTHEST = 3.0  # an edge farther out stands there; the gap there is larger than any approach
 LEAST = 1e-3  # width of the narrowest interval
@@ -91,7 +92,7 @@ def settle(
         return found._replace(error=error), new, held_next, active_next, count + 1, done
 
     begun = (first, first.ends, first.held, first.active, 0, np.asarray(False))
-    found, *_, count, _ = xp.repeated_while(lambda last: ~last[5] & (last[4] < passes), solve, begun)
+    found, *_, count, _ = loops.repeated_while(lambda last: ~last[5] & (last[4] < passes), solve, begun)
     return found, count
 
 

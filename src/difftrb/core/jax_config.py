@@ -1,17 +1,13 @@
-"""How JAX is set up: float64, compiled programs kept in the user's cache folder, and how they are compiled.
+"""How JAX is set up, and how it compiles what this package computes.
 
 JAX is imported by the functions that need it: `set_up_jax` has to come before.
 """
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import hashlib
 import os
-import platform
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -26,10 +22,6 @@ Programs run as fast with them as without. JAX takes options at the outermost `j
 """
 
 
-_traced: list[Path] = []
-"""Where traced programs are kept, if they are."""
-
-
 def set_up_jax(cache: bool) -> None:
     """Float64, no noise from XLA and, if asked, compiled programs kept in the user's cache folder."""
     # XLA reports its own tuning hints as missing processor features whenever it loads a kept program
@@ -38,45 +30,9 @@ def set_up_jax(cache: bool) -> None:
 
     jax.config.update("jax_enable_x64", True)
     if cache:
+        from difftrb.core.kept_programs import keep_compiled
+
         keep_compiled()
-
-
-def keep_compiled() -> Path | None:
-    """Keep what JAX compiles, and what this package traces, from now on in the user's cache folder, and take from there
-    what is kept.
-
-    For programs of one's own, before the first solve: the command line does so by itself. JAX tells its releases apart,
-    the folder processors. Returns the folder; None where none can be written, and nothing is kept.
-    """
-    import jax
-
-    folder = cache_folder()
-    if folder is not None:
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
-        _traced[:] = [folder / "traced"]
-    return folder
-
-
-def cache_folder() -> Path | None:
-    """Where compiled programs are kept: the user's cache folder, apart for every kind of processor.
-
-    The folder is made; None where it cannot be.
-    """
-    import platformdirs
-
-    processor = platform.machine()
-    with contextlib.suppress(OSError):
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        processor += next((line for line in lines if line.startswith(("flags", "Features"))), "")
-    kind = hashlib.sha256(processor.encode()).hexdigest()[:12]
-    folder = Path(platformdirs.user_cache_dir("difftrb")) / kind
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return None
-    return folder if os.access(folder, os.W_OK) else None
 
 
 @functools.cache
@@ -94,17 +50,6 @@ def _taken(name: str, value: Any) -> bool:
     except jax.errors.JaxRuntimeError:
         return False
     return True
-
-
-def jit_kept(function: Callable[..., Any], depends: Any, *arguments: Any) -> Callable[..., Any]:
-    """`function` jitted, traced once for all processes where programs are kept: for `arguments` or their shapes. All
-    that it `depends` on tells it from others."""
-    import jax
-
-    from difftrb.core.kept_programs import kept
-
-    found = kept(_traced[0], function, depends, arguments, {}) if _traced else None
-    return found or jax.jit(function)
 
 
 def jit_quickly(**arguments: Any) -> Callable[[F], F]:
@@ -129,10 +74,11 @@ def jit_quickly(**arguments: Any) -> Callable[[F], F]:
         @functools.wraps(function)
         def call(*a: Any, **k: Any) -> Any:
             from difftrb.core import arrays as xp
+            from difftrb.core import kept_programs
 
             if xp.are_numbers((a, k)):
                 try:
-                    run = kept().call(_traced[0], a, k) if _traced else None
+                    run = kept().call(a, k) if kept_programs.are_kept() else None
                     return run() if run else compiled(True)(*a, **k)
                 except ValueError as error:  # a program around it, of which nothing is given here
                     if "compiler_options" not in str(error):

@@ -1,8 +1,9 @@
-"""Programs as JAX traced them, kept in a folder: to read one takes a hundredth of the time that tracing it takes.
+"""What JAX compiled and what this package traced, kept in the user's cache folder.
 
-JAX itself keeps what it has compiled, but has to trace a program to find it. Here one is found by what it is traced
-from: the function, its static arguments, the structure and shapes of the others, and every file of this package. What
-depends on code from elsewhere is not kept, for it may change under the same name.
+JAX itself keeps what it has compiled, but has to trace a program to find it. To read one as it was traced takes a
+hundredth of the time that tracing takes. It is found by what it is traced from: the function, its static arguments, the
+structure and shapes of the others, and every file of this package. What depends on code from elsewhere is not kept, for
+it may change under the same name.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import inspect
 import io
 import os
 import pickle
+import platform
 import shutil
 import time
 import types
@@ -25,6 +27,7 @@ from typing import Any
 
 import jax
 import jax.export
+import platformdirs
 
 LIBRARIES = ("jax", "jaxlib", "numpy", "optax")
 """Their versions are part of what a program depends on."""
@@ -34,6 +37,55 @@ OLD = 30 * 86400.0
 """Seconds after which programs of other contents of the package go, if none was added to them."""
 UNTOLD = (pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError)
 """What pickle raises: code from elsewhere, or without a name; a thing that is within itself."""
+
+_folder: list[Path] = []
+"""Where traced programs are kept, if they are."""
+
+
+def keep_compiled() -> Path | None:
+    """Keep what JAX compiles, and what this package traces, from now on in the user's cache folder, and take from there
+    what is kept.
+
+    For programs of one's own, before the first solve: the command line does so by itself. JAX tells its releases apart,
+    the folder processors. Returns the folder; None where none can be written, and nothing is kept.
+    """
+    folder = cache_folder()
+    if folder is not None:
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+        _folder[:] = [folder / "traced"]
+    return folder
+
+
+def cache_folder() -> Path | None:
+    """Where compiled programs are kept: the user's cache folder, apart for every kind of processor.
+
+    The folder is made; None where it cannot be.
+    """
+    processor = platform.machine()
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        processor += next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    kind = hashlib.sha256(processor.encode()).hexdigest()[:12]
+    folder = Path(platformdirs.user_cache_dir("difftrb")) / kind
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def are_kept() -> bool:
+    """Whether traced programs are kept, in this process from now on."""
+    return bool(_folder)
+
+
+def jit_kept(function: Callable[..., Any], depends: Any, *arguments: Any) -> Callable[..., Any]:
+    """`function` jitted, traced once for all processes where programs are kept: for `arguments` or their shapes. All
+    that it `depends` on tells it from others."""
+    found = kept(_folder[0], function, depends, arguments, {}) if _folder else None
+    return found or jax.jit(function)
 
 
 class Kept:
@@ -49,7 +101,7 @@ class Kept:
     def clear_cache(self) -> None:
         self.programs.clear()
 
-    def call(self, folder: Path, arguments: tuple[Any, ...], named: dict[str, Any]) -> Callable[[], Any] | None:
+    def call(self, arguments: tuple[Any, ...], named: dict[str, Any]) -> Callable[[], Any] | None:
         """The call with these arguments, ready to run; None where its program cannot be kept."""
         bound = self.signature.bind(*arguments, **named)
         static, traced = {}, {}
@@ -60,7 +112,7 @@ class Kept:
         if kind not in self.programs:
             own = partial(self.function, **static)
             own.__name__ = self.function.__name__  # type: ignore[attr-defined]
-            self.programs[kind] = kept(folder, own, (self.function, static), (), traced, self.options)
+            self.programs[kind] = kept(_folder[0], own, (self.function, static), (), traced, self.options)
         found = self.programs[kind]
         return None if found is None else partial(found, **traced)
 

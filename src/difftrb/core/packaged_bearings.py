@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from difftrb.core.bad_input import shown
 from difftrb.core.geometry import TaperedBearing
+from difftrb.core.status import SceneError
 
 BEARINGS = {
     # Liu et al. 2018, Tribology International 122, Table 1
@@ -22,7 +24,12 @@ BEARINGS = {
 
 
 def bearing(name: str) -> TaperedBearing:
-    """A bearing by its catalogue name; raises `KeyError` with the known names if there is none."""
+    """A bearing by its catalogue name; raises `SceneError` with the known names if there is none."""
+    return named(name, "a TaperedBearing")
+
+
+def named(name: str, instead: str) -> TaperedBearing:
+    """As `bearing`; the error also says what may be given `instead` of a name."""
     if name not in BEARINGS:
-        raise KeyError(f"no bearing named {name!r}; known: {', '.join(BEARINGS)}")
+        raise SceneError(f"bearing = {shown(name)} is unknown; use {', '.join(BEARINGS)}, or {instead}")
     return BEARINGS[name]

@@ -21,11 +21,6 @@ from difftrb.ring.ring import Load
 from difftrb.scene import solving
 from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain, pitch_borders
 
-POINTS = 6
-"""Between two kinks of a mean over phases: its error is a hundredth of the noise of good measurements, 1e-4 of a loss
-by the median of 30 random spalls, and 4e-4 at worst."""
-ROUGH = 2
-"""The same where minima are looked for: 1e-3 and 4e-3."""
 TOGETHER = 2
 """Points of a rule that are in one block."""
 SIZE = 16
@@ -82,7 +77,7 @@ class Condition(NamedTuple):
     definition: Definition
 
 
-def conditions(scene: Scene, rows: Sequence[Measurement], points: int = POINTS) -> Conditions:
+def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_average.FEW) -> Conditions:
     """Those of `rows`; what they leave open is the scene's."""
     return _laid_out(scene, rows, points, _kinks(scene))
 
@@ -118,7 +113,7 @@ def _kinks(scene: Scene) -> int:
     return jax.eval_shape(lambda: pitch_borders(at)).size - 1
 
 
-def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = POINTS) -> list[Conditions]:
+def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_average.FEW) -> list[Conditions]:
     """Those of `rows` in parts, as few as have each the smallest layout: the program that a fit has is theirs, too."""
     kinks, parts, first = _kinks(scene), list[Conditions](), 0
     for behind in range(1, len(rows) + 1):

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
+from difftrb.core import loops
 from difftrb.law import edge_share, narrow_spall
 
 ROUNDS = 9
@@ -53,9 +54,9 @@ def _if_reached(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: A
 
     def found(edge: Any) -> Any:
         # what does not depend on the loop's state is computed before it, needed or not
-        return _equivalent(*xp.together((edge, across, approach, low, high)))
+        return _equivalent(*loops.together((edge, across, approach, low, high)))
 
-    return xp.done_if(xp.of(reached).any(reached), found, edge)
+    return loops.done_if(xp.of(reached).any(reached), found, edge)
 
 
 @jax.custom_jvp
@@ -107,7 +108,7 @@ def _equivalent(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: A
         return found + (after - found) * (1.0 / (1.0 - slope)), at, now, slope
 
     start = xp.fixed(edge)
-    found = xp.repeated(ROUNDS, accelerated, (edge, start, start, xp.zeros_like(start)))[0]
+    found = loops.repeated(ROUNDS, accelerated, (edge, start, start, xp.zeros_like(start)))[0]
     # a spall without width leaves the roller where it is: at the ramp's beginning
     widest = xp.largest(size)
     beside = edge <= -widest

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import implicit, series
+from difftrb.core import implicit, loops, series
 from difftrb.core.geometry import Real
 from difftrb.core.taylor import Taylor
 
@@ -103,8 +103,8 @@ def _coefficients(z: Any, values: Any) -> Any:
         place, difference = (rows[count - 2 - k][None] for rows in (places, differences))
         return of.roll(powers, 1, axis=0) - place * powers + of.where(at == 0, difference, 0.0)
 
-    differences = xp.counted(count - 1, divided, values[order])
-    return xp.counted(count - 1, multiplied, of.where(at == 0, differences[-1:], 0.0))
+    differences = loops.counted(count - 1, divided, values[order])
+    return loops.counted(count - 1, multiplied, of.where(at == 0, differences[-1:], 0.0))
 
 
 def _spread(count: int) -> list[int]:
@@ -141,7 +141,7 @@ def approach(curve: Curve, loads: Any) -> Any:
         found = series.polynomial(curve.coefficients, xp.variable(z), straight=True)
         return z + (goal - found.value) / found.by[0]
 
-    z = xp.repeated(6, step, xp.zeros_like(curve.middle + goal))
+    z = loops.repeated(6, step, xp.zeros_like(curve.middle + goal))
     return xp.exp(curve.middle + curve.reach * z) + curve.shift
 
 

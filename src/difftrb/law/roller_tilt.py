@@ -39,7 +39,7 @@ class TiltCurve(NamedTuple):
     gain: Over
 
 
-class Between(NamedTuple):
+class RollerContacts(NamedTuple):
     """One roller between two raceways: spalls in its reach on either, and how far away [mm]; outer raceway first."""
 
     contacts: tuple[LineContact, LineContact]
@@ -77,7 +77,11 @@ class Resting(NamedTuple):
 
 
 def at_rest(
-    roller: Between, loads: tuple[float, float], accuracy: float, start: float | None = None, turning: bool = False
+    roller: RollerContacts,
+    loads: tuple[float, float],
+    accuracy: float,
+    start: float | None = None,
+    turning: bool = False,
 ) -> Resting:
     """The roller at the tilt at which both moments are equal; `start` is a guess of it [rad]; `turning` asks
     for that of the contacts at the end.
@@ -112,7 +116,7 @@ def at_rest(
 
 
 def tilt_curves(
-    rollers: Sequence[Between], log_loads: np.ndarray, inner_load: Callable[[float], float], accuracy: float,
+    rollers: Sequence[RollerContacts], log_loads: np.ndarray, inner_load: Callable[[float], float], accuracy: float,
     starts: Sequence[TiltCurve | None], turning: bool, progress: Progress | None = None,
 ) -> list[TiltCurve]:  # fmt: skip
     """Of every roller over its outer load, through what is solved at `log_loads` [log N], shape (rollers, loads).

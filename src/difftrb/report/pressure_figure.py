@@ -26,7 +26,7 @@ FINE = 1e-4
 """Accuracy of contacts that are drawn: their rows are dense enough to look at."""
 
 
-class Pressed(NamedTuple):
+class DrawnContact(NamedTuple):
     """One roller's contact: its number, the solution, and its pressure point by point, if it has that."""
 
     roller: int
@@ -34,7 +34,7 @@ class Pressed(NamedTuple):
     patches: tuple[Patch, ...]
 
 
-def contacts_at_spall(scene: Scene, solution: Solution) -> list[Pressed]:
+def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
     """The outer contacts of up to `MOST` loaded rollers that meet the first spall there; of the most loaded roller if
     none does, or there is none. Each with the load, the offset and the tilt that it has in `solution`."""
     loads, contact = np.asarray(solution.loads), raceway_contact(scene, "outer")
@@ -50,10 +50,10 @@ def contacts_at_spall(scene: Scene, solution: Solution) -> list[Pressed]:
     accuracy = min(scene.accuracy, FINE)
     tilts = 1e-3 * np.asarray(solution.effects.get("roller_tilts", np.zeros(loads.size)))
     found = (pressure_patches(contact, loads[j], spall, -float(away[j]), accuracy, float(tilts[j])) for j in rollers)
-    return [Pressed(j, *one) for j, one in zip(rollers, found, strict=True)]
+    return [DrawnContact(j, *one) for j, one in zip(rollers, found, strict=True)]
 
 
-def pressures(found: list[Pressed]) -> Any:
+def pressures(found: list[DrawnContact]) -> Any:
     """Contact pressure of rollers at the spall, one below the other, on one scale."""
     _, axes = plt.subplots(len(found), 1, figsize=(8.5, 0.7 + 2.5 * len(found)), layout="constrained", squeeze=False)
     top = max(_scale_of(one) for one in found)
@@ -63,7 +63,7 @@ def pressures(found: list[Pressed]) -> Any:
     return axes[-1, 0]
 
 
-def _scale_of(one: Pressed) -> float:
+def _scale_of(one: DrawnContact) -> float:
     """Where the colours of a contact end [N/mm²], so that only a hundredth of its area is beyond: at a sharp edge there
     is no largest pressure."""
     values, areas = np.asarray(one.solution.pressure).ravel(), np.asarray(one.solution.cells.area).ravel()
@@ -89,7 +89,7 @@ def pressure_map(
     if ax is None:
         _, ax = plt.subplots(figsize=(8.0, 3.2), layout="constrained")
     solution = jax.device_get(solution)
-    top = _scale_of(Pressed(0, solution, patches)) if limit is None else limit
+    top = _scale_of(DrawnContact(0, solution, patches)) if limit is None else limit
     look = {"cmap": "viridis", "vmin": 0.0, "vmax": top, "rasterized": True}
     if patches:
         for patch in patches:

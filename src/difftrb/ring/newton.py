@@ -140,7 +140,7 @@ class _State(NamedTuple):
     inside: tuple[Any, ...] = ()
 
 
-class Balance(NamedTuple):
+class RingBalance(NamedTuple):
     """What rollers carry at a displacement, the unbalanced force and its derivative, by what forces are measured by;
     the same of rollers that have to settle: how far from rest they are."""
 
@@ -156,7 +156,7 @@ Settle = Callable[[Settling, Any, Any], Any]
 
 
 def damped(
-    balance: Callable[..., Balance], start: Any, inside: tuple[Any, ...] = (), settle: Settle | None = None
+    balance: Callable[..., RingBalance], start: Any, inside: tuple[Any, ...] = (), settle: Settle | None = None
 ) -> tuple[Any, Any, Any, Any]:
     """Where `balance(u)`, at displacements u of shape (…, n), has a `residual` of 0; from its `jacobian`.
 
@@ -208,14 +208,14 @@ def damped(
     return last.u, last.now, xp.of(off).max(off), last.count
 
 
-def _largest(now: Balance) -> Any:
+def _largest(now: RingBalance) -> Any:
     """Of all residuals, shape (…)."""
     of = xp.of(now.residual)
     found = of.max(of.abs(now.residual), axis=-1)
     return found if now.unsettled is None else of.maximum(found, of.max(of.abs(now.unsettled)))
 
 
-def _far(now: Balance) -> Any:
+def _far(now: RingBalance) -> Any:
     """Which residuals are not small enough yet."""
     return _largest(now) > 0.1 * TOLERANCE
 
@@ -226,9 +226,9 @@ def _newton(system: System) -> tuple[jax.Array, RollerLoads, Reported]:
     if seat is not None and seat.gives_way:
         return _newton_settling(system, seat, curves)
 
-    def balance(u: jax.Array) -> Balance:
+    def balance(u: jax.Array) -> RingBalance:
         carried = _carried(u, system)
-        return Balance(carried, *_linearised(u, carried, system))
+        return RingBalance(carried, *_linearised(u, carried, system))
 
     u, now, residual, count = damped(balance, system.start)
     return u, now.carried, Reported(residual, count)
@@ -238,10 +238,10 @@ def _newton_settling(system: System, seat: Seat, curves: RollerCurves) -> tuple[
     """The same of rollers that have to settle between outer raceway and seat."""
     approach = system.rollers.approach
 
-    def balance(u: jax.Array, inside: jax.Array) -> Balance:
+    def balance(u: jax.Array, inside: jax.Array) -> RingBalance:
         at = roller_balance.settling(seat, curves, approach(u), inside)
         carried = at.load, at.slope
-        return Balance(carried, *_linearised(u, carried, system), at, at.excess / system.size)
+        return RingBalance(carried, *_linearised(u, carried, system), at, at.excess / system.size)
 
     def settle(at: Settling, u: jax.Array, step: jax.Array) -> jax.Array:
         after = approach(u + step)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import geometry
+from difftrb.core import geometry, loops
 from difftrb.core.geometry import Raceway, Spall, TaperedBearing
 from difftrb.law import load_curve
 from difftrb.law.base import Law
@@ -26,7 +26,10 @@ from difftrb.ring.ring import Load
 POINTS = 10
 """Gauss–Legendre points between two kinks: 70 phases with one spall of soft edges. Losses are within 2e-5 of themselves
 by the median of 30 random spalls, and within 7e-4 at worst."""
-
+FEW = 6
+"""The same of fits: 1e-4 and 4e-4, a hundredth of the noise of good measurements."""
+ROUGH = 2
+"""The same where fits look for minima: 1e-3 and 4e-3."""
 
 ROUNDS = 3
 """How often kinks are looked for where the last rings have them, the first time at phase 0."""
@@ -67,7 +70,7 @@ def borders(
 
     rows = 1 if terms.pair is None else 2
     count = 2 * rows + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met)
-    kinks = xp.repeated(ROUNDS, moved, xp.of(jax.tree.leaves((bearing, load, met, terms))).zeros(count))
+    kinks = loops.repeated(ROUNDS, moved, xp.of(jax.tree.leaves((bearing, load, met, terms))).zeros(count))
     kinks = kinks[xp.of(kinks).argsort(xp.value(kinks))]
     none = 0.0 * kinks[:1]
     return xp.concatenate([none, kinks, none + whole])

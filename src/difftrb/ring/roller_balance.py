@@ -125,7 +125,7 @@ def carried(
     return jnp.where(touched, rest.load, seat.least), jnp.where(touched, rest.slope, 0.0)
 
 
-class Between(NamedTuple):
+class RollerPlace(NamedTuple):
     """A place of the roller between the raceways: outer load by the balance of the roller and its slope [N], [N/mm];
     displacement of the roller along the outer normal [mm] and its slope [–]; both by what `inside` finds."""
 
@@ -135,7 +135,7 @@ class Between(NamedTuple):
     pace: jax.Array
 
 
-def _between(seat: Seat, inside: jax.Array) -> Between:
+def _between(seat: Seat, inside: jax.Array) -> RollerPlace:
     """At an inner approach [mm], or, if the inner raceway does not give way, at an inner load [N]."""
     if seat.inner_curves is None:
         inner, inner_rate, approach, pace = inside, jnp.ones_like(inside), jnp.zeros_like(inside), 0.0
@@ -146,17 +146,17 @@ def _between(seat: Seat, inside: jax.Array) -> Between:
     load, rate = inner * ratio + seat.least, inner_rate * ratio
     moved, share = approach / ratio, pace / ratio * jnp.ones_like(inside)
     if seat.flange_compliance is None:
-        return Between(load, rate, moved, share)
+        return RollerPlace(load, rate, moved, share)
     force, wedge = _wedged(seat, load), seat.wedge
     positive = force > 0.0
     safe = jnp.where(positive, force, 1.0)
     sunk = jnp.where(positive, seat.flange_compliance * safe ** (2.0 / 3.0), 0.0)
     sinking = jnp.where(positive, seat.flange_compliance * (2.0 / 3.0) * safe ** (-1.0 / 3.0) * wedge * rate, 0.0)
     # the roller may not follow the flange's normal without leaving the inner raceway: it slides along that instead
-    return Between(load, rate, moved + wedge * sunk, share + wedge * sinking)
+    return RollerPlace(load, rate, moved + wedge * sunk, share + wedge * sinking)
 
 
-class Balance(NamedTuple):
+class RollerBalance(NamedTuple):
     """How far a roller is from rest: what the outer raceway carries too much [N], how fast that falls, the outer load
     [N] and its slope by the ring's approach [N/mm] there, and by the outer contact's own [N/mm]; the place itself."""
 
@@ -165,15 +165,15 @@ class Balance(NamedTuple):
     load: jax.Array
     slope: jax.Array
     outer_slope: jax.Array
-    place: Between
+    place: RollerPlace
 
 
-def _balance(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array) -> Balance:
+def _balance(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array) -> RollerBalance:
     place = _between(seat, inside)
     load, slope = edge_ramp.roller_loads(outer_curves, approach - place.moved)
     falling = slope * place.pace + place.rate
     falling = jnp.where(falling > 0.0, falling, 1.0)
-    return Balance(load - place.load, falling, load, slope * place.rate / falling, slope, place)
+    return RollerBalance(load - place.load, falling, load, slope * place.rate / falling, slope, place)
 
 
 class Settling(NamedTuple):

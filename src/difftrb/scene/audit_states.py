@@ -13,7 +13,7 @@ import numpy as np
 from difftrb.core.geometry import LineContact, Raceway, Spall
 from difftrb.law import samples
 from difftrb.law.base import Rest
-from difftrb.law.roller_tilt import Between, at_rest
+from difftrb.law.roller_tilt import RollerContacts, at_rest
 from difftrb.law.samples import Case, Node, Progress
 from difftrb.ring import effect, effects, ring, roller_balance
 from difftrb.ring.effects import Through
@@ -39,11 +39,11 @@ class RacewayContact(NamedTuple):
 
 class State(NamedTuple):
     """One roller at rest, and its contacts: with the outer raceway and, if it gives way, with the inner one. One that
-    is free to tilt, with a spall off its middle, is brought to rest `between` both."""
+    is free to tilt, with a spall off its middle, is brought to rest between both, `tilting`."""
 
     roller: int
     contacts: tuple[RacewayContact, ...]
-    between: Between | None = None
+    tilting: RollerContacts | None = None
 
 
 class AtPhase(NamedTuple):
@@ -113,12 +113,12 @@ def _states(
             own.append(RacewayContact(raceway, contact, case, key_of(raceway, carried, under, places), of_scene))
         between = None
         if terms.facing is not None and terms.facing.free:
-            between = Between((contacts["outer"], contacts["inner"]), *zip(*under_it, strict=True))
+            between = RollerContacts((contacts["outer"], contacts["inner"]), *zip(*under_it, strict=True))
         states.append(_tilting(j, own, between) if between and between.leans else State(j, tuple(own)))
     return states
 
 
-def _tilting(roller: int, own: Sequence[RacewayContact], between: Between) -> State:
+def _tilting(roller: int, own: Sequence[RacewayContact], between: RollerContacts) -> State:
     """A roller whose contacts are what both are together."""
     marks = tuple(mark for each in own for mark in (*map(str, each.key[2]), *each.key[3]))
     return State(
@@ -148,17 +148,17 @@ def key_of(raceway: Raceway, load: float, under: tuple[int, ...], places: Sequen
 
 def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress | None) -> dict[Key, Node]:
     """The contacts of all states, by their keys; equal ones are solved once. Rollers that tilt are brought to rest."""
-    tilting = {state.contacts[0].key: state for state in states if state.between is not None}
+    tilting = {state.contacts[0].key: state for state in states if state.tilting is not None}
 
     def rolled(state: State) -> dict[Key, Node]:
         outer, inner = state.contacts
-        rest = at_rest(cast(Between, state.between), (outer.case.load, inner.case.load), accuracy)
+        rest = at_rest(cast(RollerContacts, state.tilting), (outer.case.load, inner.case.load), accuracy)
         return {outer.key: rest.outer, inner.key: rest.inner}
 
     solved: dict[Key, Node] = {}
     for both in samples.mapped(rolled, list(tilting.values()), progress):
         solved |= both
-    wanted = {each.key: each for state in states if state.between is None for each in state.contacts}
+    wanted = {each.key: each for state in states if state.tilting is None for each in state.contacts}
     for raceway in ("outer", "inner"):
         upright = [each for each in wanted.values() if each.raceway == raceway]
         if upright:

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from difftrb.core import packaged_bearings
-from difftrb.core.bad_input import UNKNOWN_KEY, in_one_sentence, shown
+from difftrb.core.bad_input import UNKNOWN_KEY, in_one_sentence
 from difftrb.core.geometry import FILE_RULES, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.ring.catalogue import Catalogue
@@ -29,13 +29,11 @@ def in_full(content: dict[str, Any], path: str | Path) -> CatalogueBearing | Non
     brings the crown of its rollers, too, if `[contact]` has none. Returns what it was estimated from, if it was."""
     bearing = content.get("bearing")
     if isinstance(bearing, str):
-        if bearing not in packaged_bearings.BEARINGS:
-            known = ", ".join(packaged_bearings.BEARINGS)
-            raise SceneError(
-                f"{path}: bearing = {shown(bearing)} is unknown; use {known}, a catalogue's {{ d, D, T, e }} or a "
-                "[bearing] table"
-            )
-        content["bearing"] = _table_of(packaged_bearings.bearing(bearing))
+        try:
+            packaged = packaged_bearings.named(bearing, "a catalogue's { d, D, T, e } or a [bearing] table")
+        except SceneError as error:
+            raise SceneError(f"{path}: {error}") from None
+        content["bearing"] = _table_of(packaged)
     if not isinstance(bearing, dict) or not {"d", "D", "T"} & set(bearing):
         return None
     read = validated(_catalogues(), {"bearing": bearing}, path, _CatalogueFile)

@@ -18,7 +18,7 @@ from difftrb.law import local, roller_tilt
 from difftrb.law.base import Law, Rest
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw, Reached
-from difftrb.law.roller_tilt import Between, TiltCurve
+from difftrb.law.roller_tilt import RollerContacts, TiltCurve
 from difftrb.law.samples import Progress
 from difftrb.ring import effect, effects, ring, roller_balance
 from difftrb.ring.effects import DoubleRow, Raceways, SeriesRaceways
@@ -145,7 +145,7 @@ def _tilts(
     contacts = bases["outer"].contact, bases["inner"].contact
     each = list(zip(now.reached["outer"], now.reached["inner"], strict=True))
     rollers = [
-        Between(contacts, *zip(*(([spalls[raceway][i] for i in one.under], one.away)
+        RollerContacts(contacts, *zip(*(([spalls[raceway][i] for i in one.under], one.away)
                                  for raceway, one in zip(bases, both, strict=True)), strict=True))
         for both in each
     ]  # fmt: skip

@@ -13,7 +13,7 @@ from annotated_types import Interval, Unit
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import fields, packaged_bearings
-from difftrb.core.bad_input import known, shown
+from difftrb.core.bad_input import known
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
@@ -125,7 +125,7 @@ class Scene:
     def __post_init__(self) -> None:
         tidy: dict[str, Any] = {}
         if isinstance(self.bearing, str):
-            tidy["bearing"] = _bearing(self.bearing)
+            tidy["bearing"] = packaged_bearings.bearing(self.bearing)
         if isinstance(self.spalls, Spall | HeightMap | list):
             tidy["spalls"] = tuple(self.spalls) if isinstance(self.spalls, list) else (self.spalls,)
         tidy["effects"] = _with_called_for(effect.in_order(self.effects), tidy.get("spalls", self.spalls))
@@ -185,14 +185,6 @@ def _with_called_for(named: tuple[Effect, ...], spalls: Any) -> tuple[Effect, ..
     if surfaces <= {"outer"} or effect.among(named, effects.Raceways) is not None:
         return named
     return effect.in_order((*named, effects.Raceways()))
-
-
-def _bearing(name: str) -> TaperedBearing:
-    """A bearing by its name; raises `SceneError`."""
-    if name not in packaged_bearings.BEARINGS:
-        names = ", ".join(packaged_bearings.BEARINGS)
-        raise SceneError(f"bearing = {shown(name)} is unknown; use {names} or a TaperedBearing")
-    return packaged_bearings.bearing(name)
 
 
 def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import SingleDeviceSharding
 
-from difftrb.core import jax_config, status
+from difftrb.core import jax_config, kept_programs, status
 from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import Axis, Grid, number_at, replaced, up
@@ -123,7 +123,7 @@ class Plan:
 
         depends = (several.__qualname__, self.base, self.function, self.gradients, self.batch,
                    [(axis.keys, axis.values.shape) for axis in self.axes])  # fmt: skip
-        return jax_config.jit_kept(several, depends, *self._arguments)
+        return kept_programs.jit_kept(several, depends, *self._arguments)
 
     @property
     def names(self) -> list[str]:

@@ -54,10 +54,7 @@ def defect_frequencies(bearing: TaperedBearing | str, inner_rpm: Real, outer_rpm
     by bearing and speeds. Raises `SceneError` for a name that is not known, and for speeds out of range.
     """
     if isinstance(bearing, str):
-        try:
-            bearing = packaged_bearings.bearing(bearing)
-        except KeyError as error:
-            raise SceneError(str(error.args[0])) from None
+        bearing = packaged_bearings.bearing(bearing)
     if (sentence := fields.wrong(Speeds(inner_rpm, outer_rpm), "speed")) is not None:
         raise SceneError(sentence)
     shaft = (inner_rpm - outer_rpm) / 60.0
