@@ -29,7 +29,7 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 import difftrb as trb
-from difftrb.core import jax_config, kept_programs
+from difftrb.core import jax_config, kept
 from difftrb.law import samples
 from experiments.programs import let_go
 from tests.closed_form import closed_form
@@ -49,7 +49,7 @@ def _nothing_kept_as_traced() -> Iterator[None]:
     """A command keeps programs from there on; a test that replaces a function would get, or leave, one that does not
     know."""
     yield
-    kept_programs._folder.clear()
+    kept._folder.clear()
 
 
 @pytest.fixture(scope="session")

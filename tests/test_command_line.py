@@ -13,7 +13,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.core import geometry, kept_programs
+from difftrb.core import geometry, kept
 from difftrb.fits import measured
 from difftrb.report import load_figure, pressure_figure, remarks
 from difftrb.scene import scene_file
@@ -364,12 +364,12 @@ def test_secant_without_radial_load(capsys, tmp_path: Path) -> None:
 
 def test_programs_are_kept_only_where_one_may_write(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    folder = kept_programs.cache_folder()
+    folder = kept.cache_folder()
     assert folder is not None
     assert folder.is_dir()
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert kept_programs.cache_folder() is None
+    assert kept.cache_folder() is None
 
 
 def test_library_users_keep_programs_by_one_call(tmp_path: Path) -> None:

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from difftrb.core import jax_config, kept_programs
+from difftrb.core import jax_config
+from difftrb.core import kept as things
 from difftrb.core.kept_programs import kept
 from difftrb.fits import predicted
 
@@ -98,7 +99,7 @@ def test_where_nothing_can_be_written_it_runs(tmp_path: Path) -> None:
 @pytest.fixture
 def keeping(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder in which the package keeps what it traces."""
-    monkeypatch.setattr(kept_programs, "_folder", [tmp_path])
+    monkeypatch.setattr(things, "_folder", [tmp_path])
     return tmp_path
 
 

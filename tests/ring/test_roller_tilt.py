@@ -14,7 +14,7 @@ from difftrb.contact import solver
 from difftrb.core import status
 from difftrb.core.geometry import LineContact
 from difftrb.law.local import LocalLaw
-from difftrb.law.roller_tilt import Between, at_rest
+from difftrb.law.roller_tilt import RollerContacts, at_rest
 from difftrb.scene.prepared import solve_prepared
 
 pytestmark = pytest.mark.exact
@@ -23,9 +23,9 @@ LOAD = trb.Load(9000.0, 4500.0)
 END = trb.Spall(6.0, 7.0, axial_offset=3.0)
 
 
-def between(bearing: trb.TaperedBearing, spall: trb.Spall) -> Between:
+def between(bearing: trb.TaperedBearing, spall: trb.Spall) -> RollerContacts:
     outer, inner = (LineContact.of(bearing, raceway) for raceway in ("outer", "inner"))  # type: ignore[arg-type]
-    return Between((outer, inner), ((spall,), ()), ((0.0,), ()))
+    return RollerContacts((outer, inner), ((spall,), ()), ((0.0,), ()))
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_slopes_hold_what_the_tilt_makes_of_them(free: trb.Scene) -> None:
 @pytest.mark.slow
 def test_symmetric_spalls_tilt_nothing(bearing: trb.TaperedBearing) -> None:
     ends = tuple(trb.Spall(3.0, 7.0, axial_offset=way * 3.5) for way in (-1.0, 1.0))
-    both = Between(between(bearing, END).contacts, (ends, ()), ((0.0, 0.0), ()))
+    both = RollerContacts(between(bearing, END).contacts, (ends, ()), ((0.0, 0.0), ()))
     rest = at_rest(both, (1300.0, 1300.0), 1e-2)
     assert abs(rest.tilt) < 2e-6
 

@@ -30,7 +30,7 @@ def set_up_jax(cache: bool) -> None:
 
     jax.config.update("jax_enable_x64", True)
     if cache:
-        from difftrb.core.kept_programs import keep_compiled
+        from difftrb.core.kept import keep_compiled
 
         keep_compiled()
 
@@ -74,11 +74,11 @@ def jit_quickly(**arguments: Any) -> Callable[[F], F]:
         @functools.wraps(function)
         def call(*a: Any, **k: Any) -> Any:
             from difftrb.core import arrays as xp
-            from difftrb.core import kept_programs
+            from difftrb.core.kept import folder
 
             if xp.are_numbers((a, k)):
                 try:
-                    run = kept().call(a, k) if kept_programs.are_kept() else None
+                    run = kept().call(own, a, k) if (own := folder()) else None
                     return run() if run else compiled(True)(*a, **k)
                 except ValueError as error:  # a program around it, of which nothing is given here
                     if "compiler_options" not in str(error):

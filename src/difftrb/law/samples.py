@@ -15,7 +15,7 @@ from difftrb.contact import solver as contacts
 from difftrb.contact.contact_solution import is_symmetric, listed
 from difftrb.contact.solver import ContactSolution
 from difftrb.core import arrays as xp
-from difftrb.core import machine, status
+from difftrb.core import kept, machine, status
 from difftrb.core.geometry import LineContact, Real, Spall
 
 ALONG = 41
@@ -207,15 +207,28 @@ def _least(values: np.ndarray) -> float:
 def all_solved(
     contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
 ) -> list[Node]:
-    """Solve every case, with slopes."""
-    return mapped(lambda case: solved(contact, case, accuracy), cases, progress)
+    """Solve every case, with slopes; once for all processes where things are kept."""
+    return _all(solved, contact, cases, accuracy, progress)
 
 
 def all_turning(
     contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
 ) -> list[Node]:
-    """Solve every case, with slopes and its `turning`."""
-    return mapped(lambda case: solved_turning(contact, case, accuracy), cases, progress)
+    """As `all_solved`, each with its `turning`."""
+    return _all(solved_turning, contact, cases, accuracy, progress)
+
+
+def _all(
+    solve: Callable[[LineContact, Case, float], Node], contact: LineContact, cases: Sequence[Case], accuracy: float,
+    progress: Progress | None,
+) -> list[Node]:  # fmt: skip
+    def anew() -> list[Node]:
+        return mapped(lambda case: solve(contact, case, accuracy), cases, progress)
+
+    nodes = kept.result(anew, solve.__name__, (solve, contact, tuple(cases), accuracy))
+    if progress is not None:
+        progress(len(nodes), len(cases))
+    return nodes
 
 
 def mapped(solve: Callable[[Asked], Solved], cases: Sequence[Asked], progress: Progress | None = None) -> list[Solved]:
