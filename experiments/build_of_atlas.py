@@ -117,7 +117,7 @@ def solved(contact: LineContact, cases: list[Case], accuracy: float, progress: P
             solution = solver.solve_contact(contact, case.load, case.spall, case.distance, accuracy)
         if not bool(solution.converged):
             solution = solver.solve_contact(contact, case.load, case.spall, case.distance, 1e-3, "cells").check()
-        reach = samples.reach(contact, solution) if case.spall is not None and case.distance == 0.0 else 0.0
+        reach = samples.last_touch(contact, solution) if case.spall is not None and case.distance == 0.0 else 0.0
         return Found(float(solution.approach), 0.5 * float(solution.contact_width), reach)
 
     return samples.mapped(one, cases, progress)

@@ -22,7 +22,7 @@ from scipy import optimize
 
 import difftrb as trb
 from difftrb.fits import conditions, parameters, predicted, search
-from difftrb.ring import phase_average
+from difftrb.ring.phase_average import POINTS_IN_FITS, ROUGH_POINTS
 
 LOADS = ((9000.0, 4500.0), (6000.0, 4500.0), (3000.0, 4500.0))
 TRUTH = trb.Spall(5.0, 9.0)
@@ -38,7 +38,7 @@ def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measuremen
         for phase in (0.0, "mean")
         for quantity in ("radial_loss", "axial_loss")
     ]
-    at, rough = (conditions.conditions(scene, rows, points) for points in (phase_average.FEW, phase_average.ROUGH))
+    at, rough = (conditions.conditions(scene, rows, points) for points in (POINTS_IN_FITS, ROUGH_POINTS))
     sought = parameters.named(("length", "width"))
     bounds, blank = parameters.bounds(sought, scene, rows), np.ones(len(rows))
     sound = predicted.healthy_stiffness(scene, at)

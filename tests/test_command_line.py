@@ -370,6 +370,9 @@ def test_programs_are_kept_only_where_one_may_write(monkeypatch, tmp_path: Path)
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert kept.cache_folder() is None
+    own = kept.cache_folder(tmp_path / "own")
+    assert own is not None
+    assert own.is_relative_to(tmp_path / "own")
 
 
 def test_library_users_keep_programs_by_one_call(tmp_path: Path) -> None:

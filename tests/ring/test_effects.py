@@ -122,10 +122,10 @@ def test_two_equal_power_laws_in_series(bearing) -> None:
     loads = jnp.array([1e-3, 50.0, 2000.0])
     ratio = seat.outer_cos / seat.inner_cos
     approach = (loads / 9e5) ** (1 / 1.2) * (1.0 + ratio ** (1.0 + 1 / 1.2))
-    found, slope = roller_balance.carried(seat, edge_ramp.RollerCurves(each), approach)
+    found, slope = roller_balance.outer_loads(seat, edge_ramp.RollerCurves(each), approach)
     np.testing.assert_allclose(found, loads, rtol=1e-12)
     np.testing.assert_allclose(slope, 1.2 * loads / approach, rtol=1e-11)
-    outside, _ = roller_balance.carried(seat, edge_ramp.RollerCurves(each), -approach)
+    outside, _ = roller_balance.outer_loads(seat, edge_ramp.RollerCurves(each), -approach)
     assert np.all(np.asarray(outside) == 0.0)
 
 
@@ -139,7 +139,7 @@ def test_a_soft_flange_adds_its_part(bearing) -> None:
     sunk = soft.flange_compliance * roller_balance.flange_load(soft, loads) ** (2 / 3)
     ratio = hard.outer_cos / hard.inner_cos
     approach = (loads / 9e5) ** (1 / 1.2) * (1.0 + ratio ** (1.0 + 1 / 1.2)) + seat_angle * sunk
-    found, _ = roller_balance.carried(soft, edge_ramp.RollerCurves(each), approach)
+    found, _ = roller_balance.outer_loads(soft, edge_ramp.RollerCurves(each), approach)
     np.testing.assert_allclose(found, loads, rtol=1e-11)
 
 
@@ -158,7 +158,7 @@ def test_rollers_that_settle_beside_the_ring_rest_as_they_do_alone(bearing) -> N
         terms = effects.terms(acting, here)
         rest = here.equilibrium(terms)
         curves = LIU.curves(met[:1], here.distances("outer", terms))
-        alone, _ = roller_balance.carried(terms.seat, curves, rest.approach)
+        alone, _ = roller_balance.outer_loads(terms.seat, curves, rest.approach)
         return jnp.max(jnp.abs(alone - rest.loads)) / jnp.max(alone), rest.status_code, rest.iterations
 
     axial, ratio, angle = 10 ** rng.uniform(1.0, 4.5, 200), rng.uniform(0.0, 2.0, 200), rng.uniform(-1.0, 1.0, 200)

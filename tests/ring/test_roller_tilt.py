@@ -161,7 +161,7 @@ def test_a_free_roller_is_a_state_on_both_raceways(free: trb.Scene) -> None:
     (series,) = free.effects
     for law in (free.law, series.law):  # type: ignore[attr-defined]
         assert isinstance(law, LocalLaw)
-        assert law.tilts
+        assert law.free_to_tilt
         assert law.states is not None
 
 

@@ -18,7 +18,7 @@ from annotated_types import Interval, Unit
 import difftrb as trb
 from difftrb.__main__ import main
 from difftrb.core.geometry import Real
-from difftrb.ring import effect as register_of
+from difftrb.ring import effect_base as register_of
 from difftrb.ring import effects
 from difftrb.ring.ring import Equilibrium
 from difftrb.scene import scene_file

@@ -15,7 +15,7 @@ import numpy as np
 
 from difftrb.contact import contact_cells, halfspace
 from difftrb.contact import gap as gaps
-from difftrb.contact.contact_cells import Resolution, Stage
+from difftrb.contact.contact_cells import LaidContact, Resolution
 from difftrb.contact.contact_solution import (
     ContactSolution,
     Found,
@@ -115,7 +115,7 @@ def _pressed(matrix: halfspace.Operator, cells: Cells, gap: jax.Array, load: Any
     return PressedCells(force, approach, moment_of(cells, force), residual, iterations)
 
 
-def _judged(inputs: Inputs, stage: Stage, pressed: PressedCells, accuracy: float) -> ContactSolution:
+def _judged(inputs: Inputs, stage: LaidContact, pressed: PressedCells, accuracy: float) -> ContactSolution:
     """The solution."""
     (cells, gap, code), force, approach = stage, pressed.force, pressed.approach
     touched = cut_off(cells, force > 0.0, approach, gap, inputs.contact)

@@ -54,7 +54,7 @@ class Resolution:
     spall: int
 
 
-class Stage(NamedTuple):
+class LaidContact(NamedTuple):
     """Cells, the initial gap on them [mm], shape (rows, columns), and a status: `UNRESOLVED` where a spall is narrower
     than a cell."""
 
@@ -63,7 +63,7 @@ class Stage(NamedTuple):
     status_code: jax.Array
 
 
-def stage(inputs: Inputs, resolution: Resolution, mirrored: bool) -> Stage:
+def stage(inputs: Inputs, resolution: Resolution, mirrored: bool) -> LaidContact:
     """Cells that span where pressure can be, with boundaries on the spalls' edges. Not for height maps."""
     contact, spall = inputs.contact, cast(Spall | tuple[Spall, ...] | None, inputs.spall)
     if isinstance(spall, tuple):
@@ -71,7 +71,7 @@ def stage(inputs: Inputs, resolution: Resolution, mirrored: bool) -> Stage:
     else:
         cells, code = _single(inputs, spall, resolution, mirrored)
         depression = np.zeros((1, 1)) if spall is None else gaps.depression(cells, spall, inputs.offset)
-    return Stage(cells, gaps.undeformed(cells, contact, inputs.tilt) + depression, code)
+    return LaidContact(cells, gaps.undeformed(cells, contact, inputs.tilt) + depression, code)
 
 
 def _single(inputs: Inputs, spall: Spall | None, resolution: Resolution, mirrored: bool) -> tuple[Cells, Any]:
@@ -275,7 +275,7 @@ def _across(
     return Cells(pitch, centres, lines, mirrored, Uneven(xp.stack(uneven), borders)), under, spoiled
 
 
-def uniform_stage(inputs: Inputs, size: tuple[int, int]) -> Stage:
+def uniform_stage(inputs: Inputs, size: tuple[int, int]) -> LaidContact:
     """A lattice of `size` (rows, columns) where pressure can be, laid on the first spall's edges if there is one and
     moved as in `halfspace.lattice`. Depths are those at the cells' centres."""
     contact, load, spall, offset, tilt = inputs
@@ -303,4 +303,4 @@ def uniform_stage(inputs: Inputs, size: tuple[int, int]) -> Stage:
     cells = Cells(pitch, x, lines, False)
     beyond = jnp.where(jnp.abs(cells.y) > 0.5 * contact.length, AWAY, 0.0)[:, None]
     depth = beyond + depth_at(defects, offsets, cells.x, cells.y)
-    return Stage(cells, gaps.undeformed(cells, contact, tilt) + depth, jnp.asarray(status.CONVERGED))
+    return LaidContact(cells, gaps.undeformed(cells, contact, tilt) + depth, jnp.asarray(status.CONVERGED))

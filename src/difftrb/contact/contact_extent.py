@@ -15,6 +15,8 @@ from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import bisected
 
 Defects = tuple[Spall | HeightMap, ...]
+ESTIMATE = 1.15
+"""Factor on the estimated approach: no contact sinks deeper."""
 AT_EDGES = 0.7
 """Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
 
@@ -46,9 +48,9 @@ def domain(
     interference = delta if tilt is None else delta - least_rest(contact, tilt)
     met = xp.largest(xp.where(lands.covered & (raised < interference), raised, 0.0))  # by a slice over a spall
     beyond, low, high = extents(contact, delta - xp.minimum(met, 0.999 * interference), tilt)
-    certain = xp.sqrt(2.0 * contact.radius * 1.15 * interference)
+    certain = xp.sqrt(2.0 * contact.radius * ESTIMATE * interference)
     edge = xp.sqrt(2.0 * contact.radius * xp.where(met > 0.0, met, 1.0))
-    # in `beyond` there is the margin that `reach` has for contacts about the middle
+    # `beyond` holds the margin of `extents`, at least 1.75; of it 1.05 is enough beside an edge
     reach = xp.where(met > 0.0, xp.clip(edge + 0.6 * beyond, reach, certain), reach)
     if len(spalls) == 1:  # where no land is left, only what sinks past the edges meets the crown
         over = (lands.low[0] <= bottom) & (lands.high[0] >= top)
@@ -83,8 +85,8 @@ def domain_of_any(
     rest = gaps.rest_at(y, contact, tilt)
     needed = needed_by_slices(contact, load)
     weight = xp.full(y.shape, 2.0 * half / 256.0)
-    sunk = carried(needed, weight, rest + lowest, 60)
-    healthy = carried(needed, weight, rest, 60)
+    sunk = approach_of_slices(needed, weight, rest + lowest, 60)
+    healthy = approach_of_slices(needed, weight, rest, 60)
     delta = xp.minimum(sunk, healthy + xp.maximum(xp.max(lowest), 0.0))
     # a raised rim meets the roller before the raceway does; so does a bottom that is all there is
     return extents(contact, delta - xp.min(lowest), tilt)
@@ -113,12 +115,12 @@ def extents(contact: LineContact, delta: Any, tilt: Any | None) -> tuple[Any, An
     """The domain of a contact whose approach is estimated as `delta` [mm]: see `domain`."""
     half, scale = 0.5 * contact.length, crown.scale(contact)
     if tilt is None:
-        delta = 1.15 * delta
+        delta = ESTIMATE * delta
         top = xp.where(scale > 0.0, crown.half_length(delta / xp.where(scale > 0.0, scale, 1.0), contact), half)
         bottom = -top
     else:
         least = least_rest(contact, tilt)
-        delta = 1.15 * (delta - least)
+        delta = ESTIMATE * (delta - least)
         bottom, top = (crossing(contact, delta + least, tilt, side) for side in (-1.0, 1.0))
     certain = xp.sqrt(2.0 * contact.radius * delta)  # beyond it the gap exceeds the approach
     slenderness = xp.maximum(2.0 * xp.log(2.0 * (top - bottom) / certain) + 1.0, 3.0)
@@ -174,7 +176,7 @@ def sinking(
         start, land = xp.concatenate([start, xp.stack([low, high])]), xp.concatenate([land, hollow])
         stiffness = xp.concatenate([stiffness, np.full(2, AT_EDGES)])
         later = xp.concatenate([later, raised * np.ones(2)])
-    return _carried(contact, needed, start, land, stiffness, later, tilt)
+    return _approach_on_lands(contact, needed, start, land, stiffness, later, tilt)
 
 
 class Lands(NamedTuple):
@@ -218,10 +220,10 @@ def _sunk_beside(contact: LineContact, needed: Any, lands: Lands, raised: Any, t
     """The approach at which slices beside all the spalls, and those over them, carry `needed`."""
     stiffness = xp.where(lands.covered, AT_EDGES, 1.0)
     land = xp.diff(lands.breaks) + 5e-4 * contact.length
-    return _carried(contact, needed, lands.breaks[:-1], land, stiffness, raised, tilt)
+    return _approach_on_lands(contact, needed, lands.breaks[:-1], land, stiffness, raised, tilt)
 
 
-def _carried(
+def _approach_on_lands(
     contact: LineContact, needed: Any, start: Any, land: Any, stiffness: Any,
     later: Any, tilt: Any | None,
 ) -> Any:  # fmt: skip
@@ -235,10 +237,10 @@ def _carried(
     y = start[:, None] + land[:, None] * (s**3)[None, :]
     weight = (stiffness * xp.magnitude(land))[:, None] * (3.0 * s**2 / 64.0)[None, :]
     rest = gaps.rest_at(xp.clip(y, -half * (1.0 - 1e-9), half * (1.0 - 1e-9)), contact, tilt)
-    return carried(needed, weight, rest + later[:, None])
+    return approach_of_slices(needed, weight, rest + later[:, None])
 
 
-def carried(needed: Any, weight: Any, rest: Any, steps: int = 30) -> Any:
+def approach_of_slices(needed: Any, weight: Any, rest: Any, steps: int = 30) -> Any:
     """The approach [mm] at which slices that weigh `weight` [mm] and begin at `rest` [mm] carry `needed` [mm²]."""
 
     weight, rest = weight.reshape(-1), rest.reshape(-1)

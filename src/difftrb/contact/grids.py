@@ -11,7 +11,7 @@ from difftrb.core import status
 
 
 @dataclasses.dataclass(frozen=True)
-class Grid:
+class ContactGrid:
     """What one accuracy is solved on: cells, strips where these can describe the contact, a lattice (rows, columns)."""
 
     cells: Resolution
@@ -24,7 +24,9 @@ class Grid:
 # two slivers see one another from three half-widths apart. Columns: accuracy; cells; strips, their frequencies without
 # and with rolling edges, nodes of their kernel; lattice.
 GRIDS = {
-    accuracy: Grid(Resolution(*cells), Fineness(*strips, Frequencies(*inner), Frequencies(*edges), nodes), lattice)
+    accuracy: ContactGrid(
+        Resolution(*cells), Fineness(*strips, Frequencies(*inner), Frequencies(*edges), nodes), lattice
+    )
     for accuracy, cells, strips, inner, edges, nodes, lattice in (
         (1e-2, (16, 12, 6), (7, 3, 2, 1, 8), (4, 8, 10, 9.0), (4, 8, 38, 38.0), 10, (256, 32)),
         (1e-3, (32, 20, 8), (11, 4, 2, 2, 12), (4, 8, 12, 12.0), (4, 10, 74, 76.0), 12, (512, 48)),
@@ -35,12 +37,12 @@ GRIDS = {
 }
 
 
-def grid_for(accuracy: float) -> Grid:
+def grid_for(accuracy: float) -> ContactGrid:
     """The cheapest grid measured to reach a relative `accuracy` of the approach."""
-    return GRIDS[reached(accuracy)]
+    return GRIDS[accuracy_met(accuracy)]
 
 
-def reached(accuracy: float) -> float:
+def accuracy_met(accuracy: float) -> float:
     """The accuracy that `grid_for` was measured at."""
     enough = [a for a in GRIDS if a <= accuracy * (1.0 + 1e-9)]
     if not enough or not accuracy <= max(GRIDS):

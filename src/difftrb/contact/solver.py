@@ -3,7 +3,8 @@
 Minimise ½ f·W f + f·gap over cell forces f ≥ 0 with Σf = load. The approach δ is the multiplier of the load: the
 displaced gap W f + gap equals δ where cells are loaded and exceeds it elsewhere (Liu et al. 2018, eqs 1, 4).
 
-In this order: what is asked, which way is chosen, each way.
+In this order: what is asked, which way is chosen, each way. What strips can take is `strip_reach`'s to say, before they
+are tried; what they found, `strip_model`'s; several spalls and maps leave no choice (`contact_solution`).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from difftrb.contact.contact_solution import (
     given,
     gradient_by_name,
 )  # fmt: skip
-from difftrb.contact.grids import GRIDS, grid_for, reached
+from difftrb.contact.grids import GRIDS, accuracy_met, grid_for
 from difftrb.contact.strip_model import Patch, Way
 from difftrb.core import arrays as xp
 from difftrb.core import status
@@ -190,7 +191,7 @@ def _first_that_does(
 
 def _others(accuracy: float) -> list[float]:
     """The two next finer accuracies; where there are not two, coarser ones."""
-    own = reached(accuracy)
+    own = accuracy_met(accuracy)
     return ([a for a in GRIDS if a < own] + [a for a in reversed(GRIDS) if a > own])[:2]
 
 

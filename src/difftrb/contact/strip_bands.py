@@ -12,8 +12,8 @@ import numpy as np
 
 from difftrb.contact import active_set, strip_settling, strip_waves
 from difftrb.contact.active_set import Quadratic
-from difftrb.contact.strip_plan import LAND, LEFT, RIGHT, Kernel, Plan
-from difftrb.contact.strip_settling import Problem
+from difftrb.contact.strip_plan import LAND, LEFT, RIGHT, Kernel, StripPlan
+from difftrb.contact.strip_settling import StripProblem
 from difftrb.core import arrays as xp
 from difftrb.core import loops
 
@@ -23,7 +23,9 @@ FIRST = {2: (0.85, 1.2), 3: (0.7, 0.95, 1.25)}
 LATER = {2: (0.9, 1.15), 3: (0.75, 1.0, 1.25)}
 
 
-def chosen(plan: Plan, problem: Problem, kernel: Kernel, estimate: Any, count: int, times: int) -> tuple[Any, Any, Any]:
+def chosen(
+    plan: StripPlan, problem: StripProblem, kernel: Kernel, estimate: Any, count: int, times: int
+) -> tuple[Any, Any, Any]:
     """The distance of every family's free boundary from the middle, (families,), 1 where it is loaded, and whether the
     last active set stood still.
 
@@ -65,7 +67,7 @@ def chosen(plan: Plan, problem: Problem, kernel: Kernel, estimate: Any, count: i
 
 
 def _quadratic(
-    plan: Plan, problem: Problem, table: Any, tail: Any, low: Any, high: Any, shape: Any, step: Any, gap: Any,
+    plan: StripPlan, problem: StripProblem, table: Any, tail: Any, low: Any, high: Any, shape: Any, step: Any, gap: Any,
     weight: Any,
 ) -> Quadratic:  # fmt: skip
     """The problem of all bands: those of a family are the differences of the contacts of this `shape`, each by the

@@ -20,10 +20,10 @@ from difftrb.contact import gap as gaps
 from difftrb.contact import strip_bands, strip_plan, strip_rows, strip_settling
 from difftrb.contact.contact_solution import Found, Inputs, verdict
 from difftrb.contact.gap import Cells
-from difftrb.contact.strip_plan import Fineness, Plan
+from difftrb.contact.strip_plan import Fineness, StripPlan
 from difftrb.contact.strip_reach import Reach, carried_along, ends_within, gone, reach_of, spall_edges, suited
 from difftrb.contact.strip_rows import Rows
-from difftrb.contact.strip_settling import FARTHEST, Problem, Settled
+from difftrb.contact.strip_settling import FARTHEST, Settled, StripProblem
 from difftrb.core import arrays as xp
 from difftrb.core import implicit, status
 
@@ -98,7 +98,7 @@ def _groups(inputs: Inputs, reach: Reach, way: Way) -> tuple[tuple[Rows, ...], i
     return groups, hollow, ends
 
 
-def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[Problem, Plan, tuple[Any, ...]]:
+def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, StripPlan, tuple[Any, ...]]:
     """The contact without units, its plan, and what its rows are made of."""
     contact, load, _, _, tilt = inputs
     mirrored, edges, fine, _ = way
@@ -111,7 +111,7 @@ def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[Problem, Plan, tup
     gap = gap + gone(groups, ends) * xp.fixed(push * reach.approach)
     left, right = _rolling_edges(inputs, edges, reach.unit)
     images = 2.0 if mirrored else 1.0
-    problem = Problem(
+    problem = StripProblem(
         weight=weight,
         gap=gap,
         bend=push * reach.unit**2 / (4.0 * contact.radius),  # x²/(2R) in units of 2x²
@@ -142,7 +142,7 @@ def _rolling_edges(inputs: Inputs, edges: int, unit: Any) -> tuple[Any, Any]:
 def _shifted(way: Way, found: Strips, inputs: Inputs) -> Any:
     """The approach [mm] to first order in a change of the inputs, at what was found for them.
 
-    Rows and boundaries grow with the units: what they are misplaced by does then not enter.
+    Rows and boundaries keep their places in the units, which change: what they are misplaced by does then not enter.
     """
     reach = carried_along(found.reach, inputs, way.edges)
     problem, plan, ends = _problem(inputs, way, reach)
@@ -151,7 +151,8 @@ def _shifted(way: Way, found: Strips, inputs: Inputs) -> Any:
 
 
 def _shifted_moment(way: Way, by_tilt: Strips, inputs: Inputs) -> Any:
-    """The moment [N mm] to first order in a change of the inputs, at what was found for them and `turned`."""
+    """The moment [N mm] to first order in a change of the inputs, at what was found for them: `by_tilt` has changes by
+    the tilt in place of those by the load (`strip_settling.turned`)."""
     reach = carried_along(by_tilt.reach, inputs, way.edges)
     problem, plan, ends = _problem(inputs, way, reach)
     kernel_of = partial(_kernel, way, inputs.spall is not None)
@@ -201,7 +202,7 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     return Found(found.approach, force, found.moment, width, settled.error, passes, loads.size, code)
 
 
-def _outlined(found: Strips, inputs: Inputs, way: Way) -> tuple[Plan, tuple[Rows, ...], Any, Any, Any]:
+def _outlined(found: Strips, inputs: Inputs, way: Way) -> tuple[StripPlan, tuple[Rows, ...], Any, Any, Any]:
     """The plan and the rows; of every strip whether it is loaded, its modes' loads, (strips, modes), and its
     boundaries, (strips, 2), where the inputs say that the spall is."""
     settled = xp.fixed(found.settled)
@@ -216,7 +217,7 @@ def _outlined(found: Strips, inputs: Inputs, way: Way) -> tuple[Plan, tuple[Rows
     return plan, groups, on, loads, ends
 
 
-def _width(plan: Plan, on: Any, ends: Any) -> Any:
+def _width(plan: StripPlan, on: Any, ends: Any) -> Any:
     """The longest row across the contact."""
     of_row = np.eye(max(plan.rows) + 1, dtype=bool)[plan.rows] & on[:, None]
     low, high = ends[:, :1], ends[:, 1:]
@@ -231,7 +232,7 @@ def _pressing(force: Any) -> tuple[Any, Any]:
     return kept * pressing, xp.fixed(1.0 - kept)
 
 
-def _spread(plan: Plan, groups: tuple[Rows, ...], loads: Any, ends: Any, cells: Cells, unit: Any) -> Any:
+def _spread(plan: StripPlan, groups: tuple[Rows, ...], loads: Any, ends: Any, cells: Cells, unit: Any) -> Any:
     """The strips' load on every cell, exactly integrated: share of each strip in x, of each hat in y."""
     low, high = ends[:, 0], ends[:, 1]
     borders = cells.borders / unit

@@ -50,7 +50,7 @@ class Fineness:
 
 
 @dataclasses.dataclass(frozen=True)
-class Plan:
+class StripPlan:
     """What is static of strips.
 
     Attributes:
@@ -119,13 +119,15 @@ class Plan:
         return shares
 
 
-def plan_of(groups: tuple[Rows, ...], hollow: int | None, edges: int, mirrored: bool, fine: Fineness) -> Plan:
+def plan_of(groups: tuple[Rows, ...], hollow: int | None, edges: int, mirrored: bool, fine: Fineness) -> StripPlan:
     """The plan of `groups`, of which that of number `hollow` lies over the spall (None: none does)."""
     return _plan(tuple(group.count for group in groups), hollow, edges, mirrored, fine.frequencies_for(edges))
 
 
 @lru_cache
-def _plan(counts: tuple[int, ...], hollow: int | None, edges: int, mirrored: bool, frequencies: Frequencies) -> Plan:
+def _plan(
+    counts: tuple[int, ...], hollow: int | None, edges: int, mirrored: bool, frequencies: Frequencies
+) -> StripPlan:
     firsts = np.cumsum([0, *counts])
     numbers = [list(range(a, b)) for a, b in itertools.pairwise(firsts)]
     inside = numbers.pop(hollow) if hollow is not None else []
@@ -133,7 +135,7 @@ def _plan(counts: tuple[int, ...], hollow: int | None, edges: int, mirrored: boo
     sides = [LEFT, RIGHT][:edges]
     families += [(row, side) for side in sides for row in inside]
     if not inside:
-        return Plan(tuple(families), tuple((LAND, (row,)) for land in numbers for row in land), True, frequencies)
+        return StripPlan(tuple(families), tuple((LAND, (row,)) for land in numbers for row in land), True, frequencies)
     lands = [land if mirrored or land is numbers[-1] else land[::-1] for land in numbers]  # outwards from the spall
     thin = [part for land in lands for part in _parts(land[:BESIDE], THIN)]
     near = [inside[-NEAR_HOLLOW:]] if mirrored else [inside[:NEAR_HOLLOW], inside[-NEAR_HOLLOW:]]
@@ -141,7 +143,7 @@ def _plan(counts: tuple[int, ...], hollow: int | None, edges: int, mirrored: boo
     beyond = thin + [tuple(part) for part in near] + [(row,) for row in rest]
     outlines = [(LAND, (row,)) for land in lands for row in land[BESIDE:]]
     outlines += [(MIDDLE, part) for part in thin] + [(side, part) for side in sides for part in beyond]
-    return Plan(tuple(families), tuple(outlines), False, frequencies)
+    return StripPlan(tuple(families), tuple(outlines), False, frequencies)
 
 
 def _parts(rows: list[int], together: int) -> list[tuple[int, ...]]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from difftrb.contact import active_set, strip_waves
 from difftrb.contact.active_set import Quadratic
-from difftrb.contact.strip_plan import LEFT, MIDDLE, RIGHT, Kernel, Plan
+from difftrb.contact.strip_plan import LEFT, MIDDLE, RIGHT, Kernel, StripPlan
 from difftrb.core import arrays as xp
 from difftrb.core import loops
 
@@ -25,7 +25,7 @@ NARROW = 2.0  # width of the narrowest interval beyond an edge by 1/κ of the la
 FAR = 50.0  # stands for no bound
 
 
-class Problem(NamedTuple):
+class StripProblem(NamedTuple):
     """The contact without units: x in b₀, y in b₀, line load in q₀, displacement in q₀/(πE').
 
     Attributes:
@@ -58,7 +58,7 @@ class Settled(NamedTuple):
     error: Any
 
 
-def bounds(plan: Plan, problem: Problem) -> Any:
+def bounds(plan: StripPlan, problem: StripProblem) -> Any:
     """How far boundaries may go, (outlines, 2)."""
     sides = plan.sides
     low = xp.where(sides == RIGHT, problem.right, xp.where(sides == MIDDLE, problem.left, -FAR))
@@ -67,7 +67,7 @@ def bounds(plan: Plan, problem: Problem) -> Any:
 
 
 def settle(
-    plan: Plan, problem: Problem, kernel: Kernel, size: Any, on: Any, passes: int, tolerance: float
+    plan: StripPlan, problem: StripProblem, kernel: Kernel, size: Any, on: Any, passes: int, tolerance: float
 ) -> tuple[Settled, Any]:
     """Pressure and boundaries, and after how many solves; at most `passes`, until moving on is worth less than
     `tolerance` of the approach. `size`: guesses of the boundaries' distance from the middle, (outlines,), of which
@@ -96,12 +96,12 @@ def settle(
     return found, count
 
 
-def _narrowest(plan: Plan) -> float:
+def _narrowest(plan: StripPlan) -> float:
     """Width of the narrowest interval beyond an edge."""
     return NARROW / plan.frequencies.last
 
 
-def _waiting(plan: Plan, bound: Any, ends: Any, active: Any) -> Any:
+def _waiting(plan: StripPlan, bound: Any, ends: Any, active: Any) -> Any:
     """The boundaries; those of outlines beyond an edge that are not loaded keep close to it, to feel the other body."""
     sides, least = plan.sides, _narrowest(plan)
     low = xp.where(sides == LEFT, bound[:, 1] - least, bound[:, 0])
@@ -109,7 +109,7 @@ def _waiting(plan: Plan, bound: Any, ends: Any, active: Any) -> Any:
     return xp.where((plan.sided & ~active)[:, None], xp.stack([low, high], axis=1), ends)
 
 
-def _met(plan: Plan, problem: Problem, bound: Any, overlap: Any) -> Any:
+def _met(plan: StripPlan, problem: StripProblem, bound: Any, overlap: Any) -> Any:
     """About where the contact ends of an outline beyond an edge that overlaps the other body there: where curvature has
     taken the overlap away."""
     low, high = bound[:, 0], bound[:, 1]
@@ -120,20 +120,20 @@ def _met(plan: Plan, problem: Problem, bound: Any, overlap: Any) -> Any:
     ], axis=1)  # fmt: skip
 
 
-def _strengths(plan: Plan, low: Any, high: Any) -> Any:
+def _strengths(plan: StripPlan, low: Any, high: Any) -> Any:
     """Of the modes' singularities at both ends, (strips, modes, 2)."""
     orders = np.array(plan.orders)
     signs = np.stack([(-1.0) ** orders, np.ones(orders.size)], axis=1)
     return strip_waves.tail_of(0.5 * (high - low), plan.frequencies.last)[:, None, None] * signs[None]
 
 
-def _intervals(plan: Plan, ends: Any) -> tuple[Any, Any]:
+def _intervals(plan: StripPlan, ends: Any) -> tuple[Any, Any]:
     """Low and high ends of the strips."""
     low, high = ends[:, 0][plan.outline_of], ends[:, 1][plan.outline_of]
     return low, xp.maximum(high, low + LEAST)  # those that have vanished carry nothing, but must be numbers
 
 
-def _same(plan: Plan, held: Any) -> Any:
+def _same(plan: StripPlan, held: Any) -> Any:
     """Whether two strips end at the same place, (strips, strips, 2)."""
     sides, own = plan.sides, np.eye(plan.sides.size, dtype=bool)
     left = np.stack([sides == MIDDLE, sides == LEFT], axis=1)
@@ -143,7 +143,7 @@ def _same(plan: Plan, held: Any) -> Any:
     return every[plan.outline_of][:, plan.outline_of].astype(float)
 
 
-def _terms(plan: Plan, problem: Problem, curved: Any) -> tuple[Any, Any]:
+def _terms(plan: StripPlan, problem: StripProblem, curved: Any) -> tuple[Any, Any]:
     """∫ gap and the load of every mode, both (strips, modes)."""
     rows, first = plan.rows, np.eye(1, len(plan.orders))
     weight = problem.weight[rows][:, None]
@@ -151,7 +151,7 @@ def _terms(plan: Plan, problem: Problem, curved: Any) -> tuple[Any, Any]:
 
 
 def _pressed(
-    plan: Plan, problem: Problem, table: Any, mass: Any, ends: Any, held: Any, active: Any
+    plan: StripPlan, problem: StripProblem, table: Any, mass: Any, ends: Any, held: Any, active: Any
 ) -> tuple[Settled, Any]:
     """The pressure for these boundaries, and by how much outlines overlap the other body, on the mean."""
     matrix = _matrix(plan, table, mass, ends, held)
@@ -167,7 +167,7 @@ def _pressed(
     ), overlap  # fmt: skip
 
 
-def _matrix(plan: Plan, table: Any, mass: Any, ends: Any, held: Any) -> Any:
+def _matrix(plan: StripPlan, table: Any, mass: Any, ends: Any, held: Any) -> Any:
     """What modes push each other down, (strips · modes, strips · modes)."""
     low, high = _intervals(plan, ends)
     matrix = coupled(table, strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0]))
@@ -179,7 +179,7 @@ def _matrix(plan: Plan, table: Any, mass: Any, ends: Any, held: Any) -> Any:
     return matrix.reshape(n, n)
 
 
-def turned(plan: Plan, problem: Problem, kernel: Kernel, found: Settled) -> Settled:
+def turned(plan: StripPlan, problem: StripProblem, kernel: Kernel, found: Settled) -> Settled:
     """What was found, with the change by the roller's tilt in place of that by its load: of loads and of the approach,
     by a gap that grows by the distance from the middle."""
     table, mass = spread(plan.even, kernel.products, plan.rows), kernel.mass[plan.rows][:, plan.rows]
@@ -205,7 +205,7 @@ def coupled(table: Any, wave: Any) -> Any:
     return xp.matmul(wave, pushed).reshape(n, k, n, k)
 
 
-def _moved(plan: Plan, problem: Problem, found: Settled, bound: Any) -> tuple[Any, Any, Any, Any]:
+def _moved(plan: StripPlan, problem: StripProblem, found: Settled, bound: Any) -> tuple[Any, Any, Any, Any]:
     """New boundaries, which of them are held and which outlines loaded; and about what the move is worth in δ."""
     orders, out = np.array(plan.orders), np.array([[-1.0, 1.0]])
     weight = plan.member.T * problem.weight[plan.rows][None]
@@ -228,7 +228,9 @@ def _moved(plan: Plan, problem: Problem, found: Settled, bound: Any) -> tuple[An
     return new, held, active, xp.abs(xp.sum(worth)) / found.approach
 
 
-def shift(plan: Plan, problem: Problem, kernel_of: Callable[..., Kernel], ends: tuple[Any, ...], found: Settled) -> Any:
+def shift(
+    plan: StripPlan, problem: StripProblem, kernel_of: Callable[..., Kernel], ends: tuple[Any, ...], found: Settled
+) -> Any:
     """What the approach is off by, to first order in a change of the problem: 0 for the one that was solved.
 
     With W w + g = δ m, m·w = load and v = ∂w/∂load: dδ = v·(dW w + dg − δ dm) + ∂δ/∂load (dload − dm·w). Boundaries

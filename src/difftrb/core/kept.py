@@ -41,14 +41,17 @@ _folder: list[Path] = []
 """Where things are kept, if they are."""
 
 
-def keep_compiled() -> Path | None:
-    """Keep what JAX compiles, what this package traces, and contacts solved for a law, from now on in the user's cache
-    folder, and take from there what is kept.
+def keep_compiled(folder: str | Path | None = None) -> Path | None:
+    """From now on keep what JAX compiles, what this package traces, and contacts solved for a law, in a folder; take
+    from there what is kept.
+
+    Args:
+      folder: to keep it in. Default: the user's cache folder, which the system says (on Linux XDG_CACHE_HOME moves it).
 
     For programs of one's own, before the first solve: the command line does so by itself. JAX tells its releases apart,
-    the folder processors. Returns the folder; None where none can be written, and nothing is kept.
+    folders in `folder` processors. Returns the one in use; None where none can be written, and nothing is kept.
     """
-    folder = cache_folder()
+    folder = cache_folder(folder)
     if folder is not None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
@@ -57,8 +60,8 @@ def keep_compiled() -> Path | None:
     return folder
 
 
-def cache_folder() -> Path | None:
-    """Where all is kept: the user's cache folder, apart for every kind of processor.
+def cache_folder(within: str | Path | None = None) -> Path | None:
+    """Where all is kept: `within` a folder, or the user's cache folder, apart for every kind of processor.
 
     The folder is made; None where it cannot be.
     """
@@ -67,7 +70,7 @@ def cache_folder() -> Path | None:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         processor += next((line for line in lines if line.startswith(("flags", "Features"))), "")
     kind = hashlib.sha256(processor.encode()).hexdigest()[:12]
-    folder = Path(platformdirs.user_cache_dir("difftrb")) / kind
+    folder = Path(within or platformdirs.user_cache_dir("difftrb")) / kind
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:

@@ -12,6 +12,7 @@ import numpy as np
 if TYPE_CHECKING:
     import jax
 
+# of several the largest counts (`worst`): what says more has the larger number
 CONVERGED = 0
 NOT_CONVERGED = 1
 TOUCHES_BORDER = 2

@@ -77,7 +77,7 @@ class Condition(NamedTuple):
     definition: Definition
 
 
-def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_average.FEW) -> Conditions:
+def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_average.POINTS_IN_FITS) -> Conditions:
     """Those of `rows`; what they leave open is the scene's."""
     return _laid_out(scene, rows, points, _kinks(scene))
 
@@ -113,7 +113,7 @@ def _kinks(scene: Scene) -> int:
     return jax.eval_shape(lambda: pitch_borders(at)).size - 1
 
 
-def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_average.FEW) -> list[Conditions]:
+def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_average.POINTS_IN_FITS) -> list[Conditions]:
     """Those of `rows` in parts, as few as have each the smallest layout: the program that a fit has is theirs, too."""
     kinks, parts, first = _kinks(scene), list[Conditions](), 0
     for behind in range(1, len(rows) + 1):
@@ -161,19 +161,19 @@ Of = Callable[[jax.Array], tuple[Scene, Callable[[Load], Load]]]
 def stiffness(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
     """Radial and axial stiffness of every condition [N/mm], shape (size, 2), and the worst status; `sound`: without the
     scene's spalls, which say where the phases of means are anyway."""
-    (found,), code = _summed(of, at, sound, Told(values, slopes=False))
+    (found,), code = _summed(of, at, sound, ValueOrSlopes(values, slopes=False))
     return found, code
 
 
 def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
     """`stiffness` that is differentiable by `values` alone, and once: its slopes are solved beside it, block by block,
     for to differentiate a loop takes several times as long to trace."""
-    told = Told(jax.lax.stop_gradient(values), slopes=True)
+    told = ValueOrSlopes(jax.lax.stop_gradient(values), slopes=True)
     parts, code = _summed(of, at, sound, told)
     return told.at(parts, values), code
 
 
-class Told(NamedTuple):
+class ValueOrSlopes(NamedTuple):
     """How functions of `values`, shape (parameters,), are told: by what they are there, or that and their slopes."""
 
     values: jax.Array
@@ -201,7 +201,7 @@ class Told(NamedTuple):
         return [jnp.zeros(shape), jnp.zeros((*shape, len(self.values)))][: 2 if self.slopes else 1]
 
 
-def _summed(of: Of, at: Conditions, sound: bool, told: Told) -> tuple[list[jax.Array], jax.Array]:
+def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[list[jax.Array], jax.Array]:
     """What the rings of all blocks add to the conditions to which they count, as it is told, and the worst status."""
     found, code = told.zeros(at.size + 1, 2), jnp.asarray(status.CONVERGED)
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
@@ -223,7 +223,7 @@ def _summed(of: Of, at: Conditions, sound: bool, told: Told) -> tuple[list[jax.A
     return [part[:-1] for part in found], code
 
 
-def _borders(of: Of, every: Blocks, told: Told) -> list[jax.Array]:
+def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> list[jax.Array]:
     """Between which phases [rad] there is no kink, of every mean, shape (means, borders), as it is told."""
 
     def one(k: jax.Array, found: list[jax.Array]) -> list[jax.Array]:

@@ -32,7 +32,7 @@ from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.fits.profile_intervals import Known, Profiles
 from difftrb.fits.search import Scan
 from difftrb.law.samples import Progress
-from difftrb.ring import phase_average
+from difftrb.ring.phase_average import POINTS_IN_FITS, ROUGH_POINTS
 from difftrb.ring.ring import Load, largest_load
 from difftrb.scene.scene import LawName, Scene, is_auto
 from difftrb.scene.solving import by_table, prepare
@@ -138,7 +138,7 @@ def _problem(
             f"measurements: {len(rows)} rows cannot give {len(names)} parameters and their own error: give sigma, more "
             "rows, or fewer parameters"
         )
-    at, rough = (conditions.conditions(scene, rows, points) for points in (phase_average.FEW, phase_average.ROUGH))
+    at, rough = (conditions.conditions(scene, rows, points) for points in (POINTS_IN_FITS, ROUGH_POINTS))
     own_error = float(scene.law.error)  # type: ignore[union-attr]  # it is prepared
     return Problem(
         parameters=parameters,

@@ -16,7 +16,7 @@ from difftrb.core import bad_input, fields, geometry
 from difftrb.core.bad_input import allowed, known, shown
 from difftrb.core.geometry import FILE_RULES, Real
 from difftrb.core.status import DifftrbError
-from difftrb.ring.ring import needed_axial
+from difftrb.ring.ring import needed_axial, too_light
 from difftrb.scene.scene import Definition, Phase, Scene
 
 Quantity = Literal["radial_loss", "axial_loss", "radial_stiffness", "axial_stiffness"]
@@ -182,11 +182,8 @@ def check_loads(scene: Scene, rows: Sequence[Measurement], path: str = "measurem
         worst = phase if isinstance(phase, float | int) else 0.5 * geometry.roller_pitch(scene.bearing)
         needed = float(needed_axial(scene.bearing, row.radial, worst))
         where = f"{path}: row {k}"
-        if row.axial <= needed * (1.0 + 1e-6) or row.axial == 0.0:
-            raise MeasuredError(
-                f"{where}: axial = {row.axial:g} N is too small for an equilibrium: with radial = {row.radial:g} N it "
-                f"must exceed {needed:.6g} N; check both loads of this row"
-            )
+        if (sentence := too_light(row.axial, row.radial, needed)) is not None:
+            raise MeasuredError(f"{where}: {sentence}; check both loads of this row")
         if (row.definition or scene.definition) == "secant" and row.radial == 0.0 and row.quantity[:6] == "radial":
             raise MeasuredError(
                 f"{where}: quantity = {row.quantity!r}: a secant radial stiffness F/u needs a radial load; give "

@@ -35,7 +35,7 @@ FREEDOM = 4.0
 LOST = 1e3
 """Deviation [sigma] of a row that the model has no solution for."""
 Solve = Callable[..., tuple[jax.Array, jax.Array]]
-"""`conditions.stiffness`, or `with_slopes`."""
+"""`conditions.stiffness`, or `conditions.with_slopes`."""
 BATCH = 16
 """Most cases that one call evaluates."""
 ADAM = optax.adam(0.25)
@@ -129,8 +129,8 @@ def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
 
 
 def counted(problem: Problem, values: jax.Array) -> jax.Array:
-    """Predicted `values` minus measured ones in sigma as it counts, shape (rows,): half the sum of squares is the
-    negative log likelihood up to a constant."""
+    """Predicted `values` minus measured ones in sigma, shape (rows,), weighted so that half the sum of their squares is
+    the negative log likelihood up to a constant."""
     known, counts = jnp.isfinite(values), jnp.isfinite(problem.sigma)
     r = jnp.where(known, (values - problem.measured) / problem.sigma, jnp.where(counts, LOST, 0.0))
     common = jnp.where(problem.robust == ROBUST.index("squares"), problem.common, 0.0)

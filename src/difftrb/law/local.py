@@ -38,12 +38,13 @@ MANY, SPREAD = 9, 0.3
 """The same once it is found. Closer together, errors of solves make more of the derivatives of stiffness; farther
 apart, the curve does."""
 DEGREE = 3
-"""Of a state's curve: with two, ramps bend more than it does, and stiffness is off by up to 5e-4."""
+"""Of a state's curve, log Q over log δ. With 2 it bends less than the load does on a ramp: stiffness is off by up to
+5e-4."""
 NARROWER = 0.25
-"""Where the curve bends, as it does where a bottom or an edge is just met, by what its loads are spread less. So close
+"""Factor on the spread of loads where the curve bends, as it does where a bottom or an edge is just met. So close
 together they tell no more than a quadratic."""
 BENDS = 5e-4
-"""Residual of a state's curve, in the logarithm of the load, beyond which it does."""
+"""Residual of a state's curve, in the logarithm of the load, above which it counts as bent."""
 TILT_DEGREE = 2
 """Of a state's tilt over the logarithm of its load."""
 TOGETHER = 4
@@ -68,7 +69,7 @@ class States(NamedTuple):
     every field.
 
     Attributes:
-      at: which roller each is: a one in zeros; zeros alone fill up.
+      at: which roller each is: a one among zeros; zeros alone where a row only fills up.
       met: which spalls are in its reach: ones in zeros.
       log_loads: of its solves [log N]. approaches: [mm].
       given: `samples.inputs` of the contact, all spalls, and its distances from them, as solved.
@@ -94,20 +95,20 @@ class LocalLaw:
       base: the curve of a healthy roller, and the contact.
       states: of the rollers that meet spalls; None: none does.
       settling: while states are looked for, none is refused.
-      tilts: whether rollers were free to tilt between both raceways.
+      free_to_tilt: whether rollers were, between both raceways.
     """
 
     base: DirectLaw
     states: States | None
     settling: bool = dataclasses.field(default=False, metadata={"static": True})
-    tilts: bool = dataclasses.field(default=False, metadata={"static": True})
+    free_to_tilt: bool = dataclasses.field(default=False, metadata={"static": True})
     name = "direct"
     hard = False
     expands = True
 
     @property
     def contact(self) -> LineContact:
-        """Now."""
+        """The roller's with this raceway, as it is now."""
         return self.base.contact
 
     @property
@@ -162,7 +163,7 @@ class LocalLaw:
         if self.settling:
             return np.asarray(status.CONVERGED)
         code, states = self.base.judge((), distances[:0], rest), self.states
-        if not spalls and (states is None or states.met.shape[1]):
+        if not spalls and (states is None or states.met.shape[1]):  # the healthy bearing, of a law made for spalls
             return code
         distances, met = _of_one_phase(distances), np.zeros((len(spalls), distances.shape[-1]), bool)
         if rest is not None:
@@ -217,8 +218,8 @@ def through(log_loads: Any, approaches: Any) -> Curve:
     powers = [0.0 * z + 1.0, z]
     for _ in range(2, min(DEGREE, z.shape[1] - 1) + 1):
         powers.append(powers[-1] * z)
-    told = xp.where((log_loads[:, -1] - log_loads[:, 0] < SPREAD)[:, None], 0.0, 1.0)
-    powers[3:] = [power * told for power in powers[3:]]
+    narrowed = 0.5 * (log_loads[:, -1] - log_loads[:, 0]) < 0.5 * (1.0 + NARROWER) * SPREAD  # see `NARROWER`
+    powers[3:] = [xp.where(narrowed[:, None], 0.0, power) for power in powers[3:]]
     found = ramp_fit.least_squares(xp.stack(powers, axis=-1), log_loads, NOTHING)
     return Curve(xp.moved_last(found), middle, reach, xp.zeros_like(middle))
 
@@ -244,7 +245,7 @@ def around(
             (solved[k],) = _solved(base, spalls, reached[of], logs[of], curves[of], progress)
     code = max(float(base.status_code), samples.worst_status([node for own in solved for node in own]))
     states = _stacked(base, spalls, reached, logs, solved, curves) if reached else None
-    return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True, tilts=tilts is not None)
+    return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True, free_to_tilt=tilts is not None)
 
 
 def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]:

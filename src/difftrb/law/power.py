@@ -138,7 +138,7 @@ def _of_base(name: str) -> Any:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Through(HardWindow):
+class AllThrough(HardWindow):
     """Spalls as long as the rollers, by the healthy curve of another law: over one a roller carries nothing until it
     meets the bottom, and beyond that what a healthy one would."""
 
@@ -146,9 +146,9 @@ class Through(HardWindow):
 
     name, load_range, error, status_code = map(_of_base, ("name", "load_range", "error", "status_code"))
 
-    def at(self, contact: LineContact) -> Through:
+    def at(self, contact: LineContact) -> AllThrough:
         """See `Law`."""
-        return Through(self.base.at(contact))
+        return AllThrough(self.base.at(contact))
 
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
         """See `Law`."""

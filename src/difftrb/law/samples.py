@@ -25,7 +25,7 @@ Asked = TypeVar("Asked")
 Solved = TypeVar("Solved")
 
 
-class Inputs(NamedTuple):
+class LawInputs(NamedTuple):
     """What the slopes of a contact's approach are by: of the contact, of the spall, and the contact's distance from its
     middle. Arrays hold these in this order along their last axis; `AT` says where."""
 
@@ -40,11 +40,11 @@ class Inputs(NamedTuple):
     distance: Any
 
 
-INPUTS = len(Inputs._fields)
-AT = Inputs(*range(INPUTS))
+INPUTS = len(LawInputs._fields)
+AT = LawInputs(*range(INPUTS))
 """Where each input stands in an array's last axis."""
-OF_CONTACT = tuple(Inputs._fields[: AT.spall_length])
-OF_SPALL = tuple(name.removeprefix("spall_") for name in Inputs._fields[AT.spall_length : AT.distance])
+OF_CONTACT = tuple(LawInputs._fields[: AT.spall_length])
+OF_SPALL = tuple(name.removeprefix("spall_") for name in LawInputs._fields[AT.spall_length : AT.distance])
 
 Progress = Callable[[int, int], None]
 """Told how many of how many solves are done."""
@@ -93,8 +93,8 @@ class Node:
 
 
 def inputs(contact: LineContact, spall: Spall | tuple[Spall, ...] | None, distance: Real | Sequence[Real]) -> Any:
-    """`Inputs` as a vector, shape (INPUTS,); no spall counts as zeros. Of several spalls all sizes, then all distances:
-    shape (count(spalls),)."""
+    """`LawInputs` as a vector, shape (INPUTS,); no spall counts as zeros. Of several spalls all sizes, then all
+    distances: shape (count(spalls),)."""
     spalls = spall if isinstance(spall, tuple) else (spall,)
     of_spalls = [0.0 if each is None else getattr(each, name) for each in spalls for name in OF_SPALL]
     away = distance if isinstance(distance, Sequence) or np.ndim(distance) else [distance] * len(spalls)
@@ -146,7 +146,7 @@ def _node(contact: LineContact, case: Case, solution: ContactSolution, by: conta
     centred = isinstance(case.spall, Spall) and case.distance == 0.0
     return Node(
         float(solution.approach), float(by.load), _by_inputs(case, by), int(solution.status_code),
-        0.5 * float(solution.contact_width), reach(contact, solution) if centred else 0.0, float(solution.moment),
+        0.5 * float(solution.contact_width), last_touch(contact, solution) if centred else 0.0, float(solution.moment),
     )  # fmt: skip
 
 
@@ -164,7 +164,7 @@ def _by_inputs(case: Case, by: contacts.Inputs) -> np.ndarray:
     return slopes
 
 
-def reach(contact: LineContact, solution: ContactSolution) -> float:
+def last_touch(contact: LineContact, solution: ContactSolution) -> float:
     """How far from the spall's middle a rolling edge would last touch the deformed roller [mm].
 
     e² = 2R max(δ − c(y) − w(e, y)) along the spall, with the crown c and the displacement w that the loaded land makes

@@ -28,7 +28,7 @@ from difftrb.scene.scene import PitchMean, Scene, named
 from difftrb.scene.solution import Solution
 from difftrb.turning import spall_loss
 
-PHASES = 61
+DRAWN_PHASES = 61
 """Of the cage over one roller pitch, both ends among them."""
 TALL, WIDE = 300, 470
 """Size of a figure [px]."""
@@ -53,7 +53,7 @@ class Explorer:
         spall, length = scene.spalls[0], float(scene.bearing.roller_length)
         radial, axial = float(scene.load.radial), float(scene.load.axial)
         narrow, wide = _widths(scene)
-        step = self.pitch / (PHASES - 1)
+        step = self.pitch / (DRAWN_PHASES - 1)
         start = round(float(scene.phase) % self.pitch / step) * step  # type: ignore[arg-type]
         top = max(2.5 * radial, 1.0)
         self.sliders = {
@@ -88,14 +88,14 @@ class Explorer:
         """Loads, and stiffness over the cage's turn."""
         scene = self.scene()
         try:
-            turn = spall_loss.over_turn(solving.by_table(scene), PHASES)
+            turn = spall_loss.over_turn(solving.by_table(scene), DRAWN_PHASES)
         except DifftrbError as error:
             self.numbers.object = _sentence(str(error))
             return
         if turn is None:
             self.numbers.object = _sentence(str(solve_prepared(solving.prepare(scene)).status))
             return
-        k = round(float(scene.phase) / self.pitch * (PHASES - 1))  # type: ignore[arg-type]
+        k = round(float(scene.phase) / self.pitch * (DRAWN_PHASES - 1))  # type: ignore[arg-type]
         self._ring(scene, turn.loads[k], turn.healthy_loads[k])
         values = {f"{way}_{name}": part[:, j, j] / 1e3 for name, j in (("radial", 0), ("axial", 2))
                   for way, part in (("healthy", turn.healthy), ("spalled", turn.stiffness))}  # fmt: skip

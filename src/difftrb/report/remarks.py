@@ -9,7 +9,7 @@ import numpy as np
 
 from difftrb.contact import gap
 from difftrb.core.geometry import Real, TaperedBearing
-from difftrb.ring import effect, effects, life, ring
+from difftrb.ring import effect_base, effects, life, ring
 from difftrb.ring.effects import Through
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
 from difftrb.scene.scene_file import SceneFile
@@ -25,9 +25,9 @@ THOUSAND = 1000.0
 def light_ring_load(file: SceneFile) -> str | None:
     """The remark on a ring's `load.radial` and `load.axial`, if there is one; none with `effects.mounting`, which sets
     the axial load itself."""
-    if effect.among(file.effects, effects.Mounting) is not None:
+    if effect_base.among(file.effects, effects.Mounting) is not None:
         return None
-    rows = 1 if effect.among(file.effects, effects.DoubleRow) is None else 2
+    rows = 1 if effect_base.among(file.effects, effects.DoubleRow) is None else 2
     share = float(_share(file.bearing, file.load.radial, file.load.axial, rows))
     given = f"load.radial = {file.load.radial:g} N, load.axial = {file.load.axial:g} N"
     return _light(given, share)
@@ -84,7 +84,7 @@ def of_solution(scene: Scene, solution: Solution) -> list[str]:
 def _rollers_on_edges(scene: Scene, found: Solution) -> int:
     """How many loaded rollers stand on a spall's rolling edge: their contact reaches over it. Of the first row, on the
     outer raceway, at one phase."""
-    if effect.among(scene.effects, Through) is not None:
+    if effect_base.among(scene.effects, Through) is not None:
         return 0
     contact, loads = raceway_contact(scene, "outer"), np.asarray(found.loads)
     line_loads = np.maximum(loads, 0.0) / contact.length

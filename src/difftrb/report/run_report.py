@@ -22,7 +22,7 @@ from difftrb.law import base as laws
 from difftrb.law.base import LAWS, Law
 from difftrb.report import remarks
 from difftrb.report.estimated import Estimated
-from difftrb.ring import effect
+from difftrb.ring import effect_base
 from difftrb.ring.effects import Raceways
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
@@ -166,7 +166,7 @@ def _stiffness_table(scene: Scene, result: Assessment, where: str) -> Table:
 
 def _load_table(scene: Scene, result: Assessment) -> Table:
     """Every roller's load against the healthy one's; then what effects say of it or, if they say nothing, a bar."""
-    spalled, units = result.spalled, effect.units(scene.effects)
+    spalled, units = result.spalled, effect_base.units(scene.effects)
     table = house_table("Load distribution")
     more = {
         f"{_column(name)} [{units.get(name, '')}]": values for name, values in spalled.effects.items()
@@ -187,7 +187,7 @@ def _load_table(scene: Scene, result: Assessment) -> Table:
 def raceways_text(scene: Scene, solution: Solution) -> str | None:
     """What the stiffness is of, and about what is left of it where the inner raceway gives way, too: by the compliances
     of two long cylinders under the most loaded roller. None where both do."""
-    if not bool(solution.converged) or effect.among(scene.effects, Raceways):
+    if not bool(solution.converged) or effect_base.among(scene.effects, Raceways):
         return None
     load, compliance = float(np.max(solution.loads)), []
     for raceway in ("outer", "inner"):
@@ -216,7 +216,7 @@ def _ring_lines(scene: Scene, solution: Solution) -> list[str]:
         lines.append(f"tilt: about the radial axis {u[3]:.4f} mrad, about the lateral axis {u[4]:.4f} mrad")
     if scene.effects:
         lines.append(f"beyond the plain ring: {'; '.join(each.label for each in scene.effects)}")
-    units = effect.units(scene.effects)
+    units = effect_base.units(scene.effects)
     for name, value in solution.effects.items():
         if not value.ndim:
             lines.append(f"{name.replace('_', ' ')}: {value:,.5g} {units.get(name, '')}".rstrip())

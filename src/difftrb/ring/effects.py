@@ -24,7 +24,7 @@ from difftrb.law import local, power
 from difftrb.law.base import LAWS, Law
 from difftrb.law.local import LocalLaw
 from difftrb.ring import ring
-from difftrb.ring.effect import (
+from difftrb.ring.effect_base import (
     Asked,
     Effect,
     Results,
@@ -100,7 +100,7 @@ class SeriesRaceways(Raceways):
         """Inner contacts that give way."""
         spalls, away = ring.spalls_on(of.spalls, "inner"), of.distances("inner", terms)
         law = cast(Law, self.law) if of.spalls else local.healthy(cast(Law, self.law))
-        free = self.rollers == "free" and not isinstance(of.law, power.Through)  # which leaves nothing to lean on
+        free = self.rollers == "free" and not isinstance(of.law, power.AllThrough)  # which leaves nothing to lean on
         facing = Facing(law, spalls, away, geometry.equivalent_radius(of.bearing, "inner"), free)
         return terms._replace(seat=of.seat(terms)._replace(inner_curves=law.curves(spalls, away)), facing=facing)
 
@@ -108,7 +108,7 @@ class SeriesRaceways(Raceways):
         """`inner_loads`, `flange_loads` [N], shape (rollers,); where rollers may tilt `roller_tilts` [mrad], without
         derivatives."""
         found = inside(terms.seat, rest.loads)
-        if not isinstance(of.law, LocalLaw) or not of.law.tilts:
+        if not isinstance(of.law, LocalLaw) or not of.law.free_to_tilt:
             return found
         return {**found, "roller_tilts": 1e3 * of.law.roller_tilts(jax.lax.stop_gradient(rest.loads))}
 
@@ -190,7 +190,7 @@ class Centrifugal(Effect):
         """Rollers thrown outwards; the ring held where it is at rest if asked."""
         if self.control == "position" and terms.axial is None:
             rest = of.equilibrium(terms)
-            terms = terms._replace(axial=rest.displacement[2], known=rest.status_code)
+            terms = terms._replace(axial=rest.displacement[2], laws_status=rest.status_code)
         if self.convention == "printed":
             force = (1 if terms.pair is None else 2) * self.force(of.bearing)
             thrown = force * jnp.stack([jnp.sum(jnp.cos(of.angles)), jnp.sum(jnp.sin(of.angles))])

@@ -13,7 +13,7 @@ from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import roller_balance
-from difftrb.ring.effect import Effect, Results, Ring, Stage, register
+from difftrb.ring.effect_base import Effect, Results, Ring, Stage, register
 from difftrb.ring.ring import Equilibrium, axial_force
 from difftrb.ring.terms import Terms
 

@@ -23,7 +23,8 @@ from difftrb.ring.roller_balance import Seat, Settling
 
 ITERATIONS = 60
 TOLERANCE = 1e-12
-"""Largest unbalanced force, relative to the load, at which an equilibrium counts as found."""
+"""Largest unbalanced force, relative to the load, at which an equilibrium counts as found. The search goes on to a
+tenth of this."""
 RollerLoads = tuple[jax.Array, jax.Array]
 """Load [N] and its slope [N/mm] of every roller, both of shape (rollers,)."""
 
@@ -32,7 +33,7 @@ def _each(held: tuple[Seat | None, RollerCurves, Any], approach: jax.Array) -> R
     seat, curves, inside = held
     if seat is None:
         return edge_ramp.roller_loads(curves, approach)
-    return roller_balance.carried(seat, curves, approach, inside)
+    return roller_balance.outer_loads(seat, curves, approach, inside)
 
 
 class Rollers(NamedTuple):

@@ -23,12 +23,12 @@ from difftrb.law.base import Law
 from difftrb.ring import ring
 from difftrb.ring.ring import Load
 
-POINTS = 10
+POINTS_BETWEEN_KINKS = 10
 """Gauss–Legendre points between two kinks: 70 phases with one spall of soft edges. Losses are within 2e-5 of themselves
 by the median of 30 random spalls, and within 7e-4 at worst."""
-FEW = 6
+POINTS_IN_FITS = 6
 """The same of fits: 1e-4 and 4e-4, a hundredth of the noise of good measurements."""
-ROUGH = 2
+ROUGH_POINTS = 2
 """The same where fits look for minima: 1e-3 and 4e-3."""
 
 ROUNDS = 3
@@ -79,10 +79,10 @@ def borders(
 def between(borders: Any, rule: Rule | None = None) -> tuple[Any, Any]:
     """Angles of roller 0 [rad] and their weights, which add up to 1, by a rule between every two of the `borders`.
 
-    None: `gauss` with `POINTS`. Both of shape (phases,).
+    None: `gauss` with `POINTS_BETWEEN_KINKS`. Both of shape (phases,).
     """
     starts, length = borders[:-1], borders[1:] - borders[:-1]
-    places, weights = rule or gauss(POINTS)
+    places, weights = rule or gauss(POINTS_BETWEEN_KINKS)
     at = starts[:, None] + length[:, None] * (0.5 + 0.5 * places)[None, :]
     share = (length / borders[-1])[:, None] * (0.5 * weights)[None, :]
     return at.reshape(-1), share.reshape(-1)

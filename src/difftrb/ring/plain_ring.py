@@ -20,18 +20,19 @@ from difftrb.law import edge_ramp, load_curve
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.ring import load_zone, newton, ring
-from difftrb.ring.newton import TOLERANCE, Rollers, System
+from difftrb.ring.newton import Rollers, System
 from difftrb.ring.ring import Equilibrium, Load
 
 
 def equilibrium(
-    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], law: Law, phase: Any, known: Any = status.CONVERGED
-) -> Equilibrium:
-    """See `ring.equilibrium`; `phase` may have any shape, which is then in front of all else. `known` is the status of
-    what else is known of the scene; the worst is returned."""
+    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], law: Law, phase: Any,
+    laws_status: Any = status.CONVERGED,
+) -> Equilibrium:  # fmt: skip
+    """See `ring.equilibrium`; `phase` may have any shape, which is then in front of all else. `laws_status` is
+    the status of what else is known of the scene; the worst is returned."""
     at = xp.fixed((bearing, load, spalls, phase))
     valid = _all(ring.is_valid(*at[1:]))
-    held = _all(at[1].axial > ring.needed_axial(at[0], at[1].radial, at[3]) * (1.0 + 1e-6))
+    held = _all(ring.is_enough(at[1].axial, ring.needed_axial(at[0], at[1].radial, at[3])))
     force = xp.stack([xp.asarray(load.radial), 0.0, xp.asarray(load.axial)])
     force = xp.where(valid & held, force, np.array([0.0, 0.0, 1.0]))
     angles = ring.roller_angles(bearing, phase)
@@ -45,8 +46,8 @@ def equilibrium(
     parts = _expanded(normals, curves, force / system.size, system.size, u)
     rest = Equilibrium(*parts, residual, iterations, np.asarray(status.CONVERGED))
     state = Rest(geometry.equivalent_radius(at[0], "outer"), xp.fixed(rest.approach), xp.fixed(rest.loads))
-    known = status.worst(known, still.judge(at[2], xp.fixed(away), state))
-    return _judged(rest, valid, held, known, still)
+    laws_status = status.worst(laws_status, still.judge(at[2], xp.fixed(away), state))
+    return ring.judged(rest, valid, held, laws_status, still)
 
 
 def _all(condition: Any) -> Any:
@@ -88,18 +89,3 @@ def _expanded(normals: Any, curves: RollerCurves, force: Any, size: Any, u: Any)
 
 def _approach(normals: Any, u: Any) -> Any:
     return xp.einsum("...ri,...i->...r", normals, u)
-
-
-def _judged(rest: Equilibrium, valid: Any, held: Any, known: Any, law: Law) -> Equilibrium:
-    """See `ring.equilibrium`: the status, and NaN for numbers that nothing stands for."""
-    of = xp.of(rest.residual, known, valid, held)
-    converged = (rest.residual <= TOLERANCE) & of.all(of.isfinite(xp.value(rest.displacement)))
-    code = of.where(converged, status.CONVERGED, status.NOT_CONVERGED)
-    code = of.where(known == status.CONVERGED, code, known)
-    code = of.where(held, code, status.NO_EQUILIBRIUM)
-    code = of.where(valid, code, status.BAD_INPUT)
-    code = status.worst(code, of.asarray(law.status_code).astype(int))
-    usable = valid & held & (known == status.CONVERGED)
-    numbers = rest.displacement, rest.approach, rest.loads, rest.tangent, rest.residual
-    u, approach, loads, stiffness, residual = (xp.where(usable, value, np.nan) for value in numbers)
-    return Equilibrium(u, approach, loads, stiffness, residual, rest.iterations, code)

@@ -27,8 +27,12 @@ if TYPE_CHECKING:
     from jax import Array
     from jaxtyping import Float, Int
 
-HELD = 1e-9
+LIFTED = 1e-9
 """Share of all loads below which a row does not hold a shaft's tilt: one that is lifted off may be left touching."""
+BARE = 1e-9
+"""Share of all loads above which slices without land count as what holds the ring."""
+OF_ONE_RACEWAY = 0.75
+"""Share of a roller's approach by two raceways in series that is either contact's at the most."""
 
 
 @fields.register
@@ -125,9 +129,9 @@ def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Ti
     """The axial load [N] that must be exceeded for an equilibrium under `radial` [N] and, of rings that tilt, moments.
 
     Rollers push only: the load must lie inside the cone spanned by their normals, that is, the point
-    radial·tanα/axial on the load line inside the polygon of the rollers' angles. Rollers that carry along their length
-    carry at their ends as far as existence goes: force and moments part uniquely into a force on all of one end and one
-    on all of the other, and each must lie inside its share of the polygon.
+    radial·tanα/axial on the load line inside the polygon of the rollers' angles. Of rollers that carry along their
+    length it is enough to look at those loaded at their two ends: force and moments part uniquely into one force at all
+    first ends and one at all second ends, and each must lie inside its share of the polygon.
     """
     half = 0.5 * geometry.roller_pitch(bearing)
     edges = roller_angles(bearing, phase) + half
@@ -143,16 +147,28 @@ def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Ti
     return jnp.sin(bearing.outer_angle) * jnp.sum(jnp.max(beyond, axis=1)) / jnp.cos(half)
 
 
+def is_enough(axial: Real, needed: Real) -> Any:
+    """Whether an axial load is more than what is needed, by more than rounding."""
+    return axial > needed * (1.0 + 1e-6)
+
+
+def too_light(axial: float, radial: float, needed: float, key: str = "", beside: str = "") -> str | None:
+    """The sentence for an axial load [N] that holds no equilibrium under `radial` [N] and what is named `beside`; None
+    if it does. `key` stands before the loads' names."""
+    if axial != 0.0 and is_enough(axial, needed):
+        return None
+    return (
+        f"{key}axial = {axial:g} N is too small for an equilibrium: with {key}radial = {radial:g} N{beside} it must "
+        f"exceed {needed:.6g} N"
+    )
+
+
 def largest_load(bearing: TaperedBearing, load: Load) -> Real:
     """A first estimate of the most loaded roller's load [N]."""
     half_zone = 4.08 * load.radial / (bearing.rollers * xp.cos(bearing.outer_angle))  # NSK E728g, line contact
     shared = load.axial / (bearing.rollers * xp.sin(bearing.outer_angle))
     all_loaded = shared + 2.0 * load.radial / (bearing.rollers * xp.cos(bearing.outer_angle))  # a cosine on a mean
     return xp.maximum(half_zone, all_loaded)
-
-
-OWN = 0.75
-"""Share of a roller's approach by two raceways in series that is either contact's at the most."""
 
 
 def equilibrium(
@@ -178,8 +194,8 @@ def equilibrium(
 
     system = _system(force, angles, normals, spalls, away, roller_law, terms)
     rest, unheld = _at_rest(system, angles, terms)
-    known = _known(bearing, spalls, away, roller_law, rest, terms)
-    rest = _judged(rest, valid, held, unheld, known, roller_law, terms)
+    laws_status = _status_of_laws(bearing, spalls, away, roller_law, rest, terms)
+    rest = judged(rest, valid, held, laws_status, roller_law, _not_held(rest, unheld, terms))
 
     if terms.pair is None:
         return rest
@@ -206,7 +222,7 @@ def _is_held(bearing: TaperedBearing, load: Load, phase: Real, terms: Terms) -> 
     if terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it
         moments = 0.0 if terms.tilting is None else jnp.sum(jnp.abs(terms.tilting.moments))
         return jnp.asarray(load.radial + load.axial + moments > 0.0)
-    return spare > needed_axial(bearing, load.radial, phase, terms.tilting) * (1.0 + 1e-6)
+    return is_enough(spare, needed_axial(bearing, load.radial, phase, terms.tilting))
 
 
 def _system(
@@ -241,7 +257,7 @@ def _at_rest(system: System, angles: jax.Array, terms: Terms) -> tuple[Equilibri
     unheld = None
     if terms.slices is not None:
         bare = jnp.sum(jnp.where(without_land(terms.slices), loads, 0.0))
-        unheld = bare > HELD * jnp.sum(loads)
+        unheld = bare > BARE * jnp.sum(loads)
         approach, loads = approach.reshape(angles.size, -1), loads.reshape(angles.size, -1)
         approach, loads = jnp.mean(approach, axis=1), jnp.sum(loads, axis=1)
     if terms.tilting is not None:
@@ -249,43 +265,56 @@ def _at_rest(system: System, angles: jax.Array, terms: Terms) -> tuple[Equilibri
     return Equilibrium(u, approach, loads, tangent, residual, iterations, jnp.asarray(status.CONVERGED)), unheld
 
 
-def _known(
+def _status_of_laws(
     bearing: TaperedBearing, spalls: tuple[Spall, ...], away: jax.Array, roller_law: Law, rest: Equilibrium,
     terms: Terms,
 ) -> jax.Array:  # fmt: skip
     """Status: whether the laws know the spalls met, and the states that rollers are in."""
     approach, loads = map(jax.lax.stop_gradient, (rest.approach, rest.loads))
     if terms.facing is not None:
-        approach = OWN * approach
+        approach = OF_ONE_RACEWAY * approach
     state = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads)
-    known = roller_law.judge(spalls, away, state)
-    if terms.known is not None:
-        known = status.worst(known, terms.known)
+    code = roller_law.judge(spalls, away, state)
+    if terms.laws_status is not None:
+        code = status.worst(code, terms.laws_status)
     if terms.facing is None or terms.seat is None:
-        return known
+        return code
     inner = state._replace(loads=roller_balance.inner_load(terms.seat, loads))
-    return status.worst(known, terms.facing.tilts(roller_law, spalls, away, state), terms.facing.judge(inner))
+    return status.worst(code, terms.facing.tilts(roller_law, spalls, away, state), terms.facing.judge(inner))
 
 
-def _judged(
-    rest: Equilibrium, valid: jax.Array, held: jax.Array, unheld: jax.Array | None, known: jax.Array, roller_law: Law,
-    terms: Terms,
-) -> Equilibrium:  # fmt: skip
-    """With its status, and with NaN for numbers that nothing stands for."""
-    converged = (rest.residual <= newton.TOLERANCE) & jnp.all(jnp.isfinite(rest.displacement))
-    code = jnp.where(converged, status.CONVERGED, status.NOT_CONVERGED)
+def _not_held(rest: Equilibrium, unheld: jax.Array | None, terms: Terms) -> jax.Array:
+    """Status: whether the ring rests on what may hold it, land or both of two rows."""
+    code = jnp.asarray(status.CONVERGED)
     if unheld is not None:
         code = jnp.where(unheld, status.NO_EQUILIBRIUM, code)
     if terms.pair is not None and terms.tilting is not None and terms.slices is None:
         rows = jnp.sum(rest.loads.reshape(2, -1), axis=1)
-        code = jnp.where(converged & (jnp.min(rows) <= HELD * jnp.sum(rows)), status.LOOSE, code)
-    code = jnp.where(known == status.CONVERGED, code, known)
-    code = jnp.where(held, code, status.NO_EQUILIBRIUM)
-    code = jnp.where(valid, code, status.BAD_INPUT)
-    code = status.worst(code, jnp.asarray(roller_law.status_code).astype(int))
-    usable = valid & held & (known == status.CONVERGED) & (code != status.LOOSE)
-    if unheld is not None:
-        usable = usable & ~unheld
+        code = jnp.where(_converged(rest) & (jnp.min(rows) <= LIFTED * jnp.sum(rows)), status.LOOSE, code)
+    return code
+
+
+def judged(
+    rest: Equilibrium, valid: Any, held: Any, laws_status: Any, law: Law, not_held: Any = status.CONVERGED
+) -> Equilibrium:
+    """With its status, and with NaN for numbers that nothing stands for.
+
+    What comes later says more: a ring that did not converge, that is `not_held`, whose laws do not know its state,
+    under too small an axial load, with bad input.
+    """
+    of, usable = xp.of(rest.residual, laws_status, valid, held), valid & held
+    code = of.where(_converged(rest), status.CONVERGED, status.NOT_CONVERGED)
+    for other in (not_held, laws_status):
+        code = of.where(other == status.CONVERGED, code, other)
+        usable = usable & (other == status.CONVERGED)
+    code = of.where(held, code, status.NO_EQUILIBRIUM)
+    code = of.where(valid, code, status.BAD_INPUT)
+    code = status.worst(code, of.asarray(law.status_code).astype(int))
     numbers = rest.displacement, rest.approach, rest.loads, rest.tangent, rest.residual
-    u, approach, loads, tangent, residual = (jnp.where(usable, value, jnp.nan) for value in numbers)
+    u, approach, loads, tangent, residual = (xp.where(usable, value, np.nan) for value in numbers)
     return Equilibrium(u, approach, loads, tangent, residual, rest.iterations, code)
+
+
+def _converged(rest: Equilibrium) -> Any:
+    of = xp.of(rest.residual)
+    return (rest.residual <= newton.TOLERANCE) & of.all(of.isfinite(xp.value(rest.displacement)))

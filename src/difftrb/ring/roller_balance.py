@@ -107,7 +107,7 @@ def _wedged(seat: Seat, outer_load: jax.Array) -> jax.Array:
     return outer_load * seat.wedge + seat.outwards * jnp.sin(seat.inner) / seat.inner_cos
 
 
-def carried(
+def outer_loads(
     seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array | None = None
 ) -> tuple[jax.Array, jax.Array]:
     """Outer load [N] and its slope [N/mm] of every roller whose ring has approached it by `approach` [mm], all of shape

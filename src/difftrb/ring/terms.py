@@ -44,7 +44,7 @@ class Facing(NamedTuple):
         """Status: whether `law` was made for rollers that may tilt as these do, or need not, for none meets a spall off
         its middle."""
         if isinstance(law, local.LocalLaw):
-            other = law.states is not None and law.tilts != self.free
+            other = law.states is not None and law.free_to_tilt != self.free
             return jnp.asarray(status.OTHER_SCENE if other else status.CONVERGED)
         if not self.free:
             return jnp.asarray(status.CONVERGED)
@@ -136,7 +136,7 @@ class Terms(NamedTuple):
       slices: what slices of rollers carry, shape (rollers · slices,), roller by roller; None: rollers are whole.
       tilting: of rings that tilt; None: they stay parallel.
       extra: force on the ring beside the load [N], shape (3,).
-      known: status: of what else is known of the scene; None: nothing is.
+      laws_status: status of what else is known of the scene; None: nothing is.
       facing: the inner raceway's law and spalls, where there is one that gives way; None: there is none.
       pair: a second row; None: there is none. With it, rollers in all else are those of both rows, the first's first.
     """
@@ -147,7 +147,7 @@ class Terms(NamedTuple):
     slices: RollerCurves | None = None
     tilting: Tilting | None = None
     extra: jax.Array | None = None
-    known: jax.Array | None = None
+    laws_status: jax.Array | None = None
     facing: Facing | None = None
     pair: Pair | None = None
 

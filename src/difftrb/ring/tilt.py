@@ -24,7 +24,7 @@ from difftrb.law.base import spalls_under
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.power import Palmgren
 from difftrb.ring import ring
-from difftrb.ring.effect import Asked, Effect, Results, Ring, Stage, among, register
+from difftrb.ring.effect_base import Asked, Effect, Results, Ring, Stage, among, register
 from difftrb.ring.ring import Equilibrium
 from difftrb.ring.terms import LEAST, Pair, Terms, Tilting
 

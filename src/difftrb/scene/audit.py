@@ -24,7 +24,7 @@ from difftrb.law.base import LAWS, Law, Rest
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw
 from difftrb.law.samples import Node, Progress
-from difftrb.ring import effect, ring, roller_balance
+from difftrb.ring import effect_base, ring, roller_balance
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import checks, solving
 from difftrb.scene.audit_states import AtPhase, Key, State, at_phase, solve_contacts
@@ -32,7 +32,7 @@ from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import LawName, PitchMean, Scene, phases, raceway_contact
 from difftrb.scene.solution import Solution
 
-PHASES = 7
+AUDITED_PHASES = 7
 """Of a mean over phases so many are audited, spread over all of them."""
 CONTACTS_KEEP = 5.0
 """Contacts are as exact as asked for in nine of ten cases. Of 300 random scenes one was 3.4 times as far off, at 1e-4:
@@ -128,13 +128,13 @@ def verify(scene: Scene, found: Solution | None = None, progress: Progress | Non
       found: what `solve` returned for it; None solves it first.
       progress: told how many of how many contacts are solved.
 
-    Of a mean over phases `PHASES` are audited. Contacts are solved finer than the law's: a power law's to 1e-3, others
-    to the next finer accuracy. Slices of `effects.Tilt` have no contacts to compare with: its audit is empty, and says
-    so. Raises SolveError for a solution that did not converge. Outside jit only; not differentiable.
+    Of a mean over phases `AUDITED_PHASES` are audited. Contacts are solved finer than the law's: a power law's to 1e-3,
+    others to the next finer accuracy. Slices of `effects.Tilt` have no contacts to compare with: its audit is empty,
+    and says so. Raises SolveError for a solution that did not converge. Outside jit only; not differentiable.
     """
     scene = checks.checked(scene)
     found = (solve_prepared(solving.prepare(scene)) if found is None else found).check()
-    if effect.among(scene.effects, Tilt) is not None:
+    if effect_base.among(scene.effects, Tilt) is not None:
         return _nothing("effects.tilt goes by slices, which have no contact to compare with")
     ready = _ready(scene, found)
     parts = [at_phase(ready, phase) for phase in _phases(ready)]
@@ -175,7 +175,7 @@ def _phases(scene: Scene) -> list[float]:
     if not isinstance(scene.phase, PitchMean):
         return [float(cast(float, scene.phase))]
     every = np.unique(np.asarray(phases(scene)[0]))  # kinks that coincide leave the same phase many times
-    return [float(every[k]) for k in np.unique(np.linspace(0, every.size - 1, PHASES).astype(int))]
+    return [float(every[k]) for k in np.unique(np.linspace(0, every.size - 1, AUDITED_PHASES).astype(int))]
 
 
 def _judged(part: AtPhase, nodes: Mapping[Key, Node], accuracy: float) -> Audit:
@@ -220,7 +220,7 @@ def _approach(part: AtPhase, state: State, own: list[Node]) -> tuple[float, floa
 
 def _depth(part: AtPhase, j: int) -> float:
     """How far a through spall lets this roller down [mm]."""
-    if j >= part.found.loads.size or effect.among(part.scene.effects, Through) is None:
+    if j >= part.found.loads.size or effect_base.among(part.scene.effects, Through) is None:
         return 0.0
     spalls = ring.spalls_on(part.scene.spalls, "outer")
     away = ring.distances(part.scene.bearing, spalls, part.found.angles)

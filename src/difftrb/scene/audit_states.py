@@ -15,7 +15,7 @@ from difftrb.law import samples
 from difftrb.law.base import Rest
 from difftrb.law.roller_tilt import RollerContacts, at_rest
 from difftrb.law.samples import Case, Node, Progress
-from difftrb.ring import effect, effects, ring, roller_balance
+from difftrb.ring import effect_base, effects, ring, roller_balance
 from difftrb.ring.effects import Through
 from difftrb.scene.prepared import law_in_effect, solve_prepared
 from difftrb.scene.scene import Scene, raceway_contact
@@ -131,10 +131,10 @@ def _met(
 ) -> tuple[tuple[Spall, ...], np.ndarray, np.ndarray]:
     """The spalls on a raceway, their distances from the rollers [mm] and whether these reach them, shapes
     (spalls, rollers)."""
-    through = effect.among(scene.effects, Through) is not None
+    through = effect_base.among(scene.effects, Through) is not None
     spalls = () if through else ring.spalls_on(scene.spalls, raceway)
     away = np.asarray(here.distances(raceway, terms))[: len(spalls)]
-    share = ring.OWN if terms.facing is not None else 1.0
+    share = ring.OF_ONE_RACEWAY if terms.facing is not None else 1.0
     rest = Rest(raceway_contact(scene, raceway).radius, share * jnp.asarray(approach), jnp.asarray(loads))
     reached = [np.asarray(rest.in_reach(s, jnp.asarray(d))) for s, d in zip(spalls, away, strict=True)]
     return spalls, away, np.array(reached).reshape(len(spalls), loads.size)

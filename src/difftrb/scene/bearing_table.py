@@ -1,27 +1,20 @@
-"""What a file's `bearing` may be: a name, a catalogue's line, or a table in full; and tables read as dataclasses."""
+"""What a file's `bearing` may be: a name, a catalogue's line, or a table in full."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import json
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from difftrb.core import packaged_bearings
-from difftrb.core.bad_input import UNKNOWN_KEY, in_one_sentence
 from difftrb.core.geometry import FILE_RULES, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.ring.catalogue import Catalogue
 from difftrb.ring.catalogue_estimate import CatalogueBearing, estimated
-
-TAKES = {
-    "bearing": f"a name ({', '.join(map(repr, packaged_bearings.BEARINGS))}), a catalogue's {{ d, D, T, e }} or a "
-    "[bearing] table"
-}
-"""What keys take of which annotations do not tell all."""
+from difftrb.scene.validation import validated
 
 
 def in_full(content: dict[str, Any], path: str | Path) -> CatalogueBearing | None:
@@ -64,14 +57,3 @@ class _CatalogueFile:
 @functools.cache
 def _catalogues() -> TypeAdapter[_CatalogueFile]:
     return TypeAdapter(_CatalogueFile)
-
-
-def validated(adapter: TypeAdapter[Any], content: dict[str, Any], path: str | Path, schema: type) -> Any:
-    """A file's tables as dataclasses; what is wrong with them is a `SceneError`."""
-    try:  # as JSON, where strictness still lets a table become a dataclass and a list a tuple
-        return adapter.validate_json(json.dumps(content, default=str))
-    except ValidationError as error:
-        worst = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY)  # a misspelt key explains a missing one
-        raise SceneError(f"{path}: {in_one_sentence(worst, schema, TAKES)}") from None
-    except RecursionError:
-        raise SceneError(f"{path}: is nested too deeply for a scene") from None

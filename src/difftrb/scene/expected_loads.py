@@ -17,13 +17,13 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.law import power
 from difftrb.law.base import Law
 from difftrb.ring import effects, plain_ring, ring
-from difftrb.ring.effect import among
+from difftrb.ring.effect_base import among
 from difftrb.ring.effects import Raceways, Through
 from difftrb.scene.scene import Scene, law_in_effect, raceway_contact
 
 WIDE, SPARE = 1.0, 2.5
 """From a spall this wide on, by rollers' pitch, or where effects press: curves reach farther."""
-PHASES = 9
+TRIED_PHASES = 9
 """Over one pitch, at which the largest load beside through spalls is looked for."""
 
 
@@ -55,7 +55,7 @@ def largest_for_curves(scene: Scene) -> float:
 def _in_narrow_zone(scene: Scene) -> float:
     """The largest load [N] on the healthy ring by Palmgren's law, over one pitch: where little more than the least
     axial load acts, a few rollers carry all."""
-    at = float(geometry.roller_pitch(scene.bearing)) * np.linspace(0.0, 1.0, PHASES)
+    at = float(geometry.roller_pitch(scene.bearing)) * np.linspace(0.0, 1.0, TRIED_PHASES)
     law = power.Palmgren(scene.bearing.roller_length)
     one_carries_all = float(scene.load.radial / np.cos(scene.bearing.outer_angle))
     loads = healthy_plain_ring(scene, law, at).loads
@@ -93,5 +93,5 @@ def _pressed(scene: Scene) -> jax.Array:
         loads = rest.loads if rest.second_loads is None else jnp.concatenate([rest.loads, rest.second_loads])
         return jnp.nan_to_num(jnp.max(loads))
 
-    turned = jnp.linspace(0.0, 1.0, PHASES) if scene.spalls else jnp.zeros(1)
+    turned = jnp.linspace(0.0, 1.0, TRIED_PHASES) if scene.spalls else jnp.zeros(1)
     return jnp.max(jax.vmap(at)(geometry.roller_pitch(scene.bearing) * turned))

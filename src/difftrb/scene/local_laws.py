@@ -20,7 +20,7 @@ from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw, Reached
 from difftrb.law.roller_tilt import RollerContacts, TiltCurve
 from difftrb.law.samples import Progress
-from difftrb.ring import effect, effects, ring, roller_balance
+from difftrb.ring import effect_base, effects, ring, roller_balance
 from difftrb.ring.effects import DoubleRow, Raceways, SeriesRaceways
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene.scene import Scene
@@ -30,7 +30,7 @@ ROUNDS = 8
 STAYS = 0.1
 """Change of a load, in its logarithm, below which it stays."""
 FARTHER = 1.05
-"""By how much more than it approaches its raceway a roller is taken to reach for spalls."""
+"""Factor on the approach when looking for the spalls that a roller may meet: marginal ones are included."""
 LEAST_INNER = 1e-3
 """Least share of an outer load that the inner raceway is taken to carry: contacts have a load."""
 LEAST_SHARE = 0.15
@@ -41,7 +41,7 @@ Spalls = Mapping[Raceway, tuple[Spall, ...]]
 
 class Now(NamedTuple):
     """Rollers of the first row at rest: loads on every raceway [N] and spalls that they may meet there; outer by inner
-    load of a roller, beyond `thrown` [N], which the outer raceway carries alone."""
+    load of a roller, the former without what is `thrown` [N] and carried by the outer raceway alone."""
 
     loads: dict[Raceway, np.ndarray]
     reached: dict[Raceway, list[Reached]]
@@ -61,7 +61,7 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
     spalls: Spalls = {raceway: ring.spalls_on(scene.spalls, raceway) for raceway in bases}
     free = effects.are_free(scene.effects) and len(bases) > 1
     made: dict[Raceway, LocalLaw] = {
-        raceway: LocalLaw(base, None, settling=True, tilts=free) for raceway, base in bases.items()
+        raceway: LocalLaw(base, None, settling=True, free_to_tilt=free) for raceway, base in bases.items()
     }
     now = _at_rest(scene, made, spalls)
     centres: dict[Raceway, list[float]] = {
@@ -144,11 +144,10 @@ def _tilts(
     """Tilts of all rollers reached about their outer `loads` [N]."""
     contacts = bases["outer"].contact, bases["inner"].contact
     each = list(zip(now.reached["outer"], now.reached["inner"], strict=True))
-    rollers = [
-        RollerContacts(contacts, *zip(*(([spalls[raceway][i] for i in one.under], one.away)
-                                 for raceway, one in zip(bases, both, strict=True)), strict=True))
-        for both in each
-    ]  # fmt: skip
+    rollers = []
+    for both in each:
+        outer, inner = ([spalls[raceway][i] for i in one.under] for raceway, one in zip(bases, both, strict=True))
+        rollers.append(RollerContacts(contacts, (outer, inner), (both[0].away, both[1].away)))
     spread, way = local.spread_of(found, roller_tilt.FOUND if found else roller_tilt.SEARCHED)
     logs = np.log(np.asarray(loads).reshape(-1, 1)) + spread * way
     starts = [None if before is None else before.curves.get(own.roller) for own, _ in each]
@@ -164,15 +163,15 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> 
     """What rollers carry on every raceway, and the spalls that they may meet there. One free to tilt is reached on both
     raceways or on none."""
     loads, away, approach, seat = _rest(holding(scene, made))
-    rollers = scene.bearing.rollers * (2 if effect.among(scene.effects, DoubleRow) is not None else 1)
-    share = FARTHER * (ring.OWN if len(made) > 1 else 1.0)
+    rollers = scene.bearing.rollers * (2 if effect_base.among(scene.effects, DoubleRow) is not None else 1)
+    share = FARTHER * (ring.OF_ONE_RACEWAY if len(made) > 1 else 1.0)
     met: dict[Raceway, np.ndarray] = {}
     for raceway, law in made.items():
         rest = Rest(float(law.contact.radius), share * approach, loads[raceway])
         own = [np.asarray(rest.in_reach(s, d)) for s, d in zip(spalls[raceway], away[raceway], strict=True)]
         met[raceway] = np.reshape(np.array(own, bool), (len(own), approach.size))
     meets = {raceway: np.asarray(own.any(axis=0)) for raceway, own in met.items()}
-    if any(law.tilts for law in made.values()):
+    if any(law.free_to_tilt for law in made.values()):
         meets = dict.fromkeys(meets, np.logical_or(meets["outer"], meets["inner"]))
     reached: dict[Raceway, list[Reached]] = {}
     for raceway, own in met.items():

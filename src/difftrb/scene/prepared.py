@@ -197,7 +197,7 @@ def at_phase(scene: Scene, phase: Real) -> tuple[ring.Equilibrium, Results]:
     acting, within = law_in_effect(scene, outer_law(scene)), checks.code(scene)
     here = effects.Ring(scene.bearing, scene.load, scene.spalls, acting, raceway_contact(scene, "outer"), phase)
     terms = effects.terms(scene.effects, here)
-    terms = terms._replace(known=within if terms.known is None else status.worst(within, terms.known))
+    terms = terms._replace(laws_status=within if terms.laws_status is None else status.worst(within, terms.laws_status))
     rest = here.equilibrium(terms)
     return rest, effects.results(scene.effects, rest, terms, here)
 

@@ -19,8 +19,8 @@ from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import local, power
 from difftrb.law.base import Law
-from difftrb.ring import effect, effects, phase_average, plain_ring, ring
-from difftrb.ring.effect import Effect
+from difftrb.ring import effect_base, effects, phase_average, plain_ring, ring
+from difftrb.ring.effect_base import Effect
 from difftrb.ring.ring import Load
 
 Definition = Literal["tangent", "secant"]
@@ -128,7 +128,7 @@ class Scene:
             tidy["bearing"] = packaged_bearings.bearing(self.bearing)
         if isinstance(self.spalls, Spall | HeightMap | list):
             tidy["spalls"] = tuple(self.spalls) if isinstance(self.spalls, list) else (self.spalls,)
-        tidy["effects"] = _with_called_for(effect.in_order(self.effects), tidy.get("spalls", self.spalls))
+        tidy["effects"] = _with_called_for(effect_base.in_order(self.effects), tidy.get("spalls", self.spalls))
         if isinstance(self.phase, str):
             if self.phase != "mean":
                 raise SceneError(f"phase = {self.phase!r} is unknown; give an angle [rad] or 'mean'")
@@ -182,15 +182,15 @@ class Scene:
 def _with_called_for(named: tuple[Effect, ...], spalls: Any) -> tuple[Effect, ...]:
     """The effects named, and what the spalls call for: one on the inner raceway or on a roller, both raceways."""
     surfaces = {getattr(spall, "surface", "outer") for spall in (spalls if isinstance(spalls, tuple) else ())}
-    if surfaces <= {"outer"} or effect.among(named, effects.Raceways) is not None:
+    if surfaces <= {"outer"} or effect_base.among(named, effects.Raceways) is not None:
         return named
-    return effect.in_order((*named, effects.Raceways()))
+    return effect_base.in_order((*named, effects.Raceways()))
 
 
 def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
     """The contact of the rollers with one raceway."""
     design_load = scene.design_load
-    series = effect.among(scene.effects, effects.Raceways)
+    series = effect_base.among(scene.effects, effects.Raceways)
     if raceway == "inner" and series is not None and series.inner_design_load is not None:
         design_load = series.inner_design_load
     return LineContact.of(scene.bearing, raceway, design_load)
@@ -204,7 +204,7 @@ def outer_law(scene: Scene) -> Law:
 
 def law_in_effect(scene: Scene, law: Law) -> Law:
     """The outer raceway's law as the scene's effects have it."""
-    return power.Through(law) if effect.among(scene.effects, effects.Through) is not None else law
+    return power.AllThrough(law) if effect_base.among(scene.effects, effects.Through) is not None else law
 
 
 def is_plain(scene: Scene) -> bool:
@@ -227,7 +227,7 @@ def pitch_borders(scene: Scene) -> Any:
         scene = xp.numbers(scene)
     acting, contact = law_in_effect(scene, outer_law(scene)), raceway_contact(scene, "outer")
     met = [phase_average.Met("outer", ring.spalls_on(scene.spalls, "outer"), acting)]
-    series = effect.among(scene.effects, effects.SeriesRaceways)
+    series = effect_base.among(scene.effects, effects.SeriesRaceways)
     if series is not None:
         met.append(phase_average.Met("inner", ring.spalls_on(scene.spalls, "inner"), cast(Law, series.law)))
     if is_plain(scene) and (xp.are_numbers(scene) or xp.expands(scene)):

@@ -21,18 +21,19 @@ from difftrb.core.bearing_checks import across
 from difftrb.core.geometry import DESIGN_LOAD, FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
-from difftrb.ring import effect, effects
+from difftrb.ring import effect_base, effects
 from difftrb.ring.catalogue_estimate import CatalogueBearing
-from difftrb.ring.effect import Effect
-from difftrb.ring.ring import Load, needed_axial
+from difftrb.ring.effect_base import Effect
+from difftrb.ring.ring import Load, needed_axial, too_light
 from difftrb.scene import checks
-from difftrb.scene.bearing_table import in_full, validated
+from difftrb.scene.bearing_table import in_full
 from difftrb.scene.scene import COARSEST, DEFAULT_LAW, Definition, DesignLoad, Phase, Scene
+from difftrb.scene.validation import validated
 
 PACKAGED_MAPS = ("spall_map.npz",)
 DEEPEST = 32
 """Points of a line of a scene file, without those of numbers: no key has so many parts."""
-PHASES = 16
+HELD_PHASES = 16
 """Of one roller pitch, at which rings under moments are asked for an equilibrium."""
 
 
@@ -193,7 +194,7 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
 @functools.cache
 def _schema(kinds: tuple[type[Effect], ...]) -> type:
     """Of scene files that may name these effects."""
-    hints, table = get_type_hints(SceneFile, include_extras=True), effect.file_table(kinds)
+    hints, table = get_type_hints(SceneFile, include_extras=True), effect_base.file_table(kinds)
     own = [field for field in dataclasses.fields(SceneFile) if field.name not in ("effects", "catalogue")]
     rows: list[Any] = [(field.name, hints[field.name], dataclasses.field(default=field.default)) for field in own]
     rows.append(("effects", table, dataclasses.field(default_factory=table)))
@@ -282,9 +283,10 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
         sentence = str(error)
     if sentence is not None:
         raise SceneError(f"{path}: {sentence}")
-    if effect.among(file.effects, effects.Mounting) is not None:
+    if effect_base.among(file.effects, effects.Mounting) is not None:
         return
-    tilt, row, load = effect.among(file.effects, effects.Tilt), effect.among(file.effects, effects.DoubleRow), file.load
+    tilt, load = effect_base.among(file.effects, effects.Tilt), file.load
+    row = effect_base.among(file.effects, effects.DoubleRow)
     moments = [m for one in (tilt, row) if one is not None for m in (one.moment_radial, one.moment_lateral)]
     if load.axial == load.radial == 0.0 and (row is None or not any(moments)):
         raise NoEquilibriumError(
@@ -296,15 +298,13 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
     if tilt is not None and tilt.rings == "free":
         tilting = tilt.of_one_row(file.bearing, LineContact.of(file.bearing), tilt.reach)
     if file.stiffness.phase == "mean":  # without moments the worst has the load line in the middle between two rollers
-        shares = np.array([0.5]) if tilting is None else np.arange(PHASES) / PHASES
+        shares = np.array([0.5]) if tilting is None else np.arange(HELD_PHASES) / HELD_PHASES
         phases = shares * geometry.roller_pitch(file.bearing)
     else:
         phases = np.array([file.stiffness.phase])
     needed = max(float(needed_axial(file.bearing, load.radial, phase, tilting)) for phase in phases)
-    if load.axial <= needed * (1.0 + 1e-6) or load.axial == 0.0:
-        beside = " and the moments of effects.tilt" if any(moments) else ""
-        raise NoEquilibriumError(
-            f"{path}: load.axial = {load.axial:g} N is too small for an equilibrium: with load.radial = "
-            f"{load.radial:g} N{beside} it must exceed {needed:.6g} N (about radial × tan(outer_angle)"
-            f"{' without them' if beside else ''})"
-        )
+    beside = " and the moments of effects.tilt" if any(moments) else ""
+    sentence = too_light(load.axial, load.radial, needed, "load.", beside)
+    if sentence is not None:
+        without = " without them" if beside else ""
+        raise NoEquilibriumError(f"{path}: {sentence} (about radial × tan(outer_angle){without})")

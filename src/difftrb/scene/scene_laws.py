@@ -24,7 +24,7 @@ from difftrb.law import direct
 from difftrb.law.base import Law
 from difftrb.law.direct import DirectLaw
 from difftrb.law.samples import Progress
-from difftrb.ring import effect, effects, ring
+from difftrb.ring import effect_base, effects, ring
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
 from difftrb.scene.local_laws import holding, local_laws
@@ -55,7 +55,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
     if isinstance(scene.law, LawName) and scene.law.name == "direct" and not is_traced(scene):
         if not isinstance(scene.phase, PitchMean):
             bases = _healthy_laws(scene, progress)
-            through = effect.among(scene.effects, Through) is not None
+            through = effect_base.among(scene.effects, Through) is not None
             return holding(scene, bases if through else local_laws(scene, bases, progress))
         if _may_meet_more(scene) and any(
             _meet_more(scene, raceway, base) for raceway, base in _healthy_laws(scene, progress).items()
@@ -81,12 +81,12 @@ def is_traced(scene: Scene) -> bool:
 
 def _raceways(scene: Scene) -> tuple[Raceway, ...]:
     """Those that give way."""
-    return ("outer", "inner") if effect.among(scene.effects, Raceways) is not None else ("outer",)
+    return ("outer", "inner") if effect_base.among(scene.effects, Raceways) is not None else ("outer",)
 
 
 def _lacking(scene: Scene) -> tuple[Raceway, ...]:
     """Those of them for which a law is to be made: the inner raceway's may be there."""
-    return ("outer",) if effect.among(scene.effects, SeriesRaceways) is not None else _raceways(scene)
+    return ("outer",) if effect_base.among(scene.effects, SeriesRaceways) is not None else _raceways(scene)
 
 
 def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real | None) -> Law:
@@ -97,7 +97,7 @@ def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real 
     contact, spalls = raceway_contact(scene, raceway), ring.spalls_on(scene.spalls, raceway)
     given = scene.law
     if raceway == "inner":
-        series = effect.among(scene.effects, SeriesRaceways)
+        series = effect_base.among(scene.effects, SeriesRaceways)
         if series is None and not isinstance(given, LawName):
             raise SceneError(NO_INNER_LAW)
         given = given if series is None else cast(Law, series.law)
@@ -183,7 +183,7 @@ def _may_meet_more(scene: Scene) -> bool:
 def _meet_more(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
     """Whether rollers may meet several of the scene's spalls at once, or a spall's bottom, while the cage turns."""
     spalls = ring.spalls_on(scene.spalls, raceway)
-    if effect.among(scene.effects, Through) is not None or not spalls:
+    if effect_base.among(scene.effects, Through) is not None or not spalls:
         return False
     deepest = float(base.healthy[-1])
     if min(float(spall.depth) for spall in spalls) < deepest:

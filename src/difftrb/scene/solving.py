@@ -14,7 +14,7 @@ from difftrb.core import status
 from difftrb.core.geometry import Real
 from difftrb.law.base import AUTO, LAWS, Law
 from difftrb.law.samples import Progress
-from difftrb.ring import effect
+from difftrb.ring import effect_base
 from difftrb.ring.effects import Raceways
 from difftrb.scene import checks, scene_laws
 from difftrb.scene.prepared import assess_prepared, solve_plain, solve_prepared
@@ -84,7 +84,7 @@ def solve(scene: Scene) -> Solution:
         scene = checks.checked(scene)
         if scene_laws.is_traced(scene):
             return solve_plain(_tabled, scene)
-    if isinstance(scene.law, LawName) or effect.among(scene.effects, Raceways) is not None:
+    if isinstance(scene.law, LawName) or effect_base.among(scene.effects, Raceways) is not None:
         return solve_prepared(prepare(scene))
     return solve_prepared(checks.checked(scene))  # the law is carried to the bearing in the compiled program: faster
 

@@ -28,8 +28,12 @@ from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import Axis, Grid, number_at, replaced, up
 from difftrb.sweeps.outputs import STATUS
 
-CALLS, SHARE, MOST_MEMBERS = 16, 64, 2**17
-"""Of a chunk: the calls it is computed by; which share of the sweep it is; members, about (or so many blocks)."""
+CALLS = 16
+"""Calls by which a chunk is computed."""
+CHUNKS = 64
+"""A sweep has at least so many chunks, if it is large enough."""
+MOST_MEMBERS = 2**17
+"""Of a chunk, about; or so many blocks."""
 AT_ONCE = 3
 """Chunks that are dealt with at once: no lane waits for the last call of a chunk, or for a disk."""
 KEPT = 4
@@ -86,7 +90,7 @@ class Plan:
     @cached_property
     def grid(self) -> Grid:
         """The chunks."""
-        most = max(CALLS * self.blocks.size, min(self.members // SHARE, MOST_MEMBERS))
+        most = max(CALLS * self.blocks.size, min(self.members // CHUNKS, MOST_MEMBERS))
         return Grid.of(self.counts, most, self.blocks.shape)
 
     @property
@@ -279,7 +283,8 @@ class Program:
 
     @contextlib.contextmanager
     def ahead(self, deal: Callable[..., Any]) -> Iterator[tuple[Callable[..., Any]]]:
-        """For `in_turn`: what has a few chunks dealt with at once, in threads."""
+        """For `in_turn`: what has a few chunks dealt with at once, in threads. A program serves one of these: its lanes
+        end with it."""
         with ThreadPoolExecutor(AT_ONCE) as threads:
             try:
                 yield (partial(threads.submit, deal),)

@@ -27,7 +27,7 @@ from difftrb.sweeps import axes as axes_
 from difftrb.sweeps import outputs
 from difftrb.sweeps.axes import Axis, up
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import AT_ONCE, MOST_MEMBERS, SHARE, Plan, Program, in_turn
+from difftrb.sweeps.plan import AT_ONCE, CHUNKS, MOST_MEMBERS, Plan, Program, in_turn
 from difftrb.sweeps.swept import Swept, coordinates_of, labelled, manifest_of
 
 BATCH = {"cpu": 1024, "gpu": 65536}
@@ -109,7 +109,7 @@ def _batch(made: Sequence[Axis], batch: int | None) -> int:
         most = BATCH.get(jax.default_backend(), BATCH["gpu"])
         if most == BATCH["cpu"] and any(key.startswith(("bearing.", "contact.")) for axis in made for key in axis.keys):
             most = CONTACT_BATCH
-        return min(most, max(1, members // SHARE))
+        return min(most, max(1, members // CHUNKS))
     if not isinstance(batch, int) or not 1 <= batch <= MOST_MEMBERS:
         raise SweepError(f"batch = {batch!r}: must be a whole number in 1 … {MOST_MEMBERS}")
     return batch

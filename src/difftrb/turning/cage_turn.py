@@ -22,7 +22,7 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
 from difftrb.law.base import LAWS
 from difftrb.law.samples import Progress
-from difftrb.ring import effect, effects
+from difftrb.ring import effect_base, effects
 from difftrb.scene import checks, prepared, solving
 from difftrb.scene.scene import COARSEST, PitchMean, Scene, is_auto, is_plain, named
 from difftrb.turning.frequencies import cage_rate
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from jax import Array
     from jaxtyping import Complex, Float, Int
 
-PHASES = 64
+TURN_PHASES = 64
 MOST = 4096
 FINEST = 1e-4
 """Accuracy of contact solves that "auto" may need to fall back on."""
@@ -151,7 +151,7 @@ def _as_matrix(stiffness: Any, axes: int) -> jax.Array:
 
 
 def stiffness(
-    scene: Scene, phases: int = PHASES, span: float | None = None, slopes: bool | None = None,
+    scene: Scene, phases: int = TURN_PHASES, span: float | None = None, slopes: bool | None = None,
     progress: Progress | None = None,
 ) -> CageTurn:  # fmt: skip
     """A scene over its cage's angle, from `scene.phase` on (from 0 for "mean").
@@ -180,7 +180,7 @@ def stiffness(
 def _repetition(scene: Scene) -> tuple[Repeats, Real]:
     if any(getattr(spall, "surface", "outer") != "outer" for spall in scene.spalls):
         return "never", 2.0 * np.pi * geometry.cage_share(scene.bearing)
-    if effect.among(scene.effects, effects.Diameters) is not None:
+    if effect_base.among(scene.effects, effects.Diameters) is not None:
         return "turn", 2.0 * np.pi
     return "pitch", geometry.roller_pitch(scene.bearing)
 
