@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -11,6 +12,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
+from difftrb.core import jax_config
 from difftrb.fits import fit_report, fit_result, least_squares, optimal_design, predicted, profile_intervals, search
 from difftrb.fits.conditions import conditions
 from difftrb.fits.fitting import fit
@@ -29,6 +31,18 @@ BLANK = tuple(
     for phase in (0.0, "mean")
     for quantity in ("radial_loss", "axial_loss")
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled_as_for_users() -> Iterator[None]:
+    """Programs of these fits run thousands of times."""
+    patch = pytest.MonkeyPatch()
+    patch.setitem(jax_config.OPTIONS, "xla_backend_optimization_level", 1)
+    patch.setitem(jax_config.OPTIONS, "xla_llvm_disable_expensive_passes", False)
+    jax_config.quick.cache_clear()
+    yield
+    patch.undo()
+    jax_config.quick.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.special
 
 from difftrb.core import arrays as xp
-from difftrb.core.numeric import chebyshev_roots, horner
+from difftrb.core.numeric import chebyshev_roots, gauss_legendre, horner
 
 FADING = 0.6  # share of the highest frequency from which weights fade
 SPLIT = 6.0  # power series of the Bessel functions below, amplitude and phase above
@@ -48,7 +48,7 @@ class Frequencies:
 @lru_cache
 def _rule(of: Frequencies) -> tuple[np.ndarray, np.ndarray, float]:
     def gauss(a: float, b: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-        x, w = np.polynomial.legendre.leggauss(count)
+        x, w = gauss_legendre(count)
         return 0.5 * (b - a) * x + 0.5 * (b + a), 0.5 * (b - a) * w
 
     root, root_weight = gauss(0.0, 0.1, of.low)

@@ -1,4 +1,4 @@
-"""Polynomials by Chebyshev's nodes and by powers, and bisection: written once."""
+"""Polynomials by Chebyshev's nodes and by powers, Gauss's rule, and bisection: written once."""
 
 from __future__ import annotations
 
@@ -23,6 +23,12 @@ def chebyshev_nodes(count: int, low: Any, high: Any) -> jax.Array:
 def chebyshev_roots(count: int) -> np.ndarray:
     """The zeros of the Chebyshev polynomial of degree `count`, falling, inside −1…1."""
     return np.cos(np.pi * (np.arange(count) + 0.5) / count)
+
+
+@functools.cache
+def gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places in −1 … 1 and weights, which add up to 2."""
+    return np.polynomial.legendre.leggauss(count)
 
 
 def chebyshev(x: Any, degree: int) -> list[Any]:

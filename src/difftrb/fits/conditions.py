@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import status
+from difftrb.core.numeric import gauss_legendre
 from difftrb.fits.measured import Measurement
 from difftrb.ring import phase_average
 from difftrb.ring.ring import Load
@@ -141,7 +142,7 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> 
         more = rings - len(own)
         at = [c[:3] for c in own] + [own[0][:3]] * more
         found.append((at, -1, *none, [place[c] for c in own] + [size] * more))
-    places, weights = phase_average.gauss(points)
+    places, weights = gauss_legendre(points)
     turning = [c for c in place if c.phase is None]
     for number, c in enumerate(turning):
         for k in range(0, points, TOGETHER):

@@ -68,9 +68,14 @@ def places(parameters: Sequence[Parameter], bounds: Bounds, scene: Scene, count:
     None: as many as so many parameters call for.
     """
     n = len(parameters)
-    count = SCANNED[min(n, len(SCANNED)) - 1] if count is None else count
+    count = points(n) if count is None else count
     own = bounds.coordinates(np.array([[parameter.start(scene) for parameter in parameters]], float))
     return np.concatenate([np.clip(own, -4.0, 4.0), spread(n, count - 1)])
+
+
+def points(n: int) -> int:
+    """How many are scanned for n parameters."""
+    return SCANNED[min(n, len(SCANNED)) - 1]
 
 
 def spread(n: int, count: int) -> np.ndarray:

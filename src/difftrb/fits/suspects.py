@@ -57,7 +57,7 @@ class Suspect(NamedTuple):
 
 def named(fit: Fit, scan: Scan) -> list[Suspect]:
     """Those that explain much more than the fit, the best first."""
-    found = [*_rows(fit, scan), *_fractions(fit, scan), *_parameters(fit)]
+    found = [*_rows(fit, scan), *_fractions(fit, scan), *_parameters(fit, scan)]
     better = sorted((one for one in found if one.gains), key=lambda one: one.chi2)
     return [one for one in better if one.chi2 <= NEARLY * max(better[0].chi2, float(fit.freedom))][:NAMED]
 
@@ -141,8 +141,9 @@ def _fractions(fit: Fit, scan: Scan) -> Iterator[Suspect]:
     yield _suspect(fit, problem, found, "losses are given as fractions", "give them in percent")
 
 
-def _parameters(fit: Fit) -> Iterator[Suspect]:
-    """Each parameter that is a suspect and was not fitted, by one program for all of them."""
+def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
+    """Each parameter that is a suspect and was not fitted, by one program for all of them; scanned as densely as the
+    fit's own."""
     more = list(_usable(fit))
     if not more:
         return
@@ -152,12 +153,12 @@ def _parameters(fit: Fit) -> Iterator[Suspect]:
     problem = dataclasses.replace(fit.problem, parameters=parameters, bounds=bounds,
                                   sound=None if whole else fit.problem.sound)  # fmt: skip
     still = bounds.coordinates(np.array([parameter.start(fit.problem.scene) for parameter in parameters], float))
-    low = _lowest(fit)
+    low, points = _lowest(fit), search.SCANNED[2] * len(scan.place) // search.points(own)
     for i, parameter in enumerate(more, own):
         free = np.arange(len(parameters)) < own
         free[i] = True
         many = predicted.scales(problem)[i] < TURNING
-        at = np.tile(still, (search.SCANNED[2] if many else FEW * len(low), 1))
+        at = np.tile(still, (points if many else FEW * len(low), 1))
         if many:
             at[:, free] = search.spread(own + 1, len(at))
         else:

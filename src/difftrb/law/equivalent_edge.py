@@ -15,11 +15,12 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import loops
+from difftrb.core.numeric import gauss_legendre
 from difftrb.law import edge_share, narrow_spall
 
 ROUNDS = 9
 """In which the one edge is found that stands for a narrow spall's two: to rounding, its derivatives to 1e-9."""
-ALONG, WEIGHTS = np.polynomial.legendre.leggauss(6)
+ALONG, WEIGHTS = gauss_legendre(6)
 """Rows along a narrow spall, in halves of its length from its middle, and what they count."""
 ROW = 1.3
 """A row's line load goes with this power of the approach less the crown, as a crowned roller's load does."""

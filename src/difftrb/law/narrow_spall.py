@@ -18,7 +18,7 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import series
-from difftrb.core.numeric import bisected, chebyshev_roots, polynomial, with_slope
+from difftrb.core.numeric import bisected, chebyshev_roots, gauss_legendre, polynomial, with_slope
 
 MIDDLE = 1.0 / 8.0
 """Of the width's square, by which the roller sinks over the spall's middle, by R."""
@@ -201,7 +201,7 @@ def _sinking_of_both(edges: np.ndarray, lands: np.ndarray) -> np.ndarray:
     """g of both lands: what the near one's outer end has sunk."""
     (near, far), ends = edges, edges + np.exp(lands)
     m = -_middle(edges, ends)  # all looked at from the other side
-    u, weight = np.polynomial.legendre.leggauss(POINTS)
+    u, weight = gauss_legendre(POINTS)
     u, weight = 0.5 * (u + 1.0), 0.5 * weight
     s = (u**2 / (1.0 - u**2))[:, None]
     z = ends[0] + s

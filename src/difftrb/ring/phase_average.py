@@ -18,6 +18,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, loops
 from difftrb.core.geometry import Raceway, Spall, TaperedBearing
+from difftrb.core.numeric import gauss_legendre
 from difftrb.law import load_curve
 from difftrb.law.base import Law
 from difftrb.ring import ring
@@ -36,11 +37,6 @@ ROUNDS = 3
 
 Rule = tuple[Any, Any]
 """Places in −1 … 1 and weights, which add up to 2, of a mean between two kinks, shape (points,) each."""
-
-
-def gauss(points: int) -> Rule:
-    """Gauss and Legendre's."""
-    return np.polynomial.legendre.leggauss(points)
 
 
 class Met(NamedTuple):
@@ -82,7 +78,7 @@ def between(borders: Any, rule: Rule | None = None) -> tuple[Any, Any]:
     None: `gauss` with `POINTS_BETWEEN_KINKS`. Both of shape (phases,).
     """
     starts, length = borders[:-1], borders[1:] - borders[:-1]
-    places, weights = rule or gauss(POINTS_BETWEEN_KINKS)
+    places, weights = rule or gauss_legendre(POINTS_BETWEEN_KINKS)
     at = starts[:, None] + length[:, None] * (0.5 + 0.5 * places)[None, :]
     share = (length / borders[-1])[:, None] * (0.5 * weights)[None, :]
     return at.reshape(-1), share.reshape(-1)
