@@ -17,7 +17,7 @@ KEPT = {
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "0",
     # what is compiled here runs a few times; processes that tests start compile the package's own programs as for users
     "XLA_FLAGS": "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true" + OLDER_EMITTERS,
-    "OPENBLAS_NUM_THREADS": "1",  # threads of several processes wait for each other: small matrices took ten times as long
+    "OPENBLAS_NUM_THREADS": "1",  # threads of several processes wait for each other: ten times as long for small ones
     "TF_CPP_MIN_LOG_LEVEL": "3",  # else XLA reports its own tuning hints whenever it loads a kept program
 }
 for name, value in KEPT.items():
