@@ -5,6 +5,7 @@ python experiments/sweep_at_scale.py scale [LAW] [--members N] [--over bearings]
 python experiments/sweep_at_scale.py batch [LAW] [--over bearings]             members computed at once, one core
 python experiments/sweep_at_scale.py processes                   two processes on one store, timed against one
 python experiments/sweep_at_scale.py kills [TIMES]               kill -9 of one of two at random moments, resume
+python experiments/sweep_at_scale.py kills-of-a-worker, -of-the-scheduler, -of-all [TIMES]   the same of Dask's
 python experiments/sweep_at_scale.py contacts [--out DIR]        Fig. 13 of the paper as a surface: 4096 solves
 
 `scale` sweeps length × width × phase × load, stiffness radial and axial with derivatives by length and width, into
@@ -226,6 +227,53 @@ def kills(folder: Path, times: int, text: str = FILE, longest: float | None = No
     return sorted(differing), there
 
 
+def cluster(folder: Path) -> tuple[str, list[subprocess.Popen[bytes]]]:
+    """A Dask scheduler and two workers, which no nanny starts again: its address, and the processes, it first."""
+    told, quiet = folder / "scheduler.json", {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    told.unlink(missing_ok=True)
+    dask = [sys.executable, "-m", "dask"]
+    asked = [*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(told)]
+    made = [subprocess.Popen(asked, **quiet)]  # type: ignore[call-overload]
+    while not told.exists() or not told.read_text():
+        time.sleep(0.1)
+    one = [*dask, "worker", "--scheduler-file", str(told), "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    made += [subprocess.Popen(one, cwd=folder, **quiet) for _ in range(2)]  # type: ignore[call-overload]
+    return json.loads(told.read_text())["address"], made
+
+
+def kills_on_dask(folder: Path, times: int, whom: str, text: str = FILE) -> tuple[list[str], list[str]]:
+    """What differs between a sweep and one by Dask's workers of which one, the scheduler, or all and the command itself
+    are killed at random moments; what was there then, and how the command ended. After the scheduler it is resumed."""
+    file, _ = by_one(folder, text)
+    told, differing, out = list[str](), set[str](), folder / "killed"
+
+    def there() -> int:
+        return int(store_of(out).done().sum()) if out.exists() and store_of(out).about else 0
+
+    for _ in range(times):
+        address, (scheduler, *workers) = cluster(folder)
+        driver = subprocess.Popen(command(file, out, "--scheduler", address), stderr=subprocess.PIPE)
+        try:
+            while not there() and driver.poll() is None:
+                time.sleep(0.1)
+            time.sleep(random.uniform(0.0, 3.0))
+            killed = {"worker": workers[:1], "scheduler": [scheduler], "all": [driver, scheduler, *workers]}[whom]
+            for process in killed:
+                process.send_signal(signal.SIGKILL)
+            chunks_then, (_, said) = there(), driver.communicate(timeout=300)
+            last = said.decode().strip().splitlines()[-1:] if driver.returncode == 2 else []
+            told.append(": ".join([f"{chunks_then} chunks; command ended {driver.returncode}", *last]))
+        finally:
+            for process in (driver, scheduler, *workers):
+                process.kill()
+                process.wait()
+        if driver.returncode:
+            subprocess.run(command(file, out, "--resume"), capture_output=True, timeout=300)
+        differing.update(same(folder / "one", out))
+        shutil.rmtree(out)
+    return sorted(differing), told
+
+
 def contacts(side: int = 64, accuracy: float = 1e-3, devices: int | None = None) -> tuple[trb.Swept, float, float]:
     """Approach over D_x and length (Fig. 13: 3 kN, width 1 mm), side² contacts; seconds to compile and to compute."""
     base = {"contact": trb.LineContact.of(trb.bearing("32008J")), "spall": trb.Spall(2.0, 1.0), "offset": 0.0}
@@ -249,7 +297,8 @@ def contacts(side: int = 64, accuracy: float = 1e-3, devices: int | None = None)
 def main() -> None:
     """Measure what the command line asks for, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("scale", "batch", "processes", "kills", "contacts", "child"))
+    of_dask = {f"kills-of-{who}": who.split("-")[-1] for who in ("a-worker", "the-scheduler", "all")}
+    parser.add_argument("what", choices=("scale", "batch", "processes", "kills", *of_dask, "contacts", "child"))
     parser.add_argument("more", nargs="*")
     parser.add_argument("--members", type=float, default=1e6)
     parser.add_argument("--over", choices=tuple(OVER), default="loads")
@@ -274,6 +323,9 @@ def main() -> None:
             if options.what == "processes":
                 differing, seconds = processes(folder)
                 print(f"differing between one process and two: {differing or 'nothing'}; the two took {seconds:.1f} s")
+            elif options.what in of_dask:
+                differing, told = kills_on_dask(folder, int(more[0]) if more else 10, of_dask[options.what])
+                print("\n".join([*told, f"differing in the end: {differing or 'nothing'}"]))
             else:
                 differing, there = kills(folder, int(more[0]) if more else 10)
                 print(f"after kills there were {there} chunks; differing in the end: {differing or 'nothing'}")

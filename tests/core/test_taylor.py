@@ -47,6 +47,7 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "stack behind": lambda x: xp.stack([x, 2.0 * x], axis=-1), "concatenate": lambda x: xp.concatenate([x[1:], x * x]),
     "total": lambda x: xp.total(x * x), "leading total": lambda x: xp.leading_total(xp.stack([x, x * x])),
     "largest": lambda x: xp.largest(xp.stack([x, x * x, 0.5 - x])), "index": lambda x: x[np.array([2, 0])] * x[1],
+    "largest of equals": lambda x: xp.largest(xp.stack([x * x, x * x, x - 9.0, x * x])),
     "broadcast": lambda x: xp.broadcast_to(x[None], (2, 3)), "reshape": lambda x: (x * x).reshape(3, 1),
     "einsum": lambda x: xp.einsum("ij,j->i", COLUMNS, x), "einsum of two": lambda x: xp.einsum("i,j->ij", x, x * x),
     "taken": lambda x: xp.taken(xp.stack([x, x * x]), np.array([1, 0, 1])),

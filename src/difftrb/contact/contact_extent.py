@@ -48,8 +48,8 @@ def domain(
     interference = delta if tilt is None else delta - least_rest(contact, tilt)
     met = xp.largest(xp.where(lands.covered & (raised < interference), raised, 0.0))  # by a slice over a spall
     beyond, low, high = extents(contact, delta - xp.minimum(met, 0.999 * interference), tilt)
-    certain = xp.sqrt(2.0 * contact.radius * ESTIMATE * interference)
-    edge = xp.sqrt(2.0 * contact.radius * xp.where(met > 0.0, met, 1.0))
+    certain = gaps.certain_reach(contact.radius, ESTIMATE * interference)
+    edge = gaps.certain_reach(contact.radius, xp.where(met > 0.0, met, 1.0))
     # `beyond` holds the margin of `extents`, at least 1.75; of it 1.05 is enough beside an edge
     reach = xp.where(met > 0.0, xp.clip(edge + 0.6 * beyond, reach, certain), reach)
     if len(spalls) == 1:  # where no land is left, only what sinks past the edges meets the crown
@@ -107,7 +107,7 @@ def edges_along(contact: LineContact, spall: Spall) -> tuple[Any, Any]:
 
 def clear_of_spall(contact: LineContact, spall: Spall, offset: Any, approach: Any) -> Any:
     """Whether a roller over a spall, at this approach [mm], reaches neither its rolling edges nor its bottom."""
-    certain = xp.sqrt(2.0 * contact.radius * approach)  # beyond it the gap exceeds the approach
+    certain = gaps.certain_reach(contact.radius, approach)
     return (xp.abs(offset) + certain <= 0.5 * spall.width) & (approach < spall.depth)
 
 
@@ -122,7 +122,7 @@ def extents(contact: LineContact, delta: Any, tilt: Any | None) -> tuple[Any, An
         least = least_rest(contact, tilt)
         delta = ESTIMATE * (delta - least)
         bottom, top = (crossing(contact, delta + least, tilt, side) for side in (-1.0, 1.0))
-    certain = xp.sqrt(2.0 * contact.radius * delta)  # beyond it the gap exceeds the approach
+    certain = gaps.certain_reach(contact.radius, delta)
     slenderness = xp.maximum(2.0 * xp.log(2.0 * (top - bottom) / certain) + 1.0, 3.0)
     # slices, and a margin for the peaks at spall edges and, where the crown no longer relieves them, at roller ends
     margin = 1.75 + 2.0 * xp.clip((delta / 100.0 - scale) / (scale + 1e-12 * delta), 0.0, 1.0)

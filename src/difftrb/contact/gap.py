@@ -120,6 +120,11 @@ def rest_slope(y: Real, contact: LineContact, slope: Real | None) -> Real:
 # ------------------------------------------------------------------------------------------ closed forms
 
 
+def certain_reach(radius: Real, approach: Real) -> Real:
+    """Where a roller's curvature alone exceeds the approach [mm]: no contact reaches farther from its middle."""
+    return xp.sqrt(2.0 * radius * approach)
+
+
 def line_half_width(line_load: Real, radius: Real, modulus: Real) -> Real:
     """Half width b of a line contact [mm] under `line_load` [N/mm]."""
     return xp.sqrt(4.0 * line_load * radius / (np.pi * modulus))  # Johnson 1985, eq. (4.43)

@@ -53,7 +53,7 @@ def outlook(inputs: Inputs) -> tuple[Any, Any]:
     fits = suited(inputs, reach, reach.approach)
     if spall is None:
         return np.asarray(0), fits
-    certain = xp.sqrt(2.0 * contact.radius * ABOVE * _interference(inputs, reach.approach))  # the gap exceeds it beyond
+    certain = gaps.certain_reach(contact.radius, ABOVE * _interference(inputs, reach.approach))
     near, far = 0.5 * spall.width - xp.abs(inputs.offset), 0.5 * spall.width + xp.abs(inputs.offset)
     edges = xp.where(near < certain, 1, 0) + xp.where(far < certain, 1, 0)
     return edges, fits & ((edges == 0) | ends_within(inputs, reach))
@@ -120,7 +120,7 @@ def _level_reach(contact: LineContact, load: Any, spall: Any, offset: Any, edges
     taken = 0.5 * (taken**2 + taken**8)  # what is left of a strip is nearly as stiff until little is left
     tip, line_load, _, approach = (taken * a + (1.0 - taken) * b for a, b in zip(reach, sound, strict=True))
     # a light load sinks a roller over a long spall through its crown: then edges far beyond the half-width are in reach
-    farthest = xp.sqrt(2.0 * contact.radius * reach[3]) / REACHED
+    farthest = gaps.certain_reach(contact.radius, reach[3]) / REACHED
     unit = xp.maximum(gaps.line_half_width(line_load, contact.radius, contact.modulus), farthest)
     return tip, 0.25 * np.pi * contact.modulus * unit**2 / contact.radius, unit, approach
 

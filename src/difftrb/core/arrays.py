@@ -192,13 +192,12 @@ def leading_total(x: Any) -> Any:
 
 
 def largest(x: Any) -> Any:
-    """Of every entry along the first axis."""
+    """Of every entry along the first axis; several that are largest have equal parts of the derivatives, as JAX's."""
+    top = of(x).max(value(x), axis=0)
     if not isinstance(x, Taylor):
-        return of(x).max(x, axis=0)
-    found = x[0]
-    for k in range(1, len(x)):
-        found = maximum(found, x[k])
-    return found
+        return top
+    equal = x.value == top
+    return dataclasses.replace(leading_total(x * (equal / equal.sum(axis=0))), value=top)
 
 
 def taken(x: Any, index: Any) -> Any:

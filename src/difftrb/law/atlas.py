@@ -16,7 +16,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from difftrb.contact import crown
+from difftrb.contact import crown, gap
 from difftrb.core import arrays as xp
 from difftrb.core import series, status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
@@ -233,7 +233,7 @@ def _place(contact: LineContact, spall: Spall) -> Place:
 
 def _farthest(contact: LineContact) -> Any:
     """No edge farther than this from a roller's middle touches it [mm], under any load of the atlas."""
-    return xp.sqrt(2.0 * contact.radius * DEEPEST * crown.scale(contact))
+    return gap.certain_reach(contact.radius, DEEPEST * crown.scale(contact))
 
 
 def _narrow(beside: Ramp, contact: LineContact, spall: Spall) -> Ramp:

@@ -50,7 +50,7 @@ class Rest(NamedTuple):
     def in_reach(self, spall: Spall, distances: jax.Array) -> jax.Array:
         """Whether each roller, its contact at `distances` [mm] from the spall's middle, may meet it, shape (rollers,).
 
-        Beyond √(2Rδ) from the contact's middle the gap exceeds the approach.
+        See `gap.certain_reach`.
         """
         of = xp.of(distances, spall.width)
         beside = of.maximum(of.abs(distances) - 0.5 * spall.width, 0.0)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from difftrb.contact.gap import certain_reach
 from difftrb.core import arrays as xp
 from difftrb.core import series
 from difftrb.core.geometry import Real
@@ -138,7 +139,7 @@ def between(ramp: Ramp, approach: Any) -> tuple[Any, Any, Any, Any]:
     half_width = half_width * xp.sqrt(xp.within(1.0 - ramp.rise / pressed, NARROWED, 1.0))
     free = approach - ramp.rise - full * xp.exp(series.polynomial(ramp.sunk, _of_load(ramp, full), straight=True))
     above = free > 0.0
-    return healthy, full, -half_width, xp.where(above, xp.sqrt(2.0 * ramp.radius * xp.where(above, free, 1.0)), 0.0)
+    return healthy, full, -half_width, xp.where(above, certain_reach(ramp.radius, xp.where(above, free, 1.0)), 0.0)
 
 
 def extent(ramp: Ramp, approach: Any) -> tuple[Any, Any]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from difftrb.contact import crown
+from difftrb.contact import crown, gap
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_solution import is_symmetric, listed
 from difftrb.contact.solver import ContactSolution
@@ -186,10 +186,10 @@ def last_touch(contact: LineContact, solution: ContactSolution) -> float:
     if approach <= 0.0:  # no solution, as its status says
         return 0.0
     apart = (y - along[:, None]) ** 2
-    edge = np.sqrt(2.0 * radius * approach)
+    edge = gap.certain_reach(radius, approach)
     for _ in range(10):
         sunk = (pressed / np.sqrt((x - edge) ** 2 + apart)).sum(axis=1) / (np.pi * float(contact.modulus))
-        edge = 0.5 * (edge + np.sqrt(2.0 * radius * max(approach - _least(rise + sunk), 1e-3 * approach)))
+        edge = 0.5 * (edge + gap.certain_reach(radius, max(approach - _least(rise + sunk), 1e-3 * approach)))
     return float(edge)
 
 

@@ -97,6 +97,10 @@ RATING = 0.12
 """Relative standard deviation of a maker's C and C0 from ISO 281 and ISO 76; C0 of 32208 and 32216: −10 and +17 %."""
 TAPER = 0.02
 """Of a taper told by two diameters, which are rounded."""
+CROWN_SPREAD = 0.5 * math.log(2.0)
+"""Standard deviation of ln Q_d, which nothing tells: a factor of 2 either way at k = 2."""
+LEAN_SPREAD = 0.25
+"""Of `Inside.lean`: the flange touches rollers between the raceway and their axis."""
 ALIKE = 4.0
 """Standard deviations that two things told of one bearing may be apart."""
 

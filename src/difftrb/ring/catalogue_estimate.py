@@ -18,14 +18,10 @@ import numpy as np
 from difftrb.core.geometry import TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.ring import catalogue
-from difftrb.ring.catalogue import ALIKE, LEAN, Catalogue, Inside, Told, tapered
+from difftrb.ring.catalogue import ALIKE, CROWN_SPREAD, LEAN, LEAN_SPREAD, Catalogue, Inside, Told, tapered  # fmt: skip
 
 COVERED = 2.0
 """Coverage factor k of all uncertainties that are told: about 95 of 100 (GUM)."""
-CROWN_SPREAD = 0.5 * math.log(2.0)
-"""Standard deviation of ln Q_d, which nothing tells: a factor of 2 either way at k = 2."""
-LEAN_SPREAD = 0.25
-"""Of `Inside.lean`: the flange touches rollers between the raceway and their axis."""
 ROUNDS = 12
 STEP = 1e-5
 

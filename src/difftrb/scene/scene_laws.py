@@ -188,7 +188,7 @@ def _meet_more(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
     deepest = float(base.healthy[-1])
     if min(float(spall.depth) for spall in spalls) < deepest:
         return True
-    reach = np.sqrt(2.0 * float(base.contact.radius) * deepest)
+    reach = gap.certain_reach(float(base.contact.radius), deepest)
     half = np.array([0.5 * float(spall.width) for spall in spalls]) + reach
     turn = 2.0 * np.pi * float(geometry.arc_radius(scene.bearing, raceway))
     shares = np.array([float(spall.angle) % (2.0 * np.pi) for spall in spalls]) / (2.0 * np.pi)
