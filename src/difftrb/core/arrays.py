@@ -196,8 +196,8 @@ def largest(x: Any) -> Any:
     top = of(x).max(value(x), axis=0)
     if not isinstance(x, Taylor):
         return top
-    equal = x.value == top
-    return dataclasses.replace(leading_total(x * (equal / equal.sum(axis=0))), value=top)
+    equal = x.value == top[None]
+    return dataclasses.replace(leading_total(x * (equal / equal.sum(axis=0)[None])), value=top)
 
 
 def taken(x: Any, index: Any) -> Any:
