@@ -18,7 +18,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.core import machine
+from difftrb.core import jax_config, machine
 from difftrb.law import power
 from difftrb.report import figure_style
 from difftrb.ring import ring
@@ -733,6 +733,8 @@ def test_two_devices_make_the_same_files(whole: Path, tmp_path: Path) -> None:
         "import sys; sys.path.insert(0, sys.argv[1]); import jax; jax.config.update('jax_enable_x64', True)\n"
         "jax.config.update('jax_num_cpu_devices', 2)\n"
         "from pathlib import Path; import difftrb\n"
+        "from difftrb.core import jax_config\n"
+        f"jax_config.OPTIONS.update({jax_config.OPTIONS})\n"  # other options, other bytes
         "from difftrb.sweeps import chunks, sweep_file\n"
         "text = Path(sys.argv[2]).read_text()\n"
         "assert len(jax.local_devices()) == 2\n"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import jax
@@ -18,10 +18,6 @@ from jax.custom_derivatives import SymbolicZero
 from difftrb.core import arrays as xp
 from difftrb.core import numeric, taylor
 from difftrb.core.taylor import Taylor
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", DeprecationWarning)  # jaxopt announces at import that it is no longer developed
-    from jaxopt.implicit_diff import root_jvp
 
 Pytree = Any
 Pressed = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
@@ -49,7 +45,7 @@ def _root_jvp(
     moving, changes, among = _moving(parameters, tangents[0])
     # y by parameters and by x apart: the former is all that the residual needs of it
     _, by_parameters = jax.jvp(lambda p: outcome(x, among(p), auxiliary), (moving,), (changes,))
-    x_change = root_jvp(
+    x_change = _of_jaxopt()(
         lambda x, y, p: residual(x, y, among(p)), x, (y, moving), (by_parameters, changes),
         solve=lambda _, right: respond(x, y, parameters, right),
     )  # fmt: skip
@@ -59,6 +55,15 @@ def _root_jvp(
 
 
 root.defjvp(_root_jvp, symbolic_zeros=True)
+
+
+@cache
+def _of_jaxopt() -> Callable[..., Any]:
+    """`root_jvp`, imported where it is needed: that takes half a second."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # jaxopt says at import that it is no longer developed
+        from jaxopt.implicit_diff import root_jvp
+    return root_jvp
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))

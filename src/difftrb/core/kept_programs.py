@@ -20,12 +20,14 @@ import jax.export
 from difftrb.core.kept import folder, place, write
 
 
-def jit_kept(function: Callable[..., Any], depends: Any, *arguments: Any) -> Callable[..., Any]:
-    """`function` jitted, traced once for all processes where programs are kept: for `arguments` or their shapes. All
-    that it `depends` on tells it from others."""
+def jit_kept(
+    function: Callable[..., Any], depends: Any, options: dict[str, Any], *arguments: Any
+) -> Callable[..., Any]:
+    """`function` jitted with the compiler's `options`, traced once for all processes where programs are kept: for
+    `arguments` or their shapes. All that it `depends` on tells it from others."""
     own = folder()
-    found = None if own is None else kept(own, function, depends, arguments, {})
-    return found or jax.jit(function)
+    found = None if own is None else kept(own, function, depends, arguments, {}, options)
+    return found or jax.jit(function, compiler_options=options)
 
 
 class Kept:

@@ -127,7 +127,7 @@ class Plan:
 
         depends = (several.__qualname__, self.base, self.function, self.gradients, self.batch,
                    [(axis.keys, axis.values.shape) for axis in self.axes])  # fmt: skip
-        return kept_programs.jit_kept(several, depends, *self._arguments)
+        return kept_programs.jit_kept(several, depends, jax_config.quick(), *self._arguments)
 
     @property
     def names(self) -> list[str]:
