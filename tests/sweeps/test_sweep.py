@@ -748,6 +748,20 @@ def test_two_devices_make_the_same_files(whole: Path, tmp_path: Path) -> None:
     assert bytes_of(tmp_path / "out") == bytes_of(whole)
 
 
+def test_workers_of_dask_make_the_same_files(whole: Path, plan: Plan, tmp_path: Path) -> None:
+    """Here as threads of this process; a plan goes to others by cloudpickle."""
+    distributed = pytest.importorskip("distributed")
+    cloudpickle = pytest.importorskip("cloudpickle")
+    sent = cloudpickle.dumps(plan)
+    assert cloudpickle.loads(sent) is cloudpickle.loads(sent)  # compiled once
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        ended = chunks.run(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
+    assert ended.computed == plan.chunks
+    assert bytes_of(tmp_path / "out") == bytes_of(whole)
+
+
 # ------------------------------------------------------------------------------------------------ figures
 
 

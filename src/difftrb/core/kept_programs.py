@@ -120,4 +120,4 @@ def _names(
 
 def _context() -> tuple[str, bool]:
     """What every program depends on besides."""
-    return jax.default_backend(), jax.config.read("jax_enable_x64")
+    return jax.default_backend(), bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]

@@ -153,7 +153,8 @@ class Plan:
     def __reduce__(self) -> Any:
         """Numbers stay float64 wherever a plan is sent, and one that comes twice is there once, compiled once."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.init}
-        return _arrived, (_Ready(jax.config.read("jax_compilation_cache_dir") is not None), self.token, fields)
+        cached = jax.config.jax_compilation_cache_dir is not None  # type: ignore[attr-defined]
+        return _arrived, (_Ready(cached), self.token, fields)
 
 
 class _Ready:
