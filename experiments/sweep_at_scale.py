@@ -252,7 +252,8 @@ def kills_on_dask(folder: Path, times: int, whom: str, text: str = FILE) -> tupl
 
     for _ in range(times):
         address, (scheduler, *workers) = cluster(folder)
-        driver = subprocess.Popen(command(file, out, "--scheduler", address), stderr=subprocess.PIPE)
+        asked = command(file, out, "--scheduler", address)
+        driver = subprocess.Popen(asked, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         try:
             while not there() and driver.poll() is None:
                 time.sleep(0.1)
@@ -261,7 +262,7 @@ def kills_on_dask(folder: Path, times: int, whom: str, text: str = FILE) -> tupl
             for process in killed:
                 process.send_signal(signal.SIGKILL)
             chunks_then, (_, said) = there(), driver.communicate(timeout=300)
-            last = said.decode().strip().splitlines()[-1:] if driver.returncode == 2 else []
+            last = said.decode().strip().splitlines()[-1:]
             told.append(": ".join([f"{chunks_then} chunks; command ended {driver.returncode}", *last]))
         finally:
             for process in (driver, scheduler, *workers):

@@ -762,6 +762,18 @@ def test_workers_of_dask_make_the_same_files(whole: Path, plan: Plan, tmp_path: 
     assert bytes_of(tmp_path / "out") == bytes_of(whole)
 
 
+@pytest.mark.slow
+@pytest.mark.hard
+def test_a_scheduler_that_dies_is_said_in_one_sentence(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    differing, (told,) = scale.kills_on_dask(tmp_path, 1, "scheduler")
+    assert differing == []
+    if not told.endswith("command ended 1"):  # it was done before
+        assert "command ended 2: difftrb: " in told
+        assert "the scheduler is gone: " in told
+        assert told.endswith("chunks are written and stay good; start another one, and go on with --resume")
+
+
 # ------------------------------------------------------------------------------------------------ figures
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import logging
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -160,6 +162,7 @@ def _workers(address: str, plan: Plan, store: Npz | Zarr, devices: int) -> Itera
     except ImportError:
         raise SweepError("--scheduler needs dask.distributed: pip install 'difftrb[cluster]'") from None
     with contextlib.ExitStack() as stack:
+        stack.enter_context(_silent("distributed"))  # what matters is said in one sentence
         try:
             if address == "local":
                 local: Any = distributed.LocalCluster(n_workers=max(1, cores() // devices), threads_per_worker=1)
@@ -169,13 +172,31 @@ def _workers(address: str, plan: Plan, store: Npz | Zarr, devices: int) -> Itera
             raise SweepError(f"--scheduler {address}: {str(error).splitlines()[0]}") from None
         both = client.submit(_given, plan, store, pure=False)  # sent once, and made again where a worker has lost it
 
+        gone = ConnectionError(None, "the scheduler is gone", address)
+
         def alive() -> None:
             link = client.scheduler_comm
             if client.status != "running" or link is None or link.comm is None or link.comm.closed():
-                raise OSError(None, "the scheduler is gone", address)
+                raise gone
 
         task = partial(_task, devices=devices)
-        yield lambda chunk: client.submit(task, both, chunk, pure=False, retries=RETRIES), TASKS, alive
+        try:
+            yield lambda chunk: client.submit(task, both, chunk, pure=False, retries=RETRIES), TASKS, alive
+        except CancelledError:  # of chunks that it knew
+            raise gone from None
+
+
+@contextlib.contextmanager
+def _silent(name: str) -> Iterator[None]:
+    """Without what a library logs, whose loggers share their handlers."""
+    before = [(handler, handler.level) for handler in logging.getLogger(name).handlers]
+    for handler, _ in before:
+        handler.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for handler, level in before:
+            handler.setLevel(level)
 
 
 def _given(plan: Plan, store: Npz | Zarr) -> tuple[Plan, Npz | Zarr]:
@@ -254,7 +275,9 @@ def _stays_good(store: Npz | Zarr | str | Path, plan: Plan) -> Iterator[None]:
         if isinstance(store, Npz | Zarr):
             with contextlib.suppress(OSError, ImportError):
                 there = int(store.done().sum())
-        mend = INSTALL if isinstance(error, ImportError) else "make room or allow writing there"
+        mend = "make room or allow writing there"
+        if isinstance(error, ImportError | ConnectionError):
+            mend = INSTALL if isinstance(error, ImportError) else "start another one"
         what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
         where = getattr(store, "where", store)
         named = str(getattr(error, "filename", None) or storage.SCRATCH)
