@@ -764,9 +764,10 @@ def test_workers_of_dask_make_the_same_files(whole: Path, plan: Plan, tmp_path: 
 
 @pytest.mark.slow
 @pytest.mark.hard
-def test_a_scheduler_that_dies_is_said_in_one_sentence(tmp_path: Path) -> None:
+def test_a_scheduler_that_dies_is_said_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    differing, (told,) = scale.kills_on_dask(tmp_path, 1, "scheduler")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    differing, (told,) = experiment().kills_on_dask(tmp_path, 1, "scheduler")
     assert differing == []
     if not told.endswith("command ended 1"):  # it was done before
         assert "command ended 2: difftrb: " in told
