@@ -77,6 +77,15 @@ def test_expansion_has_the_derivatives_of_jax(name: str) -> None:
     compared(FUNCTIONS[name](FIRST), lambda d, p: FUNCTIONS[name](first(d, p)))
 
 
+def test_the_largest_knows_nothing_of_what_is_infinite() -> None:
+    """As the crown at a roller's ends, among equals and alone."""
+    by = np.eye(6).reshape(6, 3, 2)
+    by[:, 0, 0] = np.inf
+    found = xp.largest(Taylor(np.array([[-np.inf, 2.0], [1.0, np.inf], [1.0, -np.inf]]), by))
+    np.testing.assert_array_equal(found.value, [1.0, np.inf])
+    np.testing.assert_array_equal(found.by[:, 0], [0.0, 0.0, 0.5, 0.0, 0.5, 0.0])
+
+
 @pytest.mark.parametrize("straight", [False, True])
 def test_polynomial_whose_coefficients_move(straight: bool) -> None:
     found = series.polynomial(MOVING, 2.0 * FIRST, straight)

@@ -197,7 +197,7 @@ def largest(x: Any) -> Any:
     if not isinstance(x, Taylor):
         return top
     equal = x.value == top[None]
-    return dataclasses.replace(leading_total(x * (equal / equal.sum(axis=0)[None])), value=top)
+    return dataclasses.replace(leading_total(where(equal, x, 0.0)) * (1.0 / equal.sum(axis=0)), value=top)
 
 
 def taken(x: Any, index: Any) -> Any:
