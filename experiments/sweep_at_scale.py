@@ -209,22 +209,27 @@ def processes(folder: Path, text: str = FILE) -> tuple[list[str], float]:
     return same(folder / "one", folder / "two"), time.perf_counter() - began
 
 
+def there(out: Path) -> int:
+    """How many chunks are in a folder that need not be there."""
+    return int(store_of(out).done().sum()) if out.exists() and store_of(out).about else 0
+
+
 def kills(folder: Path, times: int, text: str = FILE, longest: float | None = None) -> tuple[list[str], list[int]]:
     """What differs between a sweep and one of two processes of which one was killed at `times` random moments; the
     number of chunks that were there after each. The other finishes without being told."""
     file, seconds = by_one(folder, text)
-    longest, there, differing = longest or seconds, [], set[str]()
+    longest, left, differing = longest or seconds, [], set[str]()
     for k in range(times):
         out = folder / f"killed-{k}"
         one, other = (started(file, out, "--share", f"{i}/2") for i in (1, 2))
         time.sleep(random.uniform(0.3, 1.0) * longest)
         one.send_signal(signal.SIGKILL)
         one.wait()
-        there.append(int(store_of(out).done().sum()) if out.exists() and store_of(out).about else 0)
+        left.append(there(out))
         other.wait(300)
         differing.update(same(folder / "one", out))
         shutil.rmtree(out)
-    return sorted(differing), there
+    return sorted(differing), left
 
 
 def cluster(folder: Path) -> tuple[str, list[subprocess.Popen[bytes]]]:
@@ -247,21 +252,18 @@ def kills_on_dask(folder: Path, times: int, whom: str, text: str = FILE) -> tupl
     file, _ = by_one(folder, text)
     told, differing, out = list[str](), set[str](), folder / "killed"
 
-    def there() -> int:
-        return int(store_of(out).done().sum()) if out.exists() and store_of(out).about else 0
-
     for _ in range(times):
         address, (scheduler, *workers) = cluster(folder)
         asked = command(file, out, "--scheduler", address)
         driver = subprocess.Popen(asked, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         try:
-            while not there() and driver.poll() is None:
+            while not there(out) and driver.poll() is None:
                 time.sleep(0.1)
             time.sleep(random.uniform(0.0, 3.0))
             killed = {"worker": workers[:1], "scheduler": [scheduler], "all": [driver, scheduler, *workers]}[whom]
             for process in killed:
                 process.send_signal(signal.SIGKILL)
-            chunks_then, (_, said) = there(), driver.communicate(timeout=300)
+            chunks_then, (_, said) = there(out), driver.communicate(timeout=300)
             last = said.decode().strip().splitlines()[-1:]
             told.append(": ".join([f"{chunks_then} chunks; command ended {driver.returncode}", *last]))
         finally:
@@ -328,8 +330,8 @@ def main() -> None:
                 differing, told = kills_on_dask(folder, int(more[0]) if more else 10, of_dask[options.what])
                 print("\n".join([*told, f"differing in the end: {differing or 'nothing'}"]))
             else:
-                differing, there = kills(folder, int(more[0]) if more else 10)
-                print(f"after kills there were {there} chunks; differing in the end: {differing or 'nothing'}")
+                differing, left = kills(folder, int(more[0]) if more else 10)
+                print(f"after kills there were {left} chunks; differing in the end: {differing or 'nothing'}")
         finally:
             shutil.rmtree(folder)
 
