@@ -28,6 +28,7 @@ TASKS = 10_000
 """Chunks that a scheduler knows at once."""
 MEND = "make room or allow writing there"
 """What to do where the disk or the bucket fails."""
+GONE = "the scheduler is gone"
 RETRIES = 3
 """How often a chunk is tried again that failed on a worker."""
 
@@ -174,7 +175,7 @@ def _workers(address: str, plan: Plan, store: Npz | Zarr, devices: int) -> Itera
             raise SweepError(f"--scheduler {address}: {str(error).splitlines()[0]}") from None
         both = client.submit(_given, plan, store, pure=False)  # sent once, and made again where a worker has lost it
 
-        gone = _SchedulerGoneError(None, "the scheduler is gone", address)
+        gone = OSError(None, GONE, address)
 
         def alive() -> None:
             link = client.scheduler_comm
@@ -186,10 +187,6 @@ def _workers(address: str, plan: Plan, store: Npz | Zarr, devices: int) -> Itera
             yield lambda chunk: client.submit(task, both, chunk, pure=False, retries=RETRIES), TASKS, alive
         except CancelledError:  # of chunks that it knew
             raise gone from None
-
-
-class _SchedulerGoneError(OSError):
-    """Not the disk's, nor a bucket's."""
 
 
 @contextlib.contextmanager
@@ -281,8 +278,8 @@ def _stays_good(store: Npz | Zarr | str | Path, plan: Plan) -> Iterator[None]:
         if isinstance(store, Npz | Zarr):
             with contextlib.suppress(OSError, ImportError):
                 there = int(store.done().sum())
-        others = {ImportError: INSTALL, _SchedulerGoneError: "start another one"}
-        mend = next((words for kind, words in others.items() if isinstance(error, kind)), MEND)
+        gone = "start another one" if getattr(error, "strerror", None) == GONE else MEND
+        mend = INSTALL if isinstance(error, ImportError) else gone
         what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
         where = getattr(store, "where", store)
         named = str(getattr(error, "filename", None) or storage.SCRATCH)
