@@ -260,7 +260,7 @@ def test_levenberg_marquardt_alone() -> None:
     np.testing.assert_allclose(found.place[::2], 1.0, rtol=1e-7)
     assert found.place[1, 1] == 4.0
     assert found.converged.all()
-    met = least_squares.minimum(rosenbrock, starts, free, 60, meet=np.full(2, 0.02))
+    met = least_squares.minimum(rosenbrock, starts, free, 60, enough=least_squares.Enough(meet=np.full(2, 0.02)))
     np.testing.assert_array_equal(met.place[0], met.place[2])
     np.testing.assert_allclose(met.place[0], 1.0, rtol=1e-7)
     assert met.converged.all()

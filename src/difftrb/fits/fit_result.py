@@ -135,7 +135,8 @@ class Fit(status.Judged):
         at = np.tile(self.place, (points * points, 1))
         at[:, 0], at[:, 1] = (axis.ravel() for axis in grid)
         free = np.tile(np.arange(len(self.place)) > 1, (len(at), 1))
-        costs, _ = profile_intervals.held(self.problem, self.place, self.normal, free, at, self.known)
+        starts = profile_intervals.both_starts(self.place, self.normal, self.known, free, at)
+        costs, _ = profile_intervals.held(self.problem, free, starts)
         return 2.0 * (costs - 0.5 * self.chi2).reshape(points, points)
 
     def by_data(self) -> np.ndarray:

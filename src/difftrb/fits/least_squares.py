@@ -29,6 +29,8 @@ LONGEST = 2.0
 """Longest step of one coordinate."""
 ROUNDING = 1e-13
 """Relative gain of the sum of squares below which there is nothing left to gain."""
+SHORTER = 0.1, 0.5
+"""By how much a step is shortened that was none, at most and at least."""
 LEAST_DAMPING = 1e-13
 """Relative: keeps the normal matrix invertible where residuals do not depend on something."""
 
@@ -99,10 +101,25 @@ class First(NamedTuple):
     steps: int
 
 
+class Enough(NamedTuple):
+    """When a case is done, besides where rounding ends it.
+
+    Attributes:
+      gain: of half the sum of squares, below which a step is not worth it.
+      behind: the same as a share of how far the case is behind the best one, of what that is more than `margin`.
+      meet: a case that comes closer than this, shape (n,), to a better one with the same coordinates held, ends where
+        that one does.
+    """
+
+    gain: float = 0.0
+    behind: float = 0.0
+    margin: float = 0.0
+    meet: np.ndarray | None = None
+
+
 def minimum(
     evaluate: Callable[[np.ndarray], Evaluated], start: np.ndarray, free: np.ndarray, steps: int,
-    first: First | None = None, enough: float = 0.0, meet: np.ndarray | None = None, behind: float = 0.0,
-    longest: np.ndarray | float = LONGEST,
+    first: First | None = None, enough: Enough = Enough(), longest: np.ndarray | float = LONGEST,  # noqa: B008
 ) -> Least:  # fmt: skip
     """Least squares of what `evaluate` says of places, shape (some cases, n).
 
@@ -110,12 +127,9 @@ def minimum(
       start: shape (cases, n). free: which coordinates move, same shape.
       steps: at most. With none it evaluates the start.
       first: what goes before, if anything.
-      enough: gain of half the sum of squares, besides rounding, below which a case is done.
-      meet: a case that comes closer than this, shape (n,), to a better one, ends where that one does.
-      behind: a case that expects of its next step less than this share of what parts it from the best one is done.
       longest: step of every coordinate, shape (n,); how far the residual is about straight.
     """
-    cases, led, memory = _Cases(start, np.broadcast_to(longest, start.shape[1:])), 0, None
+    cases, led, memory = _Cases(start, free, np.broadcast_to(longest, start.shape[1:])), 0, None
     if first is not None:
         led, memory = first.steps, first.memory
     for k in range(led + steps + 1):
@@ -125,24 +139,24 @@ def minimum(
             move, memory = first.rule(cases.gradient, memory)
             cases.move = np.where(free, move, 0.0)
         else:
-            cases.step(at, free)
+            cases.step(at)
         cases.shorten()
         if k >= led:
-            cases.finish(enough, meet, behind)
+            cases.finish(enough)
         if cases.done.all():
             break
     return cases.least()
 
 
 class _Cases:
-    """Where all cases are, shape (cases, …) each, and the step that each tries next."""
+    """Where all cases are, shape (cases, …) each, and the step that each tries next, within a box of its own."""
 
-    def __init__(self, start: np.ndarray, longest: np.ndarray) -> None:
+    def __init__(self, start: np.ndarray, free: np.ndarray, longest: np.ndarray) -> None:
         cases, n = start.shape
-        self.longest, self.held = longest, np.zeros((cases, n), bool)
+        self.free, self.longest, self.room = free, longest, np.tile(longest, (cases, 1))
         self.place, self.cost = start.copy(), np.full(cases, np.inf)
         self.gradient, self.normal = np.zeros((cases, n)), np.zeros((cases, n, n))
-        self.move, self.expected = np.zeros((cases, n)), np.zeros(cases)
+        self.move, self.linear, self.expected = np.zeros((cases, n)), np.zeros(cases), np.zeros(cases)
         self.damping, self.taken = np.full(cases, 1e-3), np.zeros(cases, int)
         self.done, self.ends = np.zeros(cases, bool), np.arange(cases)
         self.beside: tuple[np.ndarray, ...] = ()
@@ -153,14 +167,8 @@ class _Cases:
             self.beside = tuple(np.zeros((len(self.cost), *more.shape[1:]), more.dtype) for more in new.beside)
         sums = 0.5 * np.sum(new.residual**2, axis=1)
         better = (sums < self.cost[at]) | (k < led)
-        good = better & ~(self.cost[at] - sums < 0.25 * self.expected[at])
-        damping, whole = self.damping[at], ~self.held[at].any(axis=1)
-        relaxed = np.where(good & whole & (k > led), np.maximum(0.1 * damping, LEAST_DAMPING), damping)
-        # a step that is none is tried again without its longest part, which may have met a kink; then a shorter one
-        again = ~better & whole
-        self.held[at] = False
-        self.held[at[again], np.argmax(np.abs(self.move[at[again]]) / self.longest, axis=1)] = True
-        self.damping[at] = np.where(better, relaxed, np.maximum(10.0 * damping, 1e-4))
+        if k > led:
+            self._resize(at, sums, better)
         here, jacobian = at[better], new.jacobian[better]
         self.place[here], self.cost[here] = (self.place[at] + self.move[at])[better], sums[better]
         self.gradient[here] = np.einsum("kmi,km->ki", jacobian, new.residual[better])
@@ -169,43 +177,61 @@ class _Cases:
             whole[here] = more[better]
         self.taken[at] = k
 
+    def _resize(self, at: np.ndarray, sums: np.ndarray, better: np.ndarray) -> None:
+        """Give the cases `at`, which have come to `sums`, more or less room for their next step.
+
+        A step that is none is tried again with its longest part alone shorter: that one may have met a kink, or where
+        residuals bend. How much shorter is told by the parabola through what is known of the sum along the step.
+        """
+        move, room, gain = self.move[at], self.room[at], self.cost[at] - sums
+        good = better & ~(gain < 0.25 * self.expected[at])
+        self.damping[at] = np.where(good, np.maximum(0.1 * self.damping[at], LEAST_DAMPING), self.damping[at])
+        grown = np.where(np.abs(move) > 0.9 * room, np.minimum(2.0 * room, self.longest), room)
+        longest = np.argmax(np.abs(move) / self.longest, axis=1)[:, None]
+        with np.errstate(all="ignore"):
+            least = 0.5 * self.linear[at] / (gain + self.linear[at])
+        share = np.clip(np.nan_to_num(least), *SHORTER)[:, None] * np.abs(np.take_along_axis(move, longest, 1))
+        shrunk = room.copy()
+        np.put_along_axis(shrunk, longest, share, 1)
+        self.room[at] = np.where(better[:, None], np.where(good[:, None], grown, room), shrunk)
+
     def reach(self) -> tuple[np.ndarray, np.ndarray]:
         """How far a step may go down and up, shape (cases, n) each."""
-        down, up = (np.clip(way * FARTHEST - self.place, -self.longest, self.longest) for way in (-1.0, 1.0))
+        down, up = (np.clip(way * FARTHEST - self.place, -self.room, self.room) for way in (-1.0, 1.0))
         return down, up
 
-    def step(self, at: np.ndarray, free: np.ndarray) -> None:
-        """Say where the cases `at` go next, moving what is `free` and not held."""
+    def step(self, at: np.ndarray) -> None:
+        """Say where the cases `at` go next."""
         down, up = (end[at] for end in self.reach())
-        damping = np.where(self.held[at].any(axis=1), 0.1, 1.0) * self.damping[at]  # as it was before
-        self.move[at] = _step(self.gradient[at], self.normal[at], damping, down, up, self.longest,
-                              free[at] & ~self.held[at])  # fmt: skip
+        self.move[at] = _step(self.gradient[at], self.normal[at], self.damping[at], down, up, self.longest,
+                              self.free[at])  # fmt: skip
 
     def shorten(self) -> None:
         """Keep the next step in bounds, and say what it is expected to gain."""
         self.move = np.clip(self.move, *self.reach())
-        linear = np.einsum("ki,ki->k", self.gradient, self.move)
-        self.expected = -linear - 0.5 * np.einsum("ki,kij,kj->k", self.move, self.normal, self.move)
+        self.linear = np.einsum("ki,ki->k", self.gradient, self.move)
+        self.expected = -self.linear - 0.5 * np.einsum("ki,kij,kj->k", self.move, self.normal, self.move)
 
-    def finish(self, enough: float, meet: np.ndarray | None, behind: float) -> None:
-        """End the cases that have nothing more to gain; see `minimum`."""
-        least = np.maximum(np.maximum(ROUNDING * self.cost, enough), behind * (self.cost - np.nanmin(self.cost)))
-        tiny = (np.max(np.abs(self.move), axis=1) < TOLERANCE) | (self.expected <= least)
-        self.done |= (tiny & ~self.held.any(axis=1)) | (self.damping > 1e9)
-        if meet is not None:
-            self._join(meet)
+    def finish(self, enough: Enough) -> None:
+        """End the cases that have nothing more to gain."""
+        behind = enough.behind * np.maximum(self.cost - np.nanmin(self.cost) - enough.margin, 0.0)
+        least = np.maximum(np.maximum(ROUNDING * self.cost, enough.gain), behind)
+        self.done |= (np.max(np.abs(self.move), axis=1) < TOLERANCE) | (self.expected <= least)
+        if enough.meet is not None:
+            self._join(enough.meet)
             self.done |= self.ends != np.arange(len(self.ends))
 
     def _join(self, meet: np.ndarray) -> None:
         """Let every case that has come close to a better one end at that one's place."""
-        order = np.argsort(self.cost, kind="stable")
+        order, close = np.argsort(self.cost, kind="stable"), np.where(self.free, meet, 0.0)
         for rank, case in enumerate(order):
             if self.ends[case] != case:
                 continue
-            for other in order[:rank]:
-                if self.ends[other] == other and np.all(np.abs(self.place[case] - self.place[other]) < meet):
-                    self.ends[case] = other
-                    break
+            ahead = order[:rank]
+            alike = (self.ends[ahead] == ahead) & (self.free[ahead] == self.free[case]).all(axis=1)
+            met = alike & np.all(np.abs(self.place[ahead] - self.place[case]) <= close[case], axis=1)
+            if met.any():
+                self.ends[case] = ahead[np.argmax(met)]
 
     def least(self) -> Least:
         """Of every case, at its own end or that of the one it has met."""

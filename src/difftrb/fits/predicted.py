@@ -22,7 +22,7 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import least_squares
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import Conditions, stiffness, whole, with_slopes
-from difftrb.fits.least_squares import Bounds, Least
+from difftrb.fits.least_squares import Bounds, Enough, Least
 from difftrb.fits.parameters import Parameter
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Scene
@@ -151,15 +151,15 @@ def counted(problem: Problem, values: jax.Array) -> jax.Array:
 
 
 def solved(
-    problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int, enough: float = 0.0,
-    meet: np.ndarray | None = None, behind: float = 0.0,
+    problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int,
+    enough: Enough = Enough(),  # noqa: B008
 ) -> Least:  # fmt: skip
     """Least squares from `places`, shape (cases, parameters), moving those coordinates that are `free`, same shape:
-    first `search` steps of Adam, then `steps` of Levenberg–Marquardt at most; the rest as in `least_squares.minimum`.
+    first `search` steps of Adam, then `steps` of Levenberg–Marquardt at most.
     """
     first = least_squares.First(_adam, _rest(places), search) if search else None
     evaluate, longest = partial(evaluated, problem), np.minimum(scales(problem), least_squares.LONGEST)
-    return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, meet, behind, longest)
+    return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, longest)
 
 
 def scales(problem: Problem) -> np.ndarray:

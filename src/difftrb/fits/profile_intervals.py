@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import scipy.special
 
 from difftrb.core.numeric import bisected
 from difftrb.fits import predicted
-from difftrb.fits.least_squares import FARTHEST
+from difftrb.fits.least_squares import FARTHEST, Enough
 from difftrb.fits.predicted import Problem
 
 EDGE = 7.0
@@ -29,6 +30,13 @@ CLOSE = 0.01
 STEPS = 25
 ENOUGH = 1e-5
 """Gain of half χ² that is not worth a step of a profile, whose ends are where χ² has risen by 4 or so."""
+BEHIND, MARGIN = 0.05, 20.0
+"""A case whose half χ² is more than the margin above the least one, and whose step is expected to gain less than this
+share of what it is more, will not come near it."""
+FLAT = 0.25
+"""Places that have risen by less than this share of the limit are not tried again from others."""
+MEET = 0.01
+"""Cases that come this close to each other, of what parts basins, go on as one."""
 BESIDE = 0.5
 """A profile's place starts from the lowest known point that lies closer than this, in coordinates, too."""
 NORMAL_95 = 1.959963984540054
@@ -73,91 +81,138 @@ def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.where(both, inverted / np.outer(size, size), 0.0)
 
 
-def held(
-    problem: Problem, u: np.ndarray, normal: np.ndarray, free: np.ndarray, at: np.ndarray, known: Known
-) -> tuple[np.ndarray, np.ndarray]:
-    """Least costs, shape (cases,), and their places, with the parameters that are not `free`, shape (cases,
-    parameters), held where `at`, same shape, has them. The others start where the quadratic about u expects them, and
-    from the lowest known point near by: another basin may be deeper there."""
-    start = at.copy()
+def held(problem: Problem, free: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least costs, shape (cases,), and their places, shape (cases, parameters), moving those parameters that are
+    `free`, same shape, from the better of several `starts`, shape (ways, cases, parameters), where the others are."""
+    ways, cases, count = starts.shape
+    enough = Enough(ENOUGH, BEHIND, MARGIN, MEET * predicted.scales(problem))
+    steps = STEPS if free.any() else 0
+    found = predicted.solved(problem, starts.reshape(-1, count), np.tile(free, (ways, 1)), 0, steps, enough)
+    cost = np.where(np.isfinite(found.cost), found.cost, np.inf).reshape(ways, cases)
+    better, each = np.argmin(cost, axis=0), np.arange(cases)
+    return cost[better, each], found.place.reshape(starts.shape)[better, each]
+
+
+def both_starts(u: np.ndarray, normal: np.ndarray, known: Known, free: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Where to start with the parameters that are not `free`, shape (cases, parameters), where `at`, same shape, has
+    them, shape (2, cases, parameters): where the quadratic about u expects the others, and at the lowest known place
+    near by, for another basin may be deeper there."""
+    starts = np.stack([at, at])
     for case, (moves, place) in enumerate(zip(free, at, strict=True)):
         if moves.any():
             within = normal[np.ix_(moves, moves)]
             damped = within + np.diag(1e-9 * np.diag(within) + 1e-300)
             follow = -np.linalg.solve(damped, normal[np.ix_(moves, ~moves)] @ (place - u)[~moves])
-            start[case, moves] = np.clip(u[moves] + np.clip(follow, -3.0, 3.0), -EDGE, EDGE)
-    if not free.any():
-        found = predicted.solved(problem, start, free, 0, 0)
-        return np.where(np.isfinite(found.cost), found.cost, np.inf), found.place
-    other = at.copy()
-    for case, (moves, place) in enumerate(zip(free, at, strict=True)):
+            starts[0, case, moves] = np.clip(u[moves] + np.clip(follow, -3.0, 3.0), -EDGE, EDGE)
         away = np.max(np.abs(known.place - place)[:, ~moves], axis=1, initial=0.0)
         nearest = np.argmin(np.where(away < BESIDE, known.cost, np.max(known.cost) + away))
-        other[case, moves] = known.place[nearest, moves]
-    found = predicted.solved(problem, np.concatenate([start, other]), np.tile(free, (2, 1)), 0, STEPS, ENOUGH)
-    cost = np.where(np.isfinite(found.cost), found.cost, np.inf).reshape(2, -1)
-    better = np.argmin(cost, axis=0)
-    each = np.arange(len(at))
-    return cost[better, each], found.place.reshape(2, *at.shape)[better, each]
+        starts[1, case, moves] = known.place[nearest, moves]
+    return starts
+
+
+class Held(NamedTuple):
+    """A parameter held `at` a coordinate: how far χ² has risen, and where all parameters are, shape (parameters,)."""
+
+    at: float
+    rise: float
+    where: np.ndarray
+
+
+Side = list[Held]
+"""One side of a profile, from the least place outwards."""
 
 
 def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limit: float, known: Known) -> Profiles:
     """Profiles about the least place u, shape (parameters,), with its cost and normal matrix, and where they have risen
     by `limit`: first over the whole range, then between the places that an interval's ends lie between, until the rise
     behind an end is no cliff."""
-    count = len(u)
-    seen: list[tuple[np.ndarray, ...]] = []
-
-    def risen(which: np.ndarray, at: np.ndarray) -> np.ndarray:
-        """With the parameters `which` held `at` places, both of one shape."""
-        free = which.ravel()[:, None] != np.arange(count)
-        costs, where = held(problem, u, normal, free, np.where(free, u, at.ravel()[:, None]), known)
-        rise = 2.0 * (costs - cost)
-        seen.append((which.ravel(), at.ravel(), rise, costs, where))
-        return rise.reshape(at.shape)
-
-    places = _places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
-    rise = risen(np.broadcast_to(np.arange(count)[:, None, None], places.shape), places)
-    least = np.broadcast_to(u[:, None, None], (count, 2, 1))
-    root = np.concatenate([np.zeros_like(least), np.sqrt(np.maximum(rise, 0.0))], axis=2)
-    reached = (root > np.sqrt(limit)).any(axis=2)
-    brackets = _bracket(np.concatenate([least, places], axis=2), root, limit)
-    ends, unclear = np.where(reached, 0.0, np.array([-np.inf, np.inf])), reached.copy()
-    for _ in range(ROUNDS if reached.any() else 0):
-        own, (before, low, behind, high) = np.nonzero(unclear), brackets[unclear].T[..., None]
-        inner = before + (behind - before) * np.arange(1, WITHIN + 1) / (WITHIN + 1)
-        rise = risen(np.broadcast_to(own[0][:, None], inner.shape), inner)
-        at = np.concatenate([before, inner, behind], axis=1)
-        root = np.concatenate([low, np.sqrt(np.maximum(rise, 0.0)), high], axis=1)
-        root = np.maximum.accumulate(root, axis=1)
-        ends[own] = [np.interp(np.sqrt(limit), *pair) for pair in zip(root, at, strict=True)]
-        brackets[own] = _bracket(at, root, limit)
-        near = np.abs(brackets[own][:, 2] - brackets[own][:, 0]) < CLOSE * np.abs(brackets[own][:, 2] - u[own[0]])
-        unclear[own] = (root[:, -1] > STEEP * np.sqrt(limit)) & ~near
-        if not unclear.any():
+    own = np.repeat(np.arange(len(u)), 2)
+    sides, tried = [[Held(u[i], 0.0, u)] for i in own], set[tuple[float, ...]]()
+    places = _places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0).reshape(len(own), -1)
+    of, at = np.repeat(np.arange(len(own)), places.shape[1]), places.ravel()
+    free = own[of][:, None] != np.arange(len(u))
+    starts = both_starts(u, normal, known, free, np.where(free, u, at[:, None]))
+    for k in range(ROUNDS + 1):
+        costs, where = held(problem, free, starts)
+        for number, value, rise, place in zip(of, at, 2.0 * (costs - cost), where, strict=True):
+            _put(sides[number], Held(value, rise, place))
+        wanted = [
+            (number, *one)
+            for number, side in enumerate(sides)
+            for one in (*_again(side, limit, tried), *_between(side, limit, k))
+        ]
+        if not wanted:
             break
-    which, at, rise, costs, where = (np.concatenate(each) for each in zip(*seen, strict=True))
-    longest = np.max(np.bincount(which)) + 1
-    told = np.tile(np.stack([u, np.zeros(count)])[..., None], longest)  # the least place, as often as it fills the rest
-    for i in range(count):
-        of = which == i
-        told[:, i, : of.sum()] = at[of], rise[of]
-    order = np.argsort(told[0], axis=1)
+        of, at, starts = (np.array(each) for each in zip(*wanted, strict=True))
+        free = own[of][:, None] != np.arange(len(u))
+        starts = np.where(free, starts.transpose(1, 0, 2), at[:, None])
+    every = [one for side in sides for one in side]
+    lowest = min(every, key=lambda one: one.rise)
+    ends = np.array([_end(side, limit) for side in sides]).reshape(-1, 2)
+    both = [[*before[:0:-1], *behind] for before, behind in zip(sides[::2], sides[1::2], strict=True)]
+    longest = max(map(len, both))
+    # the last place, as often as it fills the rest
+    told = np.array([[(one.at, one.rise) for one in (*each, *each[-1:] * (longest - len(each)))] for each in both])
     return Profiles(
-        coordinates=np.take_along_axis(told[0], order, 1),
-        rise=np.take_along_axis(told[1], order, 1),
+        coordinates=told[..., 0],
+        rise=told[..., 1],
         ends=np.clip(ends, -FARTHEST, FARTHEST),
-        open=~reached,
-        lowest=where[np.argmin(costs)],
-        lowest_cost=float(np.min(costs)),
+        open=np.isinf(ends),
+        lowest=lowest.where,
+        lowest_cost=cost + 0.5 * lowest.rise,
     )
 
 
-def _bracket(at: np.ndarray, root: np.ndarray, limit: float) -> np.ndarray:
-    """Place and root of the rise before and behind where it first passes the limit, shape (…, 4), of places `at` and
-    their roots, shape (…, places); of no use where it does not."""
-    k = np.maximum(np.argmax(root > np.sqrt(limit), axis=-1), 1)[..., None]
-    return np.concatenate([np.take_along_axis(each, j, -1) for j in (k - 1, k) for each in (at, root)], axis=-1)
+def _put(side: Side, new: Held) -> None:
+    """Add what is new, or lower than what was known there."""
+    away = [abs(one.at - side[0].at) for one in side]
+    k = int(np.searchsorted(away, abs(new.at - side[0].at)))
+    if k == len(side) or side[k].at != new.at:
+        side.insert(k, new)
+    elif new.rise < side[k].rise:
+        side[k] = new
+
+
+Wanted = Iterator[tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]]
+"""At which coordinates to hold a parameter, each with three places to start from."""
+
+
+def _again(side: Side, limit: float, tried: set[tuple[float, ...]]) -> Wanted:
+    """Where a place farther out has risen less, its basin may be lower here, too: from there, unless it was `tried`."""
+    for k, one in enumerate(side[:-1]):
+        lower = min(side[k + 1 :], key=lambda other: other.rise)
+        attempt = one.at, lower.at, lower.rise
+        if FLAT * limit < one.rise and lower.rise < min(one.rise, STEEP**2 * limit) - ENOUGH and attempt not in tried:
+            tried.add(attempt)
+            yield one.at, (lower.where, one.where, side[k + 1].where)
+
+
+def _between(side: Side, limit: float, k: int) -> Wanted:
+    """Between the places that the k-th look for an interval's end has found it between, unless they tell it."""
+    root, behind = _roots(side, limit)
+    if behind == len(side):
+        return
+    low, high = side[behind - 1], side[behind]
+    near = abs(high.at - low.at) < CLOSE * abs(high.at - side[0].at)
+    if k == 0 or (root[behind] > STEEP * np.sqrt(limit) and not near):
+        for share in np.arange(1, WITHIN + 1) / (WITHIN + 1):
+            between = low.where + share * (high.where - low.where)
+            yield low.at + share * (high.at - low.at), (between, low.where, high.where)
+
+
+def _roots(side: Side, limit: float) -> tuple[np.ndarray, int]:
+    """Roots of the rise, the largest so far, shape (places,), and the first place that is beyond the limit."""
+    root = np.maximum.accumulate(np.sqrt(np.maximum([one.rise for one in side], 0.0)))
+    return root, int(np.searchsorted(root, np.sqrt(limit), side="right"))
+
+
+def _end(side: Side, limit: float) -> float:
+    """The interval's end; infinite where the limit is not reached."""
+    root, behind = _roots(side, limit)
+    if behind == len(side):
+        return float(np.copysign(np.inf, side[-1].at - side[0].at))
+    pair = slice(behind - 1, behind + 1)
+    return float(np.interp(np.sqrt(limit), root[pair], [one.at for one in side[pair]]))
 
 
 def _places(u: np.ndarray, spread: np.ndarray) -> np.ndarray:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from difftrb.fits import least_squares, predicted
-from difftrb.fits.least_squares import Bounds, Least
+from difftrb.fits.least_squares import Bounds, Enough, Least
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import Problem
 from difftrb.scene.scene import Scene
@@ -96,9 +96,10 @@ def minima(problem: Problem, scan: Scan, free: np.ndarray | None = None) -> Leas
     `free`: which parameters move, shape (parameters,). None: all.
     """
     place, cost, scale, rough = scan.place, _alike(problem, scan), predicted.scales(problem), _rough(problem)
+    enough = _enough(problem)
     for steps in ROUNDS:
         place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, FEWEST, LOWEST))]
-        found = predicted.solved(rough, place, _moving(place, free), 0, steps)
+        found = predicted.solved(rough, place, _moving(place, free), 0, steps, enough)
         place, cost = found.place, found.cost
     # the scene's own, too
     return minima_from(problem, np.concatenate([place[_lower(place / scale, cost, FEWEST)], scan.place[:1]]), free)
@@ -107,10 +108,14 @@ def minima(problem: Problem, scan: Scan, free: np.ndarray | None = None) -> Leas
 def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = None) -> Least:
     """Where least squares end that go down from these places, roughly, and then exactly from what is left of them;
     `free` as in `minima`."""
-    ends: dict[str, Any] = {"meet": MEET * predicted.scales(problem), "behind": BEHIND}
-    found = predicted.solved(_rough(problem), place, _moving(place, free), SEARCH, least_squares.STEPS, **ends)
+    enough = _enough(problem)
+    found = predicted.solved(_rough(problem), place, _moving(place, free), SEARCH, least_squares.STEPS, enough)
     place = found.place[distinct(problem, found) or [0]]
-    return predicted.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, **ends)
+    return predicted.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, enough)
+
+
+def _enough(problem: Problem) -> Enough:
+    return Enough(behind=BEHIND, meet=MEET * predicted.scales(problem))
 
 
 def _moving(place: np.ndarray, free: np.ndarray | None) -> np.ndarray:
