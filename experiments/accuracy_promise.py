@@ -31,8 +31,8 @@ from rich.table import Table
 
 import difftrb as trb
 from difftrb.core import geometry
+from difftrb.scene.auto_law import LADDER, apart, main_values
 from difftrb.scene.scene import Picked, named
-from difftrb.scene.solving import LADDER, apart, main_values
 
 ASKED = (1e-1, 1e-2, 3e-3, 1e-3)
 TRUTH = 1e-5

@@ -41,7 +41,7 @@ def task(scene: trb.Scene) -> Task:
     normals = np.asarray(ring.directions(scene.bearing, _angles(scene)))
     force = np.array([scene.load.radial, 0.0, scene.load.axial], float)
     share = np.sum(force) / (normals.shape[0] * normals[0, 2])
-    alike = float(load_curve.approach(load_curve.of(_curves(scene).each, 1), jnp.asarray(share)))
+    alike = float(load_curve.approach(load_curve.one_of(_curves(scene).each, 1), jnp.asarray(share)))
     return Task(normals, force, np.array([0.0, 0.0, alike / normals[0, 2]]))
 
 

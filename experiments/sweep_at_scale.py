@@ -42,7 +42,8 @@ from difftrb.core.machine import lanes_of
 from difftrb.report import figure_style
 from difftrb.scene import scene_file
 from difftrb.sweeps import chunks, sweep_plot, sweeping
-from difftrb.sweeps.plan import MOST_MEMBERS, Plan, Program
+from difftrb.sweeps.plan import Plan, Program
+from difftrb.sweeps.sizes import LARGEST_CHUNK
 from difftrb.sweeps.store import store_of
 from difftrb.sweeps.swept import coordinates_of, labelled, manifest_of
 
@@ -148,7 +149,7 @@ def larger(one: dict[str, float], members: float, cores: int = 64, gain: float =
         f"on paper, {members:.0e} members:",
         f"  one CPU device {hours:.1f} h, {cores} of them {60.0 * hours / cores:.0f} min",
         f"  {cards} GPUs, if each is {gain:g} times a CPU device, {3600.0 * hours / gain / cards:.0f} s",
-        f"  disk {size * members / 1e9:.0f} GB in {members / MOST_MEMBERS:,.0f} chunks",
+        f"  disk {size * members / 1e9:.0f} GB in {members / LARGEST_CHUNK:,.0f} chunks",
         f"  what breaks first: such GPUs make {rate:.0f} MB/s of chunks, to be copied and written",
     ]
 

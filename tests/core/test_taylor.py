@@ -53,7 +53,7 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "taken": lambda x: xp.taken(xp.stack([x, x * x]), np.array([1, 0, 1])),
     "polynomial": lambda x: series.polynomial(COLUMNS, x), "straight": lambda x: series.polynomial(
         COLUMNS, 2.0 * x, straight=True), "polynomial of one": lambda x: series.polynomial(COLUMNS[:, :1], x),
-    "known": lambda x: xp.known(lambda y: (xp.sin(y), xp.cos(y), -xp.sin(y)), x),
+    "known": lambda x: xp.with_rates(lambda y: (xp.sin(y), xp.cos(y), -xp.sin(y)), x),
     "repeated": lambda x: loops.repeated(3, lambda y: 0.5 * y * y + x, x),
     "number and array": lambda x: x[0] * COLUMNS + x[None],
 }  # fmt: skip

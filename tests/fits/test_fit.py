@@ -346,7 +346,7 @@ def test_what_may_be_wrong_is_tried_and_named(rig: trb.Scene, exact: np.ndarray)
     pressed = [dataclasses.replace(row, axial=row.axial + 1500.0) for row in BLANK]
     problem = fit(rig, measured(exact), model_error=0.0).problem
     there = problem.bounds.coordinates(np.array([[5.0, 9.0]]))
-    preloaded = predicted.of_others(problem, conditions(rig, pressed), there)[0][0]
+    preloaded = predicted.other_rows_at(problem, conditions(rig, pressed), there)[0][0]
     for sentence, values in {
         "row 3 is off": np.where(np.arange(8) == 2, 1.25, 1.0) * exact,
         "an axial load acts that was not measured (preload 1.5e+03 N)": preloaded,

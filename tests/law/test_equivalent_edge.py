@@ -16,7 +16,7 @@ CROWN = 5e-3 * ALONG**2
 
 
 def edge_of(edge, width):
-    of, shape = xp.of(edge, width), np.shape(xp.value(edge))
+    of, shape = xp.module_of(edge, width), np.shape(xp.value(edge))
     crown = of.asarray(CROWN.reshape(-1, *[1] * len(shape)) * np.ones((1, *shape)))
     rest = (of.full(shape, value) for value in (APPROACH, LOW, HIGH))
     return equivalent_edge.of_both(edge, NarrowSpall(width, crown), *rest)

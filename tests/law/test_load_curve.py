@@ -128,7 +128,7 @@ def test_joined_curves_keep_their_own() -> None:
     one, two = through(6), jax.tree.map(lambda v: 1.1 * v, through(6))
     both = load_curve.joined(one, two)
     for k, single in enumerate((one, two)):
-        assert jax.tree.map(float, jax.tree.leaves(load_curve.of(both, k))[1:]) == jax.tree.map(
+        assert jax.tree.map(float, jax.tree.leaves(load_curve.one_of(both, k))[1:]) == jax.tree.map(
             float, jax.tree.leaves(single)[1:]
         )
-        np.testing.assert_array_equal(load_curve.of(both, k).coefficients, single.coefficients)
+        np.testing.assert_array_equal(load_curve.one_of(both, k).coefficients, single.coefficients)

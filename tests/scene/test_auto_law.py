@@ -17,8 +17,8 @@ from difftrb.law import samples
 from difftrb.law.direct import accuracy_at_edges
 from difftrb.report import run_report
 from difftrb.scene import scene_file
+from difftrb.scene.auto_law import apart, main_values
 from difftrb.scene.scene import Picked
-from difftrb.scene.solving import apart, main_values
 from difftrb.sweeps.store import store_of
 
 TABLE_2 = trb.liu2018()

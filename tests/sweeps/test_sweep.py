@@ -224,7 +224,7 @@ def test_the_same_bits_from_any_number_of_lanes(plan: Plan, whole: Path, tmp_pat
 
 
 def test_the_same_bits_from_chunks_of_any_size(plan: Plan, whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("difftrb.sweeps.plan.CALLS", 4)
+    monkeypatch.setattr("difftrb.sweeps.sizes.CALLS", 4)
     other = dataclasses.replace(plan)
     assert other.chunks > plan.chunks
     program = Program(other, machine.lanes_of(1))
@@ -407,7 +407,7 @@ def test_a_full_disk_leaves_what_is_written(
 
         with monkeypatch.context() as patch:
             patch.setattr(store.Zarr if kind == "zarr" else store.Npz, "write", full)
-            patch.setattr("difftrb.sweeps.plan.AT_ONCE", 1)
+            patch.setattr("difftrb.sweeps.sizes.CHUNKS_AT_ONCE", 1)
             with pytest.raises(trb.SweepError, match=r"File too large: 2 of 5 chunks are written and stay good; make"):
                 chunks.run(plan, out, resume=True, devices=1)
     assert chunks.run(plan, out, resume=True).computed == plan.chunks - 2

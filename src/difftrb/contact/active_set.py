@@ -39,7 +39,7 @@ class Response(NamedTuple):
 def on_set(problem: Quadratic, active: Any) -> Response:
     """The minimum where only `active` unknowns, (n,), may carry load, of either sign."""
     matrix, gap, weight, load = problem
-    if xp.of(matrix, gap, load) is np:  # only these: a large part is often not
+    if xp.module_of(matrix, gap, load) is np:  # only these: a large part is often not
         chosen = np.flatnonzero(active)
         right = np.stack([weight[chosen], -gap[chosen]], axis=1)
         by_weight, by_gap = np.zeros((2, gap.size))

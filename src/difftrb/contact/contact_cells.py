@@ -211,7 +211,7 @@ def _along(
     lines = knots[part] + (knots[part + 1] - knots[part]) * (0.05 * s + 0.95 * gathered)
 
     # the discrete edge acts as the true one from within the spall
-    here, side = first[1:-1], xp.of(order).asarray(into)[order].astype(int)
+    here, side = first[1:-1], xp.module_of(order).asarray(into)[order].astype(int)
     land, hollow = side * (lines[here] - lines[here - side]), side * (lines[here + side] - lines[here])
     drawn = side * xp.minimum(EDGE_SHIFT * land, 0.4 * hollow)
     lines = lines + xp.leading_total(drawn[:, None] * (line[None] == here[:, None]))

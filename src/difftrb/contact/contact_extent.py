@@ -11,8 +11,7 @@ from difftrb.contact import gap as gaps
 from difftrb.contact.height_map import HeightMap, height_at
 from difftrb.core import arrays as xp
 from difftrb.core import loops
-from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.core.numeric import bisected
+from difftrb.core.geometry import LineContact, Spall
 
 Defects = tuple[Spall | HeightMap, ...]
 ESTIMATE = 1.15
@@ -45,7 +44,7 @@ def domain(
         sunk = _sunk_beside(contact, needed, lands, raised, tilt)
     delta = xp.minimum(sunk, delta + depth)  # at most down to its bottom
     reach, bottom, top = extents(contact, delta, tilt)
-    interference = delta if tilt is None else delta - least_rest(contact, tilt)
+    interference = delta if tilt is None else delta - crown.least_rest(contact, tilt)
     met = xp.largest(xp.where(lands.covered & (raised < interference), raised, 0.0))  # by a slice over a spall
     beyond, low, high = extents(contact, delta - xp.minimum(met, 0.999 * interference), tilt)
     certain = gaps.certain_reach(contact.radius, ESTIMATE * interference)
@@ -119,47 +118,15 @@ def extents(contact: LineContact, delta: Any, tilt: Any | None) -> tuple[Any, An
         top = xp.where(scale > 0.0, crown.half_length(delta / xp.where(scale > 0.0, scale, 1.0), contact), half)
         bottom = -top
     else:
-        least = least_rest(contact, tilt)
+        least = crown.least_rest(contact, tilt)
         delta = ESTIMATE * (delta - least)
-        bottom, top = (crossing(contact, delta + least, tilt, side) for side in (-1.0, 1.0))
+        bottom, top = (crown.crossing(contact, delta + least, tilt, side) for side in (-1.0, 1.0))
     certain = gaps.certain_reach(contact.radius, delta)
     slenderness = xp.maximum(2.0 * xp.log(2.0 * (top - bottom) / certain) + 1.0, 3.0)
     # slices, and a margin for the peaks at spall edges and, where the crown no longer relieves them, at roller ends
     margin = 1.75 + 2.0 * xp.clip((delta / 100.0 - scale) / (scale + 1e-12 * delta), 0.0, 1.0)
     widest = margin * xp.sqrt(4.0 * contact.radius * delta / slenderness)
     return xp.minimum(certain, widest), bottom, top
-
-
-def _flattest(contact: LineContact, tilt: Any) -> tuple[Real, Any, Any]:
-    """Crown scale and rise of a tilted roller from its middle to its end [mm], and where its gap is least, as a share
-    of that half."""
-    half = 0.5 * contact.length
-    scale, rise = crown.scale(contact), half * tilt
-    return scale, rise, -rise / (scale + xp.sqrt(scale * scale + rise * rise + 1e-30 * half**2))
-
-
-def least_rest(contact: LineContact, tilt: Any) -> Any:
-    """The least gap of a tilted, crowned roller along its line [mm], at most 0."""
-    scale, rise, t = _flattest(contact, tilt)
-    return rise * t + scale * crown.logarithm(t, 1e-15)
-
-
-def crossing(contact: LineContact, delta: Any, tilt: Any, side: float) -> Any:
-    """Where on one `side` the gap of a tilted roller along its line exceeds `delta` [mm]; at most at its end."""
-    half = 0.5 * contact.length
-    scale, rise, flat = _flattest(contact, tilt)
-
-    still, begin = xp.fixed((scale, rise, delta)), xp.fixed(flat)
-
-    def beyond(t: Any, scale: Any, rise: Any, delta: Any) -> tuple[Any, Any]:
-        room = xp.maximum(1.0 - t * t, 1e-15)
-        return rise * t - scale * xp.log(room) - delta, rise + 2.0 * scale * t / room
-
-    found, _ = bisected(lambda t: ~(beyond(t, *still)[0] > 0.0), begin, side + 0.0 * begin)
-    value, slope = beyond(found, scale, rise, delta)
-    free = xp.abs(found) < 1.0 - 1e-9  # else the roller's end is the end
-    step = xp.where(free, value / xp.where(free, slope, 1.0), 0.0)
-    return half * xp.where(free, found - step, side)  # one step from the solution carries its derivatives
 
 
 def sinking(

@@ -57,7 +57,7 @@ def given(
             raise status.SceneError(
                 f"offset has shape {place.shape} for {len(spall)} spalls; give one number, or one for each"
             )
-        place = xp.of(place).broadcast_to(place, (len(spall),))
+        place = xp.module_of(place).broadcast_to(place, (len(spall),))
         if len(spall) < 2:
             spall, place = (spall[0], place[0]) if spall else (None, np.zeros(()))
     elif place.ndim:
@@ -169,7 +169,7 @@ class ContactSolution(status.Judged):
     def spalls(self) -> tuple[tuple[Spall | HeightMap, jax.Array], ...]:
         """Every spall or height map, and its offset [mm]."""
         spalls = listed(self.spall)
-        return tuple(zip(spalls, xp.of(self.offset).broadcast_to(self.offset, (len(spalls),)), strict=True))
+        return tuple(zip(spalls, xp.module_of(self.offset).broadcast_to(self.offset, (len(spalls),)), strict=True))
 
     @property
     def peak_pressure(self) -> jax.Array:

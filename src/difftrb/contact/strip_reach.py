@@ -72,7 +72,7 @@ def suited(inputs: Inputs, reach: Reach, approach: Any) -> Any:
 
 def _interference(inputs: Inputs, approach: Any) -> Any:
     """By how much the undeformed bodies overlap at most [mm]."""
-    return approach if inputs.tilt is None else approach - contact_extent.least_rest(inputs.contact, inputs.tilt)
+    return approach if inputs.tilt is None else approach - crown.least_rest(inputs.contact, inputs.tilt)
 
 
 def ends_within(inputs: Inputs, reach: Reach) -> Any:
@@ -98,10 +98,10 @@ def reach_of(inputs: Inputs, edges: int) -> Reach:
     stiff = xp.maximum(2.0 * xp.log(4.0 * (2.0 * tip - high + low) / unit) - 1.0, 1.0)
     needed = load / (np.pi * contact.modulus)
     sunk = contact_extent.sinking(contact, needed, low, high, np.ones(2) / stiff, tilt)
-    least = contact_extent.least_rest(contact, tilt)
+    least = crown.least_rest(contact, tilt)
     share = xp.maximum(1.0 - 1.5 / stiff, 0.2)
     level = least + share * (sunk - least)
-    bottom, top = (contact_extent.crossing(contact, level, tilt, side) for side in (-1.0, 1.0))
+    bottom, top = (crown.crossing(contact, level, tilt, side) for side in (-1.0, 1.0))
     line_load = load / xp.maximum(top - bottom - (high - low), 0.05 * half)
     unit = gaps.line_half_width(line_load, contact.radius, contact.modulus)
     return Reach(bottom, top, line_load, unit, sunk, 0.5 * (top - bottom))

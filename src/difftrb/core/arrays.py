@@ -23,15 +23,15 @@ PRECISE = jax.lax.Precision.HIGHEST
 LARGE = 2000  # entries from which numpy's sums of products are worth its thinking about how
 
 
-def of(*arguments: Any) -> Any:
+def module_of(*arguments: Any) -> Any:
     """`jax.numpy` if there is an array of JAX among these (or in a list of them), else `numpy`."""
     for one in arguments:
         if isinstance(one, jax.Array):
             return jnp
         if isinstance(one, Taylor):
-            if of(one.value, one.by) is jnp:
+            if module_of(one.value, one.by) is jnp:
                 return jnp
-        elif isinstance(one, list | tuple) and of(*one) is jnp:
+        elif isinstance(one, list | tuple) and module_of(*one) is jnp:
             return jnp
     return np
 
@@ -40,7 +40,7 @@ def _function(name: str, rates: Callable[[Any, Any, Any], tuple[Any, Any]]) -> C
     """A function of one array; `rates(xp, x, f)` are its first two derivatives."""
 
     def function(x: Any) -> Any:
-        xp = of(x)
+        xp = module_of(x)
         if not isinstance(x, Taylor):
             return getattr(xp, name)(x)
         f = getattr(xp, name)(x.value)
@@ -62,7 +62,7 @@ arctan = _function("arctan", lambda xp, x, f: (1.0 / (1.0 + x * x), -2.0 * x / (
 arccos = _function("arccos", lambda xp, x, f: (-1.0 / xp.sqrt(1.0 - x * x), -x / (1.0 - x * x) ** 1.5))
 
 
-def known(function: Callable[[Any], tuple[Any, Any, Any]], x: Any) -> Any:
+def with_rates(function: Callable[[Any], tuple[Any, Any, Any]], x: Any) -> Any:
     """A function of numbers that tells its first two derivatives, too, entry by entry."""
     return chained(x, *function(x.value)) if isinstance(x, Taylor) else function(x)[0]
 
@@ -73,19 +73,19 @@ def __getattr__(name: str) -> Callable[..., Any]:
         raise AttributeError(name)
 
     def function(*arguments: Any, **options: Any) -> Any:
-        return getattr(of(*arguments), name)(*arguments, **options)
+        return getattr(module_of(*arguments), name)(*arguments, **options)
 
     return function
 
 
 def asarray(x: Any) -> Any:
     """In floats."""
-    return dataclasses.replace(x, value=asarray(x.value)) if isinstance(x, Taylor) else of(x).asarray(x, float)
+    return dataclasses.replace(x, value=asarray(x.value)) if isinstance(x, Taylor) else module_of(x).asarray(x, float)
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
     """As numpy's; what is not chosen leaves nothing in the derivatives."""
-    xp = of(condition, a, b)
+    xp = module_of(condition, a, b)
     if not isinstance(a, Taylor) and not isinstance(b, Taylor):
         return xp.where(condition, a, b)
     a, b = (x if isinstance(x, Taylor) else Taylor(x) for x in (a, b))
@@ -104,14 +104,14 @@ def where(condition: Any, a: Any, b: Any) -> Any:
 def maximum(a: Any, b: Any) -> Any:
     """As numpy's; of equals it has half the derivatives of either, so that mirror images leave none."""
     if not isinstance(a, Taylor) and not isinstance(b, Taylor):
-        return of(a, b).maximum(a, b)
+        return module_of(a, b).maximum(a, b)
     return where(a > b, a, where(value(a) == value(b), 0.5 * (a + b), b))
 
 
 def minimum(a: Any, b: Any) -> Any:
     """As numpy's; of equals as `maximum`."""
     if not isinstance(a, Taylor) and not isinstance(b, Taylor):
-        return of(a, b).minimum(a, b)
+        return module_of(a, b).minimum(a, b)
     return -maximum(-a, -b)
 
 
@@ -119,12 +119,12 @@ def clip(x: Any, low: Any, high: Any) -> Any:
     """As numpy's; at its ends as `maximum`."""
     if any(isinstance(one, Taylor) for one in (x, low, high)):
         return minimum(maximum(x, low), high)
-    return of(x, low, high).clip(x, low, high)
+    return module_of(x, low, high).clip(x, low, high)
 
 
 def diff(x: Any, **options: Any) -> Any:
     """As numpy's; of an expansion with one axis."""
-    return x[1:] - x[:-1] if isinstance(x, Taylor) else of(x).diff(x, **options)
+    return x[1:] - x[:-1] if isinstance(x, Taylor) else module_of(x).diff(x, **options)
 
 
 def within(x: Any, low: Any, high: Any) -> Any:
@@ -135,15 +135,15 @@ def within(x: Any, low: Any, high: Any) -> Any:
 def magnitude(x: Any) -> Any:
     """|x|, of which the derivative at 0 is 0."""
     if not isinstance(x, Taylor):
-        return of(x).abs(x)
-    return x * of(x).sign(x.value)
+        return module_of(x).abs(x)
+    return x * module_of(x).sign(x.value)
 
 
 def mod(x: Any, period: float) -> Any:
     """The rest in 0 … period."""
     if not isinstance(x, Taylor):
-        return of(x).mod(x, period)
-    return x + (of(x).mod(x.value, period) - x.value)
+        return module_of(x).mod(x, period)
+    return x + (module_of(x).mod(x.value, period) - x.value)
 
 
 def stack(parts: Sequence[Any], axis: int = 0) -> Any:
@@ -157,7 +157,7 @@ def concatenate(parts: Sequence[Any], axis: int = 0) -> Any:
 
 
 def _joined(name: str, parts: list[Any], axis: int) -> Any:
-    xp = of(parts)
+    xp = module_of(parts)
     join = getattr(xp, name)
     if not any(isinstance(part, Taylor) for part in parts):
         return join([xp.asarray(part, float) if isinstance(part, float | int) else part for part in parts], axis=axis)
@@ -179,7 +179,7 @@ def total(x: Any) -> Any:
     """Sum over the last axis."""
 
     def summed(part: Any) -> Any:
-        return of(x).sum(part, axis=-1)
+        return module_of(x).sum(part, axis=-1)
 
     return x.mapped(summed, summed) if isinstance(x, Taylor) else summed(x)
 
@@ -193,7 +193,7 @@ def leading_total(x: Any) -> Any:
 
 def largest(x: Any) -> Any:
     """Of every entry along the first axis; several that are largest have equal parts of the derivatives, as JAX's."""
-    top = of(x).max(value(x), axis=0)
+    top = module_of(x).max(value(x), axis=0)
     if not isinstance(x, Taylor):
         return top
     equal = x.value == top[None]
@@ -202,7 +202,7 @@ def largest(x: Any) -> Any:
 
 def taken(x: Any, index: Any) -> Any:
     """Of the first axis the entry at `index`, whose shape is that behind it."""
-    xp = of(x, index)
+    xp = module_of(x, index)
     if not isinstance(x, Taylor):
         return xp.take_along_axis(x, index[None], 0)[0]
     return x.mapped(
@@ -215,7 +215,7 @@ def taken(x: Any, index: Any) -> Any:
 
 def broadcast_to(x: Any, shape: tuple[int, ...]) -> Any:
     """As numpy's, of an `x` of the same rank."""
-    xp = of(x)
+    xp = module_of(x)
     if not isinstance(x, Taylor):
         return xp.broadcast_to(x, shape)
     return x.mapped(
@@ -225,7 +225,7 @@ def broadcast_to(x: Any, shape: tuple[int, ...]) -> Any:
 
 def einsum(form: str, a: Any, b: Any) -> Any:
     """As numpy's, of two arrays, precisely; without the letter z."""
-    xp = of(a, b)
+    xp = module_of(a, b)
     more = {"precision": PRECISE} if xp is jnp else {"optimize": True} if np.size(value(a)) > LARGE else {}
     if not isinstance(a, Taylor) and not isinstance(b, Taylor):
         return xp.einsum(form, a, b, **more)
@@ -259,8 +259,8 @@ def block_diagonal(blocks: Sequence[Any]) -> Any:
 def moved_last(x: Any) -> Any:
     """The first axis behind all others."""
     if not isinstance(x, Taylor):
-        return of(x).moveaxis(x, 0, -1)
-    xp = of(x)
+        return module_of(x).moveaxis(x, 0, -1)
+    xp = module_of(x)
     return x.mapped(lambda part: xp.moveaxis(part, 0, -1), lambda part: xp.moveaxis(part, 1, -1))
 
 
@@ -274,12 +274,12 @@ def in_few(function: Callable[..., Any], *scalars: Any) -> Any:
     for row, k in zip(np.eye(len(moving)), moving, strict=True):
         seeds[k] = Taylor(scalars[k].value, by=row)
     rates = [by(scalars[k]) for k in moving]
-    every = of(list(scalars)).stack(rates)  # (scalars, parameters)
+    every = module_of(list(scalars)).stack(rates)  # (scalars, parameters)
 
     def chained_on(x: Any) -> Any:
         if by(x) is None:
             return x
-        return Taylor(x.value, by=of(x, every).tensordot(every.T, x.by, 1))
+        return Taylor(x.value, by=module_of(x, every).tensordot(every.T, x.by, 1))
 
     return tree_map(chained_on, function(*seeds))
 
@@ -287,19 +287,19 @@ def in_few(function: Callable[..., Any], *scalars: Any) -> Any:
 def solved(matrix: Any, right: Any) -> Any:
     """x with `matrix` x = `right`; NaN where there is none."""
     try:
-        return of(matrix, right).linalg.solve(matrix, right)
+        return module_of(matrix, right).linalg.solve(matrix, right)
     except np.linalg.LinAlgError:
         return np.full(right.shape, np.nan)
 
 
 def ones_like(x: Any) -> Any:
     """Of the shape of `x`'s value."""
-    return of(x).ones_like(value(x))
+    return module_of(x).ones_like(value(x))
 
 
 def zeros_like(x: Any) -> Any:
     """Of the shape of `x`'s value."""
-    return of(x).zeros_like(value(x))
+    return module_of(x).zeros_like(value(x))
 
 
 def are_numbers(tree: Any) -> bool:
@@ -327,7 +327,7 @@ def numbers(tree: Any) -> Any:
 def fixed(x: Any) -> Any:
     """A pytree of values, without expansions, that JAX does not differentiate."""
     plain = values(x)
-    return jax.lax.stop_gradient(plain) if of(*jax.tree.leaves(plain)) is jnp else plain
+    return jax.lax.stop_gradient(plain) if module_of(*jax.tree.leaves(plain)) is jnp else plain
 
 
 def tree_map(function: Callable[..., Any], *trees: Any) -> Any:

@@ -116,11 +116,12 @@ def _cut(text: str) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
-def known(name: str, names: Iterable[str], more: str = "") -> str:
-    """The end of a sentence on a `name` that is none of `names`: the one that was meant, or all of them and `more`."""
+def did_you_mean(name: str, names: Iterable[str], more: str = "", before: str = "") -> str:
+    """The end of a sentence on a `name` that is none of `names`: the one that was meant, behind what stands `before`
+    it, or all of them and `more`."""
     names = list(names)
     close = difflib.get_close_matches(name.lower(), names, n=1)
-    return f"did you mean {close[0]}?" if close else f"known here: {', '.join(names)}{more}"
+    return f"did you mean {before}{close[0]}?" if close else f"known here: {', '.join(names)}{more}"
 
 
 # ------------------------------------------------------------------------------------------------ what a key takes
@@ -137,7 +138,7 @@ def in_one_sentence(error: Any, root: type, takes: Mapping[str, str]) -> str:
     key, value = dotted(where), shown(error["input"])
     if error["type"] in UNKNOWN_KEY:
         names = [f.name for f in dataclasses.fields(_owner(root, where[:-1]))]
-        return f"{key} is not a known key; {known(str(where[-1]), names)}"
+        return f"{key} is not a known key; {did_you_mean(str(where[-1]), names)}"
     wanted = takes.get(key) or allowed(root, where)
     if error["type"] == "missing":
         return f"{key} is missing: give {wanted}"

@@ -205,4 +205,4 @@ def all_within(numbers: Iterator[tuple[Any, float, float]]) -> Any:
     """Whether all of some `traced` numbers are, shape ()."""
     values, lows, highs = zip(*numbers, strict=True)
     every = xp.fixed(xp.stack([xp.asarray(value) for value in values]))
-    return xp.of(every).all((every >= np.array(lows)) & (every <= np.array(highs)))
+    return xp.module_of(every).all((every >= np.array(lows)) & (every <= np.array(highs)))

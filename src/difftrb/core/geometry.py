@@ -152,7 +152,8 @@ def as_floats(tree: Tree) -> Tree:
 def spall_is_sound(spall: Spall) -> Any:
     """Whether all numbers of a spall are finite, and its sizes not negative."""
     sizes = spall.length, spall.width, spall.depth
-    finite = xp.of(*sizes, spall.angle, spall.axial_offset).isfinite(sum(sizes) + spall.angle + spall.axial_offset)
+    place = spall.angle, spall.axial_offset
+    finite = xp.module_of(*sizes, *place).isfinite(sum(sizes) + spall.angle + spall.axial_offset)
     return (spall.length >= 0.0) & (spall.width >= 0.0) & (spall.depth >= 0.0) & finite
 
 

@@ -29,7 +29,7 @@ def polynomial(coefficients: Any, x: Any, straight: bool = False) -> Any:
         inside = xp.within(z.value, -1.0, 1.0)
         table, rates, curves = _powers(inside, len(coefficients))
         table = table + (z.value - inside)[None] * rates
-        curves = xp.where((xp.of(inside).abs(z.value) < 1.0)[None], curves, 0.0)
+        curves = xp.where((xp.module_of(inside).abs(z.value) < 1.0)[None], curves, 0.0)
     else:
         table, rates, curves = _powers(z.value, len(coefficients))
 
@@ -53,7 +53,7 @@ def polynomial(coefficients: Any, x: Any, straight: bool = False) -> Any:
 
 def _by_steps(coefficients: Any, z: Taylor, straight: bool) -> Any:
     """The polynomial of constant coefficients, and its slope by the variable alone: one step for every coefficient."""
-    rules = implicit if xp.of(coefficients, z.value) is jnp else numeric
+    rules = implicit if xp.module_of(coefficients, z.value) is jnp else numeric
     inside = xp.within(z.value, -1.0, 1.0) if straight else z.value
     value, rate = rules.with_slope(coefficients, inside)
     if straight:
@@ -63,7 +63,7 @@ def _by_steps(coefficients: Any, z: Taylor, straight: bool) -> Any:
     bend = None
     if z.mixed is not None:
         bend = numeric.polynomial(coefficients, inside, 2)
-        bend = xp.where(xp.of(inside).abs(z.value) < 1.0, bend, 0.0) if straight else bend
+        bend = xp.where(xp.module_of(inside).abs(z.value) < 1.0, bend, 0.0) if straight else bend
     return chained(z, value, rate, bend)
 
 
@@ -81,7 +81,7 @@ def _powers(z: Any, count: int) -> tuple[Any, Any, Any]:
 def chebyshev(z: Any, count: int) -> Any:
     """The first `count` Chebyshev polynomials of `z` in −1 … 1, shape (), in shape (count,)."""
     if not isinstance(z, Taylor):
-        return implicit.chebyshev(count, z) if xp.of(z) is jnp else numeric.chebyshev_row(count, z)
+        return implicit.chebyshev(count, z) if xp.module_of(z) is jnp else numeric.chebyshev_row(count, z)
     rows = chebyshev(z.value, count)
     rates = xp.einsum("kn,n->k", numeric.chebyshev_rates(count), rows)
     return Taylor(rows, by=None if z.by is None else z.by[:, None] * rates[None])

@@ -24,7 +24,7 @@ TOLD = 3
 """Most other answers that are told in words."""
 
 
-def of(fit: Fit, scan: Scan) -> dict[str, Any]:
+def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
     """Fields `remarks` and `determined_each` of a fit."""
     remarks = [
         *effects.remarks(fit.scene.effects, fit.scene.spalls),

@@ -34,8 +34,9 @@ from difftrb.fits.search import Scan
 from difftrb.law.samples import Progress
 from difftrb.ring.phase_average import POINTS_IN_FITS, ROUGH_POINTS
 from difftrb.ring.ring import Load, largest_load
+from difftrb.scene.auto_law import by_table
 from difftrb.scene.scene import LawName, Scene, is_auto
-from difftrb.scene.solving import by_table, prepare
+from difftrb.scene.solving import prepare
 
 FLOOR = 0.1
 """Measurements without sigma count by their own size, but at least by this share of the middle one of their kind."""
@@ -119,7 +120,7 @@ def fit(
         found = _from(problem, np.concatenate([tried.profiles.lowest[None], found.place]))
         tried = _judged(problem, scan, found, estimate)
     result = _result(rows, problem, tried, estimate)
-    return dataclasses.replace(result, **diagnostics.of(result, scan))
+    return dataclasses.replace(result, **diagnostics.judged(result, scan))
 
 
 def _problem(

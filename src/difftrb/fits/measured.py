@@ -13,7 +13,7 @@ from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
 from difftrb.core import bad_input, fields, geometry
-from difftrb.core.bad_input import allowed, known, shown
+from difftrb.core.bad_input import allowed, did_you_mean, shown
 from difftrb.core.geometry import FILE_RULES, Real
 from difftrb.core.status import DifftrbError
 from difftrb.ring.ring import needed_axial, too_light
@@ -122,7 +122,7 @@ def _check_header(names: list[str], path: str | Path) -> None:
         raise MeasuredError(f"{path}: columns must be separated by commas, and decimals written with a point")
     for name in names:
         if name not in COLUMNS:
-            raise MeasuredError(f"{path}: column {shown(name)} is not known; {known(name, COLUMNS)}")
+            raise MeasuredError(f"{path}: column {shown(name)} is not known; {did_you_mean(name, COLUMNS)}")
         if names.count(name) > 1:
             raise MeasuredError(f"{path}: column {shown(name)} stands twice; keep one of them")
     for name in NEEDED:

@@ -116,7 +116,7 @@ def telling(fit: Fit, values: np.ndarray) -> tuple[Measurement, float]:
 
 def _told(fit: Fit, among: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """As `predicted.of_others`."""
-    parts = (predicted.of_others(fit.problem, at, places) for at in conditions.in_parts(fit.scene, among))
+    parts = (predicted.other_rows_at(fit.problem, at, places) for at in conditions.in_parts(fit.scene, among))
     values, slopes = zip(*parts, strict=True)
     return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 

@@ -186,7 +186,7 @@ def evaluated(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
     return least_squares.Evaluated(deviations, jacobian, tuple(beside))
 
 
-def of_others(problem: Problem, at: Conditions, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def other_rows_at(problem: Problem, at: Conditions, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the model says of other rows at `places`, shape (cases, other rows), and its slopes by coordinates, shape
     (cases, other rows, parameters)."""
     rows = len(at.place)
@@ -196,7 +196,7 @@ def of_others(problem: Problem, at: Conditions, places: np.ndarray) -> tuple[np.
     return found.beside[0], found.jacobian
 
 
-def told(problem: Problem, places: np.ndarray) -> np.ndarray:
+def rows_at(problem: Problem, places: np.ndarray) -> np.ndarray:
     """What the model says of the rows at `places`, shape (cases, rows): a quarter of the time of `evaluated`."""
     return _in_parts(_told, problem, places)[0]
 

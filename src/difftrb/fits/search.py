@@ -59,7 +59,7 @@ def scanned(problem: Problem, places: np.ndarray) -> Scan:
     """The model at these places, roughly."""
     rough = _rough(problem)
     jacobian = np.nan_to_num(predicted.evaluated(rough, places[:SLOPES]).jacobian)
-    return Scan(places, predicted.told(rough, places), np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
+    return Scan(places, predicted.rows_at(rough, places), np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
 
 
 def places(parameters: Sequence[Parameter], bounds: Bounds, scene: Scene, count: int | None) -> np.ndarray:

@@ -149,14 +149,15 @@ class AtlasLaw:
         contact = self.contact
         number, ends = number_of(contact), np.exp(self.atlas.log_numbers[[0, -1]])
         inside = (number >= ends[0]) & (number <= ends[1])
-        code = xp.of(number).where(inside, status.CONVERGED, status.OTHER_CONTACT)
+        code = xp.module_of(number).where(inside, status.CONVERGED, status.OTHER_CONTACT)
         code = status.worst(code, within_range(self.load_range, rest), of_one_deep_spall(spalls, distances, rest))
         for spall in spalls:
             known = _place(contact, spall).known | (spall.length <= 0.0)
-            code = status.worst(code, xp.of(known).where(known, status.CONVERGED, status.SLIVER))
+            code = status.worst(code, xp.module_of(known).where(known, status.CONVERGED, status.SLIVER))
             if not self.narrow:
                 wide = 0.5 * spall.width > _farthest(contact)  # widths may come one a phase
-                code = status.worst(code, xp.of(wide).where(xp.of(wide).all(wide), status.CONVERGED, status.NARROW))
+                of = xp.module_of(wide)
+                code = status.worst(code, of.where(of.all(wide), status.CONVERGED, status.NARROW))
         return code
 
     def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:

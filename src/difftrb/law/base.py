@@ -52,7 +52,7 @@ class Rest(NamedTuple):
 
         See `gap.certain_reach`.
         """
-        of = xp.of(distances, spall.width)
+        of = xp.module_of(distances, spall.width)
         beside = of.maximum(of.abs(distances) - 0.5 * spall.width, 0.0)
         return (beside**2 < 2.0 * self.radius * self.approach) & (self.approach > 0.0) & (spall.length > 0.0)
 
@@ -128,7 +128,7 @@ def spalls_under(spalls: tuple[Spall, ...], distances: Any) -> Any:
     rollers inside. Of several spalls the longest counts. `distances` as in `Law`.
     """
     away, spalls = xp.values((distances, spalls))
-    of = xp.of(away, *jax.tree.leaves(spalls))
+    of = xp.module_of(away, *jax.tree.leaves(spalls))
     over = of.zeros(away.shape[1:], int)
     longest = of.full(away.shape[1:], -1.0)  # a spall of no length counts: its curve is healthy, its slope is not
     for i, spall in enumerate(spalls):
@@ -152,7 +152,7 @@ def in_window(curves: Curve, spalls: tuple[Spall, ...], distances: jax.Array) ->
 
 def known_up_to(longest: Any, spalls: tuple[Spall, ...]) -> Any:
     """Status: whether no spall is longer than `longest` [mm]."""
-    of = xp.of(longest, *jax.tree.leaves(spalls))
+    of = xp.module_of(longest, *jax.tree.leaves(spalls))
     return of.where(of.asarray(longest) >= of.max(lengths_of(spalls)), status.CONVERGED, status.UNKNOWN_LENGTH)
 
 
@@ -160,7 +160,7 @@ def of_one_deep_spall(spalls: tuple[Spall, ...], distances: Any, rest: Rest | No
     """Status: whether no roller meets several spalls, or may meet a spall's bottom."""
     if rest is None or not spalls:
         return np.asarray(status.CONVERGED)
-    of = xp.of(rest.approach, distances, *jax.tree.leaves(spalls))
+    of = xp.module_of(rest.approach, distances, *jax.tree.leaves(spalls))
     met = of.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
     shallow = [of.any(own & (spall.depth < rest.approach)) for spall, own in zip(spalls, met, strict=True)]
     code = of.where(of.any(of.stack(shallow)), status.BOTTOM, status.CONVERGED)
@@ -173,7 +173,7 @@ def within_range(load_range: tuple[Any, Any], rest: Rest | None) -> Any:
     """Status: whether the most loaded roller is in the range of loads [N] that a law was made for."""
     if rest is None:
         return np.asarray(status.CONVERGED)
-    of = xp.of(rest.loads, *load_range)
+    of = xp.module_of(rest.loads, *load_range)
     largest = of.max(rest.loads, axis=-1)
     inside = (largest >= load_range[0]) & (largest <= load_range[1])
     return of.max(of.where(inside | (largest <= 0.0), status.CONVERGED, status.OUTSIDE))

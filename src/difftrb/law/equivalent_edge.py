@@ -43,7 +43,7 @@ def of_both(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any) 
     """Where that edge stands [mm], as `Ramp.edge`, for an approach [mm] of a ramp that begins at `low` and ends at
     `high` [mm], all of one shape. Where no roller of all reaches the far land it is the near one, at once: narrow
     spalls are rare, and cost ten times as much as all else."""
-    return (_traced if xp.of(approach) is jnp else _if_reached)(edge, across, approach, low, high)
+    return (_traced if xp.module_of(approach) is jnp else _if_reached)(edge, across, approach, low, high)
 
 
 def _if_reached(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any) -> Any:
@@ -57,7 +57,7 @@ def _if_reached(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: A
         # what does not depend on the loop's state is computed before it, needed or not
         return _equivalent(*loops.together((edge, across, approach, low, high)))
 
-    return loops.done_if(xp.of(reached).any(reached), found, edge)
+    return loops.done_if(xp.module_of(reached).any(reached), found, edge)
 
 
 @jax.custom_jvp
@@ -79,7 +79,7 @@ def _rows(across: NarrowSpall, approach: Any, low: Any) -> tuple[Any, Any]:
 
 def _half_widths(edge: Any, size: Any, width: Any, low: Any, high: Any) -> Any:
     """Of the contact in every row [mm], with the share of load that an edge leaves."""
-    share = xp.known(edge_share.root_of_usual, edge_share.place(edge, low, high))
+    share = xp.with_rates(edge_share.root_of_usual, edge_share.place(edge, low, high))
     return xp.maximum(size * share[None], width[None] / narrow_spall.WIDEST)
 
 
@@ -104,7 +104,7 @@ def _equivalent(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: A
         found, before, then, slope = state
         after = nearer(found)
         at, now = xp.fixed((found, after))
-        far = xp.of(at).abs(at - before) > 1e-9 * xp.fixed(width)
+        far = xp.module_of(at).abs(at - before) > 1e-9 * xp.fixed(width)
         slope = xp.where(far, xp.within((now - then) / xp.where(far, at - before, 1.0), -2.0, 0.9), slope)
         return found + (after - found) * (1.0 / (1.0 - slope)), at, now, slope
 

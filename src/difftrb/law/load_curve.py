@@ -48,7 +48,7 @@ def weights(places: Any, x: Any) -> Any:
     x.shape + (n,)."""
     count, x = len(places), xp.asarray(x)
     gaps = xp.where(np.eye(count, dtype=bool), 1.0, places[:, None] - places[None, :])
-    scale = 1.0 / xp.of(gaps).prod(gaps, axis=1)
+    scale = 1.0 / xp.module_of(gaps).prod(gaps, axis=1)
     away = [x - places[k] for k in range(count)]
     below, above = [xp.ones_like(x)], [xp.ones_like(x)]  # products of all before and of all behind
     for k in range(count - 1):
@@ -74,7 +74,8 @@ def through(log_loads: Any, approaches: Any, shift: Any) -> Curve:
 def _interpolant(z: Any, values: Any) -> Any:
     """`_coefficients` with their derivatives."""
     if not isinstance(z, Taylor) and not isinstance(values, Taylor):
-        return implicit.interpolant(_coefficients, z, values) if xp.of(z, values) is jnp else _coefficients(z, values)
+        traced = xp.module_of(z, values) is jnp
+        return implicit.interpolant(_coefficients, z, values) if traced else _coefficients(z, values)
     # when places move by dz and values by dy, the polynomial P changes by the one through dy − P′ dz
     places = xp.value(z)
     found = _interpolant(places, xp.value(values))
@@ -84,14 +85,14 @@ def _interpolant(z: Any, values: Any) -> Any:
         change = -moved if change is None else change - moved
     if change is None:
         return found
-    of = xp.of(change)
+    of = xp.module_of(change)
     by = _interpolant(places.reshape(len(places), 1, *places.shape[1:]), of.moveaxis(change, 0, 1))
     return Taylor(found, by=of.moveaxis(by, 1, 0))
 
 
 def _coefficients(z: Any, values: Any) -> Any:
     """Of the polynomials in powers of z through `values` at `z`, all of shape (n, …); linear in the values."""
-    of, order, count = xp.of(z, values), np.array(_spread(len(z))), len(z)
+    of, order, count = xp.module_of(z, values), np.array(_spread(len(z))), len(z)
     places = z[order]
     at = np.arange(count).reshape(-1, *[1] * (z.ndim - 1))
 
@@ -162,7 +163,7 @@ def chosen(curves: Curve, index: Any) -> Curve:
     return xp.tree_map(field, curves)
 
 
-def of(curves: Curve, index: Any) -> Curve:
+def one_of(curves: Curve, index: Any) -> Curve:
     """The curves at `index` (any shape) along the last axis of `curves`."""
     return xp.tree_map(lambda field: field[..., index], curves)
 

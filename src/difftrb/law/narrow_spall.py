@@ -50,12 +50,12 @@ def sinking(near: Any, width: Any, half_width: Any) -> Any:
     unit = xp.maximum(half_width, width / WIDEST)
     width = xp.maximum(width, NARROWEST * unit)
     x, edge = width / unit, near / unit
-    rows = xp.known(_of_width, x[None])
+    rows = xp.with_rates(_of_width, x[None])
     end, inside = rows[0], rows[1:]
     place = xp.minimum(((0.5 * x - edge) / _farthest(x, end)) ** 2, 1.0)
     both = place < 1.0
     # over one land alone, by the width's square: where it lies, or where the far one begins to touch
-    alone = xp.known(_sunk_over_one, xp.where(both, x * end, edge + 1.0)) / (x * x)
+    alone = xp.with_rates(_sunk_over_one, xp.where(both, x * end, edge + 1.0)) / (x * x)
     rest = series.polynomial(inside, 2.0 * place - 1.0)
     return xp.where(both, MIDDLE + place * (alone - MIDDLE + (1.0 - place) * rest), alone)
 
@@ -89,7 +89,7 @@ def _farthest(x: Any, end: Any) -> Any:
 
 def over_one(edge: Any, half_width: Any) -> Any:
     """How far a roller sinks over one edge, times R [mm²]; 0 where it is beside the contact."""
-    return half_width * half_width * xp.known(_sunk_over_one, edge / half_width + 1.0)
+    return half_width * half_width * xp.with_rates(_sunk_over_one, edge / half_width + 1.0)
 
 
 def over_one_slope(edge: Any, half_width: Any) -> Any:

@@ -112,7 +112,7 @@ def roller_curves(
         share = stacked(*(ramp.share for ramp in every))
     alike = xp.tree_map(stacked, *[dataclasses.replace(ramp, edge=0.0, share=0.0) for ramp in every])
     together = dataclasses.replace(alike, edge=edges, share=share)
-    return RollerCurves(each, together, xp.of(under).stack(at).astype(float))
+    return RollerCurves(each, together, xp.module_of(under).stack(at).astype(float))
 
 
 def _at_phases(share: Any, phases: tuple[int, ...]) -> Any:
@@ -129,7 +129,7 @@ def next_to(spall: Spall, distances: Any, side: float) -> Any:
     Only that one can stand on the ramp: rollers are farther apart than it is long.
     """
     away, width = xp.value(distances), xp.value(spall.width)
-    of = xp.of(away, width)
+    of = xp.module_of(away, width)
     nearest = of.argmin(of.abs(away - side * 0.5 * width), axis=-1)[..., None]
     return nearest == np.arange(away.shape[-1]).reshape((1,) * (nearest.ndim - 1) + (-1,))
 
@@ -165,7 +165,7 @@ def least_squares(matrix: Any, right: Any, ridge: float) -> Any:
     """x with `matrix` · x nearest to `right`, shapes (…, n, m) and (…, n); what the rows do not tell stays small."""
     plain, goal = xp.value(matrix), xp.value(right)
     eye = np.broadcast_to(ridge * np.eye(plain.shape[-1]), (*plain.shape[:-2], *plain.shape[-1:] * 2))
-    q, r = xp.of(plain).linalg.qr(xp.concatenate([plain, eye], axis=plain.ndim - 2))
+    q, r = xp.module_of(plain).linalg.qr(xp.concatenate([plain, eye], axis=plain.ndim - 2))
     turned, lifted = (xp.moveaxis(part, -1, -2) for part in (q[..., : plain.shape[-2], :], r))
 
     def solved(triangle: Any, right: Any) -> Any:

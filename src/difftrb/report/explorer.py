@@ -22,7 +22,7 @@ from difftrb.core.geometry import Spall
 from difftrb.core.status import DifftrbError, SceneError
 from difftrb.report import figure_style, page, pressure_figure
 from difftrb.report.figure_style import HEALTHY, SPALLED
-from difftrb.scene import scene_laws, solving
+from difftrb.scene import auto_law, scene_laws, solving
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, named
 from difftrb.scene.solution import Solution
@@ -88,7 +88,7 @@ class Explorer:
         """Loads, and stiffness over the cage's turn."""
         scene = self.scene()
         try:
-            turn = spall_loss.over_turn(solving.by_table(scene), DRAWN_PHASES)
+            turn = spall_loss.over_turn(auto_law.by_table(scene), DRAWN_PHASES)
         except DifftrbError as error:
             self.numbers.object = _sentence(str(error))
             return

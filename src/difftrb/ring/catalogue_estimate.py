@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from difftrb.core.bad_input import did_you_mean
 from difftrb.core.geometry import TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.ring import catalogue
@@ -108,7 +109,7 @@ def bearing_from_catalogue(
     """
     names = [field.name for field in dataclasses.fields(Catalogue)]
     if unknown := set(known) - set(names):
-        raise SceneError(f"bearing.{min(unknown)} is not known; known here: {', '.join(names)}")
+        raise SceneError(f"bearing.{min(unknown)} is not known; {did_you_mean(min(unknown), names)}")
     return estimated(Catalogue(d, D, T, contact_angle_deg, **known))
 
 

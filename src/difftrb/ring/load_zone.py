@@ -90,7 +90,7 @@ def start(rollers: Rollers, healthy: RollerCurves, force: jax.Array, terms: Term
     loaded roller Newton's method knows no way."""
     if terms.axial is not None:
         return jnp.zeros(3).at[2].set(terms.axial)
-    sound, count, axial = load_curve.of(healthy.each, 0), rollers.normals.shape[0], rollers.normals[0, 2]
+    sound, count, axial = load_curve.one_of(healthy.each, 0), rollers.normals.shape[0], rollers.normals[0, 2]
     force = xp.fixed(force)
     if terms.pair is None:
         largest, narrow = in_load_zone(sound, force, count, axial)

@@ -53,7 +53,7 @@ class Rollers(NamedTuple):
     def carried(self, approach: Any, inside: Any = None) -> RollerLoads:
         """What every roller carries at that; `inside` as in `roller_balance`."""
         held = self.seat, self.curves, inside
-        return implicit.pointwise(_each, held, approach) if xp.of(approach) is jnp else _each(held, approach)
+        return implicit.pointwise(_each, held, approach) if xp.module_of(approach) is jnp else _each(held, approach)
 
 
 def tangent(normals: Any, slopes: Any) -> Any:
@@ -95,7 +95,7 @@ class Reported(NamedTuple):
 def found(system: System) -> tuple[jax.Array, RollerLoads, Reported]:
     """The displacement in equilibrium [mm], shape (3,) (with tilt (5,)), what rollers carry there, and how it was
     found."""
-    if xp.of(system.start) is np:
+    if xp.module_of(system.start) is np:
         return _newton(system)
     return implicit.root(_unbalanced, _carried, _newton, _respond, system)
 
@@ -172,7 +172,7 @@ def damped(
     def tried(state: _State) -> _State:
         u, now, p, damping, count, inside = state
         new = balance(u + p, *inside)
-        of = xp.of(new)
+        of = xp.module_of(new)
         better = of.sum(new.residual * p, axis=-1) <= 0.5 * of.abs(of.sum(now.residual * p, axis=-1))
 
         def kept(one: Any, other: Any) -> Any:
@@ -192,7 +192,7 @@ def damped(
         return _State(u, now, p, damping, count + 1, inside)
 
     def unfinished(state: _State) -> Any:
-        of = xp.of(state.u)
+        of = xp.module_of(state.u)
         return of.any(_far(state.now) & (state.damping < 1e6)) & (state.count < ITERATIONS)
 
     still, none = xp.zeros_like(start), xp.zeros_like(start[..., 0])
@@ -206,12 +206,12 @@ def damped(
         while unfinished(last):
             last = tried(last)
     off = _largest(last.now)
-    return last.u, last.now, xp.of(off).max(off), last.count
+    return last.u, last.now, xp.module_of(off).max(off), last.count
 
 
 def _largest(now: RingBalance) -> Any:
     """Of all residuals, shape (…)."""
-    of = xp.of(now.residual)
+    of = xp.module_of(now.residual)
     found = of.max(of.abs(now.residual), axis=-1)
     return found if now.unsettled is None else of.maximum(found, of.max(of.abs(now.unsettled)))
 
@@ -256,7 +256,7 @@ def _newton_settling(system: System, seat: Seat, curves: RollerCurves) -> tuple[
 def solve(matrix: Any, right: Any) -> Any:
     """x with matrix · x = right, shapes (…, n, n), (…, n); of three by cofactors: in a batch many times faster than a
     factorisation."""
-    of = xp.of(matrix, right)
+    of = xp.module_of(matrix, right)
     if right.shape[-1] != 3:
         return of.linalg.solve(matrix, right[..., None])[..., 0]
     a, b, c = (matrix[..., k, :] for k in range(3))

@@ -62,12 +62,12 @@ def borders(
     def moved(at: Any) -> Any:
         found = xp.mod(_kinks(bearing, met, at_rest(at), terms), whole)
         # a law that does not know its ramps says so itself
-        return xp.where(xp.of(found).isfinite(xp.value(found)), found, 0.0)
+        return xp.where(xp.module_of(found).isfinite(xp.value(found)), found, 0.0)
 
     rows = 1 if terms.pair is None else 2
     count = 2 * rows + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met)
-    kinks = loops.repeated(ROUNDS, moved, xp.of(jax.tree.leaves((bearing, load, met, terms))).zeros(count))
-    kinks = kinks[xp.of(kinks).argsort(xp.value(kinks))]
+    kinks = loops.repeated(ROUNDS, moved, xp.module_of(jax.tree.leaves((bearing, load, met, terms))).zeros(count))
+    kinks = kinks[xp.module_of(kinks).argsort(xp.value(kinks))]
     none = 0.0 * kinks[:1]
     return xp.concatenate([none, kinks, none + whole])
 
@@ -89,7 +89,7 @@ def _kinks(bearing: TaperedBearing, met: tuple[Met, ...], rest: ring.Equilibrium
     zone of every row ends on either side, then where a roller begins to meet every edge of every spall, and where it
     has met it. They come in pairs, of both sides."""
     # without an equilibrium any phases will do: each of them will say so
-    u = xp.where(xp.of(rest.displacement).isfinite(xp.value(rest.displacement)), rest.displacement, 0.0)
+    u = xp.where(xp.module_of(rest.displacement).isfinite(xp.value(rest.displacement)), rest.displacement, 0.0)
     rows = (u,) if terms.pair is None else jax.vmap(lambda v: terms.pair.rows(v, bearing.outer_angle))(u)  # type: ignore[union-attr]
     sides, found = np.array([1.0, -1.0]), list[Any]()
     for k, own in enumerate(rows):
@@ -127,5 +127,5 @@ def _share(law: Law, rest: ring.Equilibrium) -> jax.Array:
     """What part of the ring's approach to the most loaded roller is the contact's in which `law` holds."""
     top = jnp.argmax(rest.loads)
     healthy = law.curves((), jnp.zeros((0, 1))).each
-    own = load_curve.approach(load_curve.of(healthy, 0), jnp.maximum(rest.loads[top], 1.0))
+    own = load_curve.approach(load_curve.one_of(healthy, 0), jnp.maximum(rest.loads[top], 1.0))
     return own / jnp.maximum(rest.approach[top], own)

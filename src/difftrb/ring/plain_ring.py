@@ -51,17 +51,17 @@ def equilibrium(
 
 
 def _all(condition: Any) -> Any:
-    return xp.of(condition).all(condition)
+    return xp.module_of(condition).all(condition)
 
 
 def _start(normals: Any, curves: RollerCurves, healthy: RollerCurves, force: Any) -> Any:
     """See `load_zone.start`."""
-    one = load_curve.of(healthy.each, 0)
+    one = load_curve.one_of(healthy.each, 0)
     while one.middle.ndim:  # the same at all phases
-        one = load_curve.of(one, 0)
+        one = load_curve.one_of(one, 0)
     axial = normals.reshape(-1, 3)[0, 2]
     largest, narrow = load_zone.in_load_zone(one, force, normals.shape[-2], axial)
-    clear = xp.of(curves.each.shift).min(curves.each.shift, axis=-1)
+    clear = xp.module_of(curves.each.shift).min(curves.each.shift, axis=-1)
     return load_zone.pressed(one, largest, narrow, axial, xp.maximum(clear, 0.0))
 
 

@@ -136,7 +136,7 @@ def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Ti
     half = 0.5 * geometry.roller_pitch(bearing)
     edges = roller_angles(bearing, phase) + half
     if tilting is None:
-        reach = xp.of(edges).max(xp.cos(edges), axis=-1) / np.cos(half)
+        reach = xp.module_of(edges).max(xp.cos(edges), axis=-1) / np.cos(half)
         return radial * xp.tan(bearing.outer_angle) * reach
     low, high = jnp.min(tilting.levers), jnp.max(tilting.levers)
     about_radial, about_lateral = tilting.moments
@@ -205,7 +205,7 @@ def equilibrium(
 
 def is_valid(load: Load, spalls: tuple[Spall, ...], phase: Any) -> Any:
     """Whether loads, phase and spalls are what they may be."""
-    finite = xp.of(load.radial, load.axial, phase).isfinite(load.radial + load.axial + phase)
+    finite = xp.module_of(load.radial, load.axial, phase).isfinite(load.radial + load.axial + phase)
     valid = (load.radial >= 0.0) & (load.axial >= 0.0) & finite
     for spall in spalls:
         valid = valid & geometry.spall_is_sound(spall)
@@ -302,7 +302,7 @@ def judged(
     What comes later says more: a ring that did not converge, that is `not_held`, whose laws do not know its state,
     under too small an axial load, with bad input.
     """
-    of, usable = xp.of(rest.residual, laws_status, valid, held), valid & held
+    of, usable = xp.module_of(rest.residual, laws_status, valid, held), valid & held
     code = of.where(_converged(rest), status.CONVERGED, status.NOT_CONVERGED)
     for other in (not_held, laws_status):
         code = of.where(other == status.CONVERGED, code, other)
@@ -316,5 +316,5 @@ def judged(
 
 
 def _converged(rest: Equilibrium) -> Any:
-    of = xp.of(rest.residual)
+    of = xp.module_of(rest.residual)
     return (rest.residual <= newton.TOLERANCE) & of.all(of.isfinite(xp.value(rest.displacement)))

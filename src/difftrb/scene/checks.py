@@ -231,4 +231,4 @@ def code(scene: Scene) -> Any:
     within = fields.all_within(number for owner in owners for number in fields.traced(owner))
     bearing = xp.fixed(scene.bearing)
     within = within & (bearing.roller_large_diameter > bearing.roller_small_diameter)
-    return xp.of(within).where(within, status.CONVERGED, status.BAD_INPUT)
+    return xp.module_of(within).where(within, status.CONVERGED, status.BAD_INPUT)

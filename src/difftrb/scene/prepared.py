@@ -59,7 +59,7 @@ def _assess_numbers(scene: Scene) -> Assessment:
 def _assessed(spalled: Solution, whole: Solution, slopes: Any) -> Assessment:
     """From both solutions, and the derivatives of radial and axial stiffness by length and width, shape (2, spalls,
     2)."""
-    of = xp.of(spalled.stiffness)
+    of = xp.module_of(spalled.stiffness)
     ours, theirs = (of.diagonal(each.stiffness)[np.array([0, 2])] for each in (spalled, whole))
     slopes = of.where(of.isnan(ours)[:, None, None], np.nan, slopes)
     return Assessment(spalled, whole, 100.0 * (1.0 - ours / theirs), slopes[..., 0], slopes[..., 1])
@@ -132,7 +132,7 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
         return xp.einsum("p,pi->i", weights, rows).reshape(*value.shape[1:])
 
     def span(value: Any) -> Any:
-        of = xp.of(value)
+        of = xp.module_of(value)
         return xp.stack([xp.taken(value, pick(xp.value(value), axis=0)) for pick in (of.argmin, of.argmax)])
 
     if isinstance(scene.phase, PitchMean):
@@ -141,7 +141,7 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
     else:
         middle = scene.phase
         of_every = operator.itemgetter(0)
-    of = xp.of(every.residual)
+    of = xp.module_of(every.residual)
     return Solution(
         angles=ring.roller_angles(scene.bearing, middle),
         displacement=of_every(every.displacement),
@@ -167,7 +167,7 @@ def _without_poles(scene: Scene, every: ring.Equilibrium, stiffness: Any) -> Any
     if scene.definition == "tangent":
         return stiffness
     u, values = xp.value(every.displacement), xp.value(stiffness)
-    of = xp.of(u)
+    of = xp.module_of(u)
     turns = of.any(u > 0.0, axis=0) & of.any(u < 0.0, axis=0)
     poles = turns[:, None] & np.eye(turns.size, dtype=bool) & of.any(values != 0.0, axis=0)
     return xp.where(poles[None], np.nan, stiffness)

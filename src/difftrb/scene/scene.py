@@ -13,7 +13,7 @@ from annotated_types import Interval, Unit
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import fields, packaged_bearings
-from difftrb.core.bad_input import known
+from difftrb.core.bad_input import did_you_mean
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
@@ -152,7 +152,9 @@ class Scene:
         for name, value in values.items():
             part = next((part for part, own in names.items() if name in own), None)
             if part is None:
-                raise SceneError(f"{name} is not known; {known(name, [n for own in names.values() for n in own])}")
+                raise SceneError(
+                    f"{name} is not known; {did_you_mean(name, [n for own in names.values() for n in own])}"
+                )
             parts[part][name] = value
         scene = dataclasses.replace(self, **parts["scene"])
         for part in ("load", "bearing"):

@@ -7,7 +7,6 @@ A key names a number of a scene as the scene file does: `spall.0.length`, `load.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -17,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
-from difftrb.core.bad_input import dotted, known, shown
+from difftrb.core.bad_input import did_you_mean, dotted, shown
 from difftrb.core.status import SweepError
 from difftrb.scene.scene import Scene
 
@@ -94,7 +93,9 @@ def _spaced(key: str, spec: Mapping[str, Any]) -> np.ndarray:
     """Values of {from, to, count, spacing}, shape (count,)."""
     for name in spec:
         if name not in RANGE_KEYS:
-            raise SweepError(f"{dotted([*key.split('.'), name])} is not a known key; {known(str(name), RANGE_KEYS)}")
+            raise SweepError(
+                f"{dotted([*key.split('.'), name])} is not a known key; {did_you_mean(str(name), RANGE_KEYS)}"
+            )
     for name in RANGE_KEYS[:3]:
         if name not in spec:
             raise SweepError(f"{key}.{name} is missing: give {key} = {{from = …, to = …, count = …}}")
@@ -168,9 +169,8 @@ def number_at(tree: Any, key: str) -> Any:
             if step.isdigit() and isinstance(at, tuple | list):
                 there = "is 1 entry" if len(at) == 1 else f"are {len(at)} entries"
                 raise SweepError(f"{key}: there {there}, counted from 0")
-            close = difflib.get_close_matches(step, entries, n=1)
-            before = written[: i + len(written) - len(path)]
-            hint = f"did you mean {'.'.join([*before, close[0]])}?" if close else f"known here: {', '.join(entries)}"
+            before = "".join(f"{each}." for each in written[: i + len(written) - len(path)])
+            hint = did_you_mean(step, entries, before=before)
             raise SweepError(f"{dotted(written)} is not a known key" + (f"; {hint}" if entries else ""))
         at = entries[step]
     return at

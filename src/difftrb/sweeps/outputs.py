@@ -21,10 +21,11 @@ from difftrb.core.status import SweepError
 from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress
 from difftrb.scene import expected_loads
+from difftrb.scene.auto_law import by_table
 from difftrb.scene.checks import of_one_shape
 from difftrb.scene.scene import LawName, PitchMean, Scene, healthy, is_auto, outer_law
 from difftrb.scene.solution import Solution
-from difftrb.scene.solving import by_table, prepare, solve
+from difftrb.scene.solving import prepare, solve
 from difftrb.sweeps.axes import Axis, number_at, replaced
 
 STATUS = "status_code"
@@ -110,7 +111,7 @@ def function_of(
     Members are scenes, and names those of `RING`; with `solved`, which gives a member's contact, those of `CONTACT`.
     """
     registry = CONTACT if solved else RING
-    chosen = [registry[name] for name in known(names, registry)]
+    chosen = [registry[name] for name in checked(names, registry)]
     compared = any(output.against_healthy for output in chosen)
 
     def function(member: Any) -> dict[str, jax.Array]:
@@ -135,7 +136,7 @@ def _value(output: Output, *solutions: Any) -> jax.Array:
     return value
 
 
-def known(names: Sequence[str], outputs: Mapping[str, Output]) -> Sequence[str]:
+def checked(names: Sequence[str], outputs: Mapping[str, Output]) -> Sequence[str]:
     """`names`; refuses those that `outputs` does not have, one that is there twice, and none at all."""
     if not names:
         raise SweepError(f"outputs is empty; name some of {', '.join(outputs)}")

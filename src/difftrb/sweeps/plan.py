@@ -1,8 +1,9 @@
 """What is swept, and the program that computes it on devices or threads.
 
-Blocks of members (`axes.Grid`) are computed one after another by `lax.map`, the members of one by `vmap` along one
-axis after another, so that what an axis does not change is computed once. A chunk, which is stored as one, is a box of
-blocks, computed by calls of equally many. Devices or threads take calls as they are free; their number changes no bit.
+Blocks of members (`axes.Grid`, `sizes`) are computed one after another by `lax.map`, the members of one by `vmap` along
+one axis after another, so that what an axis does not change is computed once. A chunk, which is stored as one, is a box
+of blocks, computed by calls of equally many. Devices or threads take calls as they are free; their number changes no
+bit.
 """
 
 from __future__ import annotations
@@ -25,17 +26,10 @@ from jax.sharding import SingleDeviceSharding
 from difftrb.core import jax_config, kept_programs, status
 from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
+from difftrb.sweeps import sizes
 from difftrb.sweeps.axes import Axis, Grid, number_at, replaced, up
 from difftrb.sweeps.outputs import STATUS
 
-CALLS = 16
-"""Calls by which a chunk is computed."""
-CHUNKS = 64
-"""A sweep has at least so many chunks, if it is large enough."""
-MOST_MEMBERS = 2**17
-"""Of a chunk, about; or so many blocks."""
-AT_ONCE = 3
-"""Chunks that are dealt with at once: no lane waits for the last call of a chunk, or for a disk."""
 KEPT = 4
 """Plans and programs from elsewhere that a process keeps, at most."""
 
@@ -90,8 +84,7 @@ class Plan:
     @cached_property
     def grid(self) -> Grid:
         """The chunks."""
-        most = max(CALLS * self.blocks.size, min(self.members // CHUNKS, MOST_MEMBERS))
-        return Grid.of(self.counts, most, self.blocks.shape)
+        return Grid.of(self.counts, sizes.of_chunk(self.members, self.blocks.size), self.blocks.shape)
 
     @property
     def chunks(self) -> int:
@@ -101,7 +94,7 @@ class Plan:
     @cached_property
     def call(self) -> int:
         """Blocks that one call of the program computes."""
-        return up(math.prod(map(up, self.grid.shape, self.blocks.shape)), CALLS)
+        return up(math.prod(map(up, self.grid.shape, self.blocks.shape)), sizes.CALLS)
 
     @cached_property
     def shapes(self) -> dict[str, jax.ShapeDtypeStruct]:
@@ -286,7 +279,7 @@ class Program:
     def ahead(self, deal: Callable[..., Any]) -> Iterator[tuple[Callable[..., Any]]]:
         """For `in_turn`: what has a few chunks dealt with at once, in threads. A program serves one of these: its lanes
         end with it."""
-        with ThreadPoolExecutor(AT_ONCE) as threads:
+        with ThreadPoolExecutor(sizes.CHUNKS_AT_ONCE) as threads:
             try:
                 yield (partial(threads.submit, deal),)
             finally:  # of a sweep that stopped early
@@ -295,7 +288,10 @@ class Program:
 
 
 def in_turn(
-    submit: Callable[[int], Any], chunks: Iterable[int], many: int = AT_ONCE, alive: Callable[[], None] = lambda: None
+    submit: Callable[[int], Any],
+    chunks: Iterable[int],
+    many: int = sizes.CHUNKS_AT_ONCE,
+    alive: Callable[[], None] = lambda: None,
 ) -> Iterator[Any]:
     """Submit chunks, `many` at once, and give what each comes to, as they finish. While none does, ask `alive`."""
     finished: queue.SimpleQueue[Any] = queue.SimpleQueue()

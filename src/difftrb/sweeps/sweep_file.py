@@ -13,7 +13,7 @@ from typing import Any
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
 from difftrb.core import machine
-from difftrb.core.bad_input import dotted, known, shown
+from difftrb.core.bad_input import did_you_mean, dotted, shown
 from difftrb.core.bearing_checks import across
 from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
@@ -131,7 +131,7 @@ def parse(text: str, path: str | Path = "scene") -> SweepFile:
         found = SweepFile(file, given, asked, gradients, table.get("mode", "product"), text, str(path))
         made = axes_.axes_of(given, found.mode)
         unknown = [name for name in asked if name not in outputs.registered()]
-        outputs.known(unknown or asked, outputs.registered())
+        outputs.checked(unknown or asked, outputs.registered())
         if not found.of_contact and any(name in outputs.CONTACT for name in asked):
             raise SweepError(
                 f"outputs: {', '.join(outputs.CONTACT)} are of a single contact and do not go with the ring's"
@@ -173,7 +173,7 @@ def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
     for name, value in table.items():
         key = before + name
         if not before and "." not in name and not isinstance(value, dict):
-            raise SweepError(f"{dotted([name])} is not a known key; {known(name, SETTINGS, ' and dotted keys')}")
+            raise SweepError(f"{dotted([name])} is not a known key; {did_you_mean(name, SETTINGS, ' and dotted keys')}")
         if isinstance(value, dict) and not set(value) & set(RANGE_KEYS) and value:
             yield from _flat(value, f"{key}.")
         else:

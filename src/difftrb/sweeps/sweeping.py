@@ -24,20 +24,11 @@ from difftrb.law.samples import Progress
 from difftrb.scene import checks
 from difftrb.scene.scene import Scene
 from difftrb.sweeps import axes as axes_
-from difftrb.sweeps import outputs
+from difftrb.sweeps import outputs, sizes
 from difftrb.sweeps.axes import Axis, up
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import AT_ONCE, CHUNKS, MOST_MEMBERS, Plan, Program, in_turn
+from difftrb.sweeps.plan import Plan, Program, in_turn
 from difftrb.sweeps.swept import Swept, coordinates_of, labelled, manifest_of
-
-BATCH = {"cpu": 1024, "gpu": 65536}
-"""Members computed at once: on a busy CPU 240 to 4000 took the same time within noise (experiments/sweep_at_scale.py
-batch); a GPU wants more, how many was not measured."""
-CONTACT_BATCH = 128
-"""The same on a CPU where the contact itself is swept: each member reads the atlas for itself, which a core's cache has
-to hold (2.2 times as long with 1024)."""
-MOST = 10**12
-"""Members of a sweep, at most: at a microsecond each they take twelve days."""
 
 
 def plan_sweep(
@@ -76,7 +67,7 @@ def plan_sweep(
         chosen = [outputs.registered()[name] for name in names]
         units |= {output.name: output.unit for output in chosen}
         dims = {output.name: output.dims for output in chosen}
-    return Plan(base, made, function, tuple(gradients), units, dims, _batch(made, batch), title, text)
+    return Plan(base, made, function, tuple(gradients), units, dims, sizes.of_block(made, batch), title, text)
 
 
 def ends(base: Any, made: Sequence[Axis]) -> Iterator[Any]:
@@ -102,19 +93,6 @@ def _by_name(function: Callable[[Any], Any]) -> Callable[[Any], dict[str, jax.Ar
     return named
 
 
-def _batch(made: Sequence[Axis], batch: int | None) -> int:
-    """Members of a block: small sweeps have small ones, so that there are enough to share among devices."""
-    if batch is None:
-        members = math.prod(axis.count for axis in made)
-        most = BATCH.get(jax.default_backend(), BATCH["gpu"])
-        if most == BATCH["cpu"] and any(key.startswith(("bearing.", "contact.")) for axis in made for key in axis.keys):
-            most = CONTACT_BATCH
-        return min(most, max(1, members // CHUNKS))
-    if not isinstance(batch, int) or not 1 <= batch <= MOST_MEMBERS:
-        raise SweepError(f"batch = {batch!r}: must be a whole number in 1 … {MOST_MEMBERS}")
-    return batch
-
-
 # ------------------------------------------------------------------------------------------------ what it takes
 
 
@@ -125,15 +103,18 @@ def bytes_of_member(plan: Plan) -> int:
 
 def _bytes_of_chunks(plan: Plan) -> int:
     """Bytes of the chunks that are in memory at once while a sweep runs: in parts, and put together."""
-    return 3 * AT_ONCE * plan.grid.size * bytes_of_member(plan)
+    return 3 * sizes.CHUNKS_AT_ONCE * plan.grid.size * bytes_of_member(plan)
 
 
 def _check_members(counts: Sequence[int], columns: int) -> None:
     """Refuse more members than any sweep can have; `columns` are results and derivatives, one number or more each."""
     members = math.prod(counts)
-    if members > MOST:
+    most = sizes.MOST
+    if members > most:
         disk = _in_bytes(2 * members * (8 * columns + 1))
-        raise SweepError(f"{_product(counts)}, which take {disk} of disk or more: must be at most {MOST:,}; give fewer")
+        raise SweepError(
+            f"{_product(counts)}, which take {disk} of disk or more: must be at most {sizes.MOST:,}; give fewer"
+        )
 
 
 def check_chunks(plan: Plan) -> None:

@@ -23,7 +23,7 @@ from difftrb.core.status import SceneError
 from difftrb.law.base import LAWS
 from difftrb.law.samples import Progress
 from difftrb.ring import effect_base, effects
-from difftrb.scene import checks, prepared, solving
+from difftrb.scene import auto_law, checks, prepared, solving
 from difftrb.scene.scene import COARSEST, PitchMean, Scene, is_auto, is_plain, named
 from difftrb.turning.frequencies import cage_rate
 
@@ -202,7 +202,7 @@ def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress |
     kind = None if by_table else LAWS.get(getattr(scene.law, "name", ""))
     if kind is not None and kind.one_scene:
         return _one_by_one(scene, spread, progress)
-    ready = solving.by_table(scene) if by_table else solving.prepare(scene, progress)
+    ready = auto_law.by_table(scene) if by_table else solving.prepare(scene, progress)
     numbers = xp.are_numbers((ready, spread))
     if numbers and is_plain(ready) and slopes is not False:
         found = _by_numbers(ready, spread)
@@ -210,7 +210,7 @@ def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress |
         found = _with_slopes(ready, spread)
     else:
         found = _without_slopes(ready, spread)
-    if by_table and numbers and np.isin(np.asarray(found.status_code), solving.UNKNOWN).any():
+    if by_table and numbers and np.isin(np.asarray(found.status_code), auto_law.UNKNOWN).any():
         accuracy = min(max(scene.accuracy, FINEST), COARSEST)
         return _one_by_one(named(scene, "direct", accuracy), spread, progress)
     return found
