@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -55,6 +55,9 @@ class Taylor:
 
     def __len__(self) -> int:
         return self.shape[0]
+
+    def __iter__(self) -> Iterator[Taylor]:
+        return (self[k] for k in range(len(self)))  # an array of JAX has no index that ends it
 
     def __getitem__(self, index: Any) -> Taylor:
         inner = index if isinstance(index, tuple) else (index,)
@@ -201,7 +204,7 @@ def _is_taylor(leaf: Any) -> bool:
 
 
 def _of(part: Any) -> Any:
-    """See `arrays.of`: of one array."""
+    """See `arrays.module_of`: of one array."""
     return jnp if isinstance(part, jax.Array) else np
 
 

@@ -14,12 +14,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.numeric import gauss_legendre
+from difftrb.core.taylor import Taylor
 from difftrb.fits.measured import Measurement
 from difftrb.ring import phase_average
 from difftrb.ring.ring import Load
-from difftrb.scene import solving
+from difftrb.scene import prepared, solving
 from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain, pitch_borders
 
 TOGETHER = 2
@@ -33,7 +35,8 @@ class Blocks(NamedTuple):
 
     Attributes:
       means: radial and axial load [N] of the means over phases, shape (means, 2). turns: how many there are.
-      rings: radial load [N], axial load [N] and phase [rad], shape (blocks, rings, 3); in a mean the phase is not used.
+      loads: radial and axial load [N] of every block, shape (blocks, 2). phases: of its rings [rad], shape (blocks,
+        rings); not used in a mean.
       mean: of which mean over phases a block is; −1: of none. places, weights: its part of a rule, shape
         (blocks, TOGETHER).
       of: number of the condition to which each ring counts, shape (blocks, rings); behind the last one to none.
@@ -42,7 +45,8 @@ class Blocks(NamedTuple):
 
     means: np.ndarray | jax.Array
     turns: np.ndarray | jax.Array
-    rings: np.ndarray | jax.Array
+    loads: np.ndarray | jax.Array
+    phases: np.ndarray | jax.Array
     mean: np.ndarray | jax.Array
     places: np.ndarray | jax.Array
     weights: np.ndarray | jax.Array
@@ -119,7 +123,7 @@ def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_aver
     kinks, parts, first = _kinks(scene), list[Conditions](), 0
     for behind in range(1, len(rows) + 1):
         longer = _laid_out(scene, rows[first:behind], points, kinks)
-        smallest = all(len(blocks.rings) == SIZE for blocks in longer.blocks)
+        smallest = all(len(blocks.phases) == SIZE for blocks in longer.blocks)
         if behind - first == 1 or not (smallest and behind - first <= SIZE):
             first = behind - 1
             parts.append(_laid_out(scene, rows[first:behind], points, kinks))
@@ -136,73 +140,97 @@ def whole(count: int) -> int:
 def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> Blocks:
     rings, none = kinks * TOGETHER, (np.zeros(TOGETHER), np.zeros(TOGETHER))
     found: list[tuple[Any, ...]] = []
-    single = [c for c in place if c.phase is not None]
-    for k in range(0, len(single), rings):
-        own = single[k : k + rings]
-        more = rings - len(own)
-        at = [c[:3] for c in own] + [own[0][:3]] * more
-        found.append((at, -1, *none, [place[c] for c in own] + [size] * more))
+    for load in dict.fromkeys(c[:2] for c in place if c.phase is not None):
+        single = [c for c in place if c[:2] == load and c.phase is not None]
+        for k in range(0, len(single), rings):
+            own = single[k : k + rings]
+            more = rings - len(own)
+            at = [c.phase for c in own] + [own[0].phase] * more
+            found.append((load, at, -1, *none, [place[c] for c in own] + [size] * more))
     places, weights = gauss_legendre(points)
     turning = [c for c in place if c.phase is None]
     for number, c in enumerate(turning):
         for k in range(0, points, TOGETHER):
             part = slice(k, k + TOGETHER)
-            found.append(([(c.radial, c.axial, 0.0)] * rings, number, places[part], weights[part], [place[c]] * rings))
+            found.append((c[:2], [0.0] * rings, number, places[part], weights[part], [place[c]] * rings))
     blank = [found[0]] * (whole(len(found)) - len(found))
-    rows, mean, at, weight, of = (np.array(each) for each in zip(*found, *blank, strict=True))
+    loads, phases, mean, at, weight, of = (np.array(each) for each in zip(*found, *blank, strict=True))
     means = np.zeros((whole(max(len(turning), 1)), 2))
     means[: len(turning)] = [c[:2] for c in turning] or np.zeros((0, 2))
-    return Blocks(means, np.array(len(turning)), rows, mean, at, weight, of, np.array(len(found)))
+    return Blocks(means, np.array(len(turning)), loads, phases, mean, at, weight, of, np.array(len(found)))
 
 
-Of = Callable[[jax.Array], tuple[Scene, Callable[[Load], Load]]]
-"""Of values of parameters, shape (parameters,), the prepared scene and what bearings carry at a load."""
+Values = Any
+"""Of parameters, shape (parameters,): an array, or an expansion by themselves."""
+Of = Callable[[Values], tuple[Scene, Callable[[Load], Load]]]
+"""Of values of parameters the prepared scene and what bearings carry at a load."""
+Parts = tuple[Any, ...]
+"""What a function of the values is: its value, or that and its slopes by them, shape (…, parameters)."""
 
 
 def stiffness(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
     """Radial and axial stiffness of every condition [N/mm], shape (size, 2), and the worst status; `sound`: without the
     scene's spalls, which say where the phases of means are anyway."""
-    (found,), code = _summed(of, at, sound, ValueOrSlopes(values, slopes=False))
+    (found,), code = _summed(of, at, sound, ValueOrSlopes(values, slopes=False, expands=False))
     return found, code
 
 
 def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
     """`stiffness` that is differentiable by `values` alone, and once: its slopes are solved beside it, block by block,
     for to differentiate a loop takes several times as long to trace."""
-    told = ValueOrSlopes(jax.lax.stop_gradient(values), slopes=True)
-    parts, code = _summed(of, at, sound, told)
-    return told.at(parts, values), code
+    here = jax.lax.stop_gradient(values)
+    (found, slopes), code = _summed(of, at, sound, ValueOrSlopes(here, slopes=True, expands=is_plain(of(here)[0])))
+    return found + slopes @ (values - here), code
+
+
+def of_numbers(scene: Scene, at: Conditions) -> np.ndarray:
+    """Radial and axial stiffness of every condition [N/mm], shape (size, 2), of a plain ring of numbers: at once, and
+    in means by a rule of more points."""
+    found = np.full((at.size, 2), np.nan)
+    for definition, blocks in zip(at.definitions, at.blocks, strict=True):
+        for k in range(int(blocks.count)):
+            here = dataclasses.replace(scene, definition=definition, load=Load(*map(float, blocks.loads[k])))
+            mean = blocks.mean[k] >= 0
+            for place, phase in dict(zip(blocks.of[k], blocks.phases[k], strict=True)).items():
+                if place < at.size and np.isnan(found[place]).any():
+                    solved = prepared.solve_prepared(dataclasses.replace(here, phase=PitchMean() if mean else float(phase)))
+                    found[place] = np.asarray(solved.both_stiffnesses)
+    return found
 
 
 class ValueOrSlopes(NamedTuple):
-    """How functions of `values`, shape (parameters,), are told: by what they are there, or that and their slopes."""
+    """How functions of `values`, shape (parameters,), are told: by what they are there, or by that and their slopes: of
+    one expansion, if all in them `expands`, which is traced in a third of the time; else by JAX."""
 
     values: jax.Array
     slopes: bool
+    expands: bool
 
-    def parts(self, function: Callable[[jax.Array], tuple[jax.Array, Any]]) -> tuple[list[jax.Array], Any]:
-        """The first thing that a function returns, as it is told, and the other."""
+    def parts(self, function: Callable[..., tuple[Any, Any]], *given: Parts) -> tuple[Parts, Any]:
+        """Parts of the first thing that `function(values, …)` returns, and the other; what else it takes, by parts."""
         if not self.slopes:
-            own, beside = function(self.values)
-            return [own], beside
+            own, beside = function(self.values, *(part for (part,) in given))
+            return (xp.value(own),), beside
+        if self.expands:
+            turned = (Taylor(part, jnp.moveaxis(slopes, -1, 0)) for part, slopes in given)
+            own, beside = function(Taylor(self.values, jnp.eye(len(self.values))), *turned)
+            value, slopes = xp.value(own), xp.by(own)
+            none = jnp.zeros((*value.shape, len(self.values)))
+            return (value, none if slopes is None else jnp.moveaxis(slopes, 0, -1)), xp.values(beside)
 
         def twice(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, Any]]:
-            own, beside = function(values)
+            own, beside = function(values, *(part + slopes @ (values - self.values) for part, slopes in given))
             return own, (own, beside)
 
         slopes, (own, beside) = jax.jacfwd(twice, has_aux=True)(self.values)
-        return [own, slopes], beside
+        return (own, slopes), beside
 
-    def at(self, parts: list[jax.Array], values: jax.Array) -> jax.Array:
-        """What such parts say at other values."""
-        return parts[0] + parts[1] @ (values - self.values) if self.slopes else parts[0]
-
-    def zeros(self, *shape: int) -> list[jax.Array]:
+    def zeros(self, *shape: int) -> Parts:
         """Of what has this shape."""
-        return [jnp.zeros(shape), jnp.zeros((*shape, len(self.values)))][: 2 if self.slopes else 1]
+        return (jnp.zeros(shape), jnp.zeros((*shape, len(self.values))))[: 2 if self.slopes else 1]
 
 
-def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[list[jax.Array], jax.Array]:
+def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[Parts, jax.Array]:
     """What the rings of all blocks add to the conditions to which they count, as it is told, and the worst status."""
     found, code = told.zeros(at.size + 1, 2), jnp.asarray(status.CONVERGED)
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
@@ -210,52 +238,61 @@ def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[l
         borders = _borders(of, every, told)
 
         def more(
-            k: jax.Array, state: tuple[Any, jax.Array], definition: Definition = definition, every: Blocks = every,
-            borders: list[jax.Array] = borders,
-        ) -> tuple[Any, jax.Array]:  # fmt: skip
-            def block(values: jax.Array) -> tuple[jax.Array, jax.Array]:
-                turn = told.at([part[every.mean[k]] for part in borders], values)
-                return _block(of, sound, values, definition, every, turn, k)
+            k: jax.Array, state: tuple[Parts, jax.Array], definition: Definition = definition, every: Blocks = every,
+            borders: Parts = borders,
+        ) -> tuple[Parts, jax.Array]:  # fmt: skip
+            def block(values: Values, turn: Any) -> tuple[Any, Any]:
+                scene, loaded = of(values)
+                scene = dataclasses.replace(scene, definition=definition, load=loaded(Load(*every.loads[k])))
+                turned, share = _turned(every, turn, k)
+                each, code = (_at_once if told.expands else _one_by_one)(healthy(scene) if sound else scene, turned)
+                return share[:, None] * each, xp.module_of(code).max(code)
 
-            each, code = told.parts(block)
-            return [s.at[every.of[k]].add(e) for s, e in zip(state[0], each, strict=True)], status.worst(state[1], code)
+            each, code = told.parts(block, tuple(part[every.mean[k]] for part in borders))
+            added = tuple(s.at[every.of[k]].add(e) for s, e in zip(state[0], each, strict=True))
+            return added, status.worst(state[1], code)
 
         found, code = jax.lax.fori_loop(0, every.count, more, (found, code))
-    return [part[:-1] for part in found], code
+    return tuple(part[:-1] for part in found), code
 
 
-def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> list[jax.Array]:
+def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> Parts:
     """Between which phases [rad] there is no kink, of every mean, shape (means, borders), as it is told."""
 
-    def one(k: jax.Array, found: list[jax.Array]) -> list[jax.Array]:
-        def borders(values: jax.Array) -> tuple[jax.Array, None]:
+    def one(k: jax.Array, found: Parts) -> Parts:
+        def borders(values: Values) -> tuple[Any, None]:
             scene, loaded = of(values)
-            return pitch_borders(
-                dataclasses.replace(scene, load=loaded(Load(*every.means[k])), phase=PitchMean())
-            ), None
+            scene = dataclasses.replace(scene, load=loaded(Load(*every.means[k])), phase=PitchMean())
+            return pitch_borders(scene), None
 
         own, _ = told.parts(borders)
-        return [whole.at[k].set(part) for whole, part in zip(found, own, strict=True)]
+        return tuple(whole.at[k].set(part) for whole, part in zip(found, own, strict=True))
 
-    blank = told.zeros(len(every.means), every.rings.shape[1] // TOGETHER + 1)
+    blank = told.zeros(len(every.means), every.phases.shape[1] // TOGETHER + 1)
     return jax.lax.fori_loop(0, every.turns, one, blank)
 
 
-def _block(
-    of: Of, sound: bool, values: jax.Array, definition: Definition, every: Blocks, borders: jax.Array, k: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """What the rings of a block count in stiffness [N/mm], shape (rings, 2), and the worst status; `borders` of its
-    mean, if it is of one."""
-    scene, loaded = of(values)
-    scene = dataclasses.replace(scene, definition=definition)
-    solved, rings, mean = healthy(scene) if sound else scene, every.rings[k], every.mean[k] >= 0
-
-    def one(ring: jax.Array) -> tuple[jax.Array, jax.Array]:
-        at = solving.solve(dataclasses.replace(solved, load=loaded(Load(ring[0], ring[1])), phase=ring[2]))
-        return jnp.stack([at.radial_stiffness, at.axial_stiffness]), at.status_code
-
+def _turned(every: Blocks, borders: Any, k: jax.Array) -> tuple[Any, Any]:
+    """Phases of a block's rings [rad] and by how much they count, shape (rings,); `borders` of its mean, if it is of
+    one."""
+    mean = every.mean[k] >= 0
     blank = jnp.linspace(0.0, 1.0, len(borders))  # without a mean there may be no borders
-    turned, share = phase_average.between(jnp.where(mean, borders, blank), (every.places[k], every.weights[k]))
-    turned, share = jnp.where(mean, turned, rings[:, 2]), jnp.where(mean, share, 1.0)
-    each, codes = jax.vmap(one)(jnp.concatenate([rings[:, :2], turned[:, None]], axis=1))
-    return share[:, None] * each, jnp.max(codes)
+    turned, share = phase_average.between(xp.where(mean, borders, blank), (every.places[k], every.weights[k]))
+    return xp.where(mean, turned, every.phases[k]), xp.where(mean, share, 1.0)
+
+
+def _at_once(scene: Scene, turned: Any) -> tuple[Any, Any]:
+    """Stiffness of a plain ring at all these phases [N/mm], shape (rings, 2), and their statuses."""
+    rest = prepared.at_phases(scene, turned)
+    found = prepared.as_defined(scene, rest)
+    return xp.stack([found[:, 0, 0], found[:, 2, 2]], axis=-1), rest.status_code
+
+
+def _one_by_one(scene: Scene, turned: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """As `_at_once`, of a ring with effects."""
+
+    def one(phase: jax.Array) -> tuple[jax.Array, jax.Array]:
+        at = solving.solve(dataclasses.replace(scene, phase=phase))
+        return at.both_stiffnesses, at.status_code
+
+    return jax.vmap(one)(turned)
