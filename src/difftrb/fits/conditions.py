@@ -193,7 +193,9 @@ def of_numbers(scene: Scene, at: Conditions) -> np.ndarray:
             mean = blocks.mean[k] >= 0
             for place, phase in dict(zip(blocks.of[k], blocks.phases[k], strict=True)).items():
                 if place < at.size and np.isnan(found[place]).any():
-                    solved = prepared.solve_prepared(dataclasses.replace(here, phase=PitchMean() if mean else float(phase)))
+                    solved = prepared.solve_prepared(
+                        dataclasses.replace(here, phase=PitchMean() if mean else float(phase))
+                    )
                     found[place] = np.asarray(solved.both_stiffnesses)
     return found
 

@@ -113,6 +113,9 @@ def fit(
         problem, found = _with_sigma(problem, scan, freedom)
     else:
         found = search.minima(problem, scan)
+        if freedom > 0 and fit_result.tail(2.0 * float(np.nanmin(found.cost)), freedom) < fit_result.UNLIKELY:
+            scan, more = search.thorough(problem, scan)
+            found = more if np.nanmin(more.cost) < np.nanmin(found.cost) else found
     tried = _judged(problem, scan, found, estimate)
     for _ in range(DEEPER):  # a profile may have found more
         if tried.profiles.lowest_cost >= found.cost[tried.best] * (1.0 - 1e-6) - 1e-9:

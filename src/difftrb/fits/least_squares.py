@@ -159,6 +159,7 @@ class _Cases:
         self.move, self.linear, self.expected = np.zeros((cases, n)), np.zeros(cases), np.zeros(cases)
         self.damping, self.taken = np.full(cases, 1e-3), np.zeros(cases, int)
         self.done, self.ends = np.zeros(cases, bool), np.arange(cases)
+        self.blamed = np.zeros((cases, n), bool)  # for steps that were none, since the last that was one
         self.beside: tuple[np.ndarray, ...] = ()
 
     def update(self, at: np.ndarray, new: Evaluated, k: int, led: int) -> None:
@@ -181,18 +182,25 @@ class _Cases:
         """Give the cases `at`, which have come to `sums`, more or less room for their next step.
 
         A step that is none is tried again with its longest part alone shorter: that one may have met a kink, or where
-        residuals bend. How much shorter is told by the parabola through what is known of the sum along the step.
+        residuals bend; of parts about as long the one that is expected to gain least, and not the same one twice. How
+        much shorter is told by the parabola through what is known of the sum along the step.
         """
         move, room, gain = self.move[at], self.room[at], self.cost[at] - sums
         good = better & ~(gain < 0.25 * self.expected[at])
         self.damping[at] = np.where(good, np.maximum(0.1 * self.damping[at], LEAST_DAMPING), self.damping[at])
         grown = np.where(np.abs(move) > 0.9 * room, np.minimum(2.0 * room, self.longest), room)
-        longest = np.argmax(np.abs(move) / self.longest, axis=1)[:, None]
+        every = (self.blamed[at] | (move == 0.0)).all(axis=1)
+        self.blamed[at] &= ~(better | every)[:, None]
+        part = np.where(self.blamed[at] | (move == 0.0), 0.0, np.abs(move) / self.longest)
+        long = part >= 0.9 * np.max(part, axis=1, keepdims=True)
+        longest = np.argmin(np.where(long, -self.gradient[at] * move, np.inf), axis=1)[:, None]
         with np.errstate(all="ignore"):
             least = 0.5 * self.linear[at] / (gain + self.linear[at])
         share = np.clip(np.nan_to_num(least), *SHORTER)[:, None] * np.abs(np.take_along_axis(move, longest, 1))
-        shrunk = room.copy()
+        shrunk, blamed = room.copy(), self.blamed[at]
         np.put_along_axis(shrunk, longest, share, 1)
+        np.put_along_axis(blamed, longest, ~better[:, None], 1)
+        self.blamed[at] = blamed
         self.room[at] = np.where(better[:, None], np.where(good[:, None], grown, room), shrunk)
 
     def reach(self) -> tuple[np.ndarray, np.ndarray]:

@@ -44,6 +44,8 @@ class Parameter:
     """Whether it is a size, above 0, whose ratios count; else its differences count."""
     wide: ClassVar[float] = 1.5
     """An interval whose ends differ by more does not determine it: by this factor or, if not logarithmic, [unit]."""
+    multiplies: ClassVar[bool] = False
+    """Whether all losses are more or less with it by about one factor: few of its values are tried."""
     in_products: ClassVar[bool] = True
     """Whether to say how well a product of it and other sizes is determined."""
     changes_healthy: ClassVar[bool] = True
@@ -134,6 +136,7 @@ class Length(OfSpall):
     """Of the spall, along the roller: from a hundredth of the longest that the law takes to that."""
 
     name, unit = "length", "mm"
+    multiplies = True
     no_effect = "without a spall that a roller meets nothing depends on its length"
 
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:

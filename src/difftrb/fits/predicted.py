@@ -32,6 +32,8 @@ HUBER = 1.345
 """Deviations beyond this many sigma count linearly: 95 % efficient on normal errors (Huber 1981)."""
 FREEDOM = 4.0
 """Degrees of freedom of Student's t for data with outliers (Lange, Little and Taylor 1989)."""
+LEAST_SHARE = 0.05
+"""Of a measured loss: predicted ones below count as this."""
 LOST = 1e3
 """Deviation [sigma] of a row that the model has no solution for."""
 Solve = Callable[..., tuple[jax.Array, jax.Array]]
@@ -156,13 +158,15 @@ def counted(problem: Problem, values: jax.Array) -> jax.Array:
 
 def solved(
     problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int,
-    enough: Enough = Enough(),  # noqa: B008
+    enough: Enough = Enough(), ratios: bool = False,  # noqa: B008
 ) -> Least:  # fmt: skip
     """Least squares from `places`, shape (cases, parameters), moving those coordinates that are `free`, same shape:
-    first `search` steps of Adam, then `steps` of Levenberg–Marquardt at most.
+    first `search` steps of Adam, then `steps` of Levenberg–Marquardt at most. With `ratios` deviations are as in
+    `by_ratios`.
     """
     first = least_squares.First(_adam, _rest(places), search) if search else None
-    evaluate, longest = partial(evaluated, problem), np.minimum(scales(problem), least_squares.LONGEST)
+    evaluate = partial(by_ratios if ratios else evaluated, problem)
+    longest = np.minimum(scales(problem), least_squares.LONGEST)
     return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, longest)
 
 
@@ -188,6 +192,24 @@ def evaluated(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
     the model says of the rows, and its status."""
     deviations, jacobian, *beside = _in_parts(_evaluated, problem, places)
     return least_squares.Evaluated(deviations, jacobian, tuple(beside))
+
+
+def by_ratios(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
+    """As `evaluated`, with the logarithm of a loss by the measured one in place of their difference, both small alike.
+
+    A spall far off tells far too little or too much of a row. By their difference the one is a plateau, and the other
+    outweighs all other rows; by their ratio both lead to where the rows agree, from several times as far."""
+    told, slopes = other_rows_at(problem, problem.conditions, places)
+    rows, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
+    loss, least = problem.conditions.loss & (rows > 0.0), LEAST_SHARE * np.abs(rows)
+    with np.errstate(all="ignore"):
+        above = np.where(loss, np.maximum(told, least), 1.0)
+        size = np.where(loss, np.abs(rows), 1.0)
+        off = np.where(loss, size * np.log(above / size), told - rows) / sigma
+        rate = np.where(loss, size / above * (told > least), 1.0) / sigma
+    known = np.isfinite(off)
+    off, rate = np.where(known, off, LOST), np.where(known, rate, 0.0)
+    return least_squares.Evaluated(off, np.nan_to_num(slopes) * rate[..., None], (told,))
 
 
 def other_rows_at(problem: Problem, at: Conditions, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -23,11 +23,11 @@ SCANNED = 64, 512, 4096, 8192
 """Points that are scanned for one, two, three and more parameters."""
 SLOPES = 64
 """Points at which it is looked whether deviations change with a coordinate."""
-FACTOR = 3.0
+FACTOR = 10.0
 """By how much losses may be off at points that are taken for good ones."""
 LOWEST = 256
 """Most points from which least squares go down."""
-ROUNDS = 4, 8
+ROUNDS = 4, 12
 """Steps of Levenberg–Marquardt after which only every fourth case goes on."""
 KEPT = 4
 FEWEST = 12
@@ -38,12 +38,18 @@ SEARCH = 1
 """Steps of Adam before Levenberg–Marquardt ends it."""
 MEET = 0.3
 """Cases that come this close to each other go on as one: of what parts basins."""
-BEHIND = 0.05
+BEHIND = 0.02
 """Cases that expect less of a step than this share of what parts them from the best one have found another minimum."""
 SAME = 0.05
 """Minima this close, of what parts basins, are one."""
-SPREAD = 0.05, 0.95
-"""Between which shares of a parameter's range points lie."""
+SPREAD, FACTORS = (0.05, 0.95), (0.6, 0.8)
+"""Between which shares of a parameter's range points lie, and of one that multiplies losses."""
+ALONE = 3
+"""Steps in which those that multiply losses move alone."""
+THOROUGH = 8, 16
+"""`ROUNDS` where nothing that was found explains the data."""
+MORE = 2
+"""How many times as many points are scanned then, besides."""
 
 
 class Scan(NamedTuple):
@@ -70,7 +76,7 @@ def places(parameters: Sequence[Parameter], bounds: Bounds, scene: Scene, count:
     n = len(parameters)
     count = points(n) if count is None else count
     own = bounds.coordinates(np.array([[parameter.start(scene) for parameter in parameters]], float))
-    return np.concatenate([np.clip(own, -4.0, 4.0), spread(n, count - 1)])
+    return np.concatenate([np.clip(own, -4.0, 4.0), spread(parameters, count - 1)])
 
 
 def points(n: int) -> int:
@@ -78,28 +84,43 @@ def points(n: int) -> int:
     return SCANNED[min(n, len(SCANNED)) - 1]
 
 
-def spread(n: int, count: int) -> np.ndarray:
-    """Coordinates that fill n ranges evenly, shape (count, n): an additive recurrence (Roberts 2018)."""
-    golden = 2.0
+def spread(parameters: Sequence[Parameter], count: int, behind: int = 0) -> np.ndarray:
+    """Coordinates that fill the parameters' ranges evenly, shape (count, parameters), behind so many others: an
+    additive recurrence (Roberts 2018)."""
+    n, golden = len(parameters), 2.0
     for _ in range(40):
         golden = (1.0 + golden) ** (1.0 / (n + 1))
     steps = golden ** -np.arange(1.0, n + 1.0)
-    shares = np.mod(0.5 + np.arange(1, count + 1)[:, None] * steps[None, :], 1.0)
-    shares = SPREAD[0] + (SPREAD[1] - SPREAD[0]) * shares
+    shares = np.mod(0.5 + (behind + np.arange(1, count + 1))[:, None] * steps[None, :], 1.0)
+    low, high = np.array([FACTORS if parameter.multiplies else SPREAD for parameter in parameters]).T
+    shares = low + (high - low) * shares
     return np.log(shares / (1.0 - shares))
 
 
-def minima(problem: Problem, scan: Scan, free: np.ndarray | None = None) -> Least:
+def thorough(problem: Problem, scan: Scan) -> tuple[Scan, Least]:
+    """As `minima`, of `MORE` points besides and by more steps: a larger scan, and where least squares end."""
+    more = spread(problem.parameters, MORE * len(scan.place), len(scan.place))
+    told = predicted.rows_at(_rough(problem), more)
+    scan = Scan(np.concatenate([scan.place, more]), np.concatenate([scan.told, told]), scan.slope)
+    return scan, minima(problem, scan, rounds=THOROUGH)
+
+
+def minima(
+    problem: Problem, scan: Scan, free: np.ndarray | None = None, rounds: tuple[int, ...] = ROUNDS
+) -> Least:  # fmt: skip
     """Where least squares end that go down from the points of a scan: all some steps, the lower ones farther, all of
-    it roughly; at last exactly from what is left.
+    it roughly and by ratios; at last exactly from what is left.
 
     `free`: which parameters move, shape (parameters,). None: all.
     """
     place, cost, scale, rough = scan.place, _alike(problem, scan), predicted.scales(problem), _rough(problem)
     enough = _enough(problem)
-    for steps in ROUNDS:
+    alone = np.array([parameter.multiplies for parameter in problem.parameters])
+    for k, steps in enumerate(rounds):
         place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, FEWEST, LOWEST))]
-        found = predicted.solved(rough, place, _moving(place, free), 0, steps, enough)
+        if k == 0 and alone.any() and not alone.all():
+            place = predicted.solved(rough, place, _moving(place, alone), 0, ALONE, Enough(), ratios=True).place
+        found = predicted.solved(rough, place, _moving(place, free), 0, steps, enough, ratios=True)
         place, cost = found.place, found.cost
     # the scene's own, too
     return minima_from(problem, np.concatenate([place[_lower(place / scale, cost, FEWEST)], scan.place[:1]]), free)

@@ -160,7 +160,7 @@ def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
         many = predicted.scales(problem)[i] < TURNING
         at = np.tile(still, (points if many else FEW * len(low), 1))
         if many:
-            at[:, free] = search.spread(own + 1, len(at))
+            at[:, free] = search.spread([*parameters[:own], parameter], len(at))
         else:
             shares = np.linspace(*search.SPREAD, FEW)
             at[:, :own], at[:, i] = np.repeat(low, FEW, axis=0), np.tile(np.log(shares / (1.0 - shares)), len(low))
