@@ -267,6 +267,62 @@ def test_levenberg_marquardt_alone() -> None:
     assert min(met.steps[0], met.steps[2]) < 3 < max(met.steps[0], met.steps[2])
 
 
+def test_levenberg_marquardt_where_residuals_bend_and_jump() -> None:
+    """Gauss and Newton overshoot where a large residual bends, and a jump stops what is beside it: steps shortened by a
+    parabola, each coordinate in its turn, come there all the same."""
+
+    def bends(u: np.ndarray) -> least_squares.Evaluated:
+        x, y = u.T
+        wall = np.where(x > 0.7, 50.0, 0.0)
+        residual = np.stack([3.0 + x**2 + wall, 10.0 * (y - 1.0)], 1)
+        slopes = np.stack([np.stack([2.0 * x, 0.0 * x], 1), np.tile([0.0, 10.0], (len(u), 1))], 1)
+        return least_squares.Evaluated(residual, slopes, (u,))
+
+    starts = np.array([[0.6, -1.0], [-0.3, 3.0], [0.65, 1.0], [0.5, 1.0]])
+    free = np.array([[True, True], [True, True], [True, True], [False, True]])
+    found = least_squares.minimum(bends, starts, free, 25, enough=least_squares.Enough(1e-9))
+    np.testing.assert_allclose(found.place[:3], [[0.0, 1.0]] * 3, atol=1e-4)
+    np.testing.assert_allclose(found.place[3], [0.5, 1.0])
+    assert found.converged.all()
+    assert found.steps.max() < 20
+    apart = least_squares.minimum(bends, starts, free, 25, enough=least_squares.Enough(meet=np.full(2, 9.0)))
+    assert apart.place[3, 0] == 0.5  # what is held does not meet what moves
+
+
+def test_cases_far_behind_end_early() -> None:
+    def slopes_down(u: np.ndarray) -> least_squares.Evaluated:
+        residual = np.stack([100.0 + 0.1 * u[:, 0], u[:, 1]], 1)
+        return least_squares.Evaluated(residual, np.tile(np.diag([0.1, 1.0]), (len(u), 1, 1)), (u,))
+
+    both = np.ones((2, 2), bool)
+    starts = np.array([[5.0, 0.0], [-5.0, 1.0]])
+    whole = least_squares.minimum(slopes_down, starts, both, 30)
+    early = least_squares.minimum(slopes_down, starts, both, 30, enough=least_squares.Enough(behind=0.5))
+    assert early.steps[0] < whole.steps[0]
+    assert early.cost.min() == pytest.approx(whole.cost.min())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("length", "width", "angle"), [(5.86, 7.67, 0.17), (5.95, 3.17, -0.44), (6.0, 7.79, 0.15)])
+def test_narrow_basins_are_found(bearing: trb.TaperedBearing, length: float, width: float, angle: float) -> None:
+    """Rows at several phases tell the angle to a milliradian. Least squares that compared losses by their difference
+    ended 20 … 3000 above the truth's χ², though a point of the scan stood beside it."""
+    world = trb.Scene(bearing, trb.Load(*LOADS[0]), (trb.Spall(length, width, angle=angle),))
+    noise = np.random.default_rng(5).standard_normal(14)
+    turned = [
+        Measurement(*LOADS[0], q, 1.0, 1.0, None, p) for p in (0.1, 0.2, 0.3) for q in ("radial_loss", "axial_loss")
+    ]
+    rows = []
+    for k, row in enumerate((*BLANK, *turned)):
+        losses = trb.assess(world.replace(load=trb.Load(row.radial, row.axial), phase=row.phase)).loss
+        value = float(losses[0 if row.quantity == "radial_loss" else 1])
+        sigma = 0.01 * value + 1e-3
+        rows.append(dataclasses.replace(row, value=value + sigma * noise[k], sigma=sigma))
+    found = fit(world.replace(length=3.0, width=5.0, angle=0.0), rows, ("length", "width", "angle"))
+    assert found.chi2 < np.sum(noise**2) + 0.1
+    np.testing.assert_allclose(found.values, [length, width, angle], rtol=0.03, atol=3e-3)
+
+
 BAD = {
     "no rows": ({"rows": []}, "no rows"),
     "unknown parameter": ({"parameters": ("size",)}, "'size' is not known"),
