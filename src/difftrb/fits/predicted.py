@@ -199,7 +199,7 @@ def by_ratios(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
 
     A spall far off tells far too little or too much of a row. By their difference the one is a plateau, and the other
     outweighs all other rows; by their ratio both lead to where the rows agree, from several times as far."""
-    told, slopes = other_rows_at(problem, problem.conditions, places)
+    told, slopes = _plainly(problem, places)
     rows, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
     loss, least = problem.conditions.loss & (rows > 0.0), LEAST_SHARE * np.abs(rows)
     with np.errstate(all="ignore"):
@@ -215,10 +215,15 @@ def by_ratios(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
 def other_rows_at(problem: Problem, at: Conditions, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the model says of other rows at `places`, shape (cases, other rows), and its slopes by coordinates, shape
     (cases, other rows, parameters)."""
-    rows = len(at.place)
     sound = None if problem.sound is None else healthy_stiffness(problem.scene, at)
-    found = evaluated(dataclasses.replace(problem, conditions=at, measured=np.zeros(rows), sigma=np.ones(rows),
-                                          sound=sound, common=0.0, robust=ROBUST.index("squares")), places)  # fmt: skip
+    return _plainly(dataclasses.replace(problem, conditions=at, sound=sound), places)
+
+
+def _plainly(problem: Problem, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the model says of the rows, however they were measured, and its slopes by coordinates."""
+    rows = len(problem.conditions.place)
+    found = evaluated(dataclasses.replace(problem, measured=np.zeros(rows), sigma=np.ones(rows), common=0.0,
+                                          robust=ROBUST.index("squares")), places)  # fmt: skip
     return found.beside[0], found.jacobian
 
 

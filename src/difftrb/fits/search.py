@@ -115,7 +115,7 @@ def minima(
     """
     place, cost, scale, rough = scan.place, _alike(problem, scan), predicted.scales(problem), _rough(problem)
     enough = _enough(problem)
-    alone = np.array([parameter.multiplies for parameter in problem.parameters])
+    alone = np.array([parameter.multiplies for parameter in problem.parameters]) & (True if free is None else free)
     for k, steps in enumerate(rounds):
         place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, FEWEST, LOWEST))]
         if k == 0 and alone.any() and not alone.all():
