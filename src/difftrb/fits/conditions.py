@@ -186,13 +186,14 @@ def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) 
 def of_numbers(scene: Scene, at: Conditions) -> np.ndarray:
     """Radial and axial stiffness of every condition [N/mm], shape (size, 2), of a plain ring of numbers: at once, and
     in means by a rule of more points."""
-    found = np.full((at.size, 2), np.nan)
+    found, known = np.full((at.size, 2), np.nan), {at.size}  # behind the last one there is none
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
         for k in range(int(blocks.count)):
             here = dataclasses.replace(scene, definition=definition, load=Load(*map(float, blocks.loads[k])))
             mean = blocks.mean[k] >= 0
             for place, phase in dict(zip(blocks.of[k], blocks.phases[k], strict=True)).items():
-                if place < at.size and np.isnan(found[place]).any():
+                if place not in known:
+                    known.add(place)
                     solved = prepared.solve_prepared(
                         dataclasses.replace(here, phase=PitchMean() if mean else float(phase))
                     )
@@ -212,7 +213,7 @@ class ValueOrSlopes(NamedTuple):
         """Parts of the first thing that `function(values, …)` returns, and the other; what else it takes, by parts."""
         if not self.slopes:
             own, beside = function(self.values, *(part for (part,) in given))
-            return (xp.value(own),), beside
+            return (own,), beside
         if self.expands:
             turned = (Taylor(part, jnp.moveaxis(slopes, -1, 0)) for part, slopes in given)
             own, beside = function(Taylor(self.values, jnp.eye(len(self.values))), *turned)

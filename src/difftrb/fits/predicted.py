@@ -39,7 +39,7 @@ LOST = 1e3
 Solve = Callable[..., tuple[jax.Array, jax.Array]]
 """`conditions.stiffness`, or `conditions.with_slopes`."""
 MANY = 1024
-"""Places that are worth a program of their own."""
+"""More places than these are worth a program of their own."""
 BATCH = 16
 """Most cases that one call evaluates."""
 ADAM = optax.adam(0.25)
@@ -230,7 +230,7 @@ def _plainly(problem: Problem, places: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def rows_at(problem: Problem, places: np.ndarray) -> np.ndarray:
     """What the model says of the rows at `places`, shape (cases, rows). Of many by a program without slopes, which
     takes a quarter of the time, and seconds to compile."""
-    if len(places) < MANY:
+    if len(places) <= MANY:
         return evaluated(problem, places).beside[0]
     return _in_parts(_rows, problem, places)[0]
 

@@ -84,6 +84,8 @@ def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
 def held(problem: Problem, free: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least costs, shape (cases,), and their places, shape (cases, parameters), moving those parameters that are
     `free`, same shape, from the better of several `starts`, shape (ways, cases, parameters), where the others are."""
+    if not free.any():  # then all starts are one
+        starts = starts[:1]
     ways, cases, count = starts.shape
     enough = Enough(ENOUGH, BEHIND, MARGIN, MEET * predicted.scales(problem))
     steps = STEPS if free.any() else 0
