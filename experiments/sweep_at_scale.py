@@ -3,7 +3,8 @@
 python experiments/sweep_at_scale.py scale [LAW] [--members N] [--over bearings]   a tenth and all of N (1e6), 1 and 2
                                                                  devices
 python experiments/sweep_at_scale.py batch [LAW] [--over bearings]             members computed at once, one core
-python experiments/sweep_at_scale.py processes                   two processes on one store, timed against one
+python experiments/sweep_at_scale.py processes [LAW] [--members N]   two processes on one store, timed against one
+                                                                 of two threads, five times in turn
 python experiments/sweep_at_scale.py kills [TIMES]               kill -9 of one of two at random moments, resume
 python experiments/sweep_at_scale.py kills-of-a-worker, -of-the-scheduler, -of-all [TIMES]   the same of Dask's
 python experiments/sweep_at_scale.py contacts [--out DIR]        Fig. 13 of the paper as a surface: 4096 solves
@@ -23,6 +24,7 @@ import random
 import resource
 import shutil
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -210,6 +212,23 @@ def processes(folder: Path, text: str = FILE) -> tuple[list[str], float]:
     return same(folder / "one", folder / "two"), time.perf_counter() - began
 
 
+def beside_one(folder: Path, law: str, members: float, times: int = 5) -> str:
+    """`processes` of about so many members, in turn with one process of two threads; programs are kept already."""
+    text = FILE.replace('"liu2018"', f'"{law}"').replace("count = 20}", f"count = {max(1, round(members / 2e4))}}}", 1)
+    seconds, differing = list[tuple[float, float]](), list[str]()
+    for _ in range(times + 1):  # the first compiles
+        _, one = by_one(folder, text)
+        differing, two = processes(folder, text)
+        seconds.append((one, two))
+        for name in ("one", "two"):
+            shutil.rmtree(folder / name)
+    one, two = (statistics.median(each[k] for each in seconds[1:]) for k in (0, 1))
+    return (
+        f"differing between one process and two: {differing or 'nothing'}; one of two threads took {one:.1f} s, the "
+        f"two {two:.1f} s, {statistics.median(b / a for a, b in seconds[1:]):.2f} times as long"
+    )
+
+
 def there(out: Path) -> int:
     """How many chunks are in a folder that need not be there."""
     return int(store_of(out).done().sum()) if out.exists() and store_of(out).about else 0
@@ -325,8 +344,7 @@ def main() -> None:
         folder = Path(tempfile.mkdtemp())
         try:
             if options.what == "processes":
-                differing, seconds = processes(folder)
-                print(f"differing between one process and two: {differing or 'nothing'}; the two took {seconds:.1f} s")
+                print(beside_one(folder, more[0] if more else "liu2018", options.members))
             elif options.what in of_dask:
                 differing, told = kills_on_dask(folder, int(more[0]) if more else 10, of_dask[options.what])
                 print("\n".join([*told, f"differing in the end: {differing or 'nothing'}"]))
