@@ -26,11 +26,11 @@ from difftrb.contact.contact_solution import given
 from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots
-from difftrb.law import atlas, axial_place, edge_ramp, edge_share, load_curve, ramp_fit, samples
+from difftrb.law import atlas, atlas_place, edge_ramp, edge_share, load_curve, ramp_fit, samples
 from difftrb.law.atlas import Atlas, AtlasLaw
 from difftrb.law.base import load_over
 from difftrb.law.samples import Case, Progress
-from difftrb.report import terminal
+from difftrb.report import console
 
 LENGTH, MODULUS, DESIGN_LOAD = 10.0, 1.0e5, 5000.0
 """Of the contacts that are solved [mm], [MPa], [N]: any would do."""
@@ -81,7 +81,7 @@ def contact_at(number: float) -> LineContact:
 
 def spall_at(number: float, length: float, aside: float, over_end: bool, width: float = WIDE) -> Spall:
     """The spall at a place of the atlas; deeper than any roller sinks."""
-    own, offset = axial_place.spall_at(length, aside, over_end, number)
+    own, offset = atlas_place.spall_at(length, aside, over_end, number)
     return Spall(own * LENGTH, width, 1e6, axial_offset=offset * LENGTH)
 
 
@@ -145,7 +145,7 @@ def _blank(size: Size) -> Atlas:
 
 
 class Stand(NamedTuple):
-    """A place of a spall among the nodes: indices by length and aside, and its variables, see `axial_place.Place`."""
+    """A place of a spall among the nodes: indices by length and aside, and its variables, see `atlas_place.Place`."""
 
     i: int
     a: int
@@ -304,7 +304,7 @@ def build(folder: Path, size: Size) -> Atlas:
         path = folder / f"{name}-{k}.npz"
         found = storage.read(path)
         if found is None:
-            with terminal.bar(f"{name} {k + 1}") as bar:
+            with console.bar(f"{name} {k + 1}") as bar:
                 found = make(k, bar)
             storage.write(path, found)
         return found

@@ -26,7 +26,7 @@ jax.config.update("jax_enable_x64", True)
 import difftrb as trb
 from difftrb.contact import gap
 from difftrb.core import geometry, status
-from difftrb.law import axial_place
+from difftrb.law import atlas_place
 from difftrb.scene import scene_laws
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import named
@@ -51,7 +51,7 @@ def drawn(number: int, bearings: int) -> trb.Scene:
     kind = KINDS[number // bearings % len(KINDS)]
     shares = {"short": (0.05, 0.3), "long": (0.4, 0.8), "aside": (0.1, 0.6), "narrow": (0.1, 0.7)}
     length = rng.uniform(*shares[kind])
-    offset = rng.uniform(-1.0, 1.0) * (axial_place.INNER - 0.5 * length) if kind == "aside" else 0.0
+    offset = rng.uniform(-1.0, 1.0) * (atlas_place.INNER - 0.5 * length) if kind == "aside" else 0.0
     pitch = float(geometry.roller_pitch(of)) * float(geometry.arc_radius(of))
     half = float(gap.line_half_width(largest / size, float(contact.radius), float(contact.modulus)))
     width = half * rng.uniform(0.5, 4.0) if kind == "narrow" else pitch * rng.uniform(0.3, 2.0)

@@ -23,7 +23,7 @@ ALONE = {
     },
     "panel": {"report/explorer.py"},
     "bokeh": {"report/explorer.py"},
-    "pydantic": {"scene/scene_file.py", "scene/bearing_table.py", "scene/validation.py", "fits/measured.py"},
+    "pydantic": {"scene/scene_file.py", "scene/file_tables.py", "fits/measured.py"},
 }  # fmt: skip
 """Where a library is used, and nowhere else."""
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from difftrb.fits.optimal_design import Suggestion, next_measurements
     from difftrb.law.power import PowerLaw, liu2018, power_law
     from difftrb.ring import effects
-    from difftrb.ring.catalogue_estimate import CatalogueBearing, Estimate, bearing_from_catalogue
+    from difftrb.ring.catalogue_inference import CatalogueBearing, Estimate, bearing_from_catalogue
     from difftrb.ring.ring import Load
     from difftrb.scene.audit import Audit, verify
     from difftrb.scene.edge_stress import EdgeStress, edge_stresses
@@ -59,7 +59,7 @@ _HOMES = {
     "law.power": ("PowerLaw", "liu2018", "power_law"),
     "fits.measured": ("MeasuredError", "Measurement", "load_measured"),
     "fits.optimal_design": ("Suggestion", "next_measurements"),
-    "ring.catalogue_estimate": ("CatalogueBearing", "Estimate", "bearing_from_catalogue"),
+    "ring.catalogue_inference": ("CatalogueBearing", "Estimate", "bearing_from_catalogue"),
     "ring.ring": ("Load",),
     "scene.scene": ("Scene", "healthy"),
     "scene.scene_file": ("load_scene",),

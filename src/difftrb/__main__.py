@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import difftrb
 from difftrb.core import bad_input, jax_config
 from difftrb.core.status import DifftrbError
-from difftrb.report import terminal
-from difftrb.report.terminal import EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_NO_SOLUTION, EXIT_OK, EXIT_PIPE, Figures
+from difftrb.report import console
+from difftrb.report.console import EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_NO_SOLUTION, EXIT_OK, EXIT_PIPE, Figures
 
 
 def _source(options: Any) -> tuple[str, str]:
@@ -52,32 +52,32 @@ def _by(module: str) -> Callable[[Any], int]:
 def _run(options: Any) -> int:
     import jax
 
-    from difftrb.report import estimated, remarks, run_report
+    from difftrb.report import catalogue_uncertainty, remarks, run_text
     from difftrb.scene import scene_file, solving
     from difftrb.scene.scene import is_plain
 
     source, path = _source(options)
     file = scene_file.parse(source, path)
     scene_file.check_ring(file, path)
-    terminal.remark(remarks.light_ring_load(file), path)
+    console.remark(remarks.light_ring_load(file), path)
     started = time.perf_counter()
-    with terminal.bar("solving contacts for the roller law") as progress:
+    with console.bar("solving contacts for the roller law") as progress:
         scene = jax.block_until_ready(difftrb.prepare(file.scene(), progress))
-    with terminal.busy("solving the ring"):
+    with console.busy("solving the ring"):
         result = jax.device_get(difftrb.assess(scene))
         edges = difftrb.edge_stresses(scene, result.spalled)
     mean = None
     if (options.mean or is_plain(scene)) and bool(result.spalled.converged):
-        with terminal.busy("solving the ring at all phases"):
+        with console.busy("solving the ring at all phases"):
             mean = jax.device_get(solving.assess_mean(scene))
     checked = None
     if options.verify and bool(result.spalled.converged):
-        with terminal.bar("solving the rollers' contacts afresh") as progress:
+        with console.bar("solving the rollers' contacts afresh") as progress:
             checked = difftrb.verify(scene, result.spalled, progress)
     known = None
     if file.catalogue is not None:
-        known = estimated.estimated(scene, file.catalogue, result.spalled.both_stiffnesses)
-    record = run_report.run_json(scene, result, time.perf_counter() - started, edges, checked, mean, known)
+        known = catalogue_uncertainty.estimated(scene, file.catalogue, result.spalled.both_stiffnesses)
+    record = run_text.run_json(scene, result, time.perf_counter() - started, edges, checked, mean, known)
 
     missing: list[str] = []
 
@@ -86,18 +86,18 @@ def _run(options: Any) -> int:
 
         yield from run_figures.figures(scene, result, mean, missing)
         for sentence in set(missing).difference(run_figures.BY_DESIGN):
-            terminal.say(f"{path}: {sentence}")
+            console.say(f"{path}: {sentence}")
 
     def page(figures: dict[str, str]) -> str:
-        from difftrb.report.page import Run
-        from difftrb.report.page import page as written
+        from difftrb.report.html_report import Run
+        from difftrb.report.html_report import page as written
 
         return written(Run(path, source, scene, record, result, mean, edges, checked), figures, missing)
 
-    text = partial(run_report.run_text, scene, result, edges, checked, mean, known)
-    code = terminal.deliver(options, path, record, text, figures, page)
+    text = partial(run_text.run_text, scene, result, edges, checked, mean, known)
+    code = console.deliver(options, path, record, text, figures, page)
     if code == EXIT_OK and checked is not None and not checked.kept:
-        return terminal.refuse(f"{path}: the audit does not confirm what is promised", EXIT_NO_SOLUTION)
+        return console.refuse(f"{path}: the audit does not confirm what is promised", EXIT_NO_SOLUTION)
     return code
 
 
@@ -105,23 +105,23 @@ def _contact(options: Any) -> int:
     import jax
 
     from difftrb.contact.solver import approach_and_slopes, pressure_patches
-    from difftrb.report import remarks, run_report
+    from difftrb.report import remarks, run_text
     from difftrb.scene import scene_file
 
     file, path = _read(options)
     scene_file.check_contact(file, path)
-    terminal.remark(remarks.light_contact_load(file), path)
+    console.remark(remarks.light_contact_load(file), path)
     started = time.perf_counter()
-    with terminal.busy("solving the contact"):
+    with console.busy("solving the contact"):
         solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
-    record = run_report.contact_json(solution, slopes, time.perf_counter() - started)
+    record = run_text.contact_json(solution, slopes, time.perf_counter() - started)
 
     def figures() -> Figures:
         from difftrb.report import pressure_figure
 
         yield "pressure", pressure_figure.pressure_map(solution, patches=pressure_patches(**file.single_contact())[1])
 
-    return terminal.deliver(options, path, record, partial(run_report.contact_text, solution, slopes), figures)
+    return console.deliver(options, path, record, partial(run_text.contact_text, solution, slopes), figures)
 
 
 def _sweep(options: Any) -> int:
@@ -136,10 +136,10 @@ def _explore(options: Any) -> int:
     try:
         from difftrb.report import explorer
     except ImportError:
-        return terminal.refuse("explore needs Panel: pip install 'difftrb[explore]'", EXIT_BAD_FILE)
+        return console.refuse("explore needs Panel: pip install 'difftrb[explore]'", EXIT_BAD_FILE)
     file, path = _read(options)
     scene_file.check_ring(file, path)
-    terminal.say(f"http://localhost:{options.port} until Ctrl-C")
+    console.say(f"http://localhost:{options.port} until Ctrl-C")
     explorer.serve(file.scene(), options.port, options.browser)
     return EXIT_OK
 
@@ -150,14 +150,16 @@ def _check(options: Any) -> int:
 
     file, path = _read(options)
     scene_file.check_ring(file, path)
-    terminal.remark(remarks.light_ring_load(file), path)
+    console.remark(remarks.light_ring_load(file), path)
     spalls = f"{len(file.spall)} spall{'s' if len(file.spall) > 1 else ''}" if file.spall else "healthy"
     print(f"{path}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
           f"axial {file.load.axial:g} N, law {file.contact.law}")  # fmt: skip
     if file.catalogue is not None:
-        from difftrb.report import estimated, run_report
+        from difftrb.report import catalogue_uncertainty, run_text
 
-        terminal.show(estimated.table(file.catalogue, run_report.house_table("Bearing estimated from its catalogue")))
+        console.show(
+            catalogue_uncertainty.table(file.catalogue, run_text.house_table("Bearing estimated from its catalogue"))
+        )
     return EXIT_OK
 
 
@@ -168,7 +170,7 @@ def _example(options: Any) -> int:
             print(f"{name:16s} {text.splitlines()[0].removeprefix('# ')}")
     elif options.name not in texts:
         name = bad_input.shown(options.name)
-        return terminal.refuse(f"no example named {name}; there are {', '.join(texts)}", EXIT_BAD_FILE)
+        return console.refuse(f"no example named {name}; there are {', '.join(texts)}", EXIT_BAD_FILE)
     else:
         print(texts[options.name], end="")
     return EXIT_OK
@@ -281,14 +283,14 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return options.command.run(options)
     except DifftrbError as error:
-        return terminal.refuse(error, error.exit_code)
+        return console.refuse(error, error.exit_code)
     except KeyboardInterrupt:
-        return terminal.refuse("interrupted", EXIT_INTERRUPTED)
+        return console.refuse("interrupted", EXIT_INTERRUPTED)
     except BrokenPipeError:  # the reader, say `head`, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_PIPE
     except OSError as error:
-        return terminal.refuse(f"{error.filename or 'output'}: {error.strerror or error}", EXIT_BAD_FILE)
+        return console.refuse(f"{error.filename or 'output'}: {error.strerror or error}", EXIT_BAD_FILE)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import difftrb as trb
 from difftrb.contact import crown
 from difftrb.core import geometry, status
 from difftrb.core.jax_config import jit_quickly
-from difftrb.law import atlas, axial_place, direct, edge_ramp, load_curve, samples
+from difftrb.law import atlas, atlas_place, direct, edge_ramp, load_curve, samples
 from difftrb.law.base import Rest, load_over
 from difftrb.scene import audit, scene_laws
 from difftrb.scene.scene import named
@@ -198,7 +198,7 @@ def test_law_says_what_it_does_not_know(law: atlas.AtlasLaw, wide: atlas.AtlasLa
 def test_places_come_back() -> None:
     """Length and offset to the atlas's variables and back."""
     for length, aside, over_end in ((0.0, 0.3, False), (0.4, 1.0, False), (1.0, 0.0, False), (0.3, 0.0, True)):
-        place = axial_place.place_of(*axial_place.spall_at(length, aside, over_end, 1e-4), 1e-4)
+        place = atlas_place.place_of(*atlas_place.spall_at(length, aside, over_end, 1e-4), 1e-4)
         np.testing.assert_allclose(place, (length, aside, over_end, True), atol=1e-9)
 
 

@@ -12,8 +12,8 @@ from scipy import optimize
 import difftrb as trb
 from difftrb.core import geometry
 from difftrb.law.power import Palmgren
-from difftrb.ring import catalogue, life
-from difftrb.ring.catalogue import Inside
+from difftrb.ring import catalogue_relations, life
+from difftrb.ring.catalogue_relations import Inside
 from difftrb.scene import scene_file
 
 PRINTED = {
@@ -22,8 +22,8 @@ PRINTED = {
     "32216": {"d": 80.0, "D": 140.0, "T": 35.25, "e": 0.42, "C0": 260000.0},
 }
 """Catalogue lines. C0 of the latter two as in Wingertszahn et al. 2023, Tables A2 and 4. T, e and Y are what makers
-list; only T of 32208 and 32216 was checked against a second source. The spreads in `catalogue.RATIOS` were chosen with
-these three in view: they are no independent test of it."""
+list; only T of 32208 and 32216 was checked against a second source. The spreads in `catalogue_relations.RATIOS` were
+chosen with these three in view: they are no independent test of it."""
 MEASURED = {
     "32208": {"pitch_diameter": 60.0, "roller_diameter": 10.0, "roller_length": 17.0, "rollers": 17},
     "32216": {"pitch_diameter": 108.5, "roller_diameter": 17.0, "roller_length": 22.7, "rollers": 16},
@@ -68,7 +68,7 @@ def test_ratios_cover_published_bearings() -> None:
         ratios = {"pitch": 2.0 * pitch / (line["d"] + line["D"]), "diameter": 2.0 * mean / (line["D"] - line["d"]),
                   "length": inside.roller_length / line["T"],
                   "fill": inside.rollers * mean / (np.pi * pitch)}  # fmt: skip
-        for key, ratio in catalogue.RATIOS.items():
+        for key, ratio in catalogue_relations.RATIOS.items():
             assert abs(math.log(ratios[key] / ratio.mean)) < 2.0 * ratio.spread, (name, key)
 
 
@@ -93,7 +93,7 @@ def test_what_is_given_comes_back() -> None:
 @pytest.mark.parametrize("ratio", [0.05, 0.12, 0.3])
 def test_all_cones_share_one_apex(ratio: float) -> None:
     """Pitch radius and raceway radii from the apex, by the geometry's own functions."""
-    bearing = catalogue.tapered(Inside(100.0, 100.0 * ratio, 12.0, 12, 0.4))
+    bearing = catalogue_relations.tapered(Inside(100.0, 100.0 * ratio, 12.0, 12, 0.4))
     assert 2.0 * geometry.pitch_radius(bearing) == pytest.approx(100.0, rel=1e-12)
     assert bearing.outer_angle == pytest.approx(bearing.inner_angle + 2.0 * bearing.roller_angle, rel=1e-12)
     taper = (bearing.roller_large_diameter - bearing.roller_small_diameter) / 24.0
@@ -103,7 +103,7 @@ def test_all_cones_share_one_apex(ratio: float) -> None:
 @pytest.mark.gradient
 def test_the_geometry_is_differentiable() -> None:
     def stiff(sizes: jax.Array) -> jax.Array:
-        bearing = catalogue.tapered(Inside(sizes[0], sizes[1], sizes[2], 20, sizes[3]))
+        bearing = catalogue_relations.tapered(Inside(sizes[0], sizes[1], sizes[2], 20, sizes[3]))
         return geometry.equivalent_radius(bearing, "outer") + bearing.inner_angle + bearing.roller_large_diameter
 
     at = jnp.array([54.0, 6.5, 13.0, 0.25])
@@ -145,7 +145,7 @@ def test_uncertainty_is_that_of_a_linear_function() -> None:
     assert float(made.uncertainty(lambda bearing, _: 3.0 * bearing.roller_length)) == pytest.approx(
         3.0 * length.uncertainty, rel=1e-9
     )
-    spread = catalogue.RATIOS["length"].spread
+    spread = catalogue_relations.RATIOS["length"].spread
     assert length.uncertainty == pytest.approx(2.0 * length.value * math.sinh(spread), rel=1e-3)
 
 

@@ -17,7 +17,7 @@ from difftrb.core import geometry, status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import base
 from difftrb.law.power import Palmgren, PowerLaw
-from difftrb.ring import effects, life, ring, terms, tilt
+from difftrb.ring import double_row, effects, life, ring, terms
 from difftrb.scene import scene as scenes
 from tests.bearings import of_many
 
@@ -104,7 +104,7 @@ def test_moments_and_loads_balance_and_stiffness_is_their_derivative(bearing) ->
 
     r = solved()
     every = np.concatenate([r.loads, r.effects["second_row_loads"]])
-    reach = tilt.reach_of_pair(bearing, 30.0, True)
+    reach = double_row.reach_of_pair(bearing, 30.0, True)
     angles = np.asarray(ring.roller_angles(bearing, 0.0))
     turned = float(reach) * np.stack([np.sin(angles), -np.cos(angles)])
     np.testing.assert_allclose(np.hstack([turned, -turned]) @ every, [-2e4, 1e5], atol=1e-9 * 3e5)
@@ -138,7 +138,9 @@ def test_one_row_alone_holds_no_tilt(bearing) -> None:
     assert int(r.status_code) == status.LOOSE
     assert bool(jnp.isnan(r.stiffness).all())
     sliced = scene(bearing, loose, trb.Load(0.0, 4500.0), (), Palmgren(bearing.roller_length), (effects.Tilt(),))
-    alone = dataclasses.replace(sliced, effects=(effects.Tilt(reach=float(tilt.reach_of_pair(bearing, 30.0, True))),))
+    alone = dataclasses.replace(
+        sliced, effects=(effects.Tilt(reach=float(double_row.reach_of_pair(bearing, 30.0, True))),)
+    )
     np.testing.assert_allclose(trb.solve(sliced).check().loads, trb.solve(alone).check().loads, rtol=1e-11)
 
 

@@ -17,7 +17,7 @@ from difftrb.core import geometry, status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.power import Palmgren, PowerLaw
-from difftrb.report import run_report
+from difftrb.report import run_text
 from difftrb.ring import effects, life, ring, roller_balance, tilt
 from difftrb.scene import prepared as prepared_scene
 
@@ -464,8 +464,8 @@ def test_results_over_sliced_spalls_say_that_they_overstate(bearing) -> None:
     (sentence,) = found.spalled.remarks
     assert "overstated" in sentence
     assert found.healthy.remarks == ()
-    assert run_report.run_json(made, found, 0.0)["remarks"] == [sentence]
+    assert run_text.run_json(made, found, 0.0)["remarks"] == [sentence]
     console = Console(width=400, file=io.StringIO(), markup=False)
-    console.print(run_report.run_text(made, found))
+    console.print(run_text.run_text(made, found))
     assert sentence in console.file.getvalue()  # type: ignore[attr-defined]
-    assert "remarks" not in run_report.run_json(made, trb.assess(plain(bearing)), 0.0)
+    assert "remarks" not in run_text.run_json(made, trb.assess(plain(bearing)), 0.0)

@@ -11,7 +11,7 @@ import difftrb as trb
 from difftrb.core import geometry, status
 from difftrb.law import base
 from difftrb.law.power import Palmgren
-from difftrb.ring import load_zone, ring
+from difftrb.ring import newton_start, ring
 from tests import shapes
 
 pytestmark = pytest.mark.exact
@@ -131,7 +131,7 @@ def test_load_zone_of_many_rollers(exponent: float, narrowness: float) -> None:
     angles = 2.0 * np.pi * np.arange(600) / 600
     share = np.maximum(1.0 - narrowness * (1.0 - np.cos(angles)), 0.0) ** exponent
     ratio = np.sum(share * np.cos(angles)) / np.sum(share)
-    zone = load_zone.load_zone(jnp.asarray(ratio), jnp.asarray(exponent))
+    zone = newton_start.load_zone(jnp.asarray(ratio), jnp.asarray(exponent))
     assert float(zone.narrowness) == pytest.approx(narrowness, rel=0.05)
     assert float(zone.largest) == pytest.approx(1.0 / np.mean(share), rel=0.03)
 

@@ -23,7 +23,7 @@ from difftrb.law import power
 from difftrb.report import figure_style
 from difftrb.ring import ring
 from difftrb.scene import scene_file
-from difftrb.sweeps import axes, chunks, outputs, store, sweep_file, sweep_plot, sweeping
+from difftrb.sweeps import axes, chunks, shared_law, store, sweep_file, sweep_plot, sweeping
 from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.swept import front, manifest_of
 
@@ -291,7 +291,7 @@ def test_one_law_covers_all_loads(plan: Plan, monkeypatch: pytest.MonkeyPatch) -
     scene = plan.base
     named = dataclasses.replace(scene, law="power")
     given = axes.axes_of({"load.axial": [3000.0, 30000.0], "spall.0.length": [1.0, 4.0]})
-    outputs.with_shared_law(named, given)
+    shared_law.with_shared_law(named, given)
     low, high = asked[0][1]
     single = [float(ring.largest_load(scene.bearing, trb.Load(9000.0, axial))) for axial in (3000.0, 30000.0)]
     assert (low, high) == (single[0] / 6.0, 1.2 * single[1])
@@ -695,14 +695,14 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 def test_shares() -> None:
     task = {"SLURM_ARRAY_TASK_ID": "7", "SLURM_ARRAY_TASK_MIN": "3", "SLURM_ARRAY_TASK_MAX": "11"}
     task["SLURM_ARRAY_TASK_STEP"] = "2"
-    assert machine.share_of(None, {}) is None
-    assert machine.share_of("1/1", {}) is None
-    assert machine.share_of(None, task) == (3, 5)
-    assert machine.share_of("2/4", task) == (2, 4)
-    assert machine.share_of(None, {"SLURM_PROCID": "0", "SLURM_NTASKS": "3"}) == (1, 3)
+    assert sweep_file.share_of(None, {}) is None
+    assert sweep_file.share_of("1/1", {}) is None
+    assert sweep_file.share_of(None, task) == (3, 5)
+    assert sweep_file.share_of("2/4", task) == (2, 4)
+    assert sweep_file.share_of(None, {"SLURM_PROCID": "0", "SLURM_NTASKS": "3"}) == (1, 3)
     for wrong in ("0/2", "3/2", "1", "a/b", "1/0", "-1/2"):
         with pytest.raises(trb.SweepError, match=f"^--share {wrong}: must be I/N"):
-            machine.share_of(wrong, {})
+            sweep_file.share_of(wrong, {})
 
 
 def experiment():
@@ -735,7 +735,7 @@ def test_two_devices_make_the_same_files(whole: Path, tmp_path: Path) -> None:
         "from pathlib import Path; import difftrb\n"
         "from difftrb.core import jax_config\n"
         f"jax_config.OPTIONS.update({jax_config.OPTIONS})\n"  # other options, other bytes
-        "from difftrb.sweeps import chunks, sweep_file\n"
+        "from difftrb.sweeps import shared_law, chunks, sweep_file\n"
         "text = Path(sys.argv[2]).read_text()\n"
         "assert len(jax.local_devices()) == 2\n"
         "chunks.run(sweep_file.parse(text).plan(3), Path(sys.argv[3]))\n"

@@ -13,7 +13,7 @@ from rich.text import Text
 from difftrb.accuracy import ladder, timing
 from difftrb.accuracy.ladder import TRUTHS, Kind, Measured, Row
 from difftrb.core.status import SceneError
-from difftrb.report import remarks, run_report, terminal
+from difftrb.report import console, remarks, run_text
 from difftrb.scene.scene_file import SceneFile
 
 KINDS: tuple[Kind, ...] = ("ring", "contact")
@@ -39,18 +39,18 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     """Measure, print it and write it where `options` ask; the exit code."""
     if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
         raise SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
-    terminal.remark(remarks.light_ring_load(file), path)
+    console.remark(remarks.light_ring_load(file), path)
     full = options.full
     rungs, limit = ladder.rungs(full), float("inf") if full else timing.LIMIT
-    with terminal.bar("measuring what accuracy costs") as progress:
+    with console.bar("measuring what accuracy costs") as progress:
         measured = timing.measure(file, path, rungs, options.accuracy, limit, progress=progress, thorough=options.full)
 
-    def figures() -> terminal.Figures:
+    def figures() -> console.Figures:
         if any(row.error > 0.0 for row in measured.rows):
             yield "accuracy", work_precision(measured)
 
     record = accuracy_json(measured)
-    return terminal.deliver(options, path, record, lambda: accuracy_text(measured), figures)
+    return console.deliver(options, path, record, lambda: accuracy_text(measured), figures)
 
 
 def accuracy_json(measured: Measured) -> dict[str, Any]:
@@ -70,7 +70,7 @@ def accuracy_json(measured: Measured) -> dict[str, Any]:
     truths = [measured.truth(kind) for kind in KINDS]
     sentences = (row.status for row in measured.rows if row.status != "converged")
     failed = next(sentences, "no way to compute it was measured that others can be compared with")
-    return run_report.plain({
+    return run_text.plain({
         "status": "converged" if any(truths) else failed,
         "converged": any(truths),
         "asked": measured.asked,
@@ -99,7 +99,7 @@ def accuracy_text(measured: Measured) -> RenderableType:
             names = ["approach"]
         if not rows:
             continue
-        table = run_report.house_table({"ring": "Ring, by roller law", "contact": "One contact, by method"}[kind])
+        table = run_text.house_table({"ring": "Ring, by roller law", "contact": "One contact, by method"}[kind])
         table.padding = 0  # ten columns on a page
         table.add_column("", no_wrap=True)
         for name in names:
@@ -159,13 +159,13 @@ def _accuracy_lines(measured: Measured) -> list[str]:
         "compiled; solve: the scene by that law; batch: one of a batch; slopes: one, with derivatives by length and "
         "width",
         f"on {measured.device}, {measured.cores} cores; yardstick {_duration(measured.yardstick)}; difftrb imported in "
-        f"{_duration(measured.importing)}; memory {run_report.number(memory, '.0f')} MiB; measured in "
+        f"{_duration(measured.importing)}; memory {run_text.number(memory, '.0f')} MiB; measured in "
         f"{_duration(measured.seconds)}",
     ]
 
 
 def _error(value: float) -> str:
-    return run_report.number(value, ".1e").replace("e-0", "e-").replace("e+00", "")
+    return run_text.number(value, ".1e").replace("e-0", "e-").replace("e+00", "")
 
 
 def _duration(value: float) -> str:

@@ -89,7 +89,7 @@ def _single(inputs: Inputs, spall: Spall | None, resolution: Resolution, mirrore
 
     pitch, x = halfspace.lattice(reach_x, resolution.columns, offset - 0.5 * spall.width, offset + 0.5 * spall.width)
     sliver = 2e-3 * reach_y  # no segment of the grid is thinner
-    ends = spall.axial_offset - 0.5 * spall.length, spall.axial_offset + 0.5 * spall.length
+    ends = spall.ends
     high = xp.clip(ends[1], bottom + 2.0 * sliver, top - sliver)
     whole = halfspace.graded(np.zeros(()), reach_y, resolution.land + resolution.spall, at_start=False)
     if mirrored:
@@ -293,7 +293,7 @@ def uniform_stage(inputs: Inputs, size: tuple[int, int]) -> LaidContact:
     if defects and isinstance(defects[0], Spall):
         first, offset = defects[0], offsets[0]
         left, right = offset - 0.5 * first.width, offset + 0.5 * first.width
-        low, high = (first.axial_offset + side * first.length - middle for side in (-0.5, 0.5))
+        low, high = (end - middle for end in first.ends)
     pitch, x = halfspace.lattice(reach_x * (1.0 + 2.0 / columns), columns, left, right)
     if spalls:
         height, y = halfspace.lattice(reach_y * (1.0 + 2.0 / rows), rows, low, high)

@@ -100,7 +100,7 @@ def needed_by_slices(contact: LineContact, load: Any) -> Any:
 def edges_along(contact: LineContact, spall: Spall) -> tuple[Any, Any]:
     """Where a spall begins and ends along the roller [mm], not beyond the roller's ends."""
     half = 0.5 * contact.length
-    low, high = (xp.within(spall.axial_offset + side * 0.5 * spall.length, -half, half) for side in (-1.0, 1.0))
+    low, high = (xp.within(end, -half, half) for end in spall.ends)
     return low, high
 
 

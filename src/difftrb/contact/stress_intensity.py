@@ -85,7 +85,7 @@ def _solve(inputs: Inputs, mirrored: bool, land: int, columns: int) -> EdgeInten
     reach_x, _, tip = domain(contact, load, (spall,), jnp.reshape(offset, 1))
     nowhere = jnp.asarray(jnp.inf)
     pitch, x = halfspace.lattice(reach_x * (1.0 + 2.0 / columns), columns, -nowhere, nowhere)
-    ends = spall.axial_offset + 0.5 * spall.length * np.array([-1.0, 1.0])
+    ends = spall.ends
     least = 2e-3 * tip
     high = jnp.clip(ends[1], (0.0 if mirrored else -tip + 2.0 * least), tip - least)
     low = -high if mirrored else jnp.clip(ends[0], -tip + least, high - least)

@@ -103,6 +103,11 @@ class Spall:
     def __post_init__(self) -> None:
         whole_to_float(self)
 
+    @property
+    def ends(self) -> tuple[Real, Real]:
+        """Where it begins and ends along the roller, from the roller's middle [mm]; also beyond the roller's ends."""
+        return self.axial_offset - 0.5 * self.length, self.axial_offset + 0.5 * self.length
+
 
 @register
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -102,18 +102,3 @@ def lanes_of(count: int | None = None) -> list[Any]:
 def accelerator() -> Any:
     """The first device of this process that is no CPU, None if there is none."""
     return next((device for device in jax.local_devices() if device.platform != "cpu"), None)
-
-
-def share_of(given: str | None, environment: Mapping[str, str] = os.environ) -> tuple[int, int] | None:
-    """This process's number and how many there are, from "I/N", by default of a task of a Slurm array or step; None
-    alone. Raises `SweepError`."""
-    if given is None and "SLURM_ARRAY_TASK_ID" in environment:
-        task, first, last, step = (int(environment.get(f"SLURM_ARRAY_TASK_{name}", default))
-                                   for name, default in (("ID", 0), ("MIN", 0), ("MAX", 0), ("STEP", 1)))  # fmt: skip
-        given = f"{(task - first) // step + 1}/{(last - first) // step + 1}"
-    elif given is None and "SLURM_PROCID" in environment:
-        given = f"{int(environment['SLURM_PROCID']) + 1}/{environment.get('SLURM_NTASKS', '1')}"
-    number, _, many = (given or "1/1").partition("/")
-    if not (number.isdecimal() and many.isdecimal() and 1 <= int(number) <= int(many)):
-        raise SweepError(f"--share {given}: must be I/N, this process's number and how many there are, say 1/4 … 4/4")
-    return (int(number), int(many)) if given and int(many) > 1 else None

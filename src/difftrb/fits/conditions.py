@@ -19,7 +19,7 @@ from difftrb.core import status
 from difftrb.core.numeric import gauss_legendre
 from difftrb.core.taylor import Taylor
 from difftrb.fits.measured import Measurement
-from difftrb.ring import phase_average
+from difftrb.ring import phase_rule
 from difftrb.ring.ring import Load
 from difftrb.scene import prepared, solving
 from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain, pitch_borders
@@ -82,7 +82,7 @@ class Condition(NamedTuple):
     definition: Definition
 
 
-def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_average.POINTS_IN_FITS) -> Conditions:
+def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_rule.POINTS_IN_FITS) -> Conditions:
     """Those of `rows`; what they leave open is the scene's."""
     return _laid_out(scene, rows, points, _kinks(scene))
 
@@ -118,7 +118,7 @@ def _kinks(scene: Scene) -> int:
     return jax.eval_shape(lambda: pitch_borders(at)).size - 1
 
 
-def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_average.POINTS_IN_FITS) -> list[Conditions]:
+def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_rule.POINTS_IN_FITS) -> list[Conditions]:
     """Those of `rows` in parts, as few as have each the smallest layout: the program that a fit has is theirs, too."""
     kinks, parts, first = _kinks(scene), list[Conditions](), 0
     for behind in range(1, len(rows) + 1):
@@ -280,7 +280,7 @@ def _turned(every: Blocks, borders: Any, k: jax.Array) -> tuple[Any, Any]:
     one."""
     mean = every.mean[k] >= 0
     blank = jnp.linspace(0.0, 1.0, len(borders))  # without a mean there may be no borders
-    turned, share = phase_average.between(xp.where(mean, borders, blank), (every.places[k], every.weights[k]))
+    turned, share = phase_rule.between(xp.where(mean, borders, blank), (every.places[k], every.weights[k]))
     return xp.where(mean, turned, every.phases[k]), xp.where(mean, share, 1.0)
 
 

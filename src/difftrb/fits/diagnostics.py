@@ -8,7 +8,7 @@ import numpy as np
 
 from difftrb.fits import fit_result, optimal_design, profile_intervals, suspects
 from difftrb.fits.fit_result import Alternative, Fit
-from difftrb.fits.profile_intervals import EDGE
+from difftrb.fits.profile_intervals import CONFIDENCE, EDGE
 from difftrb.fits.search import Scan
 from difftrb.ring import effects
 
@@ -133,7 +133,11 @@ def _healthy(fit: Fit) -> str:
         for i, name in enumerate(fit.parameters)
         if fit.problem.parameters[i].logarithmic and not fit.open[i][1]
     ]
-    known = f"; 95 % limits of one: {', '.join(limits)}" if limits else "; nor do the data limit its size"
+    known = (
+        f"; {100.0 * CONFIDENCE:g} % limits of one: {', '.join(limits)}"
+        if limits
+        else "; nor do the data limit its size"
+    )
     return f"no spall is needed: the healthy bearing fits as well (χ² {chi2:.3g}, here {fit.chi2:.3g}){known}"
 
 

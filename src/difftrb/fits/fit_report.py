@@ -18,33 +18,36 @@ from difftrb.fits import measured
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.fitting import fit, prepare_fit
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
-from difftrb.fits.profile_intervals import EDGE, NORMAL_95
-from difftrb.report import remarks, run_report, terminal
+from difftrb.fits.profile_intervals import CONFIDENCE, EDGE, limit_of
+from difftrb.report import console, remarks, run_text
 from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED
 from difftrb.scene import scene_file
 
-LIKELY = "95 % interval"
+WIDE = np.sqrt(limit_of(None))
+"""Standard errors to either side of an interval of the normal distribution."""
+SURE = f"{100.0 * CONFIDENCE:g} %"
+LIKELY = f"{SURE} interval"
 
 
 def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     """Fit what `options` name to their measurements, print it and write it where they ask; the exit code."""
     scene_file.check_ring(file, path)
     rows = measured.load_measured(options.measured)
-    terminal.remark(remarks.light_measured_load(file.bearing, rows), options.measured)
+    console.remark(remarks.light_measured_load(file.bearing, rows), options.measured)
     started = time.perf_counter()
-    with terminal.bar("solving contacts for the roller law") as progress:
+    with console.bar("solving contacts for the roller law") as progress:
         scene = prepare_fit(file.scene(), rows, progress)
-    terminal.say_picked(scene)
-    with terminal.busy("fitting"):
+    console.say_picked(scene)
+    with console.busy("fitting"):
         result = fit(scene, rows, [name.strip() for name in options.parameters.split(",")], options.robust)
         suggestions = next_measurements(result) if bool(result.converged) else ()
     record = fit_json(result, suggestions, time.perf_counter() - started)
 
     text = partial(fit_text, result, suggestions)
-    code = terminal.deliver(options, path, record, text, lambda: [("fit", fit_panels(result))])
-    if code == terminal.EXIT_OK and not result.explained:
-        return terminal.refuse(
-            f"{options.measured}: the model does not explain the data: see the remarks", terminal.EXIT_NO_SOLUTION
+    code = console.deliver(options, path, record, text, lambda: [("fit", fit_panels(result))])
+    if code == console.EXIT_OK and not result.explained:
+        return console.refuse(
+            f"{options.measured}: the model does not explain the data: see the remarks", console.EXIT_NO_SOLUTION
         )
     return code
 
@@ -67,7 +70,7 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
          "predicted": told, "sigma": sigma, "residual": off}
         for row, told, sigma, off in zip(fit.rows, fit.predicted, fit.sigma, fit.residuals, strict=True)
     ]  # fmt: skip
-    return run_report.plain({
+    return run_text.plain({
         "status": fit.status,
         "converged": bool(fit.converged),
         "parameters": parameters,
@@ -100,12 +103,12 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
 
 def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
     """A fit for people: parameters, remarks, rows, and what to measure next."""
-    table = run_report.house_table("Fitted to the measurements")
+    table = run_text.house_table("Fitted to the measurements")
     for heading in ("", "value", "standard error", LIKELY, "unit"):
         table.add_column(heading, justify="left" if heading in ("", "unit") else "right")
     for i, name in enumerate(fit.parameters):
         table.add_row(name, f"{fit.values[i]:.4g}", _known(fit.standard_errors[i]), interval(fit, i), fit.units[i])
-    rows = run_report.house_table("Measurements")
+    rows = run_text.house_table("Measurements")
     for heading in ("row", "quantity", "radial [N]", "axial [N]", "phase", "measured", "model", "off [sigma]"):
         rows.add_column(heading, justify="left" if heading == "quantity" else "right")
     for k, row in enumerate(fit.rows):
@@ -177,12 +180,12 @@ def fit_against_data(fit: Fit, shown: list[int], scale: float, unit: str, ax: Ax
         rows = [k for k in shown if fit.rows[k].quantity.startswith(direction)]
         if rows:
             measured = scale * np.array([float(fit.rows[k].value) for k in rows])
-            ax.errorbar(scale * fit.predicted[rows], measured, 1.96 * scale * fit.sigma[rows], fmt=marker, ms=5,
+            ax.errorbar(scale * fit.predicted[rows], measured, WIDE * scale * fit.sigma[rows], fmt=marker, ms=5,
                         color=colour, mfc="none", lw=1.0, capsize=2, label=direction)  # fmt: skip
     limits = np.array([*ax.get_xlim(), *ax.get_ylim()])
     ends = limits.min(), limits.max()
     ax.plot(ends, ends, color="black", lw=0.8, zorder=0)
-    ax.set(xlim=ends, ylim=ends, xlabel=f"model: {unit}", ylabel=f"measured: {unit}", title="Fit (bars: 95 %)")
+    ax.set(xlim=ends, ylim=ends, xlabel=f"model: {unit}", ylabel=f"measured: {unit}", title=f"Fit (bars: {SURE})")
     ax.legend(frameon=False)
     return ax
 
@@ -191,11 +194,11 @@ def residuals(fit: Fit, ax: Axes) -> Axes:
     """What the model leaves of every row, in sigma."""
     at = np.arange(1, len(fit.rows) + 1)
     colours = [HEALTHY if row.quantity.startswith("radial") else SPALLED for row in fit.rows]
-    ax.axhspan(-1.96, 1.96, color=ACCENT, alpha=0.35, lw=0)
+    ax.axhspan(-WIDE, WIDE, color=ACCENT, alpha=0.35, lw=0)
     ax.axhline(0.0, color="black", lw=0.8)
     ax.bar(at, fit.residuals, width=0.6, color=colours)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set(xlabel="row", ylabel="measured − model [σ]", title="Residuals (band: 95 %)")
+    ax.set(xlabel="row", ylabel="measured − model [σ]", title=f"Residuals (band: {SURE})")
     return ax
 
 
@@ -213,7 +216,7 @@ def profiles(fit: Fit, ax: Axes) -> Axes:
         widest = max(widest, float(np.max(np.abs(relative[low]))))
         ax.plot(relative[low], rise[low], style, color=colour, label=f"{name} {fit.values[i]:.3g} {fit.units[i]}")
     ax.axhline(limit, color="black", lw=0.8)
-    ax.text(0.02, limit, "95 %", va="bottom", transform=ax.get_yaxis_transform())
+    ax.text(0.02, limit, SURE, va="bottom", transform=ax.get_yaxis_transform())
     ax.set(xlabel="parameter against its fitted value [%]", ylabel="rise of χ²", ylim=(0.0, 2.5 * limit))
     ax.set(title="Profiles of the likelihood")
     ax.legend(frameon=False, loc="upper center")
@@ -225,7 +228,7 @@ def ridge(fit: Fit, ax: Axes) -> Axes:
     box = np.clip(np.stack([_wider(fit, i) for i in (0, 1)]), -EDGE, EDGE)
     rise = np.asarray(fit.ridge(box))
     first, second = (fit.along(k, np.linspace(box[k, 0], box[k, 1], len(rise))) for k in (0, 1))
-    scale = fit.limit / NORMAL_95**2  # larger if sigma was estimated
+    scale = fit.limit / limit_of(None)  # larger if sigma was estimated
     levels = [0.0, *(scale * v for v in (2.296, 5.991, 11.829))]  # of χ² of two degrees of freedom
     ax.contourf(first, second, np.maximum(rise.T, 0.0), levels, colors=("#4477AA", "#99B8D8", "#DDE7F1"))
     ax.plot(fit.values[0], fit.values[1], "+", color=SPALLED, ms=10, mew=2, label="fit")

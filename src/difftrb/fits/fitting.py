@@ -32,7 +32,7 @@ from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.fits.profile_intervals import Known, Profiles
 from difftrb.fits.search import Scan
 from difftrb.law.samples import Progress
-from difftrb.ring.phase_average import POINTS_IN_FITS, ROUGH_POINTS
+from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
 from difftrb.ring.ring import Load, largest_load
 from difftrb.scene.auto_law import by_table
 from difftrb.scene.scene import LawName, Scene, is_auto

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import scipy.special
+from scipy.special import ndtri, stdtrit
 
-from difftrb.core.numeric import bisected
 from difftrb.fits import predicted
 from difftrb.fits.least_squares import FARTHEST, Enough
 from difftrb.fits.predicted import Problem
@@ -39,8 +38,8 @@ MEET = 0.01
 """Cases that come this close to each other, of what parts basins, go on as one."""
 BESIDE = 0.5
 """A profile's place starts from the lowest known point that lies closer than this, in coordinates, too."""
-NORMAL_95 = 1.959963984540054
-"""Standard errors to either side of a 95 % interval of the normal distribution."""
+CONFIDENCE = 0.95
+"""Of intervals: how often they hold what is sought."""
 
 
 class Known(NamedTuple):
@@ -233,13 +232,7 @@ def _places(u: np.ndarray, spread: np.ndarray) -> np.ndarray:
 
 
 def limit_of(freedom: int | None) -> float:
-    """Rise of chi² at the ends of a 95 % interval: of the normal distribution or, with sigma estimated from so many
-    degrees of freedom, of Student's t, whose square it is."""
-    if freedom is None:
-        return NORMAL_95**2
-
-    def outside(t2: np.ndarray) -> bool:  # an incomplete beta function (Abramowitz and Stegun, 26.7.1)
-        return float(scipy.special.betainc(0.5 * freedom, 0.5, freedom / (freedom + t2))) > 0.05
-
-    low, high = bisected(outside, np.zeros(()), np.asarray(1e6), 80)
-    return 0.5 * float(low + high)
+    """Rise of chi² at the ends of an interval of `CONFIDENCE`: of the normal distribution or, with sigma estimated from
+    so many degrees of freedom, of Student's t, whose square it is."""
+    tail = 0.5 * (1.0 + CONFIDENCE)
+    return float(ndtri(tail) if freedom is None else stdtrit(freedom, tail)) ** 2

@@ -20,8 +20,8 @@ from difftrb.contact import crown, gap
 from difftrb.core import arrays as xp
 from difftrb.core import series, status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.law import axial_place, base, direct, edge_ramp, equivalent_edge, load_curve, ramp_fit
-from difftrb.law.axial_place import Place
+from difftrb.law import atlas_place, base, direct, edge_ramp, equivalent_edge, load_curve, ramp_fit
+from difftrb.law.atlas_place import Place
 from difftrb.law.base import LawKind, Rest, of_one_deep_spall, within_range
 from difftrb.law.edge_ramp import Ramp, RollerCurves
 from difftrb.law.equivalent_edge import NarrowSpall
@@ -39,7 +39,7 @@ NO_LAND = 1.0
 class Atlas:
     """Contacts in their own units: loads by Q_d, approaches by Q_d/(πE'L), across the contact by √(2R·that).
 
-    A place of a spall is its `length` variable and its `aside` variable, see `axial_place`; the last place aside stands
+    A place of a spall is its `length` variable and its `aside` variable, see `atlas_place`; the last place aside stands
     for spalls over the roller's end.
 
     Attributes:
@@ -229,7 +229,7 @@ def _at_place(lengths: np.ndarray, asides: np.ndarray, place: Place) -> Any:
 
 def _place(contact: LineContact, spall: Spall) -> Place:
     length = contact.length
-    return axial_place.place_of(spall.length / length, spall.axial_offset / length, number_of(contact))
+    return atlas_place.place_of(spall.length / length, spall.axial_offset / length, number_of(contact))
 
 
 def _farthest(contact: LineContact) -> Any:

@@ -1,4 +1,5 @@
-"""The roller law with nothing in between: contact solves for exactly the states that a scene's rollers are in."""
+"""The roller law of one scene in the mean over phases: curves through contact solves over all loads, healthy, over the
+middle of every spall, and at the places where rollers stand near its edges. At one phase it is `local.LocalLaw`."""
 
 from __future__ import annotations
 

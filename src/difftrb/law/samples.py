@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from difftrb.contact import crown, gap
 from difftrb.contact import solver as contacts
+from difftrb.contact.contact_extent import edges_along
 from difftrb.contact.contact_solution import is_symmetric, listed
 from difftrb.contact.solver import ContactSolution
 from difftrb.core import arrays as xp
@@ -175,9 +176,7 @@ def last_touch(contact: LineContact, solution: ContactSolution) -> float:
     force, x, y = np.asarray(solution.force), np.asarray(cells.x), np.asarray(cells.y)
     if cells.mirrored:
         force, y = 0.5 * np.concatenate([force, force]), np.concatenate([y, -y])
-    half = 0.5 * float(contact.length)
-    ends = (float(spall.axial_offset) + side * 0.5 * float(spall.length) for side in (-1.0, 1.0))
-    low, high = (min(max(end, -half), half) for end in ends)
+    low, high = map(float, edges_along(contact, spall))
     along = low + (high - low) * (np.arange(ALONG) + 0.5) / ALONG
     rise = np.asarray(crown.height(along, contact))
     rows, columns = np.nonzero(force > 0.0)

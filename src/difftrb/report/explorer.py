@@ -20,7 +20,7 @@ from bokeh.plotting import figure
 from difftrb.core import geometry
 from difftrb.core.geometry import Spall
 from difftrb.core.status import DifftrbError, SceneError
-from difftrb.report import figure_style, page, pressure_figure
+from difftrb.report import figure_style, html_report, pressure_figure
 from difftrb.report.figure_style import HEALTHY, SPALLED
 from difftrb.scene import auto_law, scene_laws, solving
 from difftrb.scene.prepared import solve_prepared
@@ -132,7 +132,7 @@ class Explorer:
         pressed = pressure_figure.contacts_at_spall(ready, found)
         if all(bool(one.solution.converged) for one in pressed):
             svg = figure_style.svg_text(pressure_figure.pressures(pressed))
-            self.pressure.object = page.inlined(svg, "pressure", "pressure of the rollers at the spall")
+            self.pressure.object = html_report.inlined(svg, "pressure", "pressure of the rollers at the spall")
 
     def _ring(self, scene: Scene, loads: np.ndarray, healthy: np.ndarray) -> None:
         """Rollers at their places."""

@@ -14,7 +14,7 @@ from rich.table import Table
 from difftrb.core import storage
 from difftrb.core.bad_input import named
 from difftrb.core.status import SceneError
-from difftrb.report import run_report, terminal
+from difftrb.report import console, run_text
 from difftrb.scene import scene_file, solution
 from difftrb.turning.cage_turn import CageTurn, stiffness
 from difftrb.turning.frequencies import DefectFrequencies, defect_frequencies
@@ -29,24 +29,24 @@ SHOWN = 3
 def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     """Solve a scene over its cage's angle, print it and write it where `options` ask; the exit code."""
     scene_file.check_ring(file, path)
-    with terminal.bar("solving the ring over the cage's angle") as progress:
+    with console.bar("solving the ring over the cage's angle") as progress:
         turn = stiffness(file.scene(), options.phases, slopes=options.slopes or None, progress=progress)
     if not np.all(np.asarray(turn.converged)):
-        return terminal.refuse(f"{path}: {turn.status}", terminal.EXIT_NO_SOLUTION)
+        return console.refuse(f"{path}: {turn.status}", console.EXIT_NO_SOLUTION)
     turn = turn.in_series(*(springs(one, turn) for one in (options.shaft, options.housing) if one is not None))
     found = in_units(turn, options.units, options.speed)
     if options.out is not None:
         write(turn, options.out, options.units, options.speed)
     if options.json:
         print(json.dumps(record(found), indent=1))
-        return terminal.EXIT_OK
-    terminal.show(text(found))
+        return console.EXIT_OK
+    console.show(text(found))
     if found.frequencies is not None:
         hertz = (f"{name.upper()} {float(value):.4g}" for name, value in vars(found.frequencies).items())
-        terminal.show(f"frequencies [Hz] at {options.speed:g} rev/min: {', '.join(hertz)}")
+        console.show(f"frequencies [Hz] at {options.speed:g} rev/min: {', '.join(hertz)}")
     if options.out is not None:
-        terminal.show(f"written to {options.out}")
-    return terminal.EXIT_OK
+        console.show(f"written to {options.out}")
+    return console.EXIT_OK
 
 
 def springs(given: str, turn: CageTurn) -> np.ndarray:
@@ -63,7 +63,7 @@ def springs(given: str, turn: CageTurn) -> np.ndarray:
 def text(found: Written) -> Table:
     """Mean, least, largest, and the first orders of every axis' own stiffness."""
     unit = found.unit["stiffness"][0][0]
-    table = run_report.house_table(f"Stiffness over the cage's angle, tangent dF/du [{unit}]")
+    table = run_text.house_table(f"Stiffness over the cage's angle, tangent dF/du [{unit}]")
     names = ["mean", "least", "largest", *(f"order {n}" for n in found.orders.get("order", [])[1:4])]
     for heading in ("", *names):
         table.add_column(heading, justify="right" if heading else "left")

@@ -24,6 +24,7 @@ from difftrb.law import local, power
 from difftrb.law.base import LAWS, Law
 from difftrb.law.local import LocalLaw
 from difftrb.ring import ring
+from difftrb.ring.double_row import DoubleRow
 from difftrb.ring.effect_base import (
     Asked,
     Effect,
@@ -41,7 +42,7 @@ from difftrb.ring.life import Life
 from difftrb.ring.ring import Equilibrium, axial_force
 from difftrb.ring.roller_balance import inside
 from difftrb.ring.terms import Facing, Terms
-from difftrb.ring.tilt import DoubleRow, Tilt
+from difftrb.ring.tilt import Tilt
 
 __all__ = [
     "Asked", "Centrifugal", "Diameters", "DoubleRow", "Effect", "Flange", "Life", "Mounting", "Raceways", "Results",

@@ -19,7 +19,7 @@ from difftrb.core.taylor import Taylor, plus, summed
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
-from difftrb.ring import load_zone, newton, ring
+from difftrb.ring import newton, newton_start, ring
 from difftrb.ring.newton import Rollers, System
 from difftrb.ring.ring import Equilibrium, Load
 
@@ -55,14 +55,14 @@ def _all(condition: Any) -> Any:
 
 
 def _start(normals: Any, curves: RollerCurves, healthy: RollerCurves, force: Any) -> Any:
-    """See `load_zone.start`."""
+    """See `newton_start.start`."""
     one = load_curve.one_of(healthy.each, 0)
     while one.middle.ndim:  # the same at all phases
         one = load_curve.one_of(one, 0)
     axial = normals.reshape(-1, 3)[0, 2]
-    largest, narrow = load_zone.in_load_zone(one, force, normals.shape[-2], axial)
+    largest, narrow = newton_start.in_load_zone(one, force, normals.shape[-2], axial)
     clear = xp.module_of(curves.each.shift).min(curves.each.shift, axis=-1)
-    return load_zone.pressed(one, largest, narrow, axial, xp.maximum(clear, 0.0))
+    return newton_start.pressed(one, largest, narrow, axial, xp.maximum(clear, 0.0))
 
 
 def _expanded(normals: Any, curves: RollerCurves, force: Any, size: Any, u: Any) -> tuple[Any, Any, Any, Any]:

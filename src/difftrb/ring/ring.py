@@ -19,7 +19,7 @@ from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, status
 from difftrb.core.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
 from difftrb.law.base import Law, Rest
-from difftrb.ring import load_zone, newton, roller_balance
+from difftrb.ring import newton, newton_start, roller_balance
 from difftrb.ring.newton import Rollers, System
 from difftrb.ring.terms import PLAIN, Terms, Tilting, beside, both, without_land
 
@@ -233,7 +233,7 @@ def _system(
     extra = jnp.broadcast_to(0.0 if terms.interference is None else terms.interference, angles.shape)
     healthy = roller_law.curves((), away[:0])
     rollers = Rollers(normals, extra, roller_law.curves(spalls, away) if spalls else healthy, terms.seat)
-    start = load_zone.start(rollers, healthy, force, terms)
+    start = newton_start.start(rollers, healthy, force, terms)
     if terms.slices is not None:
         count = terms.slices.each.shift.size // angles.size
         rollers = Rollers(jnp.repeat(normals, count, axis=0), jnp.repeat(extra, count), terms.slices)

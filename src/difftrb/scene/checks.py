@@ -25,7 +25,7 @@ from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law.base import Law
 from difftrb.ring import effects, ring
-from difftrb.ring.catalogue_estimate import CatalogueBearing
+from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effects import Effect
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scene

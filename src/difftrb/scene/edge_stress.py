@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.contact import gap
+from difftrb.contact.contact_extent import edges_along
 from difftrb.contact.stress_intensity import edge_intensity
 from difftrb.core import status
 from difftrb.core.geometry import Raceway
@@ -100,9 +101,8 @@ def _met(scene: Scene, number: int, raceway: Raceway, at: Solution) -> EdgeStres
     solved = edge_intensity(contact, loads[roller], spall, float(away[roller]))
     known = int(solved.status_code) == status.CONVERGED
     intensity = float(max(np.max(solved.low), np.max(solved.high))) if known else math.nan
-    ends = np.clip(float(spall.axial_offset) + 0.5 * float(spall.length) * np.array([-1.0, 1.0]),
-                   *(0.5 * float(contact.length) * np.array([-1.0, 1.0])))  # fmt: skip
-    left = 1.0 - float(np.diff(ends)[0]) / float(contact.length)
+    low, high = map(float, edges_along(contact, spall))
+    left = 1.0 - (high - low) / float(contact.length)
     within = intensity**2 / (2.0 * math.pi * STATIC_LIMIT**2)
     return EdgeStress(number, roller, raceway, float(loads[roller]), 1.0 / left if left > 0.0 else math.inf,
                       intensity, within)  # fmt: skip

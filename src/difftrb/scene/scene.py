@@ -19,7 +19,7 @@ from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import local, power
 from difftrb.law.base import Law
-from difftrb.ring import effect_base, effects, phase_average, plain_ring, ring
+from difftrb.ring import effect_base, effects, phase_rule, plain_ring, ring
 from difftrb.ring.effect_base import Effect
 from difftrb.ring.ring import Load
 
@@ -218,27 +218,27 @@ def phases(scene: Scene) -> tuple[Any, Any]:
     """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
     if not isinstance(scene.phase, PitchMean):
         return xp.asarray(scene.phase)[None], np.ones(1)
-    found = phase_average.between(pitch_borders(scene))
+    found = phase_rule.between(pitch_borders(scene))
     return found if xp.expands(scene) else xp.values(found)
 
 
 @np.errstate(all="ignore")
 def pitch_borders(scene: Scene) -> Any:
-    """Between which phases a prepared scene has no kink [rad]: see `phase_average.borders`."""
+    """Between which phases a prepared scene has no kink [rad]: see `phase_rule.borders`."""
     if is_plain(scene) and xp.are_numbers(scene):
         scene = xp.numbers(scene)
     acting, contact = law_in_effect(scene, outer_law(scene)), raceway_contact(scene, "outer")
-    met = [phase_average.Met("outer", ring.spalls_on(scene.spalls, "outer"), acting)]
+    met = [phase_rule.Met("outer", ring.spalls_on(scene.spalls, "outer"), acting)]
     series = effect_base.among(scene.effects, effects.SeriesRaceways)
     if series is not None:
-        met.append(phase_average.Met("inner", ring.spalls_on(scene.spalls, "inner"), cast(Law, series.law)))
+        met.append(phase_rule.Met("inner", ring.spalls_on(scene.spalls, "inner"), cast(Law, series.law)))
     if is_plain(scene) and (xp.are_numbers(scene) or xp.expands(scene)):
         terms, at_rest = ring.PLAIN, partial(plain_ring.equilibrium, scene.bearing, scene.load, (), acting)
     else:
         here = effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0)
         terms = effects.terms(scene.effects, here)
         at_rest = jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))
-    return phase_average.borders(scene.bearing, scene.load, tuple(met), at_rest, terms)
+    return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms)
 
 
 def is_auto(scene: Scene) -> bool:

@@ -22,13 +22,12 @@ from difftrb.core.geometry import DESIGN_LOAD, FILE_RULES, LineContact, Real, Sp
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.ring import effect_base, effects
-from difftrb.ring.catalogue_estimate import CatalogueBearing
+from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effect_base import Effect
 from difftrb.ring.ring import Load, needed_axial, too_light
 from difftrb.scene import checks
-from difftrb.scene.bearing_table import in_full
+from difftrb.scene.file_tables import in_full, validated
 from difftrb.scene.scene import COARSEST, DEFAULT_LAW, Definition, DesignLoad, Phase, Scene
-from difftrb.scene.validation import validated
 
 PACKAGED_MAPS = ("spall_map.npz",)
 DEEPEST = 32

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import os
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,12 +13,11 @@ from typing import Any
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
-from difftrb.core import machine
 from difftrb.core.bad_input import did_you_mean, dotted, shown
 from difftrb.core.bearing_checks import across
 from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
-from difftrb.report import remarks, terminal
+from difftrb.report import console, remarks
 from difftrb.scene import scene_file
 from difftrb.scene.scene_file import NoEquilibriumError, SceneFile
 from difftrb.sweeps import axes as axes_
@@ -73,22 +73,22 @@ def deliver(options: Any) -> int:
     """Sweep what a file asks for into where `options` say, or say what it would take; the exit code."""
     out: str | None = options.out
     if out is None and not options.dry_run:
-        return terminal.refuse("sweep needs --out DIR, or --dry-run", terminal.EXIT_BAD_FILE)
-    share = machine.share_of(options.share)
+        return console.refuse("sweep needs --out DIR, or --dry-run", console.EXIT_BAD_FILE)
+    share = share_of(options.share)
     file = read(options.scene)
     if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
         light = remarks.light_contact_load if file.of_contact else remarks.light_ring_load
-        terminal.remark(light(file.scene), options.scene)
-    with terminal.bar("preparing the roller law") as progress:
+        console.remark(light(file.scene), options.scene)
+    with console.bar("preparing the roller law") as progress:
         plan = file.plan(options.batch, progress)
-    terminal.say_picked(plan.base)
+    console.say_picked(plan.base)
     if options.dry_run:
-        with terminal.busy("measuring a small batch"):
+        with console.busy("measuring a small batch"):
             print(sweeping.forecast(plan, options.devices, out))
-        return terminal.EXIT_OK
-    with terminal.members("sweeping") as progress:
+        return console.EXIT_OK
+    with console.members("sweeping") as progress:
         ended = chunks.run(
-            plan, str(out), options.resume, options.devices, progress, terminal.say, share, options.scheduler
+            plan, str(out), options.resume, options.devices, progress, console.say, share, options.scheduler
         )
     shown: Any = ended.shown
     if shown is not None and "://" not in str(out):
@@ -96,13 +96,13 @@ def deliver(options: Any) -> int:
             from difftrb.sweeps import sweep_plot
 
             names = [name for name in shown.values if not shown.own_dims[name]]
-            terminal.draw(Path(str(out)), lambda: ((name, sweep_plot.swept(shown, name)) for name in names))
+            console.draw(Path(str(out)), lambda: ((name, sweep_plot.swept(shown, name)) for name in names))
         except OSError as error:
             reason = f"{error.filename}: {error.strerror or error}: {ended.where} is whole, figures are missing"
             reason += "; make room or allow writing there, and go on with --resume"
-            return terminal.refuse(reason, terminal.EXIT_BAD_FILE)
+            return console.refuse(reason, console.EXIT_BAD_FILE)
     print(ended.sentence())
-    return terminal.EXIT_OK if ended.failed == 0 else terminal.EXIT_NO_SOLUTION
+    return console.EXIT_OK if ended.failed == 0 else console.EXIT_NO_SOLUTION
 
 
 def read(path: str | Path) -> SweepFile:
@@ -188,3 +188,18 @@ def _check(file: SceneFile, of_contact: bool, path: str) -> None:
         return  # a member like others: NaN
     except SceneError as error:
         raise SweepError(str(error).removeprefix(f"{path}: ")) from None
+
+
+def share_of(given: str | None, environment: Mapping[str, str] = os.environ) -> tuple[int, int] | None:
+    """This process's number and how many there are, from "I/N", by default of a task of a Slurm array or step; None
+    alone. Raises `SweepError`."""
+    if given is None and "SLURM_ARRAY_TASK_ID" in environment:
+        task, first, last, step = (int(environment.get(f"SLURM_ARRAY_TASK_{name}", default))
+                                   for name, default in (("ID", 0), ("MIN", 0), ("MAX", 0), ("STEP", 1)))  # fmt: skip
+        given = f"{(task - first) // step + 1}/{(last - first) // step + 1}"
+    elif given is None and "SLURM_PROCID" in environment:
+        given = f"{int(environment['SLURM_PROCID']) + 1}/{environment.get('SLURM_NTASKS', '1')}"
+    number, _, many = (given or "1/1").partition("/")
+    if not (number.isdecimal() and many.isdecimal() and 1 <= int(number) <= int(many)):
+        raise SweepError(f"--share {given}: must be I/N, this process's number and how many there are, say 1/4 … 4/4")
+    return (int(number), int(many)) if given and int(many) > 1 else None

@@ -24,7 +24,7 @@ from difftrb.law.samples import Progress
 from difftrb.scene import checks
 from difftrb.scene.scene import Scene
 from difftrb.sweeps import axes as axes_
-from difftrb.sweeps import outputs, sizes
+from difftrb.sweeps import outputs, shared_law, sizes
 from difftrb.sweeps.axes import Axis, up
 from difftrb.sweeps.outputs import STATUS
 from difftrb.sweeps.plan import Plan, Program, in_turn
@@ -58,7 +58,7 @@ def plan_sweep(
         for member in ends(base, made):
             if (sentence := checks.wrong(member)) is not None:
                 raise SweepError(sentence)
-        base = outputs.with_shared_law(base, made, gradients, progress)
+        base = shared_law.with_shared_law(base, made, gradients, progress)
     if callable(what):
         function, title = _by_name(what), getattr(what, "__qualname__", repr(what))
     else:
@@ -239,7 +239,7 @@ def sweep(
       devices: how many of this process, or on a CPU how many threads. Default all.
       progress: told how many of how many members are done.
 
-    The law of a scene is made once for all members; "auto" chooses it by some of them (`outputs.with_shared_law`). A
+    The law of a scene is made once for all members; "auto" chooses it by some of them (`shared_law.with_shared_law`). A
     member without a solution is NaN, its status says why. Raises `SweepError` for axes, keys or names that cannot be,
     for ends of axes that no scene may have, for more than 1e12 members, and before anything is computed if the results
     do not fit into free memory; `SceneError` for a scene that `solve` would refuse.

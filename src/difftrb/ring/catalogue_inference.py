@@ -1,8 +1,8 @@
 """A bearing's inside from one line of a catalogue, with the uncertainty of all that was not printed.
 
 The logarithms of four ratios and of the contact angle's tangent are Gaussian as published bearings scatter, and are
-conditioned on what is told (`catalogue.told`): the most likely inside by Gauss and Newton, its covariance from the
-same linearisation. The number of rollers is then rounded, and all else moved to where that makes it.
+conditioned on what is told (`catalogue_relations.told`): the most likely inside by Gauss and Newton, its covariance
+from the same linearisation. The number of rollers is then rounded, and all else moved to where that makes it.
 """
 
 from __future__ import annotations
@@ -18,8 +18,17 @@ import numpy as np
 from difftrb.core.bad_input import did_you_mean
 from difftrb.core.geometry import TaperedBearing
 from difftrb.core.status import SceneError
-from difftrb.ring import catalogue
-from difftrb.ring.catalogue import ALIKE, CROWN_SPREAD, LEAN, LEAN_SPREAD, Catalogue, Inside, Told, tapered  # fmt: skip
+from difftrb.ring import catalogue_relations
+from difftrb.ring.catalogue_relations import (  # fmt: skip
+    ALIKE,
+    CROWN_SPREAD,
+    LEAN,
+    LEAN_SPREAD,
+    Catalogue,
+    Inside,
+    Told,
+    tapered,
+)
 
 COVERED = 2.0
 """Coverage factor k of all uncertainties that are told: about 95 of 100 (GUM)."""
@@ -104,8 +113,8 @@ def bearing_from_catalogue(
     In a scene file: `bearing = { d = 30, D = 62, T = 17.25, e = 0.37 }`.
 
     Sources: e = 1.5 tan α, Y = 0.4 cot α and C of ISO 281, C0 of ISO 76, all cones on one apex; what these leave open
-    is as in published bearings (`catalogue.RATIOS`). Takes plain numbers. Raises `SceneError`, one sentence, for what
-    is out of range or cannot be together.
+    is as in published bearings (`catalogue_relations.RATIOS`). Takes plain numbers. Raises `SceneError`, one sentence,
+    for what is out of range or cannot be together.
     """
     names = [field.name for field in dataclasses.fields(Catalogue)]
     if unknown := set(known) - set(names):
@@ -115,10 +124,13 @@ def bearing_from_catalogue(
 
 def estimated(known: Catalogue) -> CatalogueBearing:
     """See `bearing_from_catalogue`."""
-    catalogue.check(known)
+    catalogue_relations.check(known)
     belief = _believed(known)
     bearing, design_load = _made(belief, belief.mean, belief.rollers)
-    sentence, unusual = catalogue.check_rings(known, bearing), _usual(known, *catalogue.prior(known), belief.mean)
+    sentence, unusual = (
+        catalogue_relations.check_rings(known, bearing),
+        _usual(known, *catalogue_relations.prior(known), belief.mean),
+    )
     if sentence is None or (unusual is not None and getattr(known, sentence.split()[0][8:], None) is None):
         sentence = unusual  # what was not told cannot be blamed
     if sentence is not None:
@@ -157,8 +169,8 @@ def _inside(known: Catalogue, x: np.ndarray) -> Inside:
 
 def _believed(known: Catalogue) -> _Belief:
     """What is believed of a bearing after all that was told; raises `SceneError` for what cannot be together."""
-    prior, spread = catalogue.prior(known)
-    every = list(catalogue.told(known))
+    prior, spread = catalogue_relations.prior(known)
+    every = list(catalogue_relations.told(known))
 
     def apart(x: np.ndarray) -> np.ndarray:
         """From the prior, and from what was told, in standard deviations."""
@@ -191,7 +203,7 @@ def _believed(known: Catalogue) -> _Belief:
 
 def _overlap(known: Catalogue, x: np.ndarray, rollers: int) -> bool:
     """Whether so many rollers overlap."""
-    sentence = catalogue.check_rings(known, _bearing(known, x, rollers))
+    sentence = catalogue_relations.check_rings(known, _bearing(known, x, rollers))
     return sentence is not None and sentence.startswith("bearing.rollers")
 
 
@@ -256,7 +268,7 @@ def _made(
 ) -> tuple[TaperedBearing, float]:
     """A bearing that is believed in, and its design load [N]."""
     bearing = _bearing(belief.known, x, rollers, lean)
-    return bearing, float(catalogue.crown(bearing)) * math.exp(log_crown)
+    return bearing, float(catalogue_relations.crown(bearing)) * math.exp(log_crown)
 
 
 class _Pair(NamedTuple):

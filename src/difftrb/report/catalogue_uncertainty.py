@@ -9,7 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from difftrb.core.geometry import TaperedBearing
-from difftrb.ring.catalogue_estimate import CatalogueBearing
+from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import Scene, is_plain
 

@@ -21,7 +21,7 @@ from difftrb.core.geometry import Real
 from difftrb.law import base as laws
 from difftrb.law.base import LAWS, Law
 from difftrb.report import remarks
-from difftrb.report.estimated import Estimated
+from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.ring import effect_base
 from difftrb.ring.effects import Raceways
 from difftrb.scene.audit import Audit

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import difftrb
-from difftrb.report import figure_style, remarks, run_report
-from difftrb.report.run_report import number
+from difftrb.report import figure_style, remarks, run_text
+from difftrb.report.run_text import number
 from difftrb.ring import effects
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
@@ -85,7 +85,7 @@ summary { cursor: pointer; font-weight: 600; padding: .3rem 0; }
 
 class Run(NamedTuple):
     """What a run has found, and of what: `path` and `text` are the scene file's, `record` is the JSON; the rest as in
-    `run_report.run_json`."""
+    `run_text.run_json`."""
 
     path: str
     text: str
@@ -241,14 +241,14 @@ def _plain(value: Any) -> str:
 
 
 def _law(scene: Scene) -> str:
-    return run_report.law_text(scene.law)  # type: ignore[arg-type]
+    return run_text.law_text(scene.law)  # type: ignore[arg-type]
 
 
 def _errors(run: Run) -> str:
     spalled = run.result.spalled
     lines = [_law(run.scene)]
     if spalled.picked is not None:
-        lines.append(run_report.picked_text(spalled.picked))
+        lines.append(run_text.picked_text(spalled.picked))
     lines.append(
         f"unbalanced force {float(spalled.residual):.1e} of the load after {int(spalled.iterations)} steps of Newton's "
         "method"
@@ -259,7 +259,7 @@ def _errors(run: Run) -> str:
         "not audited: with --verify the rollers' contacts are solved afresh, and the page says how far loads and "
         "stiffness are off"
     )  # fmt: skip
-    if (line := run_report.raceways_text(run.scene, spalled)) is not None:
+    if (line := run_text.raceways_text(run.scene, spalled)) is not None:
         lines.append(line)
     return f'<section id="errors"><h2>How exact it is</h2>{_list(lines)}</section>'
 

@@ -1,0 +1,110 @@
+"""The one law of all members of a sweep."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from difftrb.core import status
+from difftrb.core.status import SweepError
+from difftrb.law.base import LAWS, LawKind
+from difftrb.law.samples import Progress
+from difftrb.scene import expected_loads
+from difftrb.scene.auto_law import by_table
+from difftrb.scene.checks import of_one_shape
+from difftrb.scene.scene import LawName, PitchMean, Scene, is_auto, outer_law
+from difftrb.scene.solving import prepare
+from difftrb.sweeps.axes import Axis, number_at, replaced
+
+
+def with_shared_law(
+    scene: Scene, axes: Sequence[Axis], gradients: Sequence[str] = (), progress: Progress | None = None
+) -> Scene:
+    """The scene with one law for all members, made once for the largest and smallest loads and the longest spalls.
+
+    A prepared law is kept. "auto" is "table", whose status says of every member whether it knows it.
+
+    Raises `SweepError` for a key on which a law by name does not depend, or that would need a law for every member.
+    """
+    ends = {key: (float(v.min()), float(v.max()))
+            for axis in axes for key, v in zip(axis.keys, axis.values, strict=True)}  # fmt: skip
+    if isinstance(scene.phase, PitchMean) and "stiffness.phase" in gradients and "stiffness.phase" not in ends:
+        raise SweepError(
+            "gradients: stiffness.phase = 'mean' has no derivative by the phase; give one phase, or leave it out"
+        )
+    if not isinstance(scene.law, LawName):
+        return prepare(scene)
+    if is_auto(scene):
+        made = by_table(_with_ends(scene, ends, 0))
+        return dataclasses.replace(made, load=scene.load, spalls=scene.spalls)
+    law = LAWS.get(scene.law.name)
+    if law is not None:  # else `prepare` refuses it
+        for key in (*ends, *gradients):
+            _refuse_frozen(law, key, "gradients: " if key not in ends else "")
+        if law.one_scene and scene.spalls:
+            raise SweepError(
+                f"contact.law = {law.name!r} holds for one scene and would be made anew for every member; use 'table'"
+            )
+        if law.one_shape and not of_one_shape(scene.spalls):
+            raise SweepError(f"contact.{law.one_shape}")
+    low, high = (_with_ends(scene, ends, side) for side in (0, 1))
+    made = prepare(high, progress, expected_loads.largest_load(low))
+    ready = prepare(dataclasses.replace(scene, law=made.law, effects=made.effects))
+    for key in ends:
+        _refuse_other(ready, key, ends[key])
+    return ready
+
+
+def _refuse_frozen(law: LawKind, key: str, where: str) -> None:
+    """Refuse a key through which a law does not act once it is made."""
+    if law.frozen is None:
+        return
+    owner, _, field = key.partition(".")
+    if owner == "spall":
+        field = key.split(".")[-1]
+    if owner == "spall" and field in law.frozen:
+        made = "is fitted for one" if law.one_shape else "does not know the"
+        raise SweepError(
+            f"{where}{key}: contact.law = {law.name!r} {made} {field.replace('_', ' ')} of a spall; use 'table'"
+        )
+    crown = key == "contact.design_load"
+    if crown or (owner == "bearing" and field not in ("arc_radius", "outer_angle")):
+        raise SweepError(
+            f"{where}{key}: contact.law = {law.name!r} would have to be made anew for every member; use 'table'"
+        )
+    if law.bearing is not None and key == "bearing.outer_angle":
+        raise SweepError(
+            f"{where}{key}: contact.law = {law.name!r} holds for the bearing {law.bearing} only; use 'table'"
+        )
+
+
+def _with_ends(scene: Scene, ends: dict[str, tuple[float, float]], side: int) -> Scene:
+    """The scene with the smallest (0) or largest (1) loads and lengths, and the smallest widths, on the axes."""
+    load = {name: ends[f"load.{name}"][side] for name in ("radial", "axial") if f"load.{name}" in ends}
+    taken = {"length": side, "width": 0}
+    spalls = tuple(
+        dataclasses.replace(
+            spall, **{name: ends[key][at] for name, at in taken.items() if (key := f"spall.{i}.{name}") in ends}
+        )
+        for i, spall in enumerate(scene.spalls)
+    )
+    return dataclasses.replace(scene, load=dataclasses.replace(scene.load, **load), spalls=spalls)
+
+
+def _refuse_other(ready: Scene, key: str, ends: tuple[float, float]) -> None:
+    """Refuse an axis at whose ends the law says that it was made for another scene."""
+    if key.startswith("load.") or key.endswith((".length", ".width", ".angle", ".phase")):
+        return
+    for value in ends:
+        scene = replaced(ready, key, value)
+        law = outer_law(scene)
+        away = jnp.zeros((len(scene.spalls), int(scene.bearing.rollers)))
+        if int(law.judge(scene.spalls, away)) == status.OTHER_SCENE:
+            at = float(np.asarray(number_at(ready, key)))
+            made = f"for which contact.law = {law.name!r} was made once for the whole sweep"
+            raise SweepError(
+                f"{key} = {value:g}: too far from the scene's {at:g}, {made}; stay near it, or run one sweep for each"
+            )
