@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from difftrb.sweeps.swept import Swept
     from difftrb.turning import ross
     from difftrb.turning.cage_turn import CageTurn, stiffness
-    from difftrb.turning.frequencies import DefectFrequencies, defect_frequencies
+    from difftrb.turning.defect_frequencies import DefectFrequencies, defect_frequencies
 
 _HOMES = {
     "scene.audit": ("Audit", "verify"),
@@ -72,7 +72,7 @@ _HOMES = {
     "sweeps.sweeping": ("plan_sweep", "sweep"),
     "sweeps.swept": ("Swept",),
     "turning.cage_turn": ("CageTurn", "stiffness"),
-    "turning.frequencies": ("DefectFrequencies", "defect_frequencies"),
+    "turning.defect_frequencies": ("DefectFrequencies", "defect_frequencies"),
 }
 _MODULES = {"effects": "ring.effects", "ross": "turning.ross"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -222,6 +222,19 @@ def test_limits_of_intervals() -> None:
     assert fit_result.tail(9.488, 4) == pytest.approx(0.05, rel=1e-3)
 
 
+@pytest.mark.parametrize(("rises", "end"), [
+    ({1.0: 1.0, 2.0: 4.0, 3.0: 9.0, 4.0: 16.0}, 1.9600),  # of a normal likelihood
+    ({0.1: 3.0, 0.2: 6.0, 3.0: 7.0, 4.0: 16.0}, 3.2620),  # a spike on a plain that ends at 4
+    ({0.1: 3.0, 0.2: 6.0, 3.0: 7.0, 4.0: 8.0}, np.inf),  # on one without an end
+])  # fmt: skip
+def test_an_interval_does_not_end_where_a_little_noise_decides(rises: dict[float, float], end: float) -> None:
+    """A best fit may owe its place to a kink that a row's error has made; what is a little higher all round counts."""
+    limits = profile_intervals.limits_of(None, 1.0)
+    for way in (1.0, -1.0):
+        side = [profile_intervals.Held(way * at, rise, np.zeros(1)) for at, rise in {0.0: 0.0, **rises}.items()]
+        assert profile_intervals._end(side, limits) == pytest.approx(way * end, rel=1e-3)
+
+
 def test_a_kink_along_one_coordinate_does_not_hold_back_the_others() -> None:
     """The full step always leaves the floor of x between walls; y has far to go all the same."""
 

@@ -43,7 +43,7 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
         remarks.append(_unclear(fit, np.nonzero(unclear)[0].tolist()))
     remarks += [_of_alternative(fit, other) for other in fit.alternatives[:TOLD]]
     if len(fit.alternatives) > TOLD:
-        remarks.append(f"{len(fit.alternatives) - TOLD} more answers fit nearly as well")
+        remarks.append(f"{len(fit.alternatives) - TOLD} more answers are not ruled out")
     if fit.sigma_estimated:
         kind = "losses" if all(row.is_loss for row in fit.rows) else "values"
         middle = 100.0 * float(np.median(fit.sigma / np.array([abs(float(row.value)) or 1.0 for row in fit.rows])))
@@ -215,7 +215,8 @@ def _of_alternative(fit: Fit, other: Alternative) -> str:
     advice = f"measure {optimal_design.in_words(row)}, where they differ by {apart:.2g} sigma"
     if apart < TOLD_APART:
         advice = "no load and phase like those measured tells them apart"
+    how = "fits nearly as well" if other.chi2 - fit.chi2 <= fit.limit else "is not ruled out"
     return (
-        f"another answer fits nearly as well: {answer} (χ² {other.chi2:.3g}, here {fit.chi2:.3g}; weight "
+        f"another answer {how}: {answer} (χ² {other.chi2:.3g}, here {fit.chi2:.3g}; weight "
         f"{100.0 * other.weight:.2g} %): {advice}"
     )

@@ -33,7 +33,7 @@ class History(NamedTuple):
 
 
 class Alternative(NamedTuple):
-    """Another answer that fits within the confidence limit: values, shape (parameters,); its χ²; its share of the
+    """Another answer, not ruled out at 99.7 %: values, shape (parameters,); its χ²; its share of the
     probability that all answers have together, each as a normal distribution of its own (Laplace)."""
 
     values: np.ndarray
@@ -48,8 +48,8 @@ class Fit(status.Judged):
     Attributes:
       parameters: names of what was fitted. values: in mm, rad, N or 1 (`units`), shape (parameters,).
       standard_errors: from the covariance at the optimum, shape (parameters,); NaN at a bound.
-      intervals: 95 %, from profiles of the likelihood, shape (parameters, 2); `open` where an end is the end of the
-        range that was searched, shape (parameters, 2).
+      intervals: 95 %, from profiles of the likelihood, shape (parameters, 2); where χ² levels off behind an end, that
+        is where 99.7 % end. `open` where an end is the end of the range that was searched, shape (parameters, 2).
       correlation: of the parameters, shape (parameters, parameters).
       rows: the measurements. predicted: what the model says of them [% or N/mm], shape (rows,). sigma: that they were
         weighed by, shape (rows,); `sigma_estimated` if none was given. residuals: measured minus predicted in sigma.
@@ -57,7 +57,7 @@ class Fit(status.Judged):
       remarks: what is worth knowing, in sentences.
       determined_each: whether a parameter has a closed interval less than a factor of 1.5 wide (angle: 0.5 rad) that
         holds it in all `alternatives`, too, while the model explains the data; shape (parameters,). `determined`: all.
-      alternatives: other answers that fit within the limit, the best first.
+      alternatives: other answers that fit about as well, the best first.
       robust: how deviations counted. scene: prepared, with the fitted spall. history: of all starts.
       profiles, problem, place (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends):
         for figures and designs. known: all points that were scanned, and minima.

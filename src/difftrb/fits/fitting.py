@@ -29,7 +29,7 @@ from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import ROBUST, Problem
-from difftrb.fits.profile_intervals import Known, Profiles
+from difftrb.fits.profile_intervals import Known, Limits, Profiles
 from difftrb.fits.search import Scan
 from difftrb.law.samples import Progress
 from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
@@ -200,13 +200,13 @@ def _with_sigma(problem: Problem, scan: Scan, freedom: int) -> tuple[Problem, Le
 
 
 class Tried(NamedTuple):
-    """All minima, the best one's number and profiles, by what limit its χ² rises at the ends of intervals, by how much
+    """All minima, the best one's number and profiles, to what limits its χ² rises at the ends of intervals, by how much
     larger deviations are than sigma says, and where the cost is known."""
 
     found: Least
     best: int
     profiles: Profiles
-    limit: float
+    limits: Limits
     scale: float
     known: Known
 
@@ -216,11 +216,11 @@ def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Trie
     place, normal, cost = found.place[best], found.normal[best], float(found.cost[best])
     told = not estimated and freedom > 0 and problem.robust == ROBUST.index("squares")
     scale = max(2.0 * cost / freedom, 1.0) if told else 1.0
-    limit = scale * profile_intervals.limit_of(freedom if estimated else None)
+    limits = profile_intervals.limits_of(freedom if estimated else None, scale)
     costs = np.concatenate([found.cost, predicted.costs(problem, scan.told)])
     known = Known(np.concatenate([found.place, scan.place]), np.nan_to_num(costs, nan=np.inf))
-    profiles = profile_intervals.profiles(problem, place, cost, normal, limit, known)
-    return Tried(found, best, profiles, limit, scale, known)
+    profiles = profile_intervals.profiles(problem, place, cost, normal, limits, known)
+    return Tried(found, best, profiles, limits, scale, known)
 
 
 def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estimated: bool) -> Fit:
@@ -262,17 +262,17 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
         robust=ROBUST[int(problem.robust)],
         place=u,
         normal=normal,
-        limit=tried.limit,
+        limit=tried.limits.end,
         known=tried.known,
         status_code=status.worst(found.beside[1][best], converged),
     )
 
 
 def _alternatives(problem: Problem, tried: Tried, values: np.ndarray, intervals: np.ndarray) -> tuple[Alternative, ...]:
-    """Minima within the limit that the best one's intervals do not hold."""
+    """Minima that it is not sure to be without, and that the best one's intervals do not hold."""
     found, best = tried.found, tried.best
     outside = np.any(fit_result.outside(values, values[best], intervals), axis=1)
-    within = 2.0 * (found.cost - found.cost[best]) < tried.limit
+    within = 2.0 * (found.cost - found.cost[best]) < tried.limits.sure
     cases = [best, *(k for k in search.distinct(problem, found) if k != best and outside[k] and within[k])]
     weight = fit_result.weights(problem, found, cases, tried.scale, predicted.scales(problem))
     return tuple(

@@ -14,7 +14,7 @@ from difftrb.fits.predicted import Problem
 
 EDGE = 7.0
 """Coordinates beyond ± this, the outer thousandth of the range, count as the bound."""
-NEAR = np.array([0.75, 1.5, 2.25, 3.0])
+NEAR = np.array([0.75, 1.5, 2.25, 3.25])
 """Places of a profile on either side, in standard errors."""
 FAR = np.array([0.15, 0.45, 1.0])
 """More of them, as shares of the way from the last one to the bound."""
@@ -38,8 +38,12 @@ MEET = 0.01
 """Cases that come this close to each other, of what parts basins, go on as one."""
 BESIDE = 0.5
 """A profile's place starts from the lowest known point that lies closer than this, in coordinates, too."""
-CONFIDENCE = 0.95
-"""Of intervals: how often they hold what is sought."""
+CONFIDENCE, SURE = 0.95, 0.9973
+"""Of intervals: how often they hold what is sought; and of where they end if χ² levels off behind that, for then a
+little noise decides."""
+LEVELS_OFF = 3.0
+"""An interval that would be this many times as long on one side to be sure is so there. Of a normal likelihood it is
+1.5 times as long."""
 
 
 class Known(NamedTuple):
@@ -54,7 +58,8 @@ class Profiles(NamedTuple):
 
     Attributes:
       coordinates: places, rising, shape (parameters, places). rise: of twice the cost over its least, same shape.
-      ends: of the interval, in coordinates, shape (parameters, 2). open: whether an end is the bound, not the data's.
+      ends: of the interval, in coordinates, shape (parameters, 2); see `SURE`. open: whether an end is the bound, not
+        the data's.
       lowest: the best place seen, shape (parameters,); lowest_cost: its cost, below the fit's if it was not least.
     """
 
@@ -123,10 +128,20 @@ Side = list[Held]
 """One side of a profile, from the least place outwards."""
 
 
-def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limit: float, known: Known) -> Profiles:
+class Limits(NamedTuple):
+    """By how much χ² has risen at an interval's end, and where that is `SURE`."""
+
+    end: float
+    sure: float
+
+
+def profiles(
+    problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limits: Limits, known: Known
+) -> Profiles:
     """Profiles about the least place u, shape (parameters,), with its cost and normal matrix, and where they have risen
-    by `limit`: first over the whole range, then between the places that an interval's ends lie between, until the rise
-    behind an end is no cliff."""
+    to their limits: first over the whole range, then between the places that an interval's ends lie between, until the
+    rise behind an end is no cliff."""
+    limit = limits.end
     own = np.repeat(np.arange(len(u)), 2)
     sides, tried = [[Held(u[i], 0.0, u)] for i in own], set[tuple[float, ...]]()
     places = _places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0).reshape(len(own), -1)
@@ -140,7 +155,7 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
         wanted = [
             (number, *one)
             for number, side in enumerate(sides)
-            for one in (*_again(side, limit, tried), *_between(side, limit, k))
+            for one in (*_again(side, limit, tried), *_between(side, limit, k), *_levelling(side, limits, k))
         ]
         if not wanted:
             break
@@ -149,7 +164,7 @@ def profiles(problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, l
         starts = np.where(free, starts.transpose(1, 0, 2), at[:, None])
     every = [one for side in sides for one in side]
     lowest = min(every, key=lambda one: one.rise)
-    ends = np.array([_end(side, limit) for side in sides]).reshape(-1, 2)
+    ends = np.array([_end(side, limits) for side in sides]).reshape(-1, 2)
     both = [[*before[:0:-1], *behind] for before, behind in zip(sides[::2], sides[1::2], strict=True)]
     longest = max(map(len, both))
     # the last place, as often as it fills the rest
@@ -201,14 +216,32 @@ def _between(side: Side, limit: float, k: int) -> Wanted:
             yield low.at + share * (high.at - low.at), (between, low.where, high.where)
 
 
+def _levelling(side: Side, limits: Limits, k: int) -> Wanted:
+    """The same where it is sure, if that may be far behind the end."""
+    _, behind = _roots(side, limits.sure)
+    if behind < len(side) and _is_far(side, side[behind].at, limits.end):
+        yield from _between(side, limits.sure, k)
+
+
+def _is_far(side: Side, at: float, limit: float) -> bool:
+    """Whether this is several times as far as where the limit is reached."""
+    return abs(at - side[0].at) > LEVELS_OFF * abs(_reached(side, limit) - side[0].at)
+
+
 def _roots(side: Side, limit: float) -> tuple[np.ndarray, int]:
     """Roots of the rise, the largest so far, shape (places,), and the first place that is beyond the limit."""
     root = np.maximum.accumulate(np.sqrt(np.maximum([one.rise for one in side], 0.0)))
     return root, int(np.searchsorted(root, np.sqrt(limit), side="right"))
 
 
-def _end(side: Side, limit: float) -> float:
-    """The interval's end; infinite where the limit is not reached."""
+def _end(side: Side, limits: Limits) -> float:
+    """The interval's end."""
+    end, sure = _reached(side, limits.end), _reached(side, limits.sure)
+    return sure if _is_far(side, sure, limits.end) else end
+
+
+def _reached(side: Side, limit: float) -> float:
+    """Where the limit is reached; infinite where it is not."""
     root, behind = _roots(side, limit)
     if behind == len(side):
         return float(np.copysign(np.inf, side[-1].at - side[0].at))
@@ -231,8 +264,13 @@ def _places(u: np.ndarray, spread: np.ndarray) -> np.ndarray:
     return places
 
 
-def limit_of(freedom: int | None) -> float:
-    """Rise of chi² at the ends of an interval of `CONFIDENCE`: of the normal distribution or, with sigma estimated from
-    so many degrees of freedom, of Student's t, whose square it is."""
-    tail = 0.5 * (1.0 + CONFIDENCE)
+def limit_of(freedom: int | None, confidence: float = CONFIDENCE) -> float:
+    """Rise of chi² at the ends of an interval: of the normal distribution or, with sigma estimated from so many degrees
+    of freedom, of Student's t, whose square it is."""
+    tail = 0.5 * (1.0 + confidence)
     return float(ndtri(tail) if freedom is None else stdtrit(freedom, tail)) ** 2
+
+
+def limits_of(freedom: int | None, scale: float) -> Limits:
+    """Both, where χ² counts as so many times what it should be."""
+    return Limits(*(scale * limit_of(freedom, confidence) for confidence in (CONFIDENCE, SURE)))

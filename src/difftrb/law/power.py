@@ -32,8 +32,6 @@ TABLE_2 = np.array(
 )
 LENGTH_NODES = 7
 LOAD_NODES = 9
-CONTACTS = LENGTH_NODES * LOAD_NODES + (LENGTH_NODES - 1) * (LOAD_NODES - 1)
-"""Contact solves of a power law: fitted, and between."""
 ALIKE = 0.05
 """Relative difference at which a contact is another than the fitted one: loads then change by about a hundredth, which
 is less than the error of a power law."""

@@ -17,7 +17,7 @@ from difftrb.core.status import SceneError
 from difftrb.report import console, run_text
 from difftrb.scene import scene_file, solution
 from difftrb.turning.cage_turn import CageTurn, stiffness
-from difftrb.turning.frequencies import DefectFrequencies, defect_frequencies
+from difftrb.turning.defect_frequencies import DefectFrequencies, defect_frequencies
 
 Units = Literal["mm", "si"]
 UNITS = "mm", "si"

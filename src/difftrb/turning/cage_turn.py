@@ -25,7 +25,7 @@ from difftrb.law.samples import Progress
 from difftrb.ring import effect_base, effects
 from difftrb.scene import auto_law, checks, prepared, solving
 from difftrb.scene.scene import COARSEST, PitchMean, Scene, is_auto, is_plain, named
-from difftrb.turning.frequencies import cage_rate
+from difftrb.turning.defect_frequencies import cage_rate
 
 if TYPE_CHECKING:
     from jax import Array

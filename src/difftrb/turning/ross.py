@@ -16,7 +16,7 @@ import numpy as np
 
 from difftrb.core.status import SceneError
 from difftrb.turning.cage_turn import CageTurn
-from difftrb.turning.frequencies import cage_rate
+from difftrb.turning.defect_frequencies import cage_rate
 
 DOWN = -0.5 * np.pi
 PER_METRE = 1e3
