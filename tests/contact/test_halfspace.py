@@ -1,5 +1,6 @@
 """Influence coefficients against quadrature, and applying them against the sum they stand for."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from difftrb.contact.gap import Cells
 pytestmark = pytest.mark.exact
 
 MODULUS = 113794.0
+influence = jax.jit(halfspace.influence)
+displacement = jax.jit(halfspace.displacement)
 X, W = np.polynomial.legendre.leggauss(12)
 
 
@@ -21,14 +24,12 @@ def grid(columns: int = 5, mirrored: bool = False) -> Cells:
 
 def dense(cells: Cells) -> np.ndarray:
     """The influence matrix, column by column, as (rows, columns, rows, columns)."""
-    matrix = halfspace.influence(cells, jnp.asarray(MODULUS))
+    matrix = influence(cells, jnp.asarray(MODULUS))
     rows, columns = cells.y.shape[0], cells.x.shape[0]
-    out = np.zeros((rows, columns, rows, columns))
-    for a in range(rows):
-        for i in range(columns):
-            unit = jnp.zeros((rows, columns)).at[a, i].set(1.0)
-            out[:, :, a, i] = halfspace.displacement(matrix, unit)
-    return out
+    units = np.eye(rows * columns).reshape(rows, columns, rows, columns)
+    return np.asarray(
+        jax.jit(jax.vmap(halfspace.displacement, (None, 2), 2))(matrix, units.reshape(rows, columns, -1))
+    ).reshape(units.shape)
 
 
 def potential(x: float, y: float, a: float, b: float) -> float:
@@ -95,8 +96,8 @@ def test_mirror_image_counts_both_halves() -> None:
                                              jnp.array([-0.9, -0.25, -0.2, 0.0, 0.2, 0.25, 0.9]), False)  # fmt: skip
     force = jnp.asarray(np.random.default_rng(0).random((3, 5)))
     both = jnp.concatenate([force[::-1], force]) / 2.0
-    u_half = halfspace.displacement(halfspace.influence(half, jnp.asarray(MODULUS)), force)
-    u_whole = halfspace.displacement(halfspace.influence(whole, jnp.asarray(MODULUS)), both)
+    u_half = displacement(influence(half, jnp.asarray(MODULUS)), force)
+    u_whole = displacement(influence(whole, jnp.asarray(MODULUS)), both)
     np.testing.assert_allclose(u_half, u_whole[3:], rtol=1e-11)
 
 
