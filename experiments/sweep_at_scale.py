@@ -2,6 +2,7 @@
 
 python experiments/sweep_at_scale.py scale [LAW] [--members N] [--over bearings]   a tenth and all of N (1e6), 1 and 2
                                                                  devices
+python experiments/sweep_at_scale.py on-paper [LAW] [--members N]   of one device's measure: 1e9 and 1e12 members
 python experiments/sweep_at_scale.py batch [LAW] [--over bearings]             members computed at once, one core
 python experiments/sweep_at_scale.py processes [LAW] [--members N]   two processes on one store, timed against one
                                                                  of two threads, five times in turn
@@ -29,6 +30,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +64,8 @@ load.axial = {{from = 2000.0, to = 6000.0, count = 20, spacing = "log"}}
 """
 
 
+GAIN = 50.0
+"""Cores that a GPU is taken to be as fast as; it was not measured."""
 OVER: dict[str, dict[str, dict[str, float]]] = {
     "loads": {
         "stiffness.phase": {"from": 0.0, "to": 0.27, "count": 50},
@@ -112,7 +116,8 @@ def child(members: int, law: str, devices: int, over: str = "loads") -> dict[str
         "before": before / 1e3,
         "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
         "disk": disk,
-        "files": made.chunks,
+        "chunks": made.chunks,
+        "columns": len(made.shapes),
     }
 
 
@@ -139,21 +144,38 @@ def scale(law: str, members: int, over: str) -> None:
     two, one, small = rows[members, 2], rows[members, 1], rows[members // 10, 2]
     more = two["peak"] - small["peak"]
     print(f"two devices {one['steady'] / two['steady']:.2f} times one; ten times the members, {more:+.0f} MB")
-    print("\n".join(larger(one, 1e9)))
+    print("\n".join(larger(one)))
 
 
-def larger(one: dict[str, float], members: float, cores: int = 64, gain: float = 50.0, cards: int = 8) -> list[str]:
-    """A cost model on paper: of what one device was measured to take, for `cores` such devices and for `cards` that
-    are assumed `gain` times as fast."""
-    each, size, hours = one["steady"], one["disk"] / one["members"], one["steady"] * members / 3.6e9
-    rate = size * cards * gain / each
-    return [
-        f"on paper, {members:.0e} members:",
-        f"  one CPU device {hours:.1f} h, {cores} of them {60.0 * hours / cores:.0f} min",
-        f"  {cards} GPUs, if each is {gain:g} times a CPU device, {3600.0 * hours / gain / cards:.0f} s",
-        f"  disk {size * members / 1e9:.0f} GB in {members / LARGEST_CHUNK:,.0f} chunks",
-        f"  what breaks first: such GPUs make {rate:.0f} MB/s of chunks, to be copied and written",
-    ]
+MACHINES = {
+    "10 cores": (10, 1.0, 0.04),
+    "1000 cores": (1000, 1.0, 0.04),
+    "8 GPUs": (8, GAIN, 2.5),
+    "64 GPUs": (64, GAIN, 2.5),
+}
+"""How many there are, how many cores each is as fast as, and what an hour of one costs [$]: about what clouds ask."""
+LIMITS = {"bytes a second": 1e9, "files a second": 1e3, "files": 1e8}
+"""What a shared disk of a cluster bears, about: what breaks first is what comes nearest to, or farthest beyond, it."""
+
+
+def larger(one: dict[str, float], sizes: Sequence[float] = (1e9, 1e12)) -> list[str]:
+    """A table, on paper, of what one core was measured to take: larger sweeps on larger machines."""
+    core, size = one["steady"] * 1e-6, one["disk"] / one["members"]
+    files = one["columns"] / LARGEST_CHUNK  # of a member: a shard for every column of a chunk
+    lines = [f"| {core * 1e6:.1f} µs and {size:.0f} bytes a member | hours | $ | TB | files | first at its limit |",
+             "|---|---|---|---|---|---|"]  # fmt: skip
+    for members in sizes:
+        for name, (count, gain, price) in MACHINES.items():
+            hours = members * core / (count * gain) / 3600.0
+            rate = count * gain / core
+            asked = {"bytes a second": rate * size, "files a second": rate * files, "files": members * files}
+            worst = max(asked, key=lambda what: asked[what] / LIMITS[what])
+            figures = hours, hours * count * price, members * size / 1e12, members * files
+            lines.append(
+                f"| {members:.0e} on {name} | {' | '.join(f'{each:.3g}' for each in figures)} "
+                f"| {worst}: {asked[worst]:.2g} of about {LIMITS[worst]:.0e} |"
+            )
+    return lines
 
 
 def batches(law: str, over: str) -> None:
@@ -268,7 +290,7 @@ def cluster(folder: Path) -> tuple[str, list[subprocess.Popen[bytes]]]:
 
 def kills_on_dask(folder: Path, times: int, whom: str, text: str = FILE) -> tuple[list[str], list[str]]:
     """What differs between a sweep and one by Dask's workers of which one, the scheduler, or all and the command itself
-    are killed at random moments; what was there then, and how the command ended. After the scheduler it is resumed."""
+    are killed at random moments; what was there then, how the command ended, and whether it had to be resumed."""
     file, _ = by_one(folder, text)
     told, differing, out = list[str](), set[str](), folder / "killed"
 
@@ -290,7 +312,8 @@ def kills_on_dask(folder: Path, times: int, whom: str, text: str = FILE) -> tupl
             for process in (driver, scheduler, *workers):
                 process.kill()
                 process.wait()
-        if driver.returncode:
+        if not store_of(out).done().all():
+            told[-1] += "; resumed"
             subprocess.run(command(file, out, "--resume"), capture_output=True, timeout=300)
         differing.update(same(folder / "one", out))
         shutil.rmtree(out)
@@ -321,7 +344,9 @@ def main() -> None:
     """Measure what the command line asks for, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     of_dask = {f"kills-of-{who}": who.split("-")[-1] for who in ("a-worker", "the-scheduler", "all")}
-    parser.add_argument("what", choices=("scale", "batch", "processes", "kills", *of_dask, "contacts", "child"))
+    parser.add_argument(
+        "what", choices=("scale", "on-paper", "batch", "processes", "kills", *of_dask, "contacts", "child")
+    )
     parser.add_argument("more", nargs="*")
     parser.add_argument("--members", type=float, default=1e6)
     parser.add_argument("--over", choices=tuple(OVER), default="loads")
@@ -332,6 +357,10 @@ def main() -> None:
         print(json.dumps(child(int(more[0]), more[1], int(more[2]), more[3])))
     elif options.what == "scale":
         scale(more[0] if more else "liu2018", int(options.members), options.over)
+    elif options.what == "on-paper":
+        law = more[0] if more else "table"
+        fresh(int(options.members), law, 1, options.over)  # compiles
+        print("\n".join(larger(fresh(int(options.members), law, 1, options.over))))
     elif options.what == "batch":
         batches(more[0] if more else "liu2018", options.over)
     elif options.what == "contacts":

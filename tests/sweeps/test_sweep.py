@@ -772,7 +772,7 @@ def test_a_scheduler_that_dies_is_said_in_one_sentence(tmp_path: Path, monkeypat
     if not told.endswith("command ended 1"):  # it was done before
         assert "command ended 2: difftrb: " in told
         assert "the scheduler is gone: " in told
-        assert told.endswith("chunks are written and stay good; start another one, and go on with --resume")
+        assert told.endswith("chunks are written and stay good; start another one, and go on with --resume; resumed")
 
 
 # ------------------------------------------------------------------------------------------------ figures
