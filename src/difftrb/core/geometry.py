@@ -89,6 +89,7 @@ class Spall:
       axial_offset: of its centre from the roller's middle, along the roller [mm], −1000…1000.
       surface: "outer"; in `difftrb contact`, and in the ring with the effect `raceways`, also "inner" (where the inner
         ring stands now) and "roller" (roller 0, `angle` from its outer contact).
+      row: 1, or 2 with the effect `double_row`; places along its rollers count as in the first row.
     """
 
     __pydantic_config__ = FILE_RULES
@@ -99,6 +100,7 @@ class Spall:
     angle: Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")] = 0.0
     axial_offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
     surface: Literal["outer", "inner", "roller"] = dataclasses.field(default="outer", metadata={"static": True})
+    row: Annotated[int, Interval(ge=1, le=2)] = dataclasses.field(default=1, metadata={"static": True})
 
     def __post_init__(self) -> None:
         whole_to_float(self)

@@ -34,6 +34,7 @@ def load_distribution(result: Assessment, scene: Scene, ax: Any = None) -> Any:
         if spall.surface == "roller":  # it turns with roller 0: no place on a raceway
             continue
         label = "spall" if spall.surface == "outer" else "spall on the inner raceway"
+        label += " of the second row" if spall.row == 2 else ""
         width = float(spall.width) / float(arc_radius(scene.bearing, spall.surface))
         bar = {"color": ACCENT, "alpha": 0.5, "zorder": 0, "hatch": None if spall.surface == "outer" else "//"}
         ax.bar(float(spall.angle), 1.15 * top, width=width, label=None if label in named else label, **bar)

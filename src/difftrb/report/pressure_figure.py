@@ -37,8 +37,8 @@ class DrawnContact(NamedTuple):
 def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
     """The outer contacts of up to `MOST` loaded rollers that meet the first spall there; of the most loaded roller if
     none does, or there is none. Each with the load, the offset and the tilt that it has in `solution`."""
-    loads, contact = np.asarray(solution.loads), raceway_contact(scene, "outer")
-    spall = next(iter(ring.spalls_on(scene.spalls, "outer")), None)
+    spall, contact = next(iter(ring.spalls_on(scene.spalls, "outer")), None), raceway_contact(scene, "outer")
+    loads = np.asarray(solution.loads_of(1 if spall is None else spall.row))
     rollers, away = [int(np.argmax(loads))], np.zeros(loads.size)
     if spall is not None:
         away = np.asarray(ring.distances(scene.bearing, (spall,), solution.angles)[0])
@@ -48,7 +48,9 @@ def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
         nearest = met[np.argsort(np.abs(away[met]), kind="stable")[:MOST]]
         rollers = sorted((int(j) for j in nearest), key=lambda j: away[j]) or rollers
     accuracy = min(scene.accuracy, FINE)
-    tilts = 1e-3 * np.asarray(solution.effects.get("roller_tilts", np.zeros(loads.size)))
+    tilts = np.zeros(loads.size)  # those of a second row are not told
+    if spall is None or spall.row == 1:
+        tilts = 1e-3 * np.asarray(solution.effects.get("roller_tilts", tilts))
     found = (pressure_patches(contact, loads[j], spall, -float(away[j]), accuracy, float(tilts[j])) for j in rollers)
     return [DrawnContact(j, *one) for j, one in zip(rollers, found, strict=True)]
 

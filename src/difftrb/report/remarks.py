@@ -82,15 +82,15 @@ def of_solution(scene: Scene, solution: Solution) -> list[str]:
 
 
 def _rollers_on_edges(scene: Scene, found: Solution) -> int:
-    """How many loaded rollers stand on a spall's rolling edge: their contact reaches over it. Of the first row, on the
-    outer raceway, at one phase."""
+    """How many loaded rollers stand on a spall's rolling edge: their contact reaches over it. On the outer raceway, at
+    one phase."""
     if effect_base.among(scene.effects, Through) is not None:
         return 0
-    contact, loads = raceway_contact(scene, "outer"), np.asarray(found.loads)
-    line_loads = np.maximum(loads, 0.0) / contact.length
-    half = np.asarray(gap.line_half_width(line_loads, contact.radius, contact.modulus))
-    on_edge = np.zeros(loads.size, bool)
+    contact, on_edge = raceway_contact(scene, "outer"), set[tuple[int, int]]()
     for spall in ring.spalls_on(scene.spalls, "outer"):
+        loads = np.asarray(found.loads_of(spall.row))
+        half = np.asarray(gap.line_half_width(np.maximum(loads, 0.0) / contact.length, contact.radius, contact.modulus))
         away = np.asarray(ring.distances(scene.bearing, (spall,), found.angles))[0]
-        on_edge |= (np.abs(np.abs(away) - 0.5 * float(spall.width)) < half) & (loads > 0.0)
-    return int(on_edge.sum())
+        near = (np.abs(np.abs(away) - 0.5 * float(spall.width)) < half) & (loads > 0.0)
+        on_edge.update((spall.row, int(j)) for j in np.flatnonzero(near))
+    return len(on_edge)

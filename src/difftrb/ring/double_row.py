@@ -37,9 +37,10 @@ def reach_of_pair(bearing: TaperedBearing, spacing: Real, back_to_back: bool) ->
 class DoubleRow(Effect):
     """Two rows of the same bearing on one shaft, the second one the other way round; one load, one displacement.
 
-    The scene's spalls and diameters are the first row's, and so are `Solution.loads` and what other effects give of
-    rollers; the axial load presses the first row's rings together. Displacement is counted from the middle between the
-    places where either row alone would touch. The rollers of both rows stand at the same angles.
+    Spalls with `row = 2` are on the second row. The scene's diameters are the first row's, and so are `Solution.loads`
+    and what other effects give of rollers; the axial load presses the first row's rings together. Displacement is
+    counted from the middle between the places where either row alone would touch. The rollers of both rows stand at the
+    same angles.
 
     Attributes:
       preload: how far both rows together are pressed axially beyond touching [mm], −1…1; negative is end play. Default

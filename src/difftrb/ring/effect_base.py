@@ -60,8 +60,9 @@ class Ring(NamedTuple):
 
     def distances(self, raceway: geometry.Raceway, terms: Terms) -> jax.Array:
         """See `ring.distances`; with a second row those of its rollers behind."""
-        away = ring.distances(self.bearing, ring.spalls_on(self.spalls, raceway), self.angles, raceway)
-        return away if terms.pair is None else beside(away)
+        spalls = ring.spalls_on(self.spalls, raceway)
+        away = ring.distances(self.bearing, spalls, self.angles, raceway)
+        return away if terms.pair is None else beside(away, spalls)
 
     def seat(self, terms: Terms) -> roller_balance.Seat:
         """What holds the rollers so far."""

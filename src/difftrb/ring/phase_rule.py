@@ -104,7 +104,7 @@ def _kinks(bearing: TaperedBearing, met: tuple[Met, ...], rest: ring.Equilibrium
                 continue
             mine = slice(2 * len(found), 2 * len(found) + 4)
             towards = ring.directions(bearing, xp.concatenate([edges, edges]))
-            approach = xp.einsum("ki,ki->k", towards, rows[0][mine, :3])  # whose rollers meet the spalls
+            approach = xp.einsum("ki,ki->k", towards, rows[spall.row - 1][mine, :3])
             if share is not None:
                 approach = approach * share[mine]
             begins, ends = (xp.broadcast_to(place, (4,)) for place in law.ramp(i, spall, approach))

@@ -67,7 +67,7 @@ class Equilibrium:
       tangent: dF/du [N/mm], shape (3, 3); with tilt [N/mm, N/rad, N mm/rad], shape (5, 5).
       residual: largest unbalanced force relative to the load, or to what presses without one. iterations: Newton steps.
       status_code: `difftrb.status`.
-      second_loads: as `loads`, of a second row; None: there is none.
+      second_approach, second_loads: as `approach` and `loads`, of a second row; None: there is none.
     """
 
     displacement: Float[Array, " axes"]
@@ -77,6 +77,7 @@ class Equilibrium:
     residual: Float[Array, ""]
     iterations: Int[Array, ""]
     status_code: Any
+    second_approach: jax.Array | None = None
     second_loads: jax.Array | None = None
 
 
@@ -189,7 +190,7 @@ def equilibrium(
     force = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
     away = distances(bearing, spalls, angles)
     if terms.pair is not None:
-        away = beside(away)
+        away = beside(away, spalls)
         angles, normals = jnp.tile(angles, 2), both(normals)
 
     system = _system(force, angles, normals, spalls, away, roller_law, terms)
@@ -200,7 +201,8 @@ def equilibrium(
     if terms.pair is None:
         return rest
     first, second = jnp.split(rest.loads, 2)
-    return dataclasses.replace(rest, approach=rest.approach[: first.size], loads=first, second_loads=second)
+    near, far = jnp.split(rest.approach, 2)
+    return dataclasses.replace(rest, approach=near, loads=first, second_approach=far, second_loads=second)
 
 
 def is_valid(load: Load, spalls: tuple[Spall, ...], phase: Any) -> Any:

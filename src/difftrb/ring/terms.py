@@ -56,8 +56,8 @@ class Facing(NamedTuple):
 class Pair(NamedTuple):
     """A second row of the same bearing on the same shaft, the other way round.
 
-    The shaft's axial load presses the first row's rings together and takes the second one's apart. Only the first row
-    meets spalls. Rollers of both stand at the same angles. A tilt about the middle between the rows moves each row by
+    The shaft's axial load presses the first row's rings together and takes the second one's apart. Rollers
+    of both stand at the same angles. A tilt about the middle between the rows moves each row by
     the distance of its load centre from there, so back to back is stiffer than face to face.
 
     Attributes:
@@ -84,10 +84,11 @@ def both(normals: jax.Array) -> jax.Array:
     return jnp.concatenate([normals, normals * jnp.array([[1.0, 1.0, -1.0]])])
 
 
-def beside(distances: jax.Array) -> jax.Array:
-    """`distances` from the spalls [mm], shape (spalls, 2 · rollers), from those of the first row; the second one has no
-    spall."""
-    return jnp.concatenate([distances, jnp.full_like(distances, NOWHERE)], axis=1)
+def beside(distances: jax.Array, spalls: tuple[Spall, ...]) -> jax.Array:
+    """`distances` from the `spalls` [mm], shape (spalls, 2 · rollers), from those of one row, shape (spalls, rollers):
+    from a row's rollers to the other row's spalls it is far."""
+    first = np.array([spall.row == 1 for spall in spalls], bool)[:, None]
+    return jnp.concatenate([jnp.where(own, distances, NOWHERE) for own in (first, ~first)], axis=1)
 
 
 class Tilting(NamedTuple):

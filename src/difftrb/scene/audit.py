@@ -220,10 +220,9 @@ def _approach(part: AtPhase, state: State, own: list[Node]) -> tuple[float, floa
 
 def _depth(part: AtPhase, j: int) -> float:
     """How far a through spall lets this roller down [mm]."""
-    if j >= part.found.loads.size or effect_base.among(part.scene.effects, Through) is None:
+    if effect_base.among(part.scene.effects, Through) is None:
         return 0.0
-    spalls = ring.spalls_on(part.scene.spalls, "outer")
-    away = ring.distances(part.scene.bearing, spalls, part.found.angles)
+    spalls, away = ring.spalls_on(part.scene.spalls, "outer"), part.here.distances("outer", part.terms)
     under = int(laws.spalls_under(spalls, away)[j]) if spalls else 0
     return float(spalls[under - 1].depth) if under else 0.0
 

@@ -24,7 +24,7 @@ from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law.base import Law
-from difftrb.ring import effects, ring
+from difftrb.ring import effect_base, effects, ring
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effects import Effect
 from difftrb.ring.ring import Load
@@ -37,6 +37,8 @@ KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definitio
 def checked(scene: Scene) -> Scene:
     """The scene in floats. Raises `SolveError` without float64, `SceneError` for what cannot be had."""
     status.require_float64()
+    if not isinstance(scene, Scene):
+        raise SceneError(f"scene = {shown(scene)}: must be a Scene; read a file's by difftrb.load_scene")
     refuse(scene)
     return geometry.as_floats(scene)
 
@@ -213,6 +215,8 @@ def _of_effects(scene: Scene) -> str | None:
                 f"spall.{i}.surface = 'roller' belongs to one roller, so phase = 'mean' has no meaning for it; give a "
                 "phase in rad"
             )
+        if spall.row == 2 and effect_base.among(scene.effects, effects.DoubleRow) is None:
+            return f"spall.{i}.row = 2: needs the effect double_row; add [effects.double_row], or leave row out"
     asked = effects.Asked(scene.bearing, scene.load, name or cast(Law, scene.law), scene.effects)
     for effect in scene.effects:
         try:

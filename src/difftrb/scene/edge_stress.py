@@ -70,7 +70,7 @@ def edge_stresses(scene: Scene, solution: Solution) -> tuple[EdgeStress, ...]:
     `scene`; none unless the scene names the effect `Life`.
 
     With phase "mean" the roller stands centred in the spall, for one does on every pass. With `Through` there are none:
-    such spalls have no ends. Of a second row there are none. Outside jit only; not differentiable.
+    such spalls have no ends. Of a second row's inner raceway there are none. Outside jit only; not differentiable.
     """
     kinds = {type(effect) for effect in scene.effects}
     if Life not in kinds or Through in kinds or not bool(solution.converged):
@@ -80,7 +80,7 @@ def edge_stresses(scene: Scene, solution: Solution) -> tuple[EdgeStress, ...]:
         at = solution
         if isinstance(scene.phase, PitchMean):
             at = solve(dataclasses.replace(scene, phase=spall.angle))
-        raceways: tuple[Raceway, ...] = ("outer", "inner") if SeriesRaceways in kinds else ("outer",)
+        raceways: tuple[Raceway, ...] = ("outer", "inner") if SeriesRaceways in kinds and spall.row == 1 else ("outer",)
         found += [
             met for raceway in raceways
             if ring.spalls_on((spall,), raceway) and (met := _met(scene, number, raceway, at)) is not None
@@ -91,7 +91,7 @@ def edge_stresses(scene: Scene, solution: Solution) -> tuple[EdgeStress, ...]:
 def _met(scene: Scene, number: int, raceway: Raceway, at: Solution) -> EdgeStress | None:
     """The most loaded roller over one spall, if there is any."""
     spall, contact = scene.spalls[number], raceway_contact(scene, raceway)
-    loads = np.asarray(at.loads if raceway == "outer" else at.effects["inner_loads"])
+    loads = np.asarray(at.loads_of(spall.row) if raceway == "outer" else at.effects["inner_loads"])
     away = np.asarray(ring.distances(scene.bearing, (spall,), at.angles, raceway))[0]
     half = np.asarray(gap.line_half_width(np.maximum(loads, 0.0) / contact.length, contact.radius, contact.modulus))
     over = (loads > 0.0) & (np.abs(away) < 0.5 * float(spall.width) + half)

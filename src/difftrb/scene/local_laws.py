@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core.geometry import Raceway, Real, Spall
@@ -20,8 +21,8 @@ from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw, Reached
 from difftrb.law.roller_tilt import RollerContacts, TiltCurve
 from difftrb.law.samples import Progress
-from difftrb.ring import effect_base, effects, ring, roller_balance
-from difftrb.ring.effects import DoubleRow, Raceways, SeriesRaceways
+from difftrb.ring import effects, ring, roller_balance
+from difftrb.ring.effects import Raceways, SeriesRaceways
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene.scene import Scene
 
@@ -40,7 +41,7 @@ Spalls = Mapping[Raceway, tuple[Spall, ...]]
 
 
 class Now(NamedTuple):
-    """Rollers of the first row at rest: loads on every raceway [N] and spalls that they may meet there; outer by inner
+    """Rollers of all rows at rest: loads on every raceway [N] and spalls that they may meet there; outer by inner
     load of a roller, the former without what is `thrown` [N] and carried by the outer raceway alone."""
 
     loads: dict[Raceway, np.ndarray]
@@ -163,7 +164,6 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> 
     """What rollers carry on every raceway, and the spalls that they may meet there. One free to tilt is reached on both
     raceways or on none."""
     loads, away, approach, seat = _rest(holding(scene, made))
-    rollers = scene.bearing.rollers * (2 if effect_base.among(scene.effects, DoubleRow) is not None else 1)
     share = FARTHER * (ring.OF_ONE_RACEWAY if len(made) > 1 else 1.0)
     met: dict[Raceway, np.ndarray] = {}
     for raceway, law in made.items():
@@ -177,7 +177,9 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> 
     for raceway, own in met.items():
         places = np.asarray(away[raceway])
         reached[raceway] = [
-            Reached(int(j), tuple(np.flatnonzero(own[:, j]).tolist()), tuple(places[own[:, j], j].tolist()), rollers)
+            Reached(
+                int(j), tuple(np.flatnonzero(own[:, j]).tolist()), tuple(places[own[:, j], j].tolist()), len(approach)
+            )
             for j in np.flatnonzero(meets[raceway])
         ]
     now = Now({raceway: np.asarray(own) for raceway, own in loads.items()}, reached)
@@ -197,13 +199,16 @@ def holding(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
 
 @jit_quickly()
 def _rest(scene: Scene) -> tuple[dict[Raceway, jax.Array], dict[Raceway, jax.Array], jax.Array, Seat | None]:
-    """First row's loads on every raceway [N], distances from the spalls there [mm], approaches [mm], and the seat."""
+    """Loads on every raceway [N], distances from the spalls there [mm], approaches [mm], of all rows, and the seat."""
     law = cast(LocalLaw, scene.law)
     here = effects.Ring(scene.bearing, scene.load, scene.spalls, law, law.contact, cast(Real, scene.phase))
     terms = effects.terms(scene.effects, here)
     rest = here.equilibrium(terms)
-    loads: dict[Raceway, jax.Array] = {"outer": rest.loads}
+    own, approach = rest.loads, rest.approach
+    if rest.second_loads is not None and rest.second_approach is not None:
+        own, approach = jnp.concatenate([own, rest.second_loads]), jnp.concatenate([approach, rest.second_approach])
+    loads: dict[Raceway, jax.Array] = {"outer": own}
     if terms.facing is not None and terms.seat is not None:
-        loads["inner"] = roller_balance.inner_load(terms.seat, rest.loads)
-    away: dict[Raceway, jax.Array] = {raceway: here.distances(raceway, ring.PLAIN) for raceway in loads}
-    return loads, away, rest.approach, terms.seat
+        loads["inner"] = roller_balance.inner_load(terms.seat, own)
+    away: dict[Raceway, jax.Array] = {raceway: here.distances(raceway, terms) for raceway in loads}
+    return loads, away, approach, terms.seat

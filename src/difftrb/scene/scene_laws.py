@@ -12,11 +12,12 @@ from typing import Any, cast
 
 import jax
 import jax.core
+import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap
 from difftrb.core import geometry
-from difftrb.core.geometry import Raceway, Real
+from difftrb.core.geometry import Raceway, Real, Spall
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
@@ -142,7 +143,7 @@ def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw, every: Any) -> lis
         return [[] for _ in law.spalls]
     return [
         sorted({(abs(float(d)), max(float(a), 0.1 * float(approaches.max())))  # out of the load zone: as good as any
-                for d, a in zip(distances[i].ravel(), approaches.ravel(), strict=True)
+                for d, a in zip(distances[i].ravel(), approaches[spall.row - 1].ravel(), strict=True)
                 if low <= 0.5 * float(spall.width) - abs(d) <= high})
         for i, spall in enumerate(law.spalls)
         for low, high in [map(float, law.ramp(i, spall, law.full[i, -1]))]
@@ -151,12 +152,12 @@ def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw, every: Any) -> lis
 
 def _healthy_approaches(scene: Scene, raceway: Raceway, phases: Any) -> tuple[Any, Any]:
     """Distances from the spalls on a raceway [mm], shape (spalls, phases, rollers), and approaches there on the healthy
-    ring [mm], shape (phases, rollers)."""
+    ring [mm], shape (rows, phases, rollers)."""
     bearing, law = scene.bearing, cast(DirectLaw, scene.law)
     away = ring.distances(bearing, law.spalls, ring.roller_angles(bearing, phases), raceway)
     if not is_plain(scene):
         return away, _approaches(scene, phases)
-    return away, expected_loads.healthy_plain_ring(scene, law, phases).approach
+    return away, expected_loads.healthy_plain_ring(scene, law, phases).approach[None]
 
 
 @jit_quickly()
@@ -166,9 +167,10 @@ def _approaches(scene: Scene, phases: jax.Array) -> jax.Array:
 
     def at(phase: jax.Array) -> jax.Array:
         here = effects.Ring(scene.bearing, scene.load, (), law, law.contact, phase)
-        return here.equilibrium(effects.terms(scene.effects, here)).approach
+        rest = here.equilibrium(effects.terms(scene.effects, here))
+        return jnp.stack([rest.approach] if rest.second_approach is None else [rest.approach, rest.second_approach])
 
-    return jax.vmap(at)(phases)
+    return jax.vmap(at, out_axes=1)(phases)
 
 
 def _may_meet_more(scene: Scene) -> bool:
@@ -182,8 +184,15 @@ def _may_meet_more(scene: Scene) -> bool:
 
 def _meet_more(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
     """Whether rollers may meet several of the scene's spalls at once, or a spall's bottom, while the cage turns."""
-    spalls = ring.spalls_on(scene.spalls, raceway)
-    if effect_base.among(scene.effects, Through) is not None or not spalls:
+    if effect_base.among(scene.effects, Through) is not None:
+        return False
+    every = ring.spalls_on(scene.spalls, raceway)
+    return any(_row_meets_more(scene, raceway, base, [spall for spall in every if spall.row == row]) for row in (1, 2))
+
+
+def _row_meets_more(scene: Scene, raceway: Raceway, base: DirectLaw, spalls: list[Spall]) -> bool:
+    """The same of the spalls of one row."""
+    if not spalls:
         return False
     deepest = float(base.healthy[-1])
     if min(float(spall.depth) for spall in spalls) < deepest:

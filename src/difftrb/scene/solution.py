@@ -126,6 +126,10 @@ class Solution(status.Judged):
             rows.append(f"  {loads.size} rollers, up to {loads[top]:.1f} N at {angles[top]:.4f} rad")
         return "\n".join([*rows, *(f"  note: {remark}" for remark in self.remarks)])
 
+    def loads_of(self, row: int) -> Any:
+        """Of the rollers of one row, 1 or 2, on their outer raceway [N], shape (rollers,)."""
+        return self.loads if row == 1 else self.effects["second_row_loads"]
+
     @property
     def both_stiffnesses(self) -> jax.Array:
         """Radial and axial [N/mm], shape (2,)."""

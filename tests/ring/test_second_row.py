@@ -1,0 +1,77 @@
+"""Spalls on a second row: what they do is what one on the first row does, seen in a mirror."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb.ring import effects
+
+PURE = trb.Load(9000.0, 0.0)
+"""Radial alone, so that both rows are mirror images."""
+FIRST, SECOND = (trb.Spall(4.0, 7.0, angle=0.02, row=row) for row in (1, 2))
+
+
+def scene(bearing, spalls, law: str, load=PURE, phase=0.05, **more) -> trb.Scene:
+    return trb.Scene(bearing, load, spalls, law, phase=phase, effects=(effects.DoubleRow(0.01, **more),))
+
+
+@pytest.mark.exact
+@pytest.mark.parametrize(
+    ("law", "phase"),
+    [("liu2018", "mean"), pytest.param("table", "mean", marks=pytest.mark.slow),
+     pytest.param("direct", 0.05, marks=pytest.mark.slow)],
+)  # fmt: skip
+def test_it_is_the_mirror_image_of_one_on_the_first_row(bearing, law: str, phase) -> None:
+    found = [trb.assess(scene(bearing, (spall,), law, phase=phase, spacing=30.0)) for spall in (FIRST, SECOND)]
+    first, second = (each.spalled.check() for each in found)
+    largest = float(jnp.max(first.loads))
+    np.testing.assert_allclose(second.effects["second_row_loads"], first.loads, atol=1e-9 * largest)
+    np.testing.assert_allclose(second.loads, first.effects["second_row_loads"], atol=1e-9 * largest)
+    assert np.max(np.abs(np.asarray(second.loads - first.loads))) > 1e-2 * largest  # the rows are not alike
+    for name in ("loss", "by_length", "by_width"):
+        one, other = (np.asarray(getattr(each, name)) for each in found)
+        np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-9)
+    assert float(found[0].loss[0]) > 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.exact
+def test_one_on_each_row_at_the_same_angle_is_under_no_common_roller(bearing) -> None:
+    both, one = (trb.assess(scene(bearing, spalls, "table", phase="mean")) for spalls in ((FIRST, SECOND), (FIRST,)))
+    solved = both.spalled.check()
+    np.testing.assert_allclose(solved.loads, solved.effects["second_row_loads"], rtol=1e-9)
+    assert float(both.loss[0]) == pytest.approx(2.0 * float(one.loss[0]), rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.exact
+def test_the_mean_by_contact_solves_takes_both(bearing) -> None:
+    by_solves, by_table = (
+        trb.solve(scene(bearing, (FIRST, SECOND), law, phase="mean")).check() for law in ("direct", "table")
+    )
+    np.testing.assert_allclose(by_solves.stiffness[0, 0], by_table.stiffness[0, 0], rtol=1e-3)
+    audit = trb.verify(trb.prepare(scene(bearing, (FIRST, SECOND), "direct")))
+    assert audit.load_error < 1e-3
+    assert {each.spalls for each in audit.rollers} >= {(0,), (1,)}
+
+
+@pytest.mark.gradient
+def test_derivatives_are_differences(bearing) -> None:
+    def stiffness(v: jax.Array) -> jax.Array:
+        spall = trb.Spall(v[0], v[1], angle=v[2], row=2)
+        load = trb.Load(9000.0, 1500.0)
+        return trb.solve(scene(bearing, (spall,), "table", load, 0.11)).radial_stiffness
+
+    at, both = jnp.array([4.0, 7.0, 0.02]), jax.jit(jax.value_and_grad(stiffness))
+    _, slopes = both(at)
+    for i, step in enumerate((1e-4, 1e-4, 1e-5)):
+        ahead, behind = (both(at.at[i].add(side * step))[0] for side in (1.0, -1.0))
+        assert float(slopes[i]) == pytest.approx(float(ahead - behind) / (2.0 * step), rel=1e-4, abs=0.1)
+    assert float(slopes[0]) < -1e3
+
+
+def test_it_needs_a_second_row(bearing) -> None:
+    with pytest.raises(trb.SceneError, match=r"spall\.0\.row = 2: needs the effect double_row"):
+        trb.solve(trb.Scene(bearing, PURE, (SECOND,), "liu2018"))
