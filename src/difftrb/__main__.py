@@ -92,7 +92,7 @@ def _run(options: Any) -> int:
         from difftrb.report.html_report import Run
         from difftrb.report.html_report import page as written
 
-        return written(Run(path, source, scene, record, result, mean, edges, checked), figures, missing)
+        return written(Run(path, source, scene, record, result, mean, edges, checked, known), figures, missing)
 
     text = partial(run_text.run_text, scene, result, edges, checked, mean, known)
     code = console.deliver(options, path, record, text, figures, page)

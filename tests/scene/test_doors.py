@@ -308,3 +308,24 @@ def test_a_law_for_one_scene_ends_where_contacts_do(monkeypatch) -> None:
     for length, code in ((11.6, status.CONVERGED), (11.62, status.UNKNOWN_LENGTH), (12.5, status.UNKNOWN_LENGTH)):
         law = direct.without_edges(contact, 2000.0, (trb.Spall(length, 7.0),))
         assert int(law.judge((trb.Spall(length, 7.0),), jnp.full((1, 1), 20.0))) == code
+
+
+def test_what_is_no_scene_or_bearing_is_said() -> None:
+    for call in (trb.solve, trb.assess, trb.prepare):
+        for given in ("scene.toml", BEARING):
+            with pytest.raises(trb.SceneError, match=r"^scene = .*: must be a Scene; read a file's by"):
+                call(given)  # type: ignore[arg-type]
+    made = trb.bearing_from_catalogue(30.0, 62.0, 17.25, e=0.37)
+    with pytest.raises(trb.SceneError, match=r"^bearing = .*; of a catalogue's give its \.bearing"):
+        trb.defect_frequencies(made, 3000.0)  # type: ignore[arg-type]
+
+
+def test_replace_does_not_take_spalls_for_a_spalls_number() -> None:
+    one = scene(SPALL)
+    assert one.replace(spalls=()).spalls == ()
+    for given in ((), SPALL, (SPALL,), True):
+        with pytest.raises(trb.SceneError, match=r"^spall = .*: must be the number of a spall, from 0; spalls = …"):
+            one.replace(spall=given)  # type: ignore[arg-type]
+    with pytest.raises(trb.SceneError, match=r"^spall = 0: says whose values to replace, and none is given"):
+        one.replace(spall=0)
+    assert one.replace(spall=0, length=2.0) == one.replace(length=2.0)

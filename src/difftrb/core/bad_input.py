@@ -101,8 +101,8 @@ def named(path: str | Path) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value in a sentence: in quotes if it is text, and cut short."""
-    return _cut(repr(value))
+    """A value in a sentence: in quotes if it is text, on one line, and cut short."""
+    return _cut(" ".join(repr(value).split("\n")))
 
 
 def dotted(parts: Iterable[str | int]) -> str:

@@ -41,7 +41,7 @@ class Alternative(NamedTuple):
     weight: float
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Fit(status.Judged):
     """What measurements say of a spall.
 
@@ -90,6 +90,18 @@ class Fit(status.Judged):
     limit: float
     known: Known
     status_code: jax.Array
+
+    def __repr__(self) -> str:
+        """On a few lines: parameters with their intervals, misfit, remarks."""
+        known = [f"{'' if sure else ', not determined'}" for sure in self.determined_each]
+        lines = [
+            f"  {name} {value:.4g} {unit} ({low:.4g} … {high:.4g}{note})"
+            for name, value, unit, (low, high), note in zip(
+                self.parameters, self.values, self.units, self.intervals, known, strict=True
+            )
+        ]
+        return "\n".join([f"Fit of {len(self.rows)} rows, χ² {self.chi2:.3g}: {self.status}", *lines,
+                          *(f"  {remark}" for remark in self.remarks)])  # fmt: skip
 
     @property
     def determined(self) -> bool:

@@ -39,6 +39,8 @@ class Estimated(NamedTuple):
         if self.uncertainty is None:
             return text
         radial, axial = 100.0 * self.uncertainty / np.abs(self.stiffness)
+        if not np.isfinite([radial, axial]).all():
+            return f"{text}; what that leaves of stiffness is not known: the law does not know all these bearings"
         return f"{text}; that leaves stiffness within ± {radial:.0f} % radial, ± {axial:.0f} % axial"
 
 

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import difftrb
 from difftrb.report import figure_style, remarks, run_text
+from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.report.run_text import number
 from difftrb.ring import effects
 from difftrb.scene.audit import Audit
@@ -95,6 +96,7 @@ class Run(NamedTuple):
     mean: Assessment | None = None
     edges: Sequence[EdgeStress] = ()
     audit: Audit | None = None
+    estimated: Estimated | None = None
 
 
 def page(run: Run, figures: Mapping[str, str], missing: Sequence[str] = ()) -> str:
@@ -246,7 +248,7 @@ def _law(scene: Scene) -> str:
 
 def _errors(run: Run) -> str:
     spalled = run.result.spalled
-    lines = [_law(run.scene)]
+    lines = [_law(run.scene)] if run.estimated is None else [run.estimated.sentence, _law(run.scene)]
     if spalled.picked is not None:
         lines.append(run_text.picked_text(spalled.picked))
     lines.append(

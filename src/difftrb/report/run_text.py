@@ -249,7 +249,7 @@ def picked_text(picked: Picked) -> str:
     keeps = "for" if picked.error <= picked.asked else "although nothing is known to keep"
     text = (
         f"picked: {_way(picked.law, picked.accuracy)}, {keeps} stiffness and peak load within {picked.asked:g}; "
-        f"they are off by up to {number(picked.error, '.1e')}"
+        f"{'nine in ten are' if picked.law == 'table' else 'they are'} off by up to {number(picked.error, '.1e')}"
     )
     if picked.finer is None:
         return text

@@ -13,7 +13,7 @@ from annotated_types import Interval, Unit
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import fields, packaged_bearings
-from difftrb.core.bad_input import did_you_mean
+from difftrb.core.bad_input import did_you_mean, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
@@ -70,8 +70,8 @@ class Picked:
     Attributes:
       law: its name. accuracy: of its contacts [-].
       asked: the scene's `accuracy`. error: how far radial stiffness, axial stiffness and the largest roller load are
-        known to be off at most, relative [-]; larger than `asked` if nothing keeps that, NaN if a scene without a
-        solution tells nothing.
+        off, relative [-]: at most as far as contact solves tell, by the table nine in ten; larger than `asked` if
+        nothing keeps that, NaN if a scene without a solution tells nothing.
       finer: None if there is none.
     """
 
@@ -141,11 +141,14 @@ class Scene:
 
     def replace(self, *, spall: int | None = None, **values: Any) -> Scene:
         """The scene with other values by their names: of its own fields, of the load (`radial`, `axial`), of the
-        bearing (`roller_length`, …), or of a spall (`length`, `width`, `depth`, `angle`, `axial_offset`, `surface`).
+        bearing (`roller_length`, …), or of a spall (`length`, `width`, `depth`, `angle`, `axial_offset`, `surface`,
+        `row`).
 
-        `spall` says which one, from 0; default the only one. Raises `SceneError` for a name that nothing has, and for
-        a spall's without a spall or with several.
+        `spall` says which one, from 0; default the only one; it is `spalls` that replaces them. Raises `SceneError` for
+        a name that nothing has, and for a spall's without a spall or with several.
         """
+        if spall is not None and (isinstance(spall, bool) or not isinstance(spall, int)):
+            raise SceneError(f"spall = {shown(spall)}: must be the number of a spall, from 0; spalls = … replaces them")
         parts: dict[str, dict[str, Any]] = {"scene": {}, "load": {}, "bearing": {}, "spall": {}}
         owners = {"scene": Scene, "load": Load, "bearing": TaperedBearing, "spall": Spall}
         names = {part: [field.name for field in dataclasses.fields(owner)] for part, owner in owners.items()}
@@ -161,6 +164,10 @@ class Scene:
             if parts[part]:
                 scene = dataclasses.replace(scene, **{part: dataclasses.replace(getattr(scene, part), **parts[part])})
         if not parts["spall"]:
+            if spall is not None:
+                raise SceneError(
+                    f"spall = {spall}: says whose values to replace, and none is given; name one, say length"
+                )
             return scene
         count = len(scene.spalls)
         which = 0 if spall is None and count == 1 else spall

@@ -41,11 +41,12 @@ def solve(scene: Scene) -> Solution:
     scene file would refuse, see `Scene`, and for a law that needs `prepare` first; everything else ends as a status in
     the result.
     """
-    if isinstance(scene.law, LawName) and scene.law.name in (AUTO, "table") and not scene.effects:
+    law = getattr(scene, "law", None)  # `checked` says what is no scene
+    if isinstance(law, LawName) and law.name in (AUTO, "table") and not scene.effects:
         scene = checks.checked(scene)
         if scene_laws.is_traced(scene):
             return solve_plain(auto_law.tabled, scene)
-    if isinstance(scene.law, LawName) or effect_base.among(scene.effects, Raceways) is not None:
+    if not hasattr(scene, "law") or isinstance(law, LawName) or effect_base.among(scene.effects, Raceways) is not None:
         return solve_prepared(prepare(scene))
     return solve_prepared(checks.checked(scene))  # the law is carried to the bearing in the compiled program: faster
 

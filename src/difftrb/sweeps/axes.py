@@ -156,6 +156,8 @@ def _refuse_key_of_scene(key: str) -> None:
         raise SweepError(f"{dotted(key.split('.'))}: numbers of effects are not swept; run one sweep for each")
     if owner not in ("load", "spall", "bearing", "effects") and key not in OWN_FIELDS:
         raise SweepError(f"{dotted(key.split('.'))} is not a known key; known here: {OF_SCENE}")
+    if owner == "spall" and rest and not rest[:1].isdigit():
+        raise SweepError(f"{dotted(key.split('.'))} is not a known key; say which spall, from 0: spall.0.{rest}")
 
 
 def number_at(tree: Any, key: str) -> Any:

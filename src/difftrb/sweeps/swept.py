@@ -30,7 +30,7 @@ OWN_NAMES = ("identity", "chunk", "file", "allow_pickle", "c", STATUS)
 """Names that results and keys cannot have: what stands beside them in files, and arguments of `np.savez`."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Swept:
     """Results of a sweep, with labels.
 
@@ -52,6 +52,14 @@ class Swept:
     units: dict[str, str]
     own_dims: dict[str, tuple[str, ...]]
     about: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """On a few lines: axes, values, and how members ended."""
+        axes = " × ".join(f"{name} ({count})" for name, count in zip(self.dims, self.status_code.shape, strict=True))
+        lines = [f"Swept: {axes}", f"  values: {', '.join(self.values)}"]
+        by = next(iter(self.gradients.values()), {})
+        lines += [f"  with gradients by {', '.join(by)}"] if by else []
+        return "\n".join([*lines, *(f"  {count:,}: {sentence}" for sentence, count in self.counts.items())])
 
     @property
     def counts(self) -> dict[str, int]:

@@ -10,6 +10,7 @@ from annotated_types import Interval, Unit
 
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, packaged_bearings
+from difftrb.core.bad_input import shown
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.core.status import SceneError
 
@@ -55,6 +56,10 @@ def defect_frequencies(bearing: TaperedBearing | str, inner_rpm: Real, outer_rpm
     """
     if isinstance(bearing, str):
         bearing = packaged_bearings.bearing(bearing)
+    if not isinstance(bearing, TaperedBearing):
+        raise SceneError(
+            f"bearing = {shown(bearing)}: must be a name or a TaperedBearing; of a catalogue's give its .bearing"
+        )
     if (sentence := fields.wrong(Speeds(inner_rpm, outer_rpm), "speed")) is not None:
         raise SceneError(sentence)
     shaft = (inner_rpm - outer_rpm) / 60.0
