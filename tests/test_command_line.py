@@ -325,7 +325,7 @@ def test_an_out_that_is_a_file_is_refused_and_kept(capsys, paper: Path, tmp_path
     target.write_text("mine", encoding="utf-8")
     code, _, err = call(capsys, "run", str(paper), "--out", str(target))
     assert code == 2
-    assert err == f"difftrb: {target}: File exists\n"
+    assert err == f"difftrb: {target}: is a file; name a folder\n"
     assert target.read_text() == "mine"
 
 

@@ -273,6 +273,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _is_in_the_way(options: Any) -> bool:
+    """Whether there is a file where a folder of results is to be: known before anything is computed."""
+    out = getattr(options, "out", None)  # a table's is a file, a sweep looks for itself
+    return options.command.name != "stiffness" and isinstance(out, Path) and out.is_file()
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; the exit code: 0 all converged, 1 no solution, 2 a bad file or bad arguments."""
     options = _parser().parse_args(arguments)
@@ -281,6 +287,8 @@ def main(arguments: list[str] | None = None) -> int:
     if options.command.jax:
         jax_config.set_up_jax(options.cache)
     try:
+        if _is_in_the_way(options):
+            return console.refuse(f"{options.out}: is a file; name a folder", EXIT_BAD_FILE)
         return options.command.run(options)
     except DifftrbError as error:
         return console.refuse(error, error.exit_code)

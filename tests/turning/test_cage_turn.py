@@ -150,7 +150,7 @@ def test_files_agree(turn: CageTurn, tmp_path: Path) -> None:
     assert told["defect_frequencies"]["bpfo"] == pytest.approx(float(arrays["bpfo"]))
     assert turn.by_length is not None
     np.testing.assert_allclose(arrays["by_length"], 1e6 * np.asarray(turn.by_length))
-    with pytest.raises(trb.SceneError, match=r"must end with \.csv, \.json, \.npz"):
+    with pytest.raises(trb.SceneError, match=r"cannot be written; name a file that ends with \.csv or \.json or \.npz"):
         stiffness_report.write(turn, tmp_path / "K.xlsx")
 
 

@@ -127,10 +127,7 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
     for s in suggestions:
         errors = ", ".join(f"{name} {error:.2g}" for name, error in s.errors.items())
         lines.append(f"next: measure {in_words(s.row)} (standard errors then: {errors})")
-    lines.append(
-        f"{fit.status}; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom; {_agreed(fit)} of "
-        f"{len(fit.history.chi2)} starts ended there"
-    )
+    lines.append(f"{fit.status}; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom")
     return Group(table, rows, *(Text(line) for line in lines))
 
 
@@ -144,10 +141,6 @@ def interval(fit: Fit, i: int) -> str:
     if no_high:
         return f"> {low:.4g}"
     return f"{low:.4g} … {high:.4g}"
-
-
-def _agreed(fit: Fit) -> int:
-    return int(np.sum(fit.history.chi2 <= fit.chi2 * (1.0 + 1e-4) + 1e-6))
 
 
 def _known(value: float) -> str:
@@ -212,7 +205,7 @@ def profiles(fit: Fit, ax: Axes) -> Axes:
         values = fit.along(i, fit.profiles.coordinates[i])
         relative = (values - fit.values[i]) / (abs(fit.values[i]) or 1.0) * 100.0
         rise = np.maximum(fit.profiles.rise[i], 0.0)
-        low = rise < 2.5 * limit
+        low = rise < 3.0 * limit
         widest = max(widest, float(np.max(np.abs(relative[low]))))
         ax.plot(relative[low], rise[low], style, color=colour, label=f"{name} {fit.values[i]:.3g} {fit.units[i]}")
     ax.axhline(limit, color="black", lw=0.8)

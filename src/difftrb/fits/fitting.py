@@ -139,8 +139,8 @@ def _problem(
     estimate = not all(given)
     if estimate and len(rows) <= len(names):
         raise MeasuredError(
-            f"measurements: {len(rows)} rows cannot give {len(names)} parameters and their own error: give sigma, more "
-            "rows, or fewer parameters"
+            f"measurements: {len(rows)} {'row' if len(rows) == 1 else 'rows'} cannot give {len(names)} parameters and "
+            "their own error: give sigma, more rows, or fewer parameters"
         )
     at, rough = (conditions.conditions(scene, rows, points) for points in (POINTS_IN_FITS, ROUGH_POINTS))
     own_error = float(scene.law.error)  # type: ignore[union-attr]  # it is prepared

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import geometry, status
+from difftrb.core.bad_input import did_you_mean
 from difftrb.core.geometry import LineContact, Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.numeric import bisected
@@ -263,7 +264,7 @@ def named(names: Sequence[str]) -> tuple[Parameter, ...]:
     """The parameters of these names; raises `MeasuredError`."""
     for name in names:
         if name not in PARAMETERS:
-            raise MeasuredError(f"parameters: {name!r} is not known; use some of {', '.join(PARAMETERS)}")
+            raise MeasuredError(f"parameters: {name!r} is not known; {did_you_mean(name, PARAMETERS)}")
     if not names or len(set(names)) < len(names):
         raise MeasuredError(f"parameters = {', '.join(names)}: name at least one, and each once")
     return tuple(PARAMETERS[name] for name in names)

@@ -24,6 +24,8 @@ UNITS = "mm", "si"
 KINDS = ".csv", ".json", ".npz"
 SHOWN = 3
 """Axes whose own stiffness is shown: radial, lateral, axial."""
+LONG = 1e8
+"""Numbers from here on have a power of ten: seven of them are to stand beside each other."""
 
 
 def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
@@ -61,7 +63,7 @@ def springs(given: str, turn: CageTurn) -> np.ndarray:
 
 
 def text(found: Written) -> Table:
-    """Mean, least, largest, and the first orders of every axis' own stiffness."""
+    """Mean, least, largest, and the first orders of every axis' own stiffness, at the phases that were asked for."""
     unit = found.unit["stiffness"][0][0]
     table = run_text.house_table(f"Stiffness over the cage's angle, tangent dF/du [{unit}]")
     names = ["mean", "least", "largest", *(f"order {n}" for n in found.orders.get("order", [])[1:4])]
@@ -70,7 +72,8 @@ def text(found: Written) -> Table:
     for k, axis in enumerate(found.axes[:SHOWN]):
         own = found.arrays["stiffness"][:, k, k]
         sizes = np.abs(found.orders["stiffness"][1:4, k, k]) if found.orders else []
-        table.add_row(axis, *(f"{value:,.0f}" for value in (own.mean(), own.min(), own.max(), *sizes)))
+        style = ",.0f" if np.max(np.abs(own)) < LONG else ".4e"
+        table.add_row(axis, *(format(value, style) for value in (own.mean(), own.min(), own.max(), *sizes)))
     return table
 
 
@@ -136,7 +139,8 @@ def write(turn: CageTurn, path: str | Path, units: Units = "mm", speed_rpm: floa
     """
     path = Path(path)
     if path.suffix not in KINDS:
-        raise SceneError(f"{named(path)}: must end with {', '.join(KINDS)}")
+        wrong = "is a folder" if path.is_dir() else "cannot be written"
+        raise SceneError(f"{named(path)}: {wrong}; name a file that ends with {' or '.join(KINDS)}")
     found = in_units(turn, units, speed_rpm)
     with storage.replacing(path) as scratch:
         if path.suffix == ".npz":
