@@ -94,6 +94,14 @@ def test_exact_data_give_the_spall_back(rig: trb.Scene, exact: np.ndarray) -> No
     assert "converged" in fit_report.fit_json(found, (), 0.0)["status"]
 
 
+def test_a_fit_prints_on_a_few_lines(noisy_fit: trb.Fit) -> None:
+    first, *lines = repr(noisy_fit).splitlines()
+    assert first.startswith("Fit of 8 rows, χ² ")
+    assert first.endswith(": converged")
+    assert [line.split()[0] for line in lines[:2]] == ["length", "width"]
+    assert len(lines) == 2 + len(noisy_fit.remarks)
+
+
 def test_it_is_the_least_squares_of_scipy(noisy_fit: trb.Fit) -> None:
     problem = noisy_fit.problem
     starts = search.places(problem.parameters, problem.bounds, noisy_fit.scene, 16)

@@ -780,6 +780,8 @@ def test_a_scheduler_that_dies_is_said_in_one_sentence(tmp_path: Path, monkeypat
 
 def test_figures(whole: Path, plan: Plan, tmp_path: Path) -> None:
     swept = trb.load_sweep(whole)
+    assert repr(swept).startswith("Swept: spall.0.length (")
+    assert 3 <= len(repr(swept).splitlines()) < 8
     ax = sweep_plot.swept(swept, "radial_stiffness")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("spall length [mm]", "load axial [N]")
     figure_style.save(ax, tmp_path, "map")

@@ -133,11 +133,9 @@ def _healthy(fit: Fit) -> str:
         for i, name in enumerate(fit.parameters)
         if fit.problem.parameters[i].logarithmic and not fit.open[i][1]
     ]
-    known = (
-        f"; {100.0 * CONFIDENCE:g} % limits of one: {', '.join(limits)}"
-        if limits
-        else "; nor do the data limit its size"
-    )
+    known = "; nor do the data limit its size"
+    if limits:
+        known = f"; {100.0 * CONFIDENCE:g} % limits of one: {', '.join(limits)}"
     return f"no spall is needed: the healthy bearing fits as well (χ² {chi2:.3g}, here {fit.chi2:.3g}){known}"
 
 

@@ -25,8 +25,8 @@ from difftrb.scene import scene_file
 
 WIDE = np.sqrt(limit_of(None))
 """Standard errors to either side of an interval of the normal distribution."""
-SURE = f"{100.0 * CONFIDENCE:g} %"
-LIKELY = f"{SURE} interval"
+PERCENT = f"{100.0 * CONFIDENCE:g} %"
+LIKELY = f"{PERCENT} interval"
 
 
 def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
@@ -178,7 +178,7 @@ def fit_against_data(fit: Fit, shown: list[int], scale: float, unit: str, ax: Ax
     limits = np.array([*ax.get_xlim(), *ax.get_ylim()])
     ends = limits.min(), limits.max()
     ax.plot(ends, ends, color="black", lw=0.8, zorder=0)
-    ax.set(xlim=ends, ylim=ends, xlabel=f"model: {unit}", ylabel=f"measured: {unit}", title=f"Fit (bars: {SURE})")
+    ax.set(xlim=ends, ylim=ends, xlabel=f"model: {unit}", ylabel=f"measured: {unit}", title=f"Fit (bars: {PERCENT})")
     ax.legend(frameon=False)
     return ax
 
@@ -191,7 +191,7 @@ def residuals(fit: Fit, ax: Axes) -> Axes:
     ax.axhline(0.0, color="black", lw=0.8)
     ax.bar(at, fit.residuals, width=0.6, color=colours)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set(xlabel="row", ylabel="measured − model [σ]", title=f"Residuals (band: {SURE})")
+    ax.set(xlabel="row", ylabel="measured − model [σ]", title=f"Residuals (band: {PERCENT})")
     return ax
 
 
@@ -209,7 +209,7 @@ def profiles(fit: Fit, ax: Axes) -> Axes:
         widest = max(widest, float(np.max(np.abs(relative[low]))))
         ax.plot(relative[low], rise[low], style, color=colour, label=f"{name} {fit.values[i]:.3g} {fit.units[i]}")
     ax.axhline(limit, color="black", lw=0.8)
-    ax.text(0.02, limit, SURE, va="bottom", transform=ax.get_yaxis_transform())
+    ax.text(0.02, limit, PERCENT, va="bottom", transform=ax.get_yaxis_transform())
     ax.set(xlabel="parameter against its fitted value [%]", ylabel="rise of χ²", ylim=(0.0, 2.5 * limit))
     ax.set(title="Profiles of the likelihood")
     ax.legend(frameon=False, loc="upper center")

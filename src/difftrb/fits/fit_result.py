@@ -93,15 +93,13 @@ class Fit(status.Judged):
 
     def __repr__(self) -> str:
         """On a few lines: parameters with their intervals, misfit, remarks."""
-        known = [f"{'' if sure else ', not determined'}" for sure in self.determined_each]
+        parts = zip(self.parameters, self.values, self.units, self.intervals, self.determined_each, strict=True)
         lines = [
-            f"  {name} {value:.4g} {unit} ({low:.4g} … {high:.4g}{note})"
-            for name, value, unit, (low, high), note in zip(
-                self.parameters, self.values, self.units, self.intervals, known, strict=True
-            )
+            f"  {name} {value:.4g} {unit} ({low:.4g} … {high:.4g}{'' if sure else ', not determined'})"
+            for name, value, unit, (low, high), sure in parts
         ]
-        return "\n".join([f"Fit of {len(self.rows)} rows, χ² {self.chi2:.3g}: {self.status}", *lines,
-                          *(f"  {remark}" for remark in self.remarks)])  # fmt: skip
+        first = f"Fit of {len(self.rows)} rows, χ² {self.chi2:.3g}: {self.status}"
+        return "\n".join([first, *lines, *(f"  {remark}" for remark in self.remarks)])
 
     @property
     def determined(self) -> bool:

@@ -56,9 +56,9 @@ class Facing(NamedTuple):
 class Pair(NamedTuple):
     """A second row of the same bearing on the same shaft, the other way round.
 
-    The shaft's axial load presses the first row's rings together and takes the second one's apart. Rollers
-    of both stand at the same angles. A tilt about the middle between the rows moves each row by
-    the distance of its load centre from there, so back to back is stiffer than face to face.
+    The shaft's axial load presses the first row's rings together and takes the second one's apart. Rollers of both
+    stand at the same angles. A tilt about the middle between the rows moves each row by the distance of its load centre
+    from there, so back to back is stiffer than face to face.
 
     Attributes:
       preload: axial way by which both rows together are pressed beyond touching [mm]; negative is end play.
