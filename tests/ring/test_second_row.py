@@ -47,16 +47,15 @@ def test_one_on_each_row_at_the_same_angle_is_under_no_common_roller(bearing) ->
 
 @pytest.mark.slow
 @pytest.mark.exact
-def test_the_mean_by_contact_solves_takes_both(bearing) -> None:
-    by_solves, by_table = (
-        trb.solve(scene(bearing, (FIRST, SECOND), law, phase="mean")).check() for law in ("direct", "table")
-    )
-    np.testing.assert_allclose(by_solves.stiffness[0, 0], by_table.stiffness[0, 0], rtol=1e-3)
-    audit = trb.verify(trb.prepare(scene(bearing, (FIRST, SECOND), "direct")))
+def test_contacts_solved_afresh_confirm_both(bearing) -> None:
+    ready = trb.prepare(scene(bearing, (FIRST, SECOND), "direct"))
+    audit = trb.verify(ready)
     assert audit.load_error < 1e-3
     assert {each.spalls for each in audit.rollers} >= {(0,), (1,)}
+    assert max(each.roller for each in audit.rollers) >= bearing.rollers  # of both rows
 
 
+@pytest.mark.slow
 @pytest.mark.gradient
 def test_derivatives_are_differences(bearing) -> None:
     def stiffness(v: jax.Array) -> jax.Array:
