@@ -102,7 +102,7 @@ def named(path: str | Path) -> str:
 
 def shown(value: Any) -> str:
     """A value in a sentence: in quotes if it is text, on one line, and cut short."""
-    return _cut(" ".join(repr(value).split("\n")))
+    return _cut(repr(value).replace("\n", " "))
 
 
 def dotted(parts: Iterable[str | int]) -> str:

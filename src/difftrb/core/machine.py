@@ -1,4 +1,4 @@
-"""What computes here: cores, memory, time, a yardstick; and the devices, threads and share of a sweep."""
+"""What computes here: cores, memory, time, a yardstick; and the devices and threads of a sweep."""
 
 from __future__ import annotations
 

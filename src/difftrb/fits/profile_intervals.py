@@ -217,9 +217,9 @@ def _between(side: Side, limit: float, k: int) -> Wanted:
 
 
 def _levelling(side: Side, limits: Limits, k: int) -> Wanted:
-    """The same where it is sure, if that may be far behind the end."""
-    _, behind = _roots(side, limits.sure)
-    if behind < len(side) and _is_far(side, side[behind].at, limits.end):
+    """The same where it is sure, if that may be far behind the end, and not between the same two places."""
+    (_, end), (_, sure) = (_roots(side, limit) for limit in limits)
+    if end < sure < len(side) and _is_far(side, side[sure].at, limits.end):
         yield from _between(side, limits.sure, k)
 
 

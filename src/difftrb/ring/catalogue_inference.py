@@ -127,10 +127,8 @@ def estimated(known: Catalogue) -> CatalogueBearing:
     catalogue_relations.check(known)
     belief = _believed(known)
     bearing, design_load = _made(belief, belief.mean, belief.rollers)
-    sentence, unusual = (
-        catalogue_relations.check_rings(known, bearing),
-        _usual(known, *catalogue_relations.prior(known), belief.mean),
-    )
+    sentence = catalogue_relations.check_rings(known, bearing)
+    unusual = _usual(known, *catalogue_relations.prior(known), belief.mean)
     if sentence is None or (unusual is not None and getattr(known, sentence.split()[0][8:], None) is None):
         sentence = unusual  # what was not told cannot be blamed
     if sentence is not None:

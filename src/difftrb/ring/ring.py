@@ -80,6 +80,20 @@ class Equilibrium:
     second_approach: jax.Array | None = None
     second_loads: jax.Array | None = None
 
+    @property
+    def all_approaches(self) -> jax.Array:
+        """Of the rollers of all rows, one row behind the other [mm]."""
+        return _of_all_rows(self.approach, self.second_approach)
+
+    @property
+    def all_loads(self) -> jax.Array:
+        """The same of their loads [N]."""
+        return _of_all_rows(self.loads, self.second_loads)
+
+
+def _of_all_rows(first: jax.Array, second: jax.Array | None) -> jax.Array:
+    return first if second is None else jnp.concatenate([first, second])
+
 
 def axial_force(rest: Equilibrium, bearing: TaperedBearing) -> jax.Array:
     """That rollers push the rings apart with [N]."""

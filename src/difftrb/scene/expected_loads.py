@@ -90,7 +90,7 @@ def _pressed(scene: Scene) -> jax.Array:
     def at(phase: jax.Array) -> jax.Array:
         here = effects.Ring(scene.bearing, scene.load, scene.spalls, acting, contact, phase)
         rest = here.equilibrium(effects.terms(scene.effects, here))
-        loads = rest.loads if rest.second_loads is None else jnp.concatenate([rest.loads, rest.second_loads])
+        loads = rest.all_loads
         return jnp.nan_to_num(jnp.max(loads))
 
     turned = jnp.linspace(0.0, 1.0, TRIED_PHASES) if scene.spalls else jnp.zeros(1)

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple, cast
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core.geometry import Raceway, Real, Spall
@@ -204,11 +203,8 @@ def _rest(scene: Scene) -> tuple[dict[Raceway, jax.Array], dict[Raceway, jax.Arr
     here = effects.Ring(scene.bearing, scene.load, scene.spalls, law, law.contact, cast(Real, scene.phase))
     terms = effects.terms(scene.effects, here)
     rest = here.equilibrium(terms)
-    own, approach = rest.loads, rest.approach
-    if rest.second_loads is not None and rest.second_approach is not None:
-        own, approach = jnp.concatenate([own, rest.second_loads]), jnp.concatenate([approach, rest.second_approach])
-    loads: dict[Raceway, jax.Array] = {"outer": own}
+    loads: dict[Raceway, jax.Array] = {"outer": rest.all_loads}
     if terms.facing is not None and terms.seat is not None:
-        loads["inner"] = roller_balance.inner_load(terms.seat, own)
+        loads["inner"] = roller_balance.inner_load(terms.seat, rest.all_loads)
     away: dict[Raceway, jax.Array] = {raceway: here.distances(raceway, terms) for raceway in loads}
-    return loads, away, approach, terms.seat
+    return loads, away, rest.all_approaches, terms.seat

@@ -12,7 +12,6 @@ from typing import Any, cast
 
 import jax
 import jax.core
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact import gap
@@ -168,7 +167,7 @@ def _approaches(scene: Scene, phases: jax.Array) -> jax.Array:
     def at(phase: jax.Array) -> jax.Array:
         here = effects.Ring(scene.bearing, scene.load, (), law, law.contact, phase)
         rest = here.equilibrium(effects.terms(scene.effects, here))
-        return jnp.stack([rest.approach] if rest.second_approach is None else [rest.approach, rest.second_approach])
+        return rest.all_approaches.reshape(-1, rest.approach.size)
 
     return jax.vmap(at, out_axes=1)(phases)
 

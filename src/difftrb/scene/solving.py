@@ -46,7 +46,7 @@ def solve(scene: Scene) -> Solution:
         scene = checks.checked(scene)
         if scene_laws.is_traced(scene):
             return solve_plain(auto_law.tabled, scene)
-    if not hasattr(scene, "law") or isinstance(law, LawName) or effect_base.among(scene.effects, Raceways) is not None:
+    if law is None or isinstance(law, LawName) or effect_base.among(scene.effects, Raceways) is not None:
         return solve_prepared(prepare(scene))
     return solve_prepared(checks.checked(scene))  # the law is carried to the bearing in the compiled program: faster
 
