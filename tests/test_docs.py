@@ -127,6 +127,7 @@ def run(line: str, capsys) -> None:
         Path(target).write_text(capsys.readouterr().out, encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 def test_tutorials_run(page: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     """Block after block, in one namespace and one empty folder; what a tutorial asserts, holds."""

@@ -141,6 +141,7 @@ def test_the_figure_has_a_panel_for_what_was_measured(tmp_path: Path) -> None:
     assert (tmp_path / "accuracy.png").stat().st_size > 0
 
 
+@pytest.mark.slow
 @pytest.mark.portable
 def test_command(capsys, monkeypatch, tmp_path: Path) -> None:
     """The default scene in the mean over phases: without a direct rung there is no truth, nothing is recommended."""

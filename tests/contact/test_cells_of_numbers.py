@@ -28,7 +28,8 @@ CASES: dict[str, tuple[Defect, float | tuple[float, ...], float]] = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * isinstance(defect, tuple))
+                                  for name, (defect, *_) in CASES.items()])  # fmt: skip
 def test_expansions_have_the_derivatives_of_the_program(contact: trb.LineContact, name: str) -> None:
     """Of every line and gap, by every number of the contact."""
     spall, offset, tilt = CASES[name]

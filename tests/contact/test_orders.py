@@ -71,7 +71,7 @@ def test_smooth_contact_converges_faster_than_first_order() -> None:
     ("spall", "offsets"),
     [
         (None, [0.0]),
-        (trb.Spall(4.0, 1.0), [0.0]),  # edges along the roller
+        pytest.param(trb.Spall(4.0, 1.0), [0.0], marks=pytest.mark.slow),  # edges along the roller
         # an edge across the contact, moving over the cells
         pytest.param(trb.Spall(2.0, 1.0), [0.42, 0.44, 0.46, 0.48, 0.5, 0.52], marks=pytest.mark.slow),
     ],

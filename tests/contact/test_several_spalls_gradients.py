@@ -33,6 +33,7 @@ def approach(v: jax.Array, contact: LineContact) -> jax.Array:
 gradient = jax.jit(jax.grad(approach))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("point", POINTS)
 def test_gradient_matches_central_differences(point: str, contact: LineContact) -> None:
     at = jnp.array([*POINTS[point], float(contact.radius)])

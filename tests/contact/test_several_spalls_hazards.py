@@ -50,6 +50,7 @@ def test_random_pairs_converge_with_finite_gradients(contact: trb.LineContact) -
     assert (slopes[good, 0] > 0.0).all()
 
 
+@pytest.mark.slow
 def test_a_batch_is_what_its_members_are(contact: trb.LineContact) -> None:
     spalls = trb.Spall(2.0, 1.0, axial_offset=1.0), trb.Spall(3.0, 0.8, axial_offset=-2.0)
 

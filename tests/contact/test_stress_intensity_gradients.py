@@ -18,6 +18,7 @@ def energies(v: jax.Array) -> jax.Array:
     return jnp.stack([found.release.sum(), found.energy])
 
 
+@pytest.mark.slow
 def test_gradients_match_central_differences() -> None:
     at = jnp.array([2500.0, 4.0, 3.623, 13.66, 113794.5, 3000.0])
     value = jax.jit(energies)

@@ -72,7 +72,8 @@ def test_gradient_matches_central_differences(point: str) -> None:
         assert found[i] == pytest.approx(difference, rel=3e-3, abs=scale), name
 
 
-@pytest.mark.parametrize("point", [pytest.param("edge in the contact", marks=pytest.mark.slow), "off the middle"])
+@pytest.mark.slow
+@pytest.mark.parametrize("point", ["edge in the contact", "off the middle"])
 def test_a_program_has_the_derivatives_of_numbers(point: str) -> None:
     v = jnp.array(at(point))
     reverse = program(1e-2)(v)

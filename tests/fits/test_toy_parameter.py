@@ -54,8 +54,9 @@ def rows(rig: trb.Scene) -> list[trb.Measurement]:
     return found
 
 
+@pytest.mark.slow
 def test_it_is_found(rig: trb.Scene, rows: list[trb.Measurement]) -> None:
-    fit = trb.fit(rig, rows, tuple(TRUTH), model_error=0.0).check()
+    fit = trb.fit(rig, rows, tuple(TRUTH), starts=64, model_error=0.0).check()
     assert fit["length"] == pytest.approx(TRUTH["length"], rel=1e-6)
     assert fit["axial_factor"] == pytest.approx(TRUTH["axial_factor"], rel=1e-6)
     assert fit.determined

@@ -61,7 +61,7 @@ def test_nodes_solved_afresh() -> None:
     assert max(off) < 30.0 * ACCURACY
 
 
-@pytest.mark.parametrize("region", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3)), 4])
+@pytest.mark.parametrize("region", [*(pytest.param(k, marks=pytest.mark.slow) for k in range(4)), 4])
 def test_between_the_nodes_it_is_as_exact_as_it_says(region: int) -> None:
     """Over spalls and on ramps of random contacts: in the thirds of the places aside, over the roller's end; and over
     narrow spalls."""
@@ -205,6 +205,7 @@ def test_places_come_back() -> None:
 # ------------------------------------------------------------------------------------------------ narrow spalls
 
 
+@pytest.mark.slow
 def test_narrow_law_is_continuous_in_width_and_distance(law: atlas.AtlasLaw) -> None:
     """From none to wide, through where the far land ceases to touch, is one curve that falls; away from it one that
     rises."""

@@ -32,6 +32,7 @@ def shallow(bearing: trb.TaperedBearing) -> trb.Scene:
     return direct(bearing, (trb.Spall(6.3, 9.0, depth=5e-3),), trb.Load(12000.0, 7000.0))
 
 
+@pytest.mark.slow
 def test_every_spall_under_a_roller_counts(two: trb.Scene) -> None:
     """Not only the longest: of two alike the loss was that of one, and the derivative by the second's length 0."""
     assert isinstance(two.law, LocalLaw)

@@ -49,6 +49,7 @@ def test_results_have_the_shapes_that_they_say(closed, bearing) -> None:
         shapes.check(result)
 
 
+@pytest.mark.slow
 def test_errors_of_solves_hardly_move_a_derivative(closed, bearing) -> None:
     """Approaches 3e-5 off and their slopes 1e-3, as of contacts at 1e-4: loads closer together make more of it."""
     scene, rng = prepared(bearing, "direct"), np.random.default_rng(0)
@@ -96,7 +97,7 @@ STEPS = {"length": 1e-3, "width": 1e-4, "angle": 1e-6, "axial_offset": 1e-3, "ra
          "phase": 1e-6, "modulus": 20.0, "preload": 1e-6}  # fmt: skip
 
 
-@pytest.mark.parametrize("leaf", STEPS)
+@pytest.mark.parametrize("leaf", ["length", *(pytest.param(leaf, marks=pytest.mark.slow) for leaf in [*STEPS][1:])])
 def test_direct_scene_derivatives_are_differences_of_direct_scenes(closed, bearing, leaf: str) -> None:
     """Both ends of the difference prepared afresh: nothing of the law is held."""
     h = STEPS[leaf]

@@ -458,6 +458,7 @@ def test_gradients_beside_moments_that_nothing_holds(bearing) -> None:
     assert float(slopes[0]) == pytest.approx(float(jax.grad(stiffness)(5e4)), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_results_over_sliced_spalls_say_that_they_overstate(bearing) -> None:
     made = tilted(bearing, LOAD, (0.0, 0.0), spalls=SPALLS)
     found = trb.assess(made)

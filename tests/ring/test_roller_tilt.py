@@ -82,6 +82,7 @@ def test_the_moment_has_the_right_slopes(
         check(getattr(by.spall, name), moment(spall=sizes[0]), moment(spall=sizes[1]), step)
 
 
+@pytest.mark.slow
 def test_a_spall_at_the_end_takes_more_where_rollers_may_tilt(free: trb.Scene) -> None:
     held = trb.Scene(free.bearing, LOAD, (END,), law="direct", accuracy=1e-2,
                      effects=effects.Raceways(rollers="upright"))  # fmt: skip
@@ -98,6 +99,7 @@ def test_a_spall_at_the_end_takes_more_where_rollers_may_tilt(free: trb.Scene) -
     assert audit.stiffness_error.max() < 2e-2
 
 
+@pytest.mark.slow
 @pytest.mark.gradient
 def test_slopes_hold_what_the_tilt_makes_of_them(free: trb.Scene) -> None:
     """A scene prepared elsewhere, carried here along its slopes, is the one that was prepared here."""

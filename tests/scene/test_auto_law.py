@@ -145,7 +145,7 @@ def test_sweep_is_by_the_table(bearing: trb.TaperedBearing, tmp_path: Path) -> N
     assert store_of(tmp_path).about["law"]["name"] == "table"
 
 
-@pytest.mark.parametrize("law", ["auto", "table"])
+@pytest.mark.parametrize("law", ["auto", pytest.param("table", marks=pytest.mark.slow)])
 def test_sweep_over_widths_is_for_the_narrowest(bearing: trb.TaperedBearing, law: str) -> None:
     """Made for the scene's own wide spall it refused the narrow ones."""
     scene = trb.Scene(bearing, trb.Load(8500.0, 4500.0), (trb.Spall(4.0, 7.0),), law)

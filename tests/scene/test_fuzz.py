@@ -85,6 +85,7 @@ def test_scenes_that_are_not_in_equilibrium_are_noticed() -> None:
     assert float(scenes.kkt(many, off)[0]) > 1e-7
 
 
+@pytest.mark.slow
 def test_random_contacts_are_solved_or_flagged() -> None:
     found = random_contacts.run(50, seed=3)
     assert found["nan_values"] == found["nan_gradients"] == found["unflagged"] == 0

@@ -39,6 +39,7 @@ def remade(contact: trb.LineContact) -> clipped.Fit:
     return clipped.power_fit(clipped.LOADS, np.asarray(approach))
 
 
+@pytest.mark.slow
 def test_table_2_comes_out_of_a_clipped_domain(remade: clipped.Fit) -> None:
     """K within 3 %, n within 0.003, the fit's largest error within 0.3 points, all five rows."""
     np.testing.assert_allclose(remade.stiffness, TABLE_2[:, 1], rtol=0.03)

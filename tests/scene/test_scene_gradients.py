@@ -137,6 +137,7 @@ def test_named_law_carries_gradients_through_its_contact_solves(scene: trb.Scene
     assert float(slope) == pytest.approx(float(difference), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_named_law_follows_the_load_range(scene: trb.Scene) -> None:
     """The range of the fit moves with the radial load; its derivative is carried."""
     named = dataclasses.replace(scene, law="power", accuracy=1e-2)

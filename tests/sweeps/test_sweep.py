@@ -718,6 +718,7 @@ def experiment():
 SMALL = FILE.replace('gradients = ["spall.0.length", "spall.0.width"]\n', "").replace("count = 45", "count = 200")
 
 
+@pytest.mark.slow
 def test_two_processes_and_kills_leave_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     scale = experiment()
@@ -727,6 +728,7 @@ def test_two_processes_and_kills_leave_the_same_bytes(tmp_path: Path, monkeypatc
     assert len(there) == 1
 
 
+@pytest.mark.slow
 def test_two_devices_make_the_same_files(whole: Path, tmp_path: Path) -> None:
     """In a process of its own: a CPU shown to JAX as two devices."""
     code = (

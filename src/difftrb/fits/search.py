@@ -25,13 +25,11 @@ SLOPES = 64
 """Points at which it is looked whether deviations change with a coordinate."""
 FACTOR = 10.0
 """By how much losses may be off at points that are taken for good ones."""
-LOWEST = 256
-"""Most points from which least squares go down."""
+LOWEST = 256, 12
+"""Most points from which least squares go down, and cases that go on to the end."""
 ROUNDS = 4, 12
-"""Steps of Levenberg–Marquardt after which only every fourth case goes on."""
+"""Steps of Levenberg–Marquardt after which only every fourth case goes on (`KEPT`)."""
 KEPT = 4
-FEWEST = 12
-"""Cases that go on to the end."""
 NEAR = 0.3
 """Cases this close, of what parts basins, are one."""
 SEARCH = 1
@@ -106,24 +104,26 @@ def thorough(problem: Problem, scan: Scan) -> tuple[Scan, Least]:
 
 
 def minima(
-    problem: Problem, scan: Scan, free: np.ndarray | None = None, rounds: tuple[int, ...] = ROUNDS
+    problem: Problem, scan: Scan, free: np.ndarray | None = None, rounds: tuple[int, ...] = ROUNDS,
+    lowest: tuple[int, int] = LOWEST,
 ) -> Least:  # fmt: skip
     """Where least squares end that go down from the points of a scan: all some steps, the lower ones farther, all of
     it roughly and by ratios; at last exactly from what is left.
 
-    `free`: which parameters move, shape (parameters,). None: all.
+    `free`: which parameters move, shape (parameters,). None: all. `lowest`: as `LOWEST`.
     """
+    most, fewest = lowest
     place, cost, scale, rough = scan.place, _alike(problem, scan), predicted.scales(problem), _rough(problem)
     enough = _enough(problem)
     alone = np.array([parameter.multiplies for parameter in problem.parameters]) & (True if free is None else free)
     for k, steps in enumerate(rounds):
-        place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, FEWEST, LOWEST))]
+        place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, fewest, most))]
         if k == 0 and alone.any() and not alone.all():
             place = predicted.solved(rough, place, _moving(place, alone), 0, ALONE, Enough(), ratios=True).place
         found = predicted.solved(rough, place, _moving(place, free), 0, steps, enough, ratios=True)
         place, cost = found.place, found.cost
     # the scene's own, too
-    return minima_from(problem, np.concatenate([place[_lower(place / scale, cost, FEWEST)], scan.place[:1]]), free)
+    return minima_from(problem, np.concatenate([place[_lower(place / scale, cost, fewest)], scan.place[:1]]), free)
 
 
 def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = None) -> Least:

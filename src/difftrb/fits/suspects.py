@@ -31,6 +31,9 @@ STARTS = 8
 TURNING = 0.2
 """Parameters whose basins lie closer, in coordinates, are scanned; others are tried at `FEW` values."""
 FEW = 3
+POINTS, LOWEST = 512, (32, 4)
+"""Points that are scanned then, for a fit that scans as many as usual, and `search.LOWEST` of them: a suspect is a
+hint, and what it explains is far from chance."""
 NAMED = 3
 """Most suspects that are named."""
 NEARLY = 10.0
@@ -142,8 +145,7 @@ def _fractions(fit: Fit, scan: Scan) -> Iterator[Suspect]:
 
 
 def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
-    """Each parameter that is a suspect and was not fitted, by one program for all of them; scanned as densely as the
-    fit's own."""
+    """Each parameter that is a suspect and was not fitted, by one program for all of them."""
     more = list(_usable(fit))
     if not more:
         return
@@ -153,7 +155,7 @@ def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
     problem = dataclasses.replace(fit.problem, parameters=parameters, bounds=bounds,
                                   sound=None if whole else fit.problem.sound)  # fmt: skip
     still = bounds.coordinates(np.array([parameter.start(fit.problem.scene) for parameter in parameters], float))
-    low, points = _lowest(fit), search.SCANNED[2] * len(scan.place) // search.points(own)
+    low, points = _lowest(fit), POINTS * len(scan.place) // search.points(own)
     for i, parameter in enumerate(more, own):
         free = np.arange(len(parameters)) < own
         free[i] = True
@@ -165,7 +167,7 @@ def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
             shares = np.linspace(*search.SPREAD, FEW)
             at[:, :own], at[:, i] = np.repeat(low, FEW, axis=0), np.tile(np.log(shares / (1.0 - shares)), len(low))
         at[0, :own] = fit.place
-        found = search.minima(problem, search.scanned(problem, at), free)
+        found = search.minima(problem, search.scanned(problem, at), free, lowest=LOWEST)
         k = int(np.nanargmin(found.cost))
         value = float(bounds.values(found.place[k])[i])
         what = f"{parameter.suspect} ({parameter.name} {value:.3g} {parameter.unit})"
