@@ -41,6 +41,16 @@ def test_loads_balance(bearing, radial: float, axial: float, phase: float) -> No
     assert jnp.all((r.loads > 0.0) == (r.approach > 0.0))
 
 
+def test_a_spall_on_a_roller_meets_both_raceways_the_same_way_round(bearing) -> None:
+    """About its own axis a point at ε from the outer contact lies ahead of it along the cage's turn, one at ε from the
+    inner contact behind it."""
+    for contact, raceway, way in ((0.0, "outer", -1.0), (np.pi, "inner", 1.0)):
+        spall = trb.Spall(4.0, 1.0, angle=contact + 0.1, surface="roller")
+        away = ring.distances(bearing, (spall,), ring.roller_angles(bearing, 0.3), raceway)[0]
+        assert float(away[0]) == pytest.approx(way * 0.1 * float(geometry.mean_roller_radius(bearing)))
+        assert float(away[1]) > 10.0
+
+
 def test_pure_axial_load_is_shared_equally_and_has_closed_stiffness(bearing) -> None:
     axial = 10000.0
     r = rest(bearing, 0.0, axial)

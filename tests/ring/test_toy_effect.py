@@ -75,6 +75,14 @@ def scene(*acting: effects.Effect) -> trb.Scene:
     return trb.Scene("32008J", trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), LIU, effects=acting)
 
 
+def test_a_mean_over_one_pitch_of_rollers_that_differ_is_said() -> None:
+    thicker = (effects.Diameters((2e-3,) + (0.0,) * 22),)
+    assert effects.remarks(thicker, ()) == ()
+    (remark,) = effects.remarks(thicker, (), mean=True)
+    assert "`difftrb stiffness`" in remark
+    assert effects.remarks((Toy(2e-3),), (), mean=True) == ()
+
+
 def test_it_is_solved_as_equal_diameters_are() -> None:
     alike = trb.solve(scene(effects.Diameters((2e-3,) * 23))).check()
     toy = trb.solve(scene(effects.Life(), Toy(2e-3))).check()

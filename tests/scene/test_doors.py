@@ -218,18 +218,19 @@ def test_trees_of_anything_are_rebuilt() -> None:
 def test_traced_numbers_are_for_the_status() -> None:
     """What would be refused if it were known ends as a status, and spoils nothing beside it."""
 
-    def solved(length, poisson, depth, radial):
-        made = scene(trb.Spall(length, 7.0, depth), bearing=bearing(poisson=poisson), load=trb.Load(radial, 4500.0))
+    def solved(length, poisson, depth, radial, width):
+        made = scene(trb.Spall(length, width, depth), bearing=bearing(poisson=poisson), load=trb.Load(radial, 4500.0))
         s = trb.solve(made)
         return s.stiffness[0, 0], s.status_code
 
     rows = jnp.array([
-        [4.0, 0.278, 0.2, 9000.0], [9.0, 0.278, 0.2, 9000.0], [4.0, 0.6, 0.2, 9000.0], [4.0, 0.278, -0.2, 9000.0],
-        [4.0, 0.278, 11.0, 9000.0], [4.0, 0.278, 0.2, -1.0], [NAN, 0.278, 0.2, 9000.0],
+        [4.0, 0.278, 0.2, 9000.0, 7.0], [9.0, 0.278, 0.2, 9000.0, 7.0], [4.0, 0.6, 0.2, 9000.0, 7.0],
+        [4.0, 0.278, -0.2, 9000.0, 7.0], [4.0, 0.278, 11.0, 9000.0, 7.0], [4.0, 0.278, 0.2, -1.0, 7.0],
+        [NAN, 0.278, 0.2, 9000.0, 7.0], [4.0, 0.278, 0.2, 9000.0, 175.0],
     ])  # fmt: skip
     (values, codes), slopes = jax.vmap(jax.value_and_grad(solved, argnums=(0, 3), has_aux=True))(*rows.T)
     bad = status.BAD_INPUT
-    assert list(np.asarray(codes)) == [0, status.UNKNOWN_LENGTH, bad, bad, bad, bad, bad]
+    assert list(np.asarray(codes)) == [0, status.UNKNOWN_LENGTH, bad, bad, bad, bad, bad, bad]
     assert np.isfinite(float(values[0]))
     assert np.isnan(np.asarray(values[1:])).all()
     assert all(np.isfinite(float(slope[0])) for slope in slopes)
@@ -261,7 +262,11 @@ def test_as_many_rollers_as_fit_are_taken() -> None:
 
 def test_axes_that_leave_the_ranges_are_refused_before_anything_is_computed() -> None:
     for key, end, words in (
-        ("spall.0.width", 700.0, "spall.0.width = 700: must be at most once round the outer raceway, 180.089 mm"),
+        (
+            "spall.0.width",
+            700.0,
+            "spall.0.width = 700: must be at most 95 % of once round the outer raceway, 171.084 mm",
+        ),
         ("spall.0.length", 15.0, "spall.0.length = 15: must be at most the roller's length, 13.66 mm"),
         ("bearing.outer_angle", 0.3, "must be inner_angle"),
     ):

@@ -23,6 +23,9 @@ from difftrb.ring import ring, roller_balance
 from difftrb.ring.ring import Equilibrium, Load
 from difftrb.ring.terms import PLAIN, Terms, beside
 
+PART_OF_A_TURN = (
+    "rollers differ, so the mean over one pitch is not that over the cage's turn: `difftrb stiffness` has that one"
+)
 Results = dict[str, jax.Array]
 """What an effect adds to a solution, by name."""
 
@@ -100,6 +103,8 @@ class Effect:
     """Keys of effects that cannot be had together with this one, and why."""
     presses: ClassVar[bool] = False
     """Whether rollers may carry more with it than the bearing's load lets expect."""
+    per_turn: ClassVar[bool] = False
+    """Whether rollers differ, so that a ring repeats once a turn of the cage, no longer once a pitch."""
     units: ClassVar[dict[str, str]] = {}
     """Units of what `results` has."""
 
@@ -194,9 +199,15 @@ def among(effects: tuple[Effect, ...], kind: type[One]) -> One | None:
     return next((effect for effect in effects if isinstance(effect, kind)), None)
 
 
-def remarks(effects: tuple[Effect, ...], spalls: tuple[Spall, ...]) -> tuple[str, ...]:
-    """What all effects have to say of results over these spalls, in sentences."""
-    return tuple(sentence for effect in effects for sentence in effect.remarks(spalls))
+def remarks(effects: tuple[Effect, ...], spalls: tuple[Spall, ...], mean: bool = False) -> tuple[str, ...]:
+    """What all effects have to say of results over these spalls, in sentences; `mean`: over the phases of a pitch."""
+    partial = (PART_OF_A_TURN,) if mean and differ(effects) else ()
+    return (*partial, *(sentence for effect in effects for sentence in effect.remarks(spalls)))
+
+
+def differ(effects: tuple[Effect, ...]) -> bool:
+    """Whether rollers differ from each other."""
+    return any(effect.per_turn for effect in effects)
 
 
 def terms(effects: tuple[Effect, ...], of: Ring) -> Terms:

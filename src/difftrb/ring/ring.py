@@ -128,13 +128,16 @@ def distances(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: Any, r
     is as far as can be."""
     if not spalls:
         return np.zeros((0, *angles.shape))
-    radius, facing = geometry.arc_radius(bearing, raceway), np.pi if raceway == "inner" else 0.0
+    radius = geometry.arc_radius(bearing, raceway)
     first = np.arange(bearing.rollers) == 0
 
     def away(spall: Spall) -> Any:
         if spall.surface != "roller":
             return radius * geometry.turned(angles - spall.angle)
-        own = geometry.mean_roller_radius(bearing) * geometry.turned(facing - spall.angle)
+        # on the roller's other side an angle about its axis leads the other way along the cage's turn
+        own = geometry.mean_roller_radius(bearing) * geometry.turned(
+            spall.angle - np.pi if raceway == "inner" else -spall.angle
+        )
         return xp.where(first, own, np.pi * radius) + 0.0 * angles
 
     return xp.stack([away(spall) for spall in spalls])

@@ -30,6 +30,8 @@ from difftrb.ring.effects import Effect
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scene
 
+WIDEST = 0.95
+"""Of once round: the most that a spall takes. Edges that come close again, all but all round, are one edge to a law."""
 KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definition", "phase": "stiffness.phase"}
 """Of a scene's own numbers in a file."""
 
@@ -167,10 +169,10 @@ def _of_spalls(scene: Scene) -> str | None:
                     f"spall.{i}.length = {length[0]:g}: contact.law = {law!r} knows 0 … {longest:g} mm; shorten the "
                     "spall or choose another law"
                 )
-        if width and around and width[0] > around * (1.0 + 1e-12):
+        if width and around and width[0] > WIDEST * around * (1.0 + 1e-12):
             return (
-                f"spall.{i}.width = {width[0]:g}: must be at most once round the {_lies_on(spall)}, {around:.6g} mm; "
-                "make it narrower"
+                f"spall.{i}.width = {width[0]:g}: must be at most {100.0 * WIDEST:g} % of once round the "
+                f"{_lies_on(spall)}, {WIDEST * around:.6g} mm; make it narrower"
             )
     one_shape = laws.LAWS[law].one_shape if law in laws.LAWS else ""
     for raceway in ("outer", "inner"):
@@ -235,4 +237,11 @@ def code(scene: Scene) -> Any:
     within = fields.all_within(number for owner in owners for number in fields.traced(owner))
     bearing = xp.fixed(scene.bearing)
     within = within & (bearing.roller_large_diameter > bearing.roller_small_diameter)
+    for spall in scene.spalls:
+        radius = (
+            geometry.mean_roller_radius(bearing)
+            if spall.surface == "roller"
+            else geometry.arc_radius(bearing, spall.surface)
+        )
+        within = within & (xp.fixed(spall.width) <= WIDEST * 2.0 * np.pi * radius * (1.0 + 1e-12))
     return xp.module_of(within).where(within, status.CONVERGED, status.BAD_INPUT)

@@ -157,7 +157,7 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
         effects=jax.tree.map(of_every, more),
         picked=scene.picked,
         definition=scene.definition,
-        remarks=effects.remarks(scene.effects, scene.spalls),
+        remarks=effects.remarks(scene.effects, scene.spalls, isinstance(scene.phase, PitchMean)),
     )
 
 

@@ -50,8 +50,8 @@ class Solution(status.Judged):
       stiffness: [N/mm], shape (3, 3) over radial, lateral, axial: dF/du if `definition` is "tangent"; the diagonal of
         F/u if "secant" (0 for the lateral direction, which has no load; NaN for a direction without load,
         and for a mean over phases within which u changes its sign).
-      load_span, stiffness_span: least and largest over the phases, shapes (2, rollers) and (2, 3, 3); the same twice
-        at one phase.
+      load_span, stiffness_span: least and largest over the phases that are solved, shapes (2, rollers) and (2, 3, 3);
+        the same twice at one phase.
       law: the roller law that was used, with its range and error.
       residual: largest unbalanced force relative to the load. iterations: Newton steps.
       status_code: see `difftrb.status`; `status` is its sentence.

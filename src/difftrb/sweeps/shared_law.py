@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from operator import itemgetter
 
 import jax.numpy as jnp
 import numpy as np
@@ -82,12 +83,13 @@ def _refuse_frozen(law: LawKind, key: str, where: str) -> None:
 
 
 def _with_ends(scene: Scene, ends: dict[str, tuple[float, float]], side: int) -> Scene:
-    """The scene with the smallest (0) or largest (1) loads and lengths, and the smallest widths, on the axes."""
+    """The scene with the smallest (0) or largest (1) loads and lengths on the axes, the smallest widths, and spalls as
+    far off the middle as they come."""
     load = {name: ends[f"load.{name}"][side] for name in ("radial", "axial") if f"load.{name}" in ends}
-    taken = {"length": side, "width": 0}
+    taken = {"length": itemgetter(side), "width": min, "axial_offset": lambda values: max(values, key=abs)}
     spalls = tuple(
         dataclasses.replace(
-            spall, **{name: ends[key][at] for name, at in taken.items() if (key := f"spall.{i}.{name}") in ends}
+            spall, **{name: of(ends[key]) for name, of in taken.items() if (key := f"spall.{i}.{name}") in ends}
         )
         for i, spall in enumerate(scene.spalls)
     )

@@ -22,7 +22,7 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
 from difftrb.law.base import LAWS
 from difftrb.law.samples import Progress
-from difftrb.ring import effect_base, effects
+from difftrb.ring import effect_base
 from difftrb.scene import auto_law, checks, prepared, solving
 from difftrb.scene.scene import COARSEST, PitchMean, Scene, is_auto, is_plain, named
 from difftrb.turning.defect_frequencies import cage_rate
@@ -180,7 +180,7 @@ def stiffness(
 def _repetition(scene: Scene) -> tuple[Repeats, Real]:
     if any(getattr(spall, "surface", "outer") != "outer" for spall in scene.spalls):
         return "never", 2.0 * np.pi * geometry.cage_share(scene.bearing)
-    if effect_base.among(scene.effects, effects.Diameters) is not None:
+    if effect_base.differ(scene.effects):
         return "turn", 2.0 * np.pi
     return "pitch", geometry.roller_pitch(scene.bearing)
 
