@@ -68,6 +68,7 @@ def _bed(contact: trb.LineContact, spall: Defect, offset: float) -> tuple[cell_s
     )
 
 
+@pytest.mark.slow
 def test_numbers_and_programs_agree(contact: trb.LineContact) -> None:
     spall = trb.Spall(4.0, 7.0, axial_offset=0.5)
     solution, by = approach_and_gradient(contact, 1000.0, spall, 3.45, 1e-2, "cells")

@@ -51,6 +51,7 @@ def test_gradient_matches_central_differences(point: str, contact: LineContact) 
         assert float(slopes[6]) == pytest.approx(float(slopes[2]), rel=0.5)  # of the same size, at another place
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("joint", "shares"), [(0.0, (0.5, 0.5)), (0.03, (0.65, 0.35)), (-0.1, (0.05, 0.95))])
 def test_spalls_that_touch_share_their_end(joint: float, shares: tuple[float, float], contact: LineContact) -> None:
     """Of two as long side by side the first had all of the derivative by length, its lines being a hair apart. Shares

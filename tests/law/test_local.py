@@ -55,6 +55,7 @@ def test_spalls_that_touch_leave_no_land(bearing: trb.TaperedBearing) -> None:
     assert float(jnp.max(jnp.abs(apart.loads - whole.loads))) < 0.01 * float(whole.loads.max())
 
 
+@pytest.mark.slow
 def test_a_bottom_carries(shallow: trb.Scene, bearing: trb.TaperedBearing) -> None:
     """Its kink is not smoothed away by a curve over all loads: dK/dlength came out as +12 366, and is about −5 000."""
     found = trb.assess(shallow)
@@ -66,6 +67,7 @@ def test_a_bottom_carries(shallow: trb.Scene, bearing: trb.TaperedBearing) -> No
     assert float(found.spalled.loads[0]) > 1.04 * float(deep.loads[0])
 
 
+@pytest.mark.slow
 def test_the_local_law_by_two_routes(two: trb.Scene) -> None:
     """Reverse mode against central differences, along every spall's length and offset, load and crown."""
 

@@ -83,6 +83,7 @@ def test_a_page_holds_all_it_needs(capsys, tmp_path: Path) -> None:
         assert words in html, words
 
 
+@pytest.mark.slow
 def test_a_page_of_effects_says_what_acts(capsys, tmp_path: Path) -> None:
     text = scene_file.example("paper") + "\n[effects]\ncentrifugal = { speed_rpm = 3000 }\n"
     html, page = written(tmp_path, text)

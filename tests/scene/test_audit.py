@@ -79,6 +79,7 @@ def test_slices_have_no_audit(bearing: trb.TaperedBearing) -> None:
     assert "slices" in audit.sentence
 
 
+@pytest.mark.slow
 def test_the_mean_is_audited_at_some_phases(scene: trb.Scene) -> None:
     audit = trb.verify(dataclasses.replace(scene, phase="mean"))
     assert len({each.phase for each in audit.rollers}) == 7

@@ -48,6 +48,7 @@ def test_table_2_comes_out_of_a_clipped_domain(remade: clipped.Fit) -> None:
     np.testing.assert_allclose(remade.stiffness, record("01_table2")["numbers"]["clipped"]["stiffness"], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_whole_half_space_is_stiffer(contact: trb.LineContact) -> None:
     """Clipped by whole, of the approach at 3 kN: + 1.6 % without a spall, + 8.9 % with 8 mm."""
     load = np.array([3000.0])
