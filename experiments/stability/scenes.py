@@ -16,6 +16,7 @@ from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.law.base import Law
 from difftrb.law.power import Palmgren
 from difftrb.ring import ring
+from difftrb.scene import checks
 from difftrb.scene.scene import Definition
 from experiments.stability.hazards import BEARING
 
@@ -61,9 +62,9 @@ def random_scenes(kind: Kind, count: int, seed: int) -> trb.Scene:
             between(1.3, 1.8), decades(4.0, 6.0), between(0.0, 0.5), decades(-7.0, -4.0),
         )  # fmt: skip
     longest = 8.0 if kind.law == "liu2018" else 0.99 * bearing.roller_length
-    once_round = 2.0 * jnp.pi * jax.vmap(geometry.arc_radius)(bearing)
+    widest = checks.WIDEST * 2.0 * jnp.pi * jax.vmap(geometry.arc_radius)(bearing)
     spalls = tuple(
-        Spall(between(1e-3, 1.0) * longest, jnp.minimum(decades(-2.0, 3.0), once_round), decades(-6.0, 1.0),
+        Spall(between(1e-3, 1.0) * longest, jnp.minimum(decades(-2.0, 3.0), widest), decades(-6.0, 1.0),
               between(-6.28, 6.28), between(-10.0, 10.0))
         for _ in range(kind.spalls)
     )  # fmt: skip

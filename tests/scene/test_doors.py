@@ -265,7 +265,7 @@ def test_axes_that_leave_the_ranges_are_refused_before_anything_is_computed() ->
         (
             "spall.0.width",
             700.0,
-            "spall.0.width = 700: must be at most 95 % of once round the outer raceway, 171.084 mm",
+            "spall.0.width = 700: must be at most 97 % of once round the outer raceway, 174.686 mm",
         ),
         ("spall.0.length", 15.0, "spall.0.length = 15: must be at most the roller's length, 13.66 mm"),
         ("bearing.outer_angle", 0.3, "must be inner_angle"),

@@ -60,8 +60,8 @@ ON_THE_INNER_RING = {"inner_loads": "N", "flange_loads": "N"}
 class Raceways(Effect):
     """Outer and inner raceway in series, each with its own radius, crown and spalls, and the flange between.
 
-    Without it the inner ring does not give way, as in Liu et al. 2018. Laws "palmgren" and
-    "liu2018" know the outer one only: both are refused.
+    Without it the inner ring does not give way, as in Liu et al. 2018. Laws "palmgren" and "liu2018" know the outer one
+    only: both are refused.
 
     A roller over a spall off its middle tilts between the raceways until the moments of both contacts balance. That
     is known by contact solves, law "direct" or "auto" at one phase; other laws hold rollers upright, and say so where
