@@ -17,7 +17,7 @@ from difftrb.core import machine
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.base import Law
 from difftrb.law.edge_ramp import RollerCurves
-from difftrb.ring import ring
+from difftrb.ring import roller_places
 
 STEP = 1e-3
 """Of differences by a spall's sizes [mm]."""
@@ -38,7 +38,7 @@ class Task(NamedTuple):
 
 def task(scene: trb.Scene) -> Task:
     """Of a prepared scene."""
-    normals = np.asarray(ring.directions(scene.bearing, _angles(scene)))
+    normals = np.asarray(roller_places.directions(scene.bearing, _angles(scene)))
     force = np.array([scene.load.radial, 0.0, scene.load.axial], float)
     share = np.sum(force) / (normals.shape[0] * normals[0, 2])
     alike = float(load_curve.approach(load_curve.one_of(_curves(scene).each, 1), jnp.asarray(share)))
@@ -59,12 +59,14 @@ def root(task: Task, rollers: Rollers) -> Answer:
 
 
 def _angles(scene: trb.Scene) -> jax.Array:
-    return ring.roller_angles(scene.bearing, cast(float, scene.phase))
+    return roller_places.roller_angles(scene.bearing, cast(float, scene.phase))
 
 
 @jax.jit
 def _curves(scene: trb.Scene) -> RollerCurves:
-    return cast(Law, scene.law).curves(scene.spalls, ring.distances(scene.bearing, scene.spalls, _angles(scene)))
+    return cast(Law, scene.law).curves(
+        scene.spalls, roller_places.distances(scene.bearing, scene.spalls, _angles(scene))
+    )
 
 
 _carried = jax.jit(edge_ramp.roller_loads)

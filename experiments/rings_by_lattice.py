@@ -24,7 +24,7 @@ from scipy import fft
 
 import difftrb as trb
 from difftrb.core import geometry
-from difftrb.ring import ring
+from difftrb.ring import roller_places
 from experiments import by_scipy, rings_of_atlas
 
 SCENES = 17, 24, 59
@@ -191,8 +191,8 @@ def compared(scene: trb.Scene) -> tuple[float, float, float]:
     of = trb.LineContact.of(scene.bearing, "outer", scene.design_load)
     contact = Contact(float(of.radius), float(of.length), float(of.modulus), float(of.design_load))
     (spall,) = scene.spalls
-    angles = ring.roller_angles(scene.bearing, cast(float, scene.phase))
-    away = np.asarray(ring.distances(scene.bearing, scene.spalls, angles))[0]
+    angles = roller_places.roller_angles(scene.bearing, cast(float, scene.phase))
+    away = np.asarray(roller_places.distances(scene.bearing, scene.spalls, angles))[0]
     approach = np.asarray(ours.approach)
     half, middle = 0.5 * float(spall.length), float(spall.axial_offset)
     healthy = curve(contact, None, LEAST * approach.max(), 1.05 * approach.max(), ALIKE)

@@ -17,7 +17,7 @@ from difftrb.core import geometry, status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import base
 from difftrb.law.power import Palmgren, PowerLaw
-from difftrb.ring import double_row, effects, life, ring, terms
+from difftrb.ring import double_row, effects, life, roller_places, terms
 from difftrb.scene import scene as scenes
 from tests.bearings import of_many
 
@@ -105,10 +105,10 @@ def test_moments_and_loads_balance_and_stiffness_is_their_derivative(bearing) ->
     r = solved()
     every = np.concatenate([r.loads, r.effects["second_row_loads"]])
     reach = double_row.reach_of_pair(bearing, 30.0, True)
-    angles = np.asarray(ring.roller_angles(bearing, 0.0))
+    angles = np.asarray(roller_places.roller_angles(bearing, 0.0))
     turned = float(reach) * np.stack([np.sin(angles), -np.cos(angles)])
     np.testing.assert_allclose(np.hstack([turned, -turned]) @ every, [-2e4, 1e5], atol=1e-9 * 3e5)
-    normals = np.asarray(terms.both(ring.directions(bearing, angles)))
+    normals = np.asarray(terms.both(roller_places.directions(bearing, angles)))
     np.testing.assert_allclose(normals.T @ every, [9000.0, 0.0, 4500.0], atol=1e-9 * 9000.0)
     assert float(r.residual) < 1e-9
     compliance = np.linalg.inv(np.asarray(r.stiffness))

@@ -18,7 +18,7 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.power import Palmgren, PowerLaw
 from difftrb.report import run_text
-from difftrb.ring import effects, life, ring, roller_balance, tilt
+from difftrb.ring import effects, life, ring, roller_balance, roller_places, tilt
 from difftrb.scene import prepared as prepared_scene
 
 pytestmark = pytest.mark.exact
@@ -338,7 +338,7 @@ def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
     loads, residual, code = more[:-2], more[-2], more[-1]
     assert int(code) == 0
     assert float(residual) < 1e-9
-    normals = np.asarray(ring.directions(bearing, ring.roller_angles(bearing, 0.0)))
+    normals = np.asarray(roller_places.directions(bearing, roller_places.roller_angles(bearing, 0.0)))
     np.testing.assert_allclose((normals.T @ np.asarray(loads))[:2], [9000.0, 0.0], atol=1e-9 * 9000.0)
     if not slopes_too:
         return
@@ -394,7 +394,7 @@ def most_moment(bearing, load, direction, reach, phase) -> float:
     """The largest moment along `direction` [N mm] that forces of slices which only push can hold: linear programming
     over all of them."""
     at = np.tile(np.asarray(tilt.places(trb.LineContact.of(bearing), 30)) + reach, bearing.rollers)
-    angles = np.repeat(np.asarray(ring.roller_angles(bearing, phase)), 30)
+    angles = np.repeat(np.asarray(roller_places.roller_angles(bearing, phase)), 30)
     cos, sin = np.cos(bearing.outer_angle), np.sin(bearing.outer_angle)
     pushes = np.stack([cos * np.cos(angles), cos * np.sin(angles), np.full(at.size, sin), at * np.sin(angles),
                        -at * np.cos(angles)])  # fmt: skip

@@ -11,7 +11,7 @@ import difftrb as trb
 from difftrb.core import geometry, status
 from difftrb.law import base
 from difftrb.law.power import Palmgren
-from difftrb.ring import newton_start, ring
+from difftrb.ring import newton_start, ring, roller_places
 from tests import shapes
 
 pytestmark = pytest.mark.exact
@@ -31,7 +31,7 @@ def test_loads_balance(bearing, radial: float, axial: float, phase: float) -> No
     r = rest(bearing, radial, axial, (trb.Spall(6.0, 7.0, depth=10.0),), phase=phase)
     assert status.describe(r.status_code) == "converged"
     shapes.check(r)
-    angles = ring.roller_angles(bearing, phase)
+    angles = roller_places.roller_angles(bearing, phase)
     cos, sin = jnp.cos(bearing.outer_angle), jnp.sin(bearing.outer_angle)
     scale = np.hypot(radial, axial)
     assert float(jnp.sum(r.loads * jnp.cos(angles)) * cos) == pytest.approx(radial, abs=1e-10 * scale)
@@ -46,7 +46,7 @@ def test_a_spall_on_a_roller_meets_both_raceways_the_same_way_round(bearing) -> 
     inner contact behind it."""
     for contact, raceway, way in ((0.0, "outer", -1.0), (np.pi, "inner", 1.0)):
         spall = trb.Spall(4.0, 1.0, angle=contact + 0.1, surface="roller")
-        away = ring.distances(bearing, (spall,), ring.roller_angles(bearing, 0.3), raceway)[0]
+        away = roller_places.distances(bearing, (spall,), roller_places.roller_angles(bearing, 0.3), raceway)[0]
         assert float(away[0]) == pytest.approx(way * 0.1 * float(geometry.mean_roller_radius(bearing)))
         assert float(away[1]) > 10.0
 
@@ -103,23 +103,23 @@ def test_tangent_is_the_derivative_of_force(bearing) -> None:
 @pytest.mark.parametrize("phase", [0.0, 0.05, 0.1366])
 def test_needed_axial_is_where_pushing_rollers_can_no_longer_hold_the_load(bearing, phase: float) -> None:
     """Against a linear programme: the least axial load for which some loads Q ≥ 0 balance the radial one."""
-    normals = np.asarray(ring.directions(bearing, ring.roller_angles(bearing, phase)))
+    normals = np.asarray(roller_places.directions(bearing, roller_places.roller_angles(bearing, phase)))
     answer = optimize.linprog(normals[:, 2], A_eq=normals[:, :2].T, b_eq=[9000.0, 0.0], bounds=(0, None))
     assert float(ring.needed_axial(bearing, 9000.0, phase)) == pytest.approx(answer.fun, rel=1e-9)
 
 
 def test_hard_window_counts_rollers(bearing) -> None:
     """One roller in spalls of 7 and 14 mm, 3 at 21 and 28, 5 at 35 and 42, 7 at 49 (a roller centred)."""
-    angles = ring.roller_angles(bearing, 0.0)
+    angles = roller_places.roller_angles(bearing, 0.0)
     for width, inside in zip((7, 14, 21, 28, 35, 42, 49), (1, 1, 3, 3, 5, 5, 7), strict=True):
         spalls = (trb.Spall(4.0, float(width)),)
-        assert int(jnp.sum(base.spalls_under(spalls, ring.distances(bearing, spalls, angles)))) == inside
+        assert int(jnp.sum(base.spalls_under(spalls, roller_places.distances(bearing, spalls, angles)))) == inside
 
 
 def test_of_two_spalls_under_a_roller_the_longer_counts(bearing) -> None:
-    angles = ring.roller_angles(bearing, 0.0)
+    angles = roller_places.roller_angles(bearing, 0.0)
     spalls = (trb.Spall(2.0, 7.0), trb.Spall(5.0, 3.0), trb.Spall(3.0, 5.0, angle=float(angles[4])))
-    over = np.asarray(base.spalls_under(spalls, ring.distances(bearing, spalls, angles)))
+    over = np.asarray(base.spalls_under(spalls, roller_places.distances(bearing, spalls, angles)))
     assert (over[0], over[4]) == (2, 3)
     assert over.sum() == 5
 

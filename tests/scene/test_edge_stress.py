@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.ring import effects, ring
+from difftrb.ring import effects, roller_places
 from difftrb.scene.edge_stress import STATIC_LIMIT
 
 pytestmark = pytest.mark.exact
@@ -58,7 +58,7 @@ def test_without_a_loaded_roller_nothing_is_said(bearing) -> None:
 
 def test_a_rolling_edge_in_the_contact_leaves_no_intensity(bearing) -> None:
     """But the roller is found as soon as its contact, not its middle, reaches the spall."""
-    radius = float(ring.distances(bearing, (trb.Spall(4.0, 7.0, angle=-1.0),), np.zeros(1))[0, 0])
+    radius = float(roller_places.distances(bearing, (trb.Spall(4.0, 7.0, angle=-1.0),), np.zeros(1))[0, 0])
     (met,) = stresses(scene(bearing, trb.Spall(4.0, 7.0, angle=-3.52 / radius)))
     assert np.isnan(met.intensity)
     assert np.isnan(met.within)

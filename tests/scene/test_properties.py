@@ -14,7 +14,7 @@ from difftrb.contact import halfspace
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
 from difftrb.law import base
-from difftrb.ring import ring
+from difftrb.ring import ring, roller_places
 
 pytestmark = pytest.mark.hard
 
@@ -161,7 +161,7 @@ def test_ring_is_in_equilibrium(radial, margin, phase, length, width, angle) -> 
     """Loads push and balance to 1e-10; stiffness is symmetric and positive definite; a roller that is clear is idle."""
     axial, (r, _) = ring_of(radial, margin, phase, length, width, angle)
     assert bool(r.converged)
-    normals = ring.directions(BEARING, r.angles)
+    normals = roller_places.directions(BEARING, r.angles)
     force = np.array([radial, 0.0, axial])
     np.testing.assert_allclose(normals.T @ r.loads, force, atol=1e-10 * np.linalg.norm(force))
     assert float(jnp.min(r.loads)) >= 0.0
@@ -200,7 +200,7 @@ def test_ring_is_symmetric_and_turns(radial, margin, phase, length, width, angle
     _, (r, _) = ring_of(radial, margin, phase, length, width, angle)
     axial = float(ring.needed_axial(BEARING, radial, phase)) * (1.0 + margin)
     turn = 2.0 * np.pi / BEARING.rollers
-    away = np.abs(np.asarray(ring.distances(BEARING, (Spall(length, width, angle=angle),), r.angles))[0])
+    away = np.abs(np.asarray(roller_places.distances(BEARING, (Spall(length, width, angle=angle),), r.angles))[0])
     hypothesis.assume(np.abs(away - 0.5 * width).min() > 1e-9)  # else rounding decides who is in the spall
     mirrored, _ = rest(radial, axial, -phase, length, width, -angle)
     size = float(jnp.max(jnp.abs(r.displacement)))

@@ -10,7 +10,7 @@ import pytest
 import difftrb as trb
 from difftrb.law import edge_ramp
 from difftrb.law.power import Palmgren
-from difftrb.ring import ring
+from difftrb.ring import roller_places
 from tests import shapes
 
 pytestmark = pytest.mark.gradient
@@ -93,8 +93,8 @@ def test_every_leaf_of_a_scene_has_its_gradient(scene: trb.Scene) -> None:
 def test_second_derivation_of_the_load_gradient(scene: trb.Scene) -> None:
     """du/dl = −K⁻¹ ΣdQ/dl n, dQ_j/dl = ∂Q/∂l + Q' n·du/dl, assembled in numpy."""
     s = trb.solve(scene)
-    away = ring.distances(scene.bearing, scene.spalls, s.angles)
-    normals = np.asarray(ring.directions(scene.bearing, s.angles))
+    away = roller_places.distances(scene.bearing, scene.spalls, s.angles)
+    normals = np.asarray(roller_places.directions(scene.bearing, s.angles))
     h = 1e-5
 
     def at(length: float) -> tuple[jax.Array, jax.Array]:

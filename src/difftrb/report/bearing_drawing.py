@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 from difftrb.core import geometry
 from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED
-from difftrb.ring import ring
+from difftrb.ring import roller_places
 from difftrb.scene.scene import Scene
 from difftrb.scene.solution import Solution
 
@@ -36,7 +36,7 @@ def bearing(scene: Scene, solution: Solution) -> Figure:
 
 
 def _outer(scene: Scene) -> tuple[Spall, ...]:
-    return ring.spalls_on(scene.spalls, "outer")
+    return roller_places.spalls_on(scene.spalls, "outer")
 
 
 def section_view(scene: Scene, ax: Axes) -> None:

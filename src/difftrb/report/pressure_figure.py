@@ -16,7 +16,7 @@ from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import pressure_patches
 from difftrb.contact.strip_model import Patch
 from difftrb.report.figure_style import SPALLED
-from difftrb.ring import ring
+from difftrb.ring import roller_places
 from difftrb.scene.scene import Scene, raceway_contact
 from difftrb.scene.solution import Solution
 
@@ -37,11 +37,11 @@ class DrawnContact(NamedTuple):
 def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
     """The outer contacts of up to `MOST` loaded rollers that meet the first spall there; of the most loaded roller if
     none does, or there is none. Each with the load, the offset and the tilt that it has in `solution`."""
-    spall, contact = next(iter(ring.spalls_on(scene.spalls, "outer")), None), raceway_contact(scene, "outer")
+    spall, contact = next(iter(roller_places.spalls_on(scene.spalls, "outer")), None), raceway_contact(scene, "outer")
     loads = np.asarray(solution.loads_of(1 if spall is None else spall.row))
     rollers, away = [int(np.argmax(loads))], np.zeros(loads.size)
     if spall is not None:
-        away = np.asarray(ring.distances(scene.bearing, (spall,), solution.angles)[0])
+        away = np.asarray(roller_places.distances(scene.bearing, (spall,), solution.angles)[0])
         lines = np.maximum(loads, 0.0) / contact.length
         half = np.asarray(gap.line_half_width(lines, contact.radius, contact.modulus))
         met = np.flatnonzero((np.abs(away) < 0.5 * float(spall.width) + half) & (loads > 0.0))

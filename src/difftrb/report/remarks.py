@@ -9,7 +9,7 @@ import numpy as np
 
 from difftrb.contact import gap
 from difftrb.core.geometry import Real, TaperedBearing
-from difftrb.ring import effect_base, effects, life, ring
+from difftrb.ring import effect_base, effects, life, roller_places
 from difftrb.ring.effects import Through
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
 from difftrb.scene.scene_file import SceneFile
@@ -87,10 +87,10 @@ def _rollers_on_edges(scene: Scene, found: Solution) -> int:
     if effect_base.among(scene.effects, Through) is not None:
         return 0
     contact, on_edge = raceway_contact(scene, "outer"), set[tuple[int, int]]()
-    for spall in ring.spalls_on(scene.spalls, "outer"):
+    for spall in roller_places.spalls_on(scene.spalls, "outer"):
         loads = np.asarray(found.loads_of(spall.row))
         half = np.asarray(gap.line_half_width(np.maximum(loads, 0.0) / contact.length, contact.radius, contact.modulus))
-        away = np.asarray(ring.distances(scene.bearing, (spall,), found.angles))[0]
+        away = np.asarray(roller_places.distances(scene.bearing, (spall,), found.angles))[0]
         near = (np.abs(np.abs(away) - 0.5 * float(spall.width)) < half) & (loads > 0.0)
         on_edge.update((spall.row, int(j)) for j in np.flatnonzero(near))
     return len(on_edge)

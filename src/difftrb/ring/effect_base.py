@@ -19,7 +19,7 @@ from difftrb.core.bad_input import shown
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law.base import Law
-from difftrb.ring import ring, roller_balance
+from difftrb.ring import ring, roller_balance, roller_places
 from difftrb.ring.ring import Equilibrium, Load
 from difftrb.ring.terms import PLAIN, Terms, beside
 
@@ -59,12 +59,12 @@ class Ring(NamedTuple):
     @property
     def angles(self) -> jax.Array:
         """Of the rollers [rad]."""
-        return ring.roller_angles(self.bearing, self.phase)
+        return roller_places.roller_angles(self.bearing, self.phase)
 
     def distances(self, raceway: geometry.Raceway, terms: Terms) -> jax.Array:
-        """See `ring.distances`; with a second row those of its rollers behind."""
-        spalls = ring.spalls_on(self.spalls, raceway)
-        away = ring.distances(self.bearing, spalls, self.angles, raceway)
+        """See `roller_places.distances`; with a second row those of its rollers behind."""
+        spalls = roller_places.spalls_on(self.spalls, raceway)
+        away = roller_places.distances(self.bearing, spalls, self.angles, raceway)
         return away if terms.pair is None else beside(away, spalls)
 
     def seat(self, terms: Terms) -> roller_balance.Seat:
@@ -73,7 +73,7 @@ class Ring(NamedTuple):
 
     def equilibrium(self, terms: Terms) -> Equilibrium:
         """At rest with these terms."""
-        outer = ring.spalls_on(self.spalls, "outer")
+        outer = roller_places.spalls_on(self.spalls, "outer")
         return ring.equilibrium(self.bearing, self.load, outer, self.law, self.phase, terms)
 
 

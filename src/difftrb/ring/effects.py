@@ -23,7 +23,7 @@ from difftrb.core.status import SceneError
 from difftrb.law import local, power
 from difftrb.law.base import LAWS, Law
 from difftrb.law.local import LocalLaw
-from difftrb.ring import ring
+from difftrb.ring import roller_places
 from difftrb.ring.double_row import DoubleRow
 from difftrb.ring.effect_base import (
     Asked,
@@ -99,7 +99,7 @@ class SeriesRaceways(Raceways):
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Inner contacts that give way."""
-        spalls, away = ring.spalls_on(of.spalls, "inner"), of.distances("inner", terms)
+        spalls, away = roller_places.spalls_on(of.spalls, "inner"), of.distances("inner", terms)
         law = cast(Law, self.law) if of.spalls else local.healthy(cast(Law, self.law))
         free = self.rollers == "free" and not isinstance(of.law, power.AllThrough)  # which leaves nothing to lean on
         facing = Facing(law, spalls, away, geometry.equivalent_radius(of.bearing, "inner"), free)

@@ -21,7 +21,7 @@ from difftrb.core.geometry import Raceway, Spall, TaperedBearing
 from difftrb.core.numeric import gauss_legendre
 from difftrb.law import load_curve
 from difftrb.law.base import Law
-from difftrb.ring import ring
+from difftrb.ring import ring, roller_places
 from difftrb.ring.ring import Load
 
 POINTS_BETWEEN_KINKS = 10
@@ -103,7 +103,7 @@ def _kinks(bearing: TaperedBearing, met: tuple[Met, ...], rest: ring.Equilibrium
                 found.append(edges)
                 continue
             mine = slice(2 * len(found), 2 * len(found) + 4)
-            towards = ring.directions(bearing, xp.concatenate([edges, edges]))
+            towards = roller_places.directions(bearing, xp.concatenate([edges, edges]))
             approach = xp.einsum("ki,ki->k", towards, rows[spall.row - 1][mine, :3])
             if share is not None:
                 approach = approach * share[mine]

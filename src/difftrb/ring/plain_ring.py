@@ -19,7 +19,7 @@ from difftrb.core.taylor import Taylor, plus, summed
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
-from difftrb.ring import newton, newton_start, ring
+from difftrb.ring import newton, newton_start, ring, roller_places
 from difftrb.ring.newton import Rollers, System
 from difftrb.ring.ring import Equilibrium, Load
 
@@ -35,8 +35,8 @@ def equilibrium(
     held = _all(ring.is_enough(at[1].axial, ring.needed_axial(at[0], at[1].radial, at[3])))
     force = xp.stack([xp.asarray(load.radial), 0.0, xp.asarray(load.axial)])
     force = xp.where(valid & held, force, np.array([0.0, 0.0, 1.0]))
-    angles = ring.roller_angles(bearing, phase)
-    away, normals = ring.distances(bearing, spalls, angles), ring.directions(bearing, angles)
+    angles = roller_places.roller_angles(bearing, phase)
+    away, normals = roller_places.distances(bearing, spalls, angles), roller_places.directions(bearing, angles)
     still = xp.fixed(law)
     healthy = still.curves((), np.zeros((0, *angles.shape)))
     curves = law.curves(spalls, away)

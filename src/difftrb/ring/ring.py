@@ -17,9 +17,9 @@ from annotated_types import Interval, Unit
 
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, status
-from difftrb.core.geometry import FILE_RULES, Raceway, Real, Spall, TaperedBearing
+from difftrb.core.geometry import FILE_RULES, Real, Spall, TaperedBearing
 from difftrb.law.base import Law, Rest
-from difftrb.ring import newton, newton_start, roller_balance
+from difftrb.ring import newton, newton_start, roller_balance, roller_places
 from difftrb.ring.newton import Rollers, System
 from difftrb.ring.terms import PLAIN, Terms, Tilting, beside, both, without_land
 
@@ -103,46 +103,6 @@ def axial_force(rest: Equilibrium, bearing: TaperedBearing) -> jax.Array:
     return pressed * jnp.sin(bearing.outer_angle)
 
 
-def roller_angles(bearing: TaperedBearing, phase: Any) -> Any:
-    """Angle of every roller from the load line [rad], shape (…, rollers); roller 0 stands at `phase`, shape (…)."""
-    phase = xp.asarray(phase)
-    count = np.arange(bearing.rollers).reshape((1,) * phase.ndim + (-1,))
-    return phase[..., None] + geometry.roller_pitch(bearing) * count
-
-
-def directions(bearing: TaperedBearing, angles: Any) -> Any:
-    """Unit normals of the rollers' contacts in (radial, lateral, axial), shape (…, rollers, 3)."""
-    cos, sin = xp.cos(bearing.outer_angle), xp.sin(bearing.outer_angle)
-    axial = sin * xp.ones_like(angles)
-    return xp.stack([cos * xp.cos(angles), cos * xp.sin(angles), axial], axis=-1)  # Liu et al. 2018, eq. (5)
-
-
-def spalls_on(spalls: tuple[Spall, ...], raceway: Raceway) -> tuple[Spall, ...]:
-    """The spalls that rollers meet on a raceway: its own, and a roller's, which meets both."""
-    return tuple(spall for spall in spalls if spall.surface in (raceway, "roller"))
-
-
-def distances(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: Any, raceway: Raceway = "outer") -> Any:
-    """From the centre of every spall met on a raceway to every roller's contact with it, along the raceway [mm], shape
-    (spalls, …, rollers). A spall on a roller is on roller 0, its angle counted from the outer contact; to the others it
-    is as far as can be."""
-    if not spalls:
-        return np.zeros((0, *angles.shape))
-    radius = geometry.arc_radius(bearing, raceway)
-    first = np.arange(bearing.rollers) == 0
-
-    def away(spall: Spall) -> Any:
-        if spall.surface != "roller":
-            return radius * geometry.turned(angles - spall.angle)
-        # on the roller's other side an angle about its axis leads the other way along the cage's turn
-        own = geometry.mean_roller_radius(bearing) * geometry.turned(
-            spall.angle - np.pi if raceway == "inner" else -spall.angle
-        )
-        return xp.where(first, own, np.pi * radius) + 0.0 * angles
-
-    return xp.stack([away(spall) for spall in spalls])
-
-
 def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Tilting | None = None) -> jax.Array:
     """The axial load [N] that must be exceeded for an equilibrium under `radial` [N] and, of rings that tilt, moments.
 
@@ -152,7 +112,7 @@ def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Ti
     first ends and one at all second ends, and each must lie inside its share of the polygon.
     """
     half = 0.5 * geometry.roller_pitch(bearing)
-    edges = roller_angles(bearing, phase) + half
+    edges = roller_places.roller_angles(bearing, phase) + half
     if tilting is None:
         reach = xp.module_of(edges).max(xp.cos(edges), axis=-1) / np.cos(half)
         return radial * xp.tan(bearing.outer_angle) * reach
@@ -194,18 +154,18 @@ def equilibrium(
 ) -> Equilibrium:
     """The ring's rest position under `load`, its roller loads and tangent stiffness.
 
-    `spalls` are those met on the outer raceway (`spalls_on`); `phase` is the angle of roller 0 from the load line
-    [rad]. Differentiable by everything, forward and reverse, at the solution. Where there is no equilibrium the numbers
-    are NaN and the status says so.
+    `spalls` are those met on the outer raceway (`roller_places.spalls_on`); `phase` is the angle of roller 0 from the
+    load line [rad]. Differentiable by everything, forward and reverse, at the solution. Where there is no equilibrium
+    the numbers are NaN and the status says so.
     """
-    angles = roller_angles(bearing, phase)
-    normals = directions(bearing, angles)
+    angles = roller_places.roller_angles(bearing, phase)
+    normals = roller_places.directions(bearing, angles)
     valid, held = is_valid(load, spalls, phase), _is_held(bearing, load, phase, terms)
     force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
     if terms.extra is not None:
         force = force + terms.extra
     force = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
-    away = distances(bearing, spalls, angles)
+    away = roller_places.distances(bearing, spalls, angles)
     if terms.pair is not None:
         away = beside(away, spalls)
         angles, normals = jnp.tile(angles, 2), both(normals)

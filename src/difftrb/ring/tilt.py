@@ -21,7 +21,7 @@ from difftrb.law import load_curve
 from difftrb.law.base import spalls_under
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.power import Palmgren
-from difftrb.ring import ring
+from difftrb.ring import roller_places
 from difftrb.ring.double_row import DoubleRow, Moment
 from difftrb.ring.effect_base import Asked, Effect, Ring, Stage, among, register
 from difftrb.ring.terms import LEAST, Terms, Tilting
@@ -119,7 +119,7 @@ class Tilt(Effect):
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers in slices."""
-        outer = ring.spalls_on(of.spalls, "outer")
+        outer = roller_places.spalls_on(of.spalls, "outer")
         terms = terms._replace(slices=sliced(of.contact, outer, of.distances("outer", terms), self.slices))
         if self.rings == "parallel":
             return terms
@@ -136,4 +136,4 @@ class Tilt(Effect):
 
     def remarks(self, spalls: tuple[Spall, ...]) -> tuple[str, ...]:
         """That spalls are cut hard."""
-        return (HARD_SLICES,) if ring.spalls_on(spalls, "outer") else ()
+        return (HARD_SLICES,) if roller_places.spalls_on(spalls, "outer") else ()

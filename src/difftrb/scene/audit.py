@@ -24,7 +24,7 @@ from difftrb.law.base import LAWS, Law, Rest
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw
 from difftrb.law.samples import Node, Progress
-from difftrb.ring import effect_base, ring, roller_balance
+from difftrb.ring import effect_base, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import checks, solving
 from difftrb.scene.audit_states import AtPhase, Key, State, at_phase, solve_contacts
@@ -222,7 +222,7 @@ def _depth(part: AtPhase, j: int) -> float:
     """How far a through spall lets this roller down [mm]."""
     if effect_base.among(part.scene.effects, Through) is None:
         return 0.0
-    spalls, away = ring.spalls_on(part.scene.spalls, "outer"), part.here.distances("outer", part.terms)
+    spalls, away = roller_places.spalls_on(part.scene.spalls, "outer"), part.here.distances("outer", part.terms)
     under = int(laws.spalls_under(spalls, away)[j]) if spalls else 0
     return float(spalls[under - 1].depth) if under else 0.0
 
@@ -259,7 +259,7 @@ def _promised(part: AtPhase) -> float:
     def rest(raceway: Raceway, loads: np.ndarray) -> Rest:
         return Rest(raceway_contact(part.scene, raceway).radius, jnp.asarray(part.approach), jnp.asarray(loads))
 
-    spalls, away = ring.spalls_on(part.scene.spalls, "outer"), part.here.distances("outer", part.terms)
+    spalls, away = roller_places.spalls_on(part.scene.spalls, "outer"), part.here.distances("outer", part.terms)
     every = [promised(part.here.law, spalls, away, rest("outer", part.loads), largest)]
     facing, seat = part.terms.facing, part.terms.seat
     if facing is not None and seat is not None:

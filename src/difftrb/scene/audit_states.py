@@ -15,7 +15,7 @@ from difftrb.law import samples
 from difftrb.law.base import Rest
 from difftrb.law.roller_tilt import RollerContacts, at_rest
 from difftrb.law.samples import Case, Node, Progress
-from difftrb.ring import effect_base, effects, ring, roller_balance
+from difftrb.ring import effect_base, effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Through
 from difftrb.scene.prepared import law_in_effect, solve_prepared
 from difftrb.scene.scene import Scene, raceway_contact
@@ -68,7 +68,7 @@ def at_phase(scene: Scene, phase: float) -> AtPhase:
     here = effects.Ring(at.bearing, at.load, at.spalls, law_in_effect(at, found.law), outer, phase)
     terms = effects.terms(at.effects, here)
     angles, loads, approach = here.angles, np.asarray(found.loads), np.asarray(found.approach)
-    normals = ring.directions(at.bearing, angles)
+    normals = roller_places.directions(at.bearing, angles)
     if terms.pair is not None:
         pressed = 0.5 * terms.pair.preload * jnp.sin(at.bearing.outer_angle)  # in both, the rows' places and thickness
         second = terms.pair.rows(found.displacement, at.bearing.outer_angle)[1]
@@ -132,7 +132,7 @@ def _met(
     """The spalls on a raceway, their distances from the rollers [mm] and whether these reach them, shapes
     (spalls, rollers)."""
     through = effect_base.among(scene.effects, Through) is not None
-    spalls = () if through else ring.spalls_on(scene.spalls, raceway)
+    spalls = () if through else roller_places.spalls_on(scene.spalls, raceway)
     away = np.asarray(here.distances(raceway, terms))[: len(spalls)]
     share = ring.OF_ONE_RACEWAY if terms.facing is not None else 1.0
     rest = Rest(raceway_contact(scene, raceway).radius, share * jnp.asarray(approach), jnp.asarray(loads))

@@ -24,7 +24,7 @@ from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law.base import Law
-from difftrb.ring import effect_base, effects, ring
+from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effects import Effect
 from difftrb.ring.ring import Load
@@ -176,7 +176,7 @@ def _of_spalls(scene: Scene) -> str | None:
             )
     one_shape = laws.LAWS[law].one_shape if law in laws.LAWS else ""
     for raceway in ("outer", "inner"):
-        if one_shape and not of_one_shape(ring.spalls_on(scene.spalls, raceway)):
+        if one_shape and not of_one_shape(roller_places.spalls_on(scene.spalls, raceway)):
             return f"spall: contact.{one_shape}"
     return None
 

@@ -17,7 +17,7 @@ from difftrb.contact.contact_extent import edges_along
 from difftrb.contact.stress_intensity import edge_intensity
 from difftrb.core import status
 from difftrb.core.geometry import Raceway
-from difftrb.ring import ring
+from difftrb.ring import roller_places
 from difftrb.ring.effects import Life, SeriesRaceways, Through
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
 from difftrb.scene.solution import Solution
@@ -83,7 +83,7 @@ def edge_stresses(scene: Scene, solution: Solution) -> tuple[EdgeStress, ...]:
         raceways: tuple[Raceway, ...] = ("outer", "inner") if SeriesRaceways in kinds and spall.row == 1 else ("outer",)
         found += [
             met for raceway in raceways
-            if ring.spalls_on((spall,), raceway) and (met := _met(scene, number, raceway, at)) is not None
+            if roller_places.spalls_on((spall,), raceway) and (met := _met(scene, number, raceway, at)) is not None
         ]  # fmt: skip
     return tuple(found)
 
@@ -92,7 +92,7 @@ def _met(scene: Scene, number: int, raceway: Raceway, at: Solution) -> EdgeStres
     """The most loaded roller over one spall, if there is any."""
     spall, contact = scene.spalls[number], raceway_contact(scene, raceway)
     loads = np.asarray(at.loads_of(spall.row) if raceway == "outer" else at.effects["inner_loads"])
-    away = np.asarray(ring.distances(scene.bearing, (spall,), at.angles, raceway))[0]
+    away = np.asarray(roller_places.distances(scene.bearing, (spall,), at.angles, raceway))[0]
     half = np.asarray(gap.line_half_width(np.maximum(loads, 0.0) / contact.length, contact.radius, contact.modulus))
     over = (loads > 0.0) & (np.abs(away) < 0.5 * float(spall.width) + half)
     if not over.any():

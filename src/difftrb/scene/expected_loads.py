@@ -16,7 +16,7 @@ from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import power
 from difftrb.law.base import Law
-from difftrb.ring import effects, plain_ring, ring
+from difftrb.ring import effects, plain_ring, ring, roller_places
 from difftrb.ring.effect_base import among
 from difftrb.ring.effects import Raceways, Through
 from difftrb.scene.scene import Scene, law_in_effect, raceway_contact
@@ -71,7 +71,7 @@ def healthy_plain_ring(scene: Scene, law: Law, phases: Any) -> ring.Equilibrium:
 
 def is_through(scene: Scene) -> bool:
     """Whether rollers over spalls carry nothing, so that the others carry their share."""
-    met = ring.spalls_on(scene.spalls, "outer")
+    met = roller_places.spalls_on(scene.spalls, "outer")
     return bool(met) and among(scene.effects, Through) is not None
 
 

@@ -20,7 +20,7 @@ from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw, Reached
 from difftrb.law.roller_tilt import RollerContacts, TiltCurve
 from difftrb.law.samples import Progress
-from difftrb.ring import effects, ring, roller_balance
+from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene.scene import Scene
@@ -58,7 +58,7 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
 
     A scene whose loads do not stay keeps the last laws, and its own status says that rollers are elsewhere.
     """
-    spalls: Spalls = {raceway: ring.spalls_on(scene.spalls, raceway) for raceway in bases}
+    spalls: Spalls = {raceway: roller_places.spalls_on(scene.spalls, raceway) for raceway in bases}
     free = effects.are_free(scene.effects) and len(bases) > 1
     made: dict[Raceway, LocalLaw] = {
         raceway: LocalLaw(base, None, settling=True, free_to_tilt=free) for raceway, base in bases.items()

@@ -20,7 +20,7 @@ from difftrb.core import geometry, implicit, status
 from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.taylor import Taylor
-from difftrb.ring import effects, plain_ring, ring
+from difftrb.ring import effects, plain_ring, ring, roller_places
 from difftrb.ring.effects import Results
 from difftrb.ring.ring import Load
 from difftrb.scene import checks
@@ -143,7 +143,7 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
         of_every = operator.itemgetter(0)
     of = xp.module_of(every.residual)
     return Solution(
-        angles=ring.roller_angles(scene.bearing, middle),
+        angles=roller_places.roller_angles(scene.bearing, middle),
         displacement=of_every(every.displacement),
         approach=of_every(every.approach),
         loads=of_every(every.loads),

@@ -19,7 +19,7 @@ from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import local, power
 from difftrb.law.base import Law
-from difftrb.ring import effect_base, effects, phase_rule, plain_ring, ring
+from difftrb.ring import effect_base, effects, phase_rule, plain_ring, ring, roller_places
 from difftrb.ring.effect_base import Effect
 from difftrb.ring.ring import Load
 
@@ -235,10 +235,10 @@ def pitch_borders(scene: Scene) -> Any:
     if is_plain(scene) and xp.are_numbers(scene):
         scene = xp.numbers(scene)
     acting, contact = law_in_effect(scene, outer_law(scene)), raceway_contact(scene, "outer")
-    met = [phase_rule.Met("outer", ring.spalls_on(scene.spalls, "outer"), acting)]
+    met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
     series = effect_base.among(scene.effects, effects.SeriesRaceways)
     if series is not None:
-        met.append(phase_rule.Met("inner", ring.spalls_on(scene.spalls, "inner"), cast(Law, series.law)))
+        met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), cast(Law, series.law)))
     if is_plain(scene) and (xp.are_numbers(scene) or xp.expands(scene)):
         terms, at_rest = ring.PLAIN, partial(plain_ring.equilibrium, scene.bearing, scene.load, (), acting)
     else:

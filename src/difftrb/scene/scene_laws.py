@@ -24,7 +24,7 @@ from difftrb.law import direct
 from difftrb.law.base import Law
 from difftrb.law.direct import DirectLaw
 from difftrb.law.samples import Progress
-from difftrb.ring import effect_base, effects, ring
+from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
 from difftrb.scene.local_laws import holding, local_laws
@@ -94,7 +94,7 @@ def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real 
 
     `least` is the largest roller load [N] of the lightest loaded scene that the law is to serve; default: of this one.
     """
-    contact, spalls = raceway_contact(scene, raceway), ring.spalls_on(scene.spalls, raceway)
+    contact, spalls = raceway_contact(scene, raceway), roller_places.spalls_on(scene.spalls, raceway)
     given = scene.law
     if raceway == "inner":
         series = effect_base.among(scene.effects, SeriesRaceways)
@@ -153,7 +153,7 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: Any) -> tuple[An
     """Distances from the spalls on a raceway [mm], shape (spalls, phases, rollers), and approaches there on the healthy
     ring [mm], shape (rows, phases, rollers)."""
     bearing, law = scene.bearing, cast(DirectLaw, scene.law)
-    away = ring.distances(bearing, law.spalls, ring.roller_angles(bearing, phases), raceway)
+    away = roller_places.distances(bearing, law.spalls, roller_places.roller_angles(bearing, phases), raceway)
     if not is_plain(scene):
         return away, _approaches(scene, phases)
     return away, expected_loads.healthy_plain_ring(scene, law, phases).approach[None]
@@ -185,7 +185,7 @@ def _meet_more(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
     """Whether rollers may meet several of the scene's spalls at once, or a spall's bottom, while the cage turns."""
     if effect_base.among(scene.effects, Through) is not None:
         return False
-    every = ring.spalls_on(scene.spalls, raceway)
+    every = roller_places.spalls_on(scene.spalls, raceway)
     return any(_row_meets_more(scene, raceway, base, [spall for spall in every if spall.row == row]) for row in (1, 2))
 
 
