@@ -35,6 +35,7 @@ class Blocks(NamedTuple):
 
     Attributes:
       means: radial and axial load [N] of the means over phases, shape (means, 2). turns: how many there are.
+      still: displacement [mm] of the healthy ring there, shape (means, 3); None: it is solved, for it has effects.
       loads: radial and axial load [N] of every block, shape (blocks, 2). phases: of its rings [rad], shape (blocks,
         rings); not used in a mean.
       mean: of which mean over phases a block is; −1: of none. places, weights: its part of a rule, shape
@@ -45,6 +46,7 @@ class Blocks(NamedTuple):
 
     means: np.ndarray | jax.Array
     turns: np.ndarray | jax.Array
+    still: np.ndarray | jax.Array | None
     loads: np.ndarray | jax.Array
     phases: np.ndarray | jax.Array
     mean: np.ndarray | jax.Array
@@ -97,7 +99,7 @@ def _laid_out(scene: Scene, rows: Sequence[Measurement], points: int, kinks: int
     return Conditions(
         definitions=definitions,
         size=size,
-        blocks=tuple(_blocks(each, kinks, size, points) for each in own),
+        blocks=tuple(_blocks(scene, each, kinks, size, points) for each in own),
         place=np.array([place[_condition(scene, row)] for row in rows]),
         axis=np.array([0 if row.quantity.startswith("radial") else 1 for row in rows]),
         loss=np.array([row.is_loss for row in rows]),
@@ -137,7 +139,7 @@ def whole(count: int) -> int:
     return -(-count // SIZE) * SIZE
 
 
-def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> Blocks:
+def _blocks(scene: Scene, place: dict[Condition, int], kinks: int, size: int, points: int) -> Blocks:
     rings, none = kinks * TOGETHER, (np.zeros(TOGETHER), np.zeros(TOGETHER))
     found: list[tuple[Any, ...]] = []
     for load in dict.fromkeys(c[:2] for c in place if c.phase is not None):
@@ -155,9 +157,19 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> 
             found.append((c[:2], [0.0] * rings, number, places[part], weights[part], [place[c]] * rings))
     blank = [found[0]] * (whole(len(found)) - len(found))
     loads, phases, mean, at, weight, of = (np.array(each) for each in zip(*found, *blank, strict=True))
-    means = np.zeros((whole(max(len(turning), 1)), 2))
+    many = whole(max(len(turning), 1))
+    means, still = np.zeros((many, 2)), np.zeros((many, 3)) if is_plain(scene) else None
     means[: len(turning)] = [c[:2] for c in turning] or np.zeros((0, 2))
-    return Blocks(means, np.array(len(turning)), loads, phases, mean, at, weight, of, np.array(len(found)))
+    if still is not None:
+        for k, c in enumerate(turning):
+            at_rest = prepared.solve_prepared(dataclasses.replace(healthy(scene), load=Load(*c[:2]), phase=0.0))
+            still[k] = at_rest.displacement
+    return Blocks(means, np.array(len(turning)), still, loads, phases, mean, at, weight, of, np.array(len(found)))
+
+
+def of_changing(at: Conditions) -> Conditions:
+    """The same of healthy rings that values of parameters change."""
+    return dataclasses.replace(at, blocks=tuple(blocks._replace(still=None) for blocks in at.blocks))
 
 
 Values = Any
@@ -266,7 +278,7 @@ def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> Parts:
         def borders(values: Values) -> tuple[Any, None]:
             scene, loaded = of(values)
             scene = dataclasses.replace(scene, load=loaded(Load(*every.means[k])), phase=PitchMean())
-            return pitch_borders(scene), None
+            return pitch_borders(scene, None if every.still is None else every.still[k]), None
 
         own, _ = told.parts(borders)
         return tuple(whole.at[k].set(part) for whole, part in zip(found, own, strict=True))

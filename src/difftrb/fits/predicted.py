@@ -64,6 +64,8 @@ def predicted(
 
         return fit_parameters.put(parameters, scene, values), loaded
 
+    if sound is None:
+        at = conditions.of_changing(at)
     spalled, code = solve(of, values, at)
     if sound is None:
         sound, other = solve(of, values, at, sound=True)

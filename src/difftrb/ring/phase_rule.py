@@ -49,24 +49,33 @@ class Met(NamedTuple):
 
 def borders(
     bearing: TaperedBearing, load: Load, met: tuple[Met, ...], at_rest: Callable[[Any], ring.Equilibrium],
-    terms: ring.Terms = ring.PLAIN,
+    terms: ring.Terms = ring.PLAIN, still: Any = None,
 ) -> Any:  # fmt: skip
     """Angles of roller 0 [rad] between which nothing has a kink, over the pitch that begins at 0, rising from there to
     its end; shape (kinks + 2,).
 
     The laws met, the outer raceway's first, say how far their edges reach. `at_rest`: healthy rings under the `load`
-    with `terms`, at phases of shape (kinks,): with few rollers a ring lies differently at every phase.
+    with `terms`, at phases of shape (kinks,): with few rollers a ring lies differently at every phase. `still`: of a
+    plain one the displacement [mm] at one phase, shape (3,), if it is known: then none is solved. Means are the same to
+    1e-5 even of eight rollers.
     """
     whole = geometry.roller_pitch(bearing)
 
-    def moved(at: Any) -> Any:
-        found = xp.mod(_kinks(bearing, met, at_rest(at), terms), whole)
+    def found(displacement: Any, rest: ring.Equilibrium | None = None) -> Any:
+        kinks = xp.mod(_kinks(bearing, met, displacement, terms, rest), whole)
         # a law that does not know its ramps says so itself
-        return xp.where(xp.module_of(found).isfinite(xp.value(found)), found, 0.0)
+        return xp.where(xp.module_of(kinks).isfinite(xp.value(kinks)), kinks, 0.0)
+
+    def moved(at: Any) -> Any:
+        rest = at_rest(at)
+        return found(rest.displacement, rest)
 
     rows = 1 if terms.pair is None else 2
     count = 2 * rows + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met)
-    kinks = loops.repeated(ROUNDS, moved, xp.module_of(jax.tree.leaves((bearing, load, met, terms))).zeros(count))
+    if still is None:
+        kinks = loops.repeated(ROUNDS, moved, xp.module_of(jax.tree.leaves((bearing, load, met, terms))).zeros(count))
+    else:
+        kinks = found(xp.broadcast_to(still, (count, 3)))
     kinks = kinks[xp.module_of(kinks).argsort(xp.value(kinks))]
     none = 0.0 * kinks[:1]
     return xp.concatenate([none, kinks, none + whole])
@@ -84,12 +93,14 @@ def between(borders: Any, rule: Rule | None = None) -> tuple[Any, Any]:
     return at.reshape(-1), share.reshape(-1)
 
 
-def _kinks(bearing: TaperedBearing, met: tuple[Met, ...], rest: ring.Equilibrium, terms: ring.Terms) -> Any:
-    """Angles [rad] of the rollers at kinks, each as its own ring of `rest` has them, shape (kinks,): where the load
-    zone of every row ends on either side, then where a roller begins to meet every edge of every spall, and where it
-    has met it. They come in pairs, of both sides."""
+def _kinks(
+    bearing: TaperedBearing, met: tuple[Met, ...], displacement: Any, terms: ring.Terms, rest: ring.Equilibrium | None
+) -> Any:
+    """Angles [rad] of the rollers at kinks, each as its own ring has them, shape (kinks,): where the load zone of every
+    row ends on either side, then where a roller begins to meet every edge of every spall, and where it has met it. They
+    come in pairs, of both sides. `displacement` [mm] of these rings, shape (kinks, 3); `rest`: all of them."""
     # without an equilibrium any phases will do: each of them will say so
-    u = xp.where(xp.module_of(rest.displacement).isfinite(xp.value(rest.displacement)), rest.displacement, 0.0)
+    u = xp.where(xp.module_of(displacement).isfinite(xp.value(displacement)), displacement, 0.0)
     rows = (u,) if terms.pair is None else jax.vmap(lambda v: terms.pair.rows(v, bearing.outer_angle))(u)  # type: ignore[union-attr]
     sides, found = np.array([1.0, -1.0]), list[Any]()
     for k, own in enumerate(rows):

@@ -230,8 +230,8 @@ def phases(scene: Scene) -> tuple[Any, Any]:
 
 
 @np.errstate(all="ignore")
-def pitch_borders(scene: Scene) -> Any:
-    """Between which phases a prepared scene has no kink [rad]: see `phase_rule.borders`."""
+def pitch_borders(scene: Scene, still: Any = None) -> Any:
+    """Between which phases a prepared scene has no kink [rad]; `still` if it is plain: see `phase_rule.borders`."""
     if is_plain(scene) and xp.are_numbers(scene):
         scene = xp.numbers(scene)
     acting, contact = law_in_effect(scene, outer_law(scene)), raceway_contact(scene, "outer")
@@ -245,7 +245,7 @@ def pitch_borders(scene: Scene) -> Any:
         here = effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0)
         terms = effects.terms(scene.effects, here)
         at_rest = jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))
-    return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms)
+    return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms, still)
 
 
 def is_auto(scene: Scene) -> bool:
