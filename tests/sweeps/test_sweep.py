@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tracemalloc
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -760,6 +761,14 @@ def test_workers_of_dask_make_the_same_files(whole: Path, plan: Plan, tmp_path: 
         n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
     ) as cluster:
         ended = chunks.run(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
+        store, _ = chunks._begun(plan, tmp_path / "gone", False)
+        for lost in (distributed.comm.CommClosedError("in <TCP>: Stream is closed"), CancelledError("a chunk")):
+            with (
+                pytest.raises(trb.SweepError, match=f"{chunks.GONE}: nothing is written"),
+                chunks._stays_good(store, plan),
+                chunks._workers(cluster.scheduler_address, plan, store, 1),
+            ):
+                raise lost
     assert ended.computed == plan.chunks
     assert bytes_of(tmp_path / "out") == bytes_of(whole)
 

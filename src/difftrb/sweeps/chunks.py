@@ -164,29 +164,28 @@ def _workers(address: str, plan: Plan, store: Npz | Zarr, devices: int) -> Itera
         import distributed  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise SweepError("--scheduler needs dask.distributed: pip install 'difftrb[cluster]'") from None
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(_silent("distributed"))  # what matters is said in one sentence
-        try:
-            if address == "local":
-                local: Any = distributed.LocalCluster(n_workers=max(1, cores() // devices), threads_per_worker=1)
-                address = stack.enter_context(local).scheduler_address
-            client = stack.enter_context(distributed.Client(address))
-        except (OSError, ValueError) as error:
-            raise SweepError(f"--scheduler {address}: {str(error).splitlines()[0]}") from None
-        both = client.submit(_given, plan, store, pure=False)  # sent once, and made again where a worker has lost it
+    gone = OSError(None, GONE, address)
+    try:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(_silent("distributed"))  # what matters is said in one sentence
+            try:
+                if address == "local":
+                    local: Any = distributed.LocalCluster(n_workers=max(1, cores() // devices), threads_per_worker=1)
+                    address = stack.enter_context(local).scheduler_address
+                client = stack.enter_context(distributed.Client(address))
+            except (OSError, ValueError) as error:
+                raise SweepError(f"--scheduler {address}: {str(error).splitlines()[0]}") from None
+            both = client.submit(_given, plan, store, pure=False)  # sent once, made again where a worker has lost it
 
-        gone = OSError(None, GONE, address)
+            def alive() -> None:
+                link = client.scheduler_comm
+                if client.status != "running" or link is None or link.comm is None or link.comm.closed():
+                    raise gone
 
-        def alive() -> None:
-            link = client.scheduler_comm
-            if client.status != "running" or link is None or link.comm is None or link.comm.closed():
-                raise gone
-
-        task = partial(_task, devices=devices)
-        try:
+            task = partial(_task, devices=devices)
             yield lambda chunk: client.submit(task, both, chunk, pure=False, retries=RETRIES), TASKS, alive
-        except CancelledError:  # of chunks that it knew
-            raise gone from None
+    except (CancelledError, distributed.comm.CommClosedError):  # of chunks that it knew, or while one is handed over
+        raise gone from None
 
 
 @contextlib.contextmanager
