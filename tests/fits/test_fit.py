@@ -13,7 +13,7 @@ import pytest
 import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import jax_config
-from difftrb.fits import fit_report, fit_result, least_squares, optimal_design, predicted, profile_intervals, search
+from difftrb.fits import fit_report, fit_result, least_squares, optimal_design, predicted, profile_intervals, search, suspects
 from difftrb.fits.conditions import conditions
 from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement, example, parse
@@ -76,6 +76,12 @@ def noisy(exact: np.ndarray, seed: int) -> list[Measurement]:
     return [
         dataclasses.replace(row, value=row.value + row.sigma * float(e)) for row, e in zip(rows, noise, strict=True)
     ]
+
+
+@pytest.fixture
+def no_suspects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seconds less of each fit that the data contradict."""
+    monkeypatch.setattr(suspects, "wanted", lambda _: False)
 
 
 @pytest.fixture(scope="module")
@@ -162,6 +168,7 @@ def test_an_error_of_the_model_pulls_nowhere(noisy_fit: trb.Fit) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_suspects")
 def test_what_data_do_not_determine_is_said(rig: trb.Scene, exact: np.ndarray) -> None:
     rows = [dataclasses.replace(row, sigma=1e3 * row.sigma) if row.phase == 0.0 else row for row in noisy(exact, 3)]
     found = fit(rig, rows, model_error=0.0)
@@ -176,6 +183,7 @@ def test_what_data_do_not_determine_is_said(rig: trb.Scene, exact: np.ndarray) -
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_suspects")
 def test_sigma_is_estimated_when_none_is_given(rig: trb.Scene, exact: np.ndarray, noisy_fit: trb.Fit) -> None:
     rows = [dataclasses.replace(row, sigma=None) for row in noisy(exact, 1)]
     found = fit(rig, rows, model_error=0.0, starts=FEW)
@@ -186,6 +194,7 @@ def test_sigma_is_estimated_when_none_is_given(rig: trb.Scene, exact: np.ndarray
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_suspects")
 def test_an_outlier_is_left_aside_on_request(rig: trb.Scene, exact: np.ndarray) -> None:
     rows = noisy(exact, 1)
     rows[0] = dataclasses.replace(rows[0], value=1.4 * rows[0].value)
@@ -198,6 +207,7 @@ def test_an_outlier_is_left_aside_on_request(rig: trb.Scene, exact: np.ndarray) 
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_suspects")
 def test_wrong_data_get_sentences(rig: trb.Scene, exact: np.ndarray) -> None:
     cases = {
         "row 1: radial_loss = -": -exact[0],
@@ -456,6 +466,7 @@ def test_fractions_are_found(rig: trb.Scene, exact: np.ndarray) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_suspects")
 def test_a_misfit_widens_intervals(rig: trb.Scene, exact: np.ndarray) -> None:
     rows = [dataclasses.replace(row, sigma=0.2 * row.sigma) for row in noisy(exact, 1)]
     plain, small = (fit(rig, some, model_error=0.0, starts=FEW) for some in (noisy(exact, 1), rows))

@@ -21,6 +21,8 @@ from difftrb.law.edge_ramp import RollerCurves
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0), (6000.0, 3000.0))
 FEW = 128
 """Points that are scanned in place of 8192."""
+LEAST = 24
+"""The same where any answer will do, for none is determined."""
 QUANTITIES = ("radial_stiffness", "axial_stiffness", "radial_loss", "axial_loss")
 
 
@@ -113,7 +115,7 @@ def test_place_preload_and_scale_are_found(liu: trb.Scene) -> None:
 
 @pytest.mark.slow
 def test_losses_alone_do_not_tell_the_scale(liu: trb.Scene) -> None:
-    found = fit(liu, measured(liu, rough("mean"), TURNED), tuple(TURNED), starts=FEW, model_error=0.0)
+    found = fit(liu, measured(liu, rough("mean"), TURNED), tuple(TURNED), starts=LEAST, model_error=0.0)
     assert not found.determined
     assert any("scale is not" in remark and "measure the" in remark for remark in found.remarks)
 
@@ -128,7 +130,7 @@ def test_depth_axial_offset_and_crown_are_found(formula: trb.Scene) -> None:
 
 @pytest.mark.slow
 def test_losses_alone_do_not_tell_the_shape(formula: trb.Scene) -> None:
-    found = fit(formula, measured(formula, rough(0.0), SHAPED), tuple(SHAPED), starts=FEW, model_error=0.0)
+    found = fit(formula, measured(formula, rough(0.0), SHAPED), tuple(SHAPED), starts=LEAST, model_error=0.0)
     assert not found.determined
     for name in ("axial_offset", "crown"):
         assert any(f"{name} is not" in remark.lower() for remark in found.remarks), name
