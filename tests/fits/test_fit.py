@@ -13,7 +13,16 @@ import pytest
 import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import jax_config
-from difftrb.fits import fit_report, fit_result, least_squares, optimal_design, predicted, profile_intervals, search, suspects
+from difftrb.fits import (
+    fit_report,
+    fit_result,
+    least_squares,
+    optimal_design,
+    predicted,
+    profile_intervals,
+    search,
+    suspects,
+)
 from difftrb.fits.conditions import conditions
 from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement, example, parse

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.core import geometry, status
+from difftrb.core import status
 from difftrb.fits import measured
 from difftrb.ring import effects
 from difftrb.scene import checks, scene_file
@@ -239,16 +239,6 @@ def test_traced_numbers_are_for_the_status() -> None:
 def test_many_traced_at_once_are_told_of_vmap() -> None:
     with pytest.raises(trb.SceneError, match=r"stiffness.phase has shape \(3,\)"):
         jax.jit(lambda p: trb.solve(scene(phase=p)).loads)(jnp.zeros(3))
-
-
-def test_once_round_is_what_the_raceways_are() -> None:
-    for at in (BEARING, bearing(arc_radius=31.0)):
-        for surface in ("outer", "inner"):
-            told = checks._around(at, trb.Spall(4.0, 7.0, surface=surface))
-            assert told == pytest.approx(2.0 * math.pi * float(geometry.arc_radius(at, surface)), rel=1e-12)
-    assert checks._around(BEARING, trb.Spall(4.0, 7.0, surface="roller")) == pytest.approx(
-        2.0 * math.pi * float(geometry.mean_roller_radius(BEARING)), rel=1e-12
-    )
 
 
 def test_as_many_rollers_as_fit_are_taken() -> None:

@@ -1,7 +1,7 @@
 """Which parts of the rows carry load, and about where it ends: pressure as a sum of few non-negative bands.
 
 Bands are differences of the contacts of a cylinder on nested intervals that end at the spall's rolling edges. That is a
-small quadratic problem with bounds, solved by `active_set`, a few times about the boundaries of the time before.
+small quadratic problem with bounds, solved by `strip_active_set`, a few times about the boundaries of the time before.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.contact import active_set, strip_settling, strip_waves
-from difftrb.contact.active_set import Quadratic
+from difftrb.contact import strip_active_set, strip_settling, strip_waves
+from difftrb.contact.strip_active_set import Quadratic
 from difftrb.contact.strip_plan import LAND, LEFT, RIGHT, Kernel, StripPlan
 from difftrb.contact.strip_settling import StripProblem
 from difftrb.core import arrays as xp
@@ -55,7 +55,7 @@ def chosen(
         shape = strip_waves.contact_on(low, high, left)
         step = xp.diff(shape[..., 0], axis=1, prepend=0.0)
         quadratic = _quadratic(plan, problem, table, tail, low, high, shape, step, gap_of_rows, weight)
-        found, active, still = active_set.solve(quadratic, active, ROUNDS)
+        found, active, still = strip_active_set.solve(quadratic, active, ROUNDS)
         density = found.loads.reshape(step.shape) / step
         return k + 1, _recentred(load, shape[..., 0], step, density), active, still
 

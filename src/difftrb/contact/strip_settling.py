@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from difftrb.contact import active_set, strip_waves
-from difftrb.contact.active_set import Quadratic
+from difftrb.contact import strip_active_set, strip_waves
+from difftrb.contact.strip_active_set import Quadratic
 from difftrb.contact.strip_plan import LEFT, MIDDLE, RIGHT, Kernel, StripPlan
 from difftrb.core import arrays as xp
 from difftrb.core import loops
@@ -157,7 +157,7 @@ def _pressed(
     matrix = _matrix(plan, table, mass, ends, held)
     gap, weight = _terms(plan, problem, strip_waves.gap_integrals(plan.orders, *_intervals(plan, ends)))
     quadratic = Quadratic(matrix, gap.ravel(), weight.ravel(), problem.load)
-    found = active_set.on_set(quadratic, xp.repeat(active[plan.outline_of], len(plan.orders)))
+    found = strip_active_set.on_set(quadratic, xp.repeat(active[plan.outline_of], len(plan.orders)))
     zero, first = np.zeros(()), len(plan.orders) * np.arange(plan.rows.size)
     residual = quadratic.matrix[first] @ found.loads + gap[:, 0] - found.approach * weight[:, 0]
     overlap = -(plan.member.T @ (residual / weight[:, 0])) / np.sum(plan.member, axis=0)
@@ -187,7 +187,7 @@ def turned(plan: StripPlan, problem: StripProblem, kernel: Kernel, found: Settle
     _, weight = _terms(plan, problem, np.zeros((plan.rows.size, len(plan.orders))))
     arm = kernel.arm[plan.rows][:, None] * np.eye(1, len(plan.orders))
     on = xp.repeat(found.active[plan.outline_of], len(plan.orders))
-    by_tilt = active_set.on_set(Quadratic(matrix, arm.ravel(), weight.ravel(), np.zeros(())), on)
+    by_tilt = strip_active_set.on_set(Quadratic(matrix, arm.ravel(), weight.ravel(), np.zeros(())), on)
     return found._replace(by_load=by_tilt.loads.reshape(weight.shape), compliance=by_tilt.approach)
 
 

@@ -234,6 +234,12 @@ def arc_radius(bearing: TaperedBearing, raceway: Raceway = "outer") -> Real:
     return outer * xp.sin(_cone_angle(bearing, raceway)) / xp.sin(bearing.outer_angle) if raceway == "inner" else outer
 
 
+def once_round(bearing: TaperedBearing, surface: str) -> Real:
+    """How far it is once round what a spall lies on [mm], where its width is measured."""
+    radius = mean_roller_radius(bearing) if surface == "roller" else arc_radius(bearing, surface)  # type: ignore[arg-type]
+    return 2.0 * np.pi * radius
+
+
 def flange_force_angle(bearing: TaperedBearing) -> Real:
     """Angle between the flange's force on a roller and the bearing's axis [rad].
 

@@ -7,7 +7,6 @@ of the result (`code`).
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator
 from typing import Any, cast, get_args
 
@@ -161,7 +160,7 @@ def _of_spalls(scene: Scene) -> str | None:
     law = scene.law.name if isinstance(scene.law, LawName) else None
     roller = as_numbers(scene.bearing.roller_length)
     for i, spall in enumerate(scene.spalls):
-        length, width, around = as_numbers(spall.length), as_numbers(spall.width), _around(scene.bearing, spall)
+        length, width, around = as_numbers(spall.length), as_numbers(spall.width), _once_round(scene.bearing, spall)
         if law is not None and length and roller:
             longest = laws.longest(law, roller[0])
             if length[0] > longest * (1.0 + 1e-12):
@@ -185,19 +184,11 @@ def _lies_on(spall: Spall) -> str:
     return "roller" if spall.surface == "roller" else f"{spall.surface} raceway"
 
 
-def _around(bearing: TaperedBearing, spall: Spall) -> float | None:
-    """Once round what a spall lies on [mm], as `geometry.arc_radius` has it; None if that is not known."""
-    given = () if bearing.arc_radius is None else (bearing.arc_radius,)
-    known = as_numbers(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
-                   bearing.roller_angle, bearing.outer_angle, bearing.inner_angle, *given)  # fmt: skip
-    if known is None:
-        return None
-    large, small, length, roller, outer, inner, *given = known
-    if spall.surface == "roller":
-        return 0.5 * math.pi * (large + small)
-    middle = 0.5 * length * (large + small) / (large - small) * math.cos(roller)
-    radius = given[0] if given else (middle - 0.5 * length) * math.sin(outer)
-    return 2.0 * math.pi * radius * (math.sin(inner) / math.sin(outer) if spall.surface == "inner" else 1.0)
+def _once_round(bearing: TaperedBearing, spall: Spall) -> float | None:
+    """`geometry.once_round`; None if the bearing's numbers are traced."""
+    numbers, made_of = jax.tree.flatten(bearing)
+    known = as_numbers(*numbers)
+    return None if known is None else float(geometry.once_round(made_of.unflatten(known), spall.surface))
 
 
 def of_one_shape(spalls: tuple[Spall, ...]) -> bool:
@@ -238,10 +229,6 @@ def code(scene: Scene) -> Any:
     bearing = xp.fixed(scene.bearing)
     within = within & (bearing.roller_large_diameter > bearing.roller_small_diameter)
     for spall in scene.spalls:
-        radius = (
-            geometry.mean_roller_radius(bearing)
-            if spall.surface == "roller"
-            else geometry.arc_radius(bearing, spall.surface)
-        )
-        within = within & (xp.fixed(spall.width) <= WIDEST * 2.0 * np.pi * radius * (1.0 + 1e-12))
+        around = geometry.once_round(bearing, spall.surface)
+        within = within & (xp.fixed(spall.width) <= WIDEST * around * (1.0 + 1e-12))
     return xp.module_of(within).where(within, status.CONVERGED, status.BAD_INPUT)
