@@ -101,6 +101,13 @@ class First(NamedTuple):
     steps: int
 
 
+class Alone(NamedTuple):
+    """Coordinates that move alone at first, shape (n,), and for how many steps."""
+
+    moves: np.ndarray
+    steps: int
+
+
 class Enough(NamedTuple):
     """When a case is done, besides where rounding ends it.
 
@@ -120,28 +127,31 @@ class Enough(NamedTuple):
 def minimum(
     evaluate: Callable[[np.ndarray], Evaluated], start: np.ndarray, free: np.ndarray, steps: int,
     first: First | None = None, enough: Enough = Enough(), longest: np.ndarray | float = LONGEST,  # noqa: B008
+    alone: Alone | None = None,
 ) -> Least:  # fmt: skip
     """Least squares of what `evaluate` says of places, shape (some cases, n).
 
     Args:
       start: shape (cases, n). free: which coordinates move, same shape.
       steps: at most. With none it evaluates the start.
-      first: what goes before, if anything.
+      first: what goes before, if anything. alone: what comes between that and the `steps`.
       longest: step of every coordinate, shape (n,); how far the residual is about straight.
     """
     cases, led, memory = _Cases(start, free, np.broadcast_to(longest, start.shape[1:])), 0, None
     if first is not None:
         led, memory = first.steps, first.memory
-    for k in range(led + steps + 1):
+    before = led + (alone.steps if alone is not None else 0)
+    for k in range(before + steps + 1):
         at = np.nonzero(~cases.done)[0]
         cases.update(at, evaluate(cases.place[at] + cases.move[at]), k, led)
         if first is not None and k < led:
             move, memory = first.rule(cases.gradient, memory)
             cases.move = np.where(free, move, 0.0)
         else:
+            cases.free = free & alone.moves if alone is not None and k < before else free
             cases.step(at)
         cases.shorten()
-        if k >= led:
+        if k >= before:
             cases.finish(enough)
         if cases.done.all():
             break

@@ -22,7 +22,7 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import conditions, least_squares
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import Conditions, Values, stiffness, whole, with_slopes
-from difftrb.fits.least_squares import Bounds, Enough, Least
+from difftrb.fits.least_squares import Alone, Bounds, Enough, Least
 from difftrb.fits.parameters import Parameter
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Scene, healthy, is_plain
@@ -160,16 +160,16 @@ def counted(problem: Problem, values: jax.Array) -> jax.Array:
 
 def solved(
     problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int,
-    enough: Enough = Enough(), ratios: bool = False,  # noqa: B008
+    enough: Enough = Enough(), ratios: bool = False, alone: Alone | None = None,  # noqa: B008
 ) -> Least:  # fmt: skip
     """Least squares from `places`, shape (cases, parameters), moving those coordinates that are `free`, same shape:
-    first `search` steps of Adam, then `steps` of Levenberg–Marquardt at most. With `ratios` deviations are as in
-    `by_ratios`.
+    first `search` steps of Adam, then those of `alone`, then `steps` of Levenberg–Marquardt at most. With `ratios`
+    deviations are as in `by_ratios`.
     """
     first = least_squares.First(_adam, _rest(places), search) if search else None
     evaluate = partial(by_ratios if ratios else evaluated, problem)
     longest = np.minimum(scales(problem), least_squares.LONGEST)
-    return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, longest)
+    return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, longest, alone)
 
 
 def scales(problem: Problem) -> np.ndarray:

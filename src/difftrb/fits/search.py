@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.fits import least_squares, predicted
-from difftrb.fits.least_squares import Bounds, Enough, Least
+from difftrb.fits.least_squares import Alone, Bounds, Enough, Least
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import Problem
 from difftrb.scene.scene import Scene
@@ -42,7 +42,7 @@ SAME = 0.05
 """Minima this close, of what parts basins, are one."""
 SPREAD, FACTORS = (0.05, 0.95), (0.6, 0.8)
 """Between which shares of a parameter's range points lie, and of one that multiplies losses."""
-ALONE = 3
+ALONE = 2
 """Steps in which those that multiply losses move alone."""
 THOROUGH = 8, 16
 """`ROUNDS` where nothing that was found explains the data."""
@@ -115,12 +115,12 @@ def minima(
     most, fewest = lowest
     place, cost, scale, rough = scan.place, _alike(problem, scan), predicted.scales(problem), _rough(problem)
     enough = _enough(problem)
-    alone = np.array([parameter.multiplies for parameter in problem.parameters]) & (True if free is None else free)
+    multiply = np.array([parameter.multiplies for parameter in problem.parameters]) & (True if free is None else free)
+    alone = Alone(multiply, ALONE) if multiply.any() and not multiply.all() else None
     for k, steps in enumerate(rounds):
         place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, fewest, most))]
-        if k == 0 and alone.any() and not alone.all():
-            place = predicted.solved(rough, place, _moving(place, alone), 0, ALONE, Enough(), ratios=True).place
-        found = predicted.solved(rough, place, _moving(place, free), 0, steps, enough, ratios=True)
+        first = alone if k == 0 else None
+        found = predicted.solved(rough, place, _moving(place, free), 0, steps, enough, ratios=True, alone=first)
         place, cost = found.place, found.cost
     # the scene's own, too
     return minima_from(problem, np.concatenate([place[_lower(place / scale, cost, fewest)], scan.place[:1]]), free)
