@@ -200,11 +200,12 @@ def command(file: Path, out: Path, *more: str) -> list[str]:
 
 
 def same(one: Path, other: Path) -> list[str]:
-    """Names of files of results whose bytes differ, or that only one folder has."""
+    """Names of files of results whose bytes differ, or that only one folder has; but for what a killed process was
+    writing, which sweeps remove once it is old."""
 
     def bytes_of(folder: Path) -> dict[str, bytes]:
         return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*")
-                if path.is_file() and path.suffix not in (".png", ".svg")}  # fmt: skip
+                if path.is_file() and path.suffix not in (".png", ".svg", ".partial")}  # fmt: skip
 
     here, there = bytes_of(one), bytes_of(other)
     return sorted(name for name in here.keys() | there.keys() if here.get(name) != there.get(name))
