@@ -19,7 +19,7 @@ ALONE = {
     "optax": {"fits/predicted.py"},
     "matplotlib": {
         "report/figure_style.py", "report/load_figure.py", "report/pressure_figure.py", "report/bearing_drawing.py",
-        "report/run_figures.py", "sweeps/sweep_plot.py", "fits/fit_report.py", "accuracy/accuracy_report.py",
+        "report/run_figures.py", "sweeps/sweep_plot.py", "fits/fit_figure.py", "accuracy/accuracy_report.py",
     },
     "panel": {"report/explorer.py"},
     "bokeh": {"report/explorer.py"},

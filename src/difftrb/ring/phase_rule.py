@@ -108,7 +108,7 @@ def _kinks(
         found.append(_zone(bearing, own[2 * k : 2 * k + 2], sides))
     for raceway, spalls, law in met:
         radius = geometry.arc_radius(bearing, raceway)
-        share = None if terms.seat is None or law.hard else jax.vmap(partial(_share, law))(rest)
+        share = None if rest is None or terms.seat is None or law.hard else jax.vmap(partial(_share, law))(rest)
         for i, spall in enumerate(spalls):
             edges = spall.angle + sides * (0.5 * spall.width / radius)
             if law.hard:

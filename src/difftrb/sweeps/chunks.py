@@ -162,6 +162,7 @@ def _workers(address: str, plan: Plan, store: Npz | Zarr, devices: int) -> Itera
     """For `in_turn`: Dask's workers. A chunk whose worker dies is given to another."""
     try:
         import distributed  # pyright: ignore[reportMissingImports]
+        from distributed.comm.core import CommClosedError  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise SweepError("--scheduler needs dask.distributed: pip install 'difftrb[cluster]'") from None
     gone = OSError(None, GONE, address)
@@ -184,7 +185,7 @@ def _workers(address: str, plan: Plan, store: Npz | Zarr, devices: int) -> Itera
 
             task = partial(_task, devices=devices)
             yield lambda chunk: client.submit(task, both, chunk, pure=False, retries=RETRIES), TASKS, alive
-    except (CancelledError, distributed.comm.CommClosedError):  # of chunks that it knew, or while one is handed over
+    except (CancelledError, CommClosedError):  # of chunks that it knew, or while one is handed over
         raise gone from None
 
 

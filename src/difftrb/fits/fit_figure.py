@@ -1,0 +1,104 @@
+"""The figure of a fit: measured against model, residuals, profiles, and what is traded for what."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from difftrb.fits.fit_result import Fit
+from difftrb.fits.profile_intervals import CONFIDENCE, EDGE, limit_of
+from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED
+
+WIDE = np.sqrt(limit_of(None))
+"""Standard errors to either side of an interval of the normal distribution."""
+PERCENT = f"{100.0 * CONFIDENCE:g} %"
+
+
+def fit_panels(fit: Fit) -> Any:
+    """What a fit says, in four Axes: measured against model, residuals, profiles, and the ridge of the first two."""
+    _, axes = plt.subplots(2, 2, figsize=(8.4, 6.8), layout="constrained")
+    losses = [k for k, row in enumerate(fit.rows) if row.is_loss]
+    shown = losses or list(range(len(fit.rows)))
+    scale, unit = (1.0, "loss of stiffness [%]") if losses else (1e-6, "stiffness [kN/µm]")
+    fit_against_data(fit, shown, scale, unit, axes[0, 0])
+    residuals(fit, axes[0, 1])
+    profiles(fit, axes[1, 0])
+    if len(fit.parameters) > 1:
+        ridge(fit, axes[1, 1])
+    else:
+        axes[1, 1].set_axis_off()
+    return axes[0, 0]
+
+
+def fit_against_data(fit: Fit, shown: list[int], scale: float, unit: str, ax: Axes) -> Axes:
+    """Model against measurement with error bars, rows `shown`; on the line they agree."""
+    for direction, colour, marker in (("radial", HEALTHY, "o"), ("axial", SPALLED, "s")):
+        rows = [k for k in shown if fit.rows[k].quantity.startswith(direction)]
+        if rows:
+            measured = scale * np.array([float(fit.rows[k].value) for k in rows])
+            ax.errorbar(scale * fit.predicted[rows], measured, WIDE * scale * fit.sigma[rows], fmt=marker, ms=5,
+                        color=colour, mfc="none", lw=1.0, capsize=2, label=direction)  # fmt: skip
+    limits = np.array([*ax.get_xlim(), *ax.get_ylim()])
+    ends = limits.min(), limits.max()
+    ax.plot(ends, ends, color="black", lw=0.8, zorder=0)
+    ax.set(xlim=ends, ylim=ends, xlabel=f"model: {unit}", ylabel=f"measured: {unit}", title=f"Fit (bars: {PERCENT})")
+    ax.legend(frameon=False)
+    return ax
+
+
+def residuals(fit: Fit, ax: Axes) -> Axes:
+    """What the model leaves of every row, in sigma."""
+    at = np.arange(1, len(fit.rows) + 1)
+    colours = [HEALTHY if row.quantity.startswith("radial") else SPALLED for row in fit.rows]
+    ax.axhspan(-WIDE, WIDE, color=ACCENT, alpha=0.35, lw=0)
+    ax.axhline(0.0, color="black", lw=0.8)
+    ax.bar(at, fit.residuals, width=0.6, color=colours)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set(xlabel="row", ylabel="measured − model [σ]", title=f"Residuals (band: {PERCENT})")
+    return ax
+
+
+def profiles(fit: Fit, ax: Axes) -> Axes:
+    """Rise of χ² with each parameter held, all others free, over the parameter relative to its fitted value."""
+    limit = fit.limit
+    styles = zip(fit.labels, (HEALTHY, SPALLED, "#228833", "#AA3377", "#CCBB44", "#66CCEE", "black"),
+                 ("-", "--", "-.", ":", "-", "--", "-."), strict=False)  # fmt: skip
+    widest = 0.0
+    for i, (name, colour, style) in enumerate(styles):
+        values = fit.along(i, fit.profiles.coordinates[i])
+        relative = (values - fit.values[i]) / (abs(fit.values[i]) or 1.0) * 100.0
+        rise = np.maximum(fit.profiles.rise[i], 0.0)
+        low = rise < 3.0 * limit
+        widest = max(widest, float(np.max(np.abs(relative[low]))))
+        ax.plot(relative[low], rise[low], style, color=colour, label=f"{name} {fit.values[i]:.3g} {fit.units[i]}")
+    ax.axhline(limit, color="black", lw=0.8)
+    ax.text(0.02, limit, PERCENT, va="bottom", transform=ax.get_yaxis_transform())
+    ax.set(xlabel="parameter against its fitted value [%]", ylabel="rise of χ²", ylim=(0.0, 2.5 * limit))
+    ax.set(title="Profiles of the likelihood")
+    ax.legend(frameon=False, loc="upper center")
+    return ax
+
+
+def ridge(fit: Fit, ax: Axes) -> Axes:
+    """Rise of χ² over the first two parameters, all others free: 68, 95 and 99.7 % regions."""
+    box = np.clip(np.stack([_wider(fit, i) for i in (0, 1)]), -EDGE, EDGE)
+    rise = np.asarray(fit.ridge(box))
+    first, second = (fit.along(k, np.linspace(box[k, 0], box[k, 1], len(rise))) for k in (0, 1))
+    scale = fit.limit / limit_of(None)  # larger if sigma was estimated
+    levels = [0.0, *(scale * v for v in (2.296, 5.991, 11.829))]  # of χ² of two degrees of freedom
+    ax.contourf(first, second, np.maximum(rise.T, 0.0), levels, colors=("#4477AA", "#99B8D8", "#DDE7F1"))
+    ax.plot(fit.values[0], fit.values[1], "+", color=SPALLED, ms=10, mew=2, label="fit")
+    ax.set(xlabel=f"{fit.labels[0]} [{fit.units[0]}]", ylabel=f"{fit.labels[1]} [{fit.units[1]}]")
+    ax.set_title("Ridge: 68, 95, 99.7 %")
+    ax.legend(frameon=False)
+    return ax
+
+
+def _wider(fit: Fit, i: int) -> np.ndarray:
+    """Coordinates somewhat beyond an interval."""
+    low, high = fit.profiles.ends[i]
+    return np.array([fit.place[i] - 2.1 * (fit.place[i] - low), fit.place[i] + 2.1 * (high - fit.place[i])])
