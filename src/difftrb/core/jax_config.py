@@ -6,6 +6,7 @@ JAX is imported by the functions that need it: `set_up_jax` has to come before.
 from __future__ import annotations
 
 import functools
+import gc
 import os
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
@@ -23,12 +24,14 @@ Programs run as fast with them as without. JAX takes options at the outermost `j
 
 
 def set_up_jax(cache: bool) -> None:
-    """Float64, no noise from XLA and, if asked, compiled programs kept in the user's cache folder."""
+    """For a command's process: float64, no noise from XLA and, if asked, compiled programs kept in the user's cache
+    folder."""
     # XLA reports its own tuning hints as missing processor features whenever it loads a kept program
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    gc.set_threshold(50_000, 20, 100)  # tracing makes many objects: looking through them takes a tenth of the time
     if cache:
         from difftrb.core.kept import keep_compiled
 
