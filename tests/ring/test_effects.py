@@ -24,7 +24,7 @@ from difftrb.scene import prepared as prepared_scene
 pytestmark = pytest.mark.exact
 
 LIU = trb.liu2018()
-SOLID = PowerLaw(jnp.zeros(1), jnp.log(jnp.array([1e24])), jnp.array([1.2]), (0.0, np.inf), np.nan, 0.0, "given")
+SOLID = PowerLaw(jnp.zeros(1), jnp.log(jnp.array([1e21])), jnp.array([1.2]), (0.0, np.inf), np.nan, 0.0, "given")
 SERIES = effects.SeriesRaceways(None, LIU)
 LOAD = trb.Load(9000.0, 4500.0)
 SPALLS = (trb.Spall(6.0, 7.0),)
