@@ -57,8 +57,7 @@ def borders(
 
     The laws met, the outer raceway's first, say how far their edges reach. `at_rest`: healthy rings under the `load`
     with `terms`, at phases of shape (kinks,): with few rollers a ring lies differently at every phase. `still`: of a
-    plain one the displacement [mm] at one phase, shape (3,), if it is known: then none is solved. Means are the same to
-    1e-5 even of eight rollers.
+    plain one the displacement [mm], shape (3,), if it is known and the same at all phases: then none is solved.
     """
     whole = geometry.roller_pitch(bearing)
 
