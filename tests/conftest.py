@@ -48,6 +48,18 @@ def _few_programs() -> Iterator[None]:
     let_go(25_000)
 
 
+@pytest.fixture(scope="module")
+def compiled_as_for_users() -> Iterator[None]:
+    """For programs that run hundreds of times, or more."""
+    patch = pytest.MonkeyPatch()
+    patch.setitem(jax_config.OPTIONS, "xla_backend_optimization_level", 1)
+    patch.setitem(jax_config.OPTIONS, "xla_llvm_disable_expensive_passes", False)
+    jax_config.quick.cache_clear()
+    yield
+    patch.undo()
+    jax_config.quick.cache_clear()
+
+
 @pytest.fixture(autouse=True)
 def _nothing_kept_as_traced() -> Iterator[None]:
     """A command keeps programs from there on; a test that replaces a function would get, or leave, one that does not

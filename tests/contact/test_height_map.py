@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.contact import cell_solve, contact_extent
+from difftrb.contact import cell_solve, contact_cells, contact_extent
 from difftrb.contact.height_map import load_height_map
 from difftrb.core import status
 
@@ -126,10 +126,11 @@ def test_heights_that_are_no_numbers_are_flagged(contact: trb.LineContact, value
 
 @pytest.mark.slow
 def test_a_lattice_that_cuts_the_contact_is_noticed(contact: trb.LineContact, monkeypatch) -> None:
-    whole = contact_extent.extents
+    whole = {name: getattr(contact_extent, name) for name in ("domain", "domain_of_any")}
     m = load_height_map(trb.example_map())
     for cut in (lambda x, low, high: (0.4 * x, low, high), lambda x, low, high: (x, 0.6 * low, high)):
-        monkeypatch.setattr(contact_extent, "extents", lambda *a, cut=cut: cut(*whole(*a)))
+        for name, found in whole.items():
+            monkeypatch.setattr(contact_cells, name, lambda *a, cut=cut, found=found: cut(*found(*a)))
         cell_solve.solve.clear_cache()
         try:
             for case in ((None, 0.0), (m, 0.5)):
@@ -137,6 +138,22 @@ def test_a_lattice_that_cuts_the_contact_is_noticed(contact: trb.LineContact, mo
                 assert int(s.status_code) == status.TOUCHES_BORDER
         finally:
             cell_solve.solve.clear_cache()
+
+
+def test_a_rim_may_press_before_the_raceway(contact: trb.LineContact) -> None:
+    """A ridge of 20 µm beside the roller's middle, under a load that sinks it by less: the lattice reaches out to it,
+    and the roller stands above the raceway."""
+    x = np.linspace(-0.1, 0.1, 21)
+    ridge = trb.HeightMap(jnp.asarray(np.tile(0.02 * (1.0 - (x / 0.11) ** 2), (30, 1))), 0.01, 0.5)
+    approaches = []
+    for away in (0.0, 0.25, 0.33, 0.6):
+        s = trb.solve_contact(contact, 200.0, ridge, away, 1e-2)
+        assert s.status == "converged"
+        approaches.append(float(s.approach))
+    healthy = float(trb.solve_contact(contact, 200.0).approach)
+    assert approaches == sorted(approaches)
+    assert approaches[0] < -0.015
+    assert approaches[-1] == pytest.approx(healthy, rel=1e-2)
 
 
 def test_what_does_not_fit_together_is_refused(contact: trb.LineContact) -> None:

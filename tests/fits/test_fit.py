@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -12,7 +11,6 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.core import jax_config
 from difftrb.fits import (
     fit_report,
     fit_result,
@@ -30,6 +28,7 @@ from difftrb.fits.predicted import evaluated, solved
 from difftrb.scene import scene_file
 from experiments.speed_of_fit import ours, scipys
 
+pytestmark = pytest.mark.usefixtures("compiled_as_for_users")
 TRUTH = {"length": 5.0, "width": 9.0}
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))
 FEW = 64
@@ -40,18 +39,6 @@ BLANK = tuple(
     for phase in (0.0, "mean")
     for quantity in ("radial_loss", "axial_loss")
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compiled_as_for_users() -> Iterator[None]:
-    """Programs of these fits run thousands of times."""
-    patch = pytest.MonkeyPatch()
-    patch.setitem(jax_config.OPTIONS, "xla_backend_optimization_level", 1)
-    patch.setitem(jax_config.OPTIONS, "xla_llvm_disable_expensive_passes", False)
-    jax_config.quick.cache_clear()
-    yield
-    patch.undo()
-    jax_config.quick.cache_clear()
 
 
 @pytest.fixture(scope="module")

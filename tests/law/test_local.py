@@ -120,12 +120,6 @@ def test_a_fitted_law_says_so_too(scene: trb.Scene) -> None:
     assert int(solve_prepared(shallow).status_code) == status.BOTTOM
 
 
-def test_several_spalls_have_no_mean(bearing: trb.TaperedBearing) -> None:
-    for spalls in (ENDS, (trb.Spall(6.3, 9.0, depth=5e-3),)):
-        with pytest.raises(ValueError, match="at one phase only"):
-            trb.prepare(trb.Scene(bearing, LOAD, spalls, law="direct", accuracy=1e-2, phase="mean"))
-
-
 def test_a_law_is_made_for_what_effects_press(bearing: trb.TaperedBearing) -> None:
     """`difftrb example mounting` was made for 61 … 439 N where all rollers carry thousands, and the one over the spall
     more than its neighbours."""

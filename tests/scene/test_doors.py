@@ -163,12 +163,34 @@ def test_what_no_file_can_hold_gets_one_sentence(name: str) -> None:
     assert re.match(words, refused(made))
 
 
-def test_a_height_map_is_refused_as_in_a_file() -> None:
-    height = trb.HeightMap(jnp.zeros((3, 3)), 0.1, 0.1)
+def test_a_height_map_needs_contact_solves() -> None:
+    """In a file and in Python, by the same sentences."""
+    height = trb.HeightMap(jnp.array([[0.0, 0.0], [-0.1, 0.0]]), 0.1, 0.1)
+    text = scene_file.example("map").replace("[contact]", '[contact]\nlaw = "table"')
     with pytest.raises(trb.SceneError) as caught:
-        scene_file.check_ring(scene_file.parse(scene_file.example("map"), "map"), "map")
-    assert str(caught.value) == f"map: {refused(scene(height))}"
-    assert refused(dataclasses.replace(scene(), spalls=height)) == refused(scene(height))
+        scene_file.check_ring(scene_file.parse(text, "map"), "map")
+    assert str(caught.value) == f"map: {refused(dataclasses.replace(scene(height), law='table'))}"
+    assert refused(dataclasses.replace(scene(height), law="table")).endswith("use 'auto' or 'direct'")
+    with pytest.raises(trb.SceneError, match=r"spall.0.height_map: needs numbers: prepare the scene first"):
+        jax.jit(trb.solve)(dataclasses.replace(scene(height), law="auto"))
+    for effect in (effects.Tilt(), effects.Through()):
+        both = dataclasses.replace(scene(height), law="auto", effects=(effect,))
+        assert f"effects.{effect.key} takes rectangular spalls" in refused(both)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"pitch_x": 0.0}, r"spall.0.pitch_x = 0.0: must be a number in 1e-05 … 10 mm"),
+        ({"scale": float("nan")}, r"spall.0.scale = nan: must be"),
+        ({"row": 2}, r"spall.0.row = 2: needs the effect double_row"),
+        ({"height": jnp.zeros(3)}, r"spall.0.height: must be a grid"),
+        ({"height": jnp.full((3, 3), jnp.nan)}, r"spall.0.height: must be a grid"),
+    ],
+)
+def test_numbers_of_a_map_are_judged(changed: dict, words: str) -> None:
+    height = dataclasses.replace(trb.HeightMap(jnp.zeros((3, 3)), 0.1, 0.1), **changed)
+    assert re.match(words, refused(dataclasses.replace(scene(height), law="direct")))
 
 
 def test_names_one_spall_and_lists_are_taken() -> None:

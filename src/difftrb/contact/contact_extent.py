@@ -16,6 +16,9 @@ from difftrb.core.geometry import LineContact, Spall
 Defects = tuple[Spall | HeightMap, ...]
 ESTIMATE = 1.15
 """Factor on the estimated approach: no contact sinks deeper."""
+ACROSS = 129
+"""Places in the rolling direction at which a surface of any shape is looked at; where rims may reach too far out for
+these to see them, pressure at the border says so."""
 AT_EDGES = 0.7
 """Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
 
@@ -76,8 +79,9 @@ def domain_of_any(
 ) -> tuple[Any, Any, Any]:
     """As `domain`, for surfaces of any shape: slices begin to carry where their gap is least."""
     reach, _, _ = domain(contact, load, (), offsets, tilt)
-    half = 0.5 * contact.length
-    x = reach * xp.linspace(-1.5, 1.5, 65)
+    half, rim = 0.5 * contact.length, xp.max(xp.stack([xp.asarray(each.rim) for each in defects]))
+    beyond = xp.where(rim > 0.0, gaps.certain_reach(contact.radius, xp.where(rim > 0.0, rim, 1.0)), 0.5 * reach)
+    x = xp.maximum(1.5 * reach, reach + beyond) * xp.linspace(-1.0, 1.0, ACROSS)
     y = half * (2.0 * (xp.arange(256) + 0.5) / 256.0 - 1.0)
     depth = depth_at(defects, offsets, x, y)
     lowest = xp.min(x[None, :] ** 2 / (2.0 * contact.radius) + depth, axis=1)
@@ -88,7 +92,12 @@ def domain_of_any(
     healthy = approach_of_slices(needed, weight, rest, 60)
     delta = xp.minimum(sunk, healthy + xp.maximum(xp.max(lowest), 0.0))
     # a raised rim meets the roller before the raceway does; so does a bottom that is all there is
-    return extents(contact, delta - xp.min(lowest), tilt)
+    least = xp.min(lowest)
+    widest, bottom, top = extents(contact, delta - least, tilt)
+    deepest = least + ESTIMATE * (delta - least)
+    touches = (x[None, :] ** 2 / (2.0 * contact.radius) + depth + rest[:, None] < deepest) & (depth < 0.0)
+    raised = xp.max(xp.where(touches, xp.abs(x)[None, :], 0.0)) + 2.0 * (x[1] - x[0])
+    return xp.where(xp.any(touches), xp.maximum(widest, raised), widest), bottom, top
 
 
 def needed_by_slices(contact: LineContact, load: Any) -> Any:

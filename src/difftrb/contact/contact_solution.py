@@ -209,8 +209,9 @@ def gradient_by_name(by: Inputs) -> dict[str, Real | None]:
 
     def by_size(name: str) -> Real | None:
         if isinstance(by.spall, tuple):
-            return xp.stack([xp.asarray(getattr(each, name, np.nan)) for each in by.spall])
-        return getattr(by.spall, name, None)
+            every = (getattr(each, name) if isinstance(each, Spall) else np.nan for each in by.spall)
+            return xp.stack([xp.asarray(value) for value in every])
+        return getattr(by.spall, name) if isinstance(by.spall, Spall) else None
 
     if isinstance(by.spall, tuple):
         offset = xp.where(np.array([isinstance(each, Spall) for each in by.spall]), by.offset, np.nan)

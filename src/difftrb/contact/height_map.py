@@ -8,15 +8,17 @@ import os
 import zipfile
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from annotated_types import Interval, Unit
 
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.bad_input import named, opened, shown, text_of
-from difftrb.core.geometry import Real
+from difftrb.core.geometry import Real, Spall
 
 PITCH = (1e-5, 10.0)
 """Least and largest distance of a map's points [mm]."""
@@ -47,14 +49,43 @@ class HeightMap:
       axial_offset: of its middle from the roller's middle, along the roller [mm], default 0.
       angle: of its middle from the load line [rad], default 0.
       surface: "outer" (default) or "inner" raceway, or "roller".
+      scale: factor on all heights [-], −100…100, default 1; to see what a deeper one would do.
+      row: 1 (default), or 2 with the effect `double_row`.
     """
 
     height: jax.Array
-    pitch_x: Real
-    pitch_y: Real
-    axial_offset: Real = 0.0
-    angle: Real = 0.0
+    pitch_x: Annotated[Real, Interval(ge=PITCH[0], le=PITCH[1]), Unit("mm")]
+    pitch_y: Annotated[Real, Interval(ge=PITCH[0], le=PITCH[1]), Unit("mm")]
+    axial_offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
+    angle: Annotated[Real, Interval(ge=-6.2832, le=6.2832), Unit("rad")] = 0.0
     surface: Literal["outer", "inner", "roller"] = dataclasses.field(default="outer", metadata={"static": True})
+    scale: Annotated[Real, Interval(ge=-100.0, le=100.0), Unit("-")] = 1.0
+    row: Annotated[int, Interval(ge=1, le=2)] = dataclasses.field(default=1, metadata={"static": True})
+
+    @property
+    def length(self) -> Real:
+        """Over which the raceway is another one, along the roller [mm]: a pitch more than `extent` at either end."""
+        return (self.height.shape[0] + 1) * self.pitch_y
+
+    @property
+    def width(self) -> Real:
+        """As `length`, in the rolling direction."""
+        return (self.height.shape[1] + 1) * self.pitch_x
+
+    @property
+    def depth(self) -> Real:
+        """Of its deepest point below the raceway [mm], without derivatives; 0 without one."""
+        return xp.maximum(-(xp.fixed(self.scale) * xp.fixed(self.height)).min(), 0.0)
+
+    @property
+    def rim(self) -> Real:
+        """How high it stands out of the raceway [mm], without derivatives."""
+        return xp.maximum((xp.fixed(self.scale) * xp.fixed(self.height)).max(), 0.0)
+
+    @property
+    def ends(self) -> tuple[Real, Real]:
+        """As `Spall.ends`."""
+        return self.axial_offset - 0.5 * self.length, self.axial_offset + 0.5 * self.length
 
     @property
     def extent(self) -> tuple[Real, Real]:
@@ -72,7 +103,7 @@ def height_at(measured: HeightMap, offset: Real, x: jax.Array, y: jax.Array) -> 
     `offset` is the distance of the map's middle from the contact's in the rolling direction [mm]. Differentiable by
     everything; at a point of the map the slope is the mean of both sides.
     """
-    height = jnp.asarray(measured.height, float)
+    height = measured.scale * jnp.asarray(measured.height, float)
     rows, columns = height.shape
     along = _hats(y - measured.axial_offset, rows, measured.pitch_y)
     across = _hats(x - offset, columns, measured.pitch_x)
@@ -90,7 +121,16 @@ def height_map_is_sound(measured: HeightMap) -> jax.Array:
     """Whether all numbers of a map are finite, and its pitches positive."""
     pitches = jnp.stack([jnp.asarray(v, float) for v in (measured.pitch_x, measured.pitch_y)])
     finite = jnp.all(jnp.isfinite(jnp.asarray(measured.height, float)))
-    return finite & jnp.all(pitches > 0.0) & jnp.isfinite(jnp.sum(pitches) + measured.angle + measured.axial_offset)
+    place = measured.angle + measured.axial_offset + measured.scale
+    return finite & jnp.all(pitches > 0.0) & jnp.isfinite(jnp.sum(pitches) + place)
+
+
+def resized(spall: Spall | HeightMap, length: Any, width: Any) -> Any:
+    """A spall of another length and width [mm]; a map is stretched to them."""
+    if isinstance(spall, Spall):
+        return dataclasses.replace(spall, length=length, width=width)
+    rows, columns = spall.height.shape
+    return dataclasses.replace(spall, pitch_y=length / (rows + 1), pitch_x=width / (columns + 1))
 
 
 def load_height_map(

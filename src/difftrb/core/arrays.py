@@ -264,6 +264,14 @@ def moved_last(x: Any) -> Any:
     return x.mapped(lambda part: xp.moveaxis(part, 0, -1), lambda part: xp.moveaxis(part, 1, -1))
 
 
+def moved_first(x: Any) -> Any:
+    """The last axis before all others."""
+    if not isinstance(x, Taylor):
+        return module_of(x).moveaxis(x, -1, 0)
+    xp = module_of(x)
+    return x.mapped(lambda part: xp.moveaxis(part, -1, 0), lambda part: xp.moveaxis(part, -1, 1))
+
+
 def in_few(function: Callable[..., Any], *scalars: Any) -> Any:
     """`function(*scalars)`, an array or a pytree of such. Where these are expanded by more parameters than there are
     scalars, it is expanded by the scalars first, and then by what they depend on."""

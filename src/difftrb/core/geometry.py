@@ -110,6 +110,11 @@ class Spall:
         """Where it begins and ends along the roller, from the roller's middle [mm]; also beyond the roller's ends."""
         return self.axial_offset - 0.5 * self.length, self.axial_offset + 0.5 * self.length
 
+    @property
+    def rim(self) -> Real:
+        """How high it stands out of the raceway [mm]: not at all. A `HeightMap` may."""
+        return 0.0
+
 
 @register
 @dataclasses.dataclass(frozen=True)

@@ -49,10 +49,9 @@ SENTENCES = {
     "for wider ones: prepare this scene, by naming its law",
     LOOSE: "one of two rows carries nothing, and the other one alone does not hold the shaft's tilt: raise "
     "effects.double_row.preload, leave its spacing out, or name effects.tilt, too",
-    SEVERAL: "several spalls are under one roller at once, and this roller law knows one: use contact.law = 'direct' "
-    "at one phase",
-    BOTTOM: "a roller may meet the bottom of a spall, which this roller law does not know: use contact.law = 'direct' "
-    "at one phase, or give the spall its true depth",
+    SEVERAL: "several spalls are under one roller at once, and this roller law knows one: use contact.law = 'direct'",
+    BOTTOM: "a roller may meet the bottom of a spall, which this roller law does not know: use contact.law = 'direct', "
+    "or give the spall its true depth",
     OUTSIDE: "rollers carry loads outside the range that the roller law was made for: name the law for this "
     "scene, or use contact.law = 'table'",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
@@ -61,8 +60,7 @@ SENTENCES = {
     OTHER_CONTACT: "the roller is crowned too little, or too small or large for its crown, for the table: use "
     "contact.law = 'direct' or 'auto', or another design load",
     TILTS: "a roller between both raceways tilts over a spall off its middle, which this roller law does not know: use "
-    "contact.law = 'direct' at one phase (of all phases: difftrb stiffness), or hold rollers by "
-    "effects.raceways.rollers = 'upright'",
+    "contact.law = 'direct', or hold rollers by effects.raceways.rollers = 'upright'",
     UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }
 

@@ -52,9 +52,10 @@ class Rest(NamedTuple):
 
         See `gap.certain_reach`.
         """
-        of = xp.module_of(distances, spall.width)
+        of = xp.module_of(distances, spall.width, spall.rim)
         beside = of.maximum(of.abs(distances) - 0.5 * spall.width, 0.0)
-        return (beside**2 < 2.0 * self.radius * self.approach) & (self.approach > 0.0) & (spall.length > 0.0)
+        approach = self.approach + spall.rim
+        return (beside**2 < 2.0 * self.radius * approach) & (approach > 0.0) & (spall.length > 0.0)
 
 
 class Law(Protocol):

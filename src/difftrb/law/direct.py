@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import numpy as np
 
-from difftrb.contact import crown
+from difftrb.contact import crown, gap
 from difftrb.contact.grids import GRIDS
 from difftrb.core import arrays as xp
 from difftrb.core import status
@@ -179,6 +179,14 @@ class DirectLaw:
         rise = ramp_fit.rise_over(self.contact, spall)
         beside = healthy.beside(np.zeros(()), full, self.sunk[number], rise, edge_ramp.guess())
         return edge_ramp.extent(edge_ramp.spread(beside, np.ndim(approach)), approach)
+
+    def certain_ramp(self, approach: Any) -> tuple[Any, Any]:
+        """As `ramp`, of whatever spall: from where an edge enters a healthy contact to where nothing may reach it."""
+        healthy = edge_ramp.spread(self._level(), np.ndim(approach))
+        half_width = edge_ramp.half_width_at(healthy, load_curve.carried(healthy.curve, approach))
+        pressed = approach > 0.0
+        reach = gap.certain_reach(self.contact.radius, xp.where(pressed, approach, 1.0))
+        return -half_width, xp.where(pressed, reach, 0.0)
 
     def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls; no

@@ -133,7 +133,7 @@ def between(ramp: Ramp, approach: Any) -> tuple[Any, Any, Any, Any]:
     """Loads of a healthy roller and of one over the spall's middle [N], and where the ramp begins and ends [mm], as
     `Ramp.edge`; all at this approach [mm]."""
     healthy, full = load_curve.carried(ramp.healthy, approach), load_curve.carried(ramp.full, approach)
-    half_width = xp.exp(series.polynomial(ramp.half_width, _of_load(ramp, healthy), straight=True))
+    half_width = half_width_at(ramp, healthy)
     # where the crown rises, the contact is narrower
     pressed = xp.where(approach > 0.0, approach, 1.0)
     half_width = half_width * xp.sqrt(xp.within(1.0 - ramp.rise / pressed, NARROWED, 1.0))
@@ -142,17 +142,22 @@ def between(ramp: Ramp, approach: Any) -> tuple[Any, Any, Any, Any]:
     return healthy, full, -half_width, xp.where(above, certain_reach(ramp.radius, xp.where(above, free, 1.0)), 0.0)
 
 
+def half_width_at(of: Any, healthy: Any) -> Any:
+    """Of a healthy contact [mm] at its load [N], by a `Ramp` or whatever else has its `half_width` and `loads`."""
+    return xp.exp(series.polynomial(of.half_width, _of_load(of, healthy), straight=True))
+
+
 def extent(ramp: Ramp, approach: Any) -> tuple[Any, Any]:
     """Where a ramp begins and ends [mm], as `Ramp.edge`."""
     return between(ramp, approach)[2:]
 
 
-def spread(ramp: Ramp, axes: int) -> Ramp:
-    """The ramp with so many axes behind all others, to go with as many approaches."""
+def spread(ramp: Any, axes: int) -> Any:
+    """The ramp, or a part of one, with so many axes behind all others, to go with as many approaches."""
     return xp.tree_map(lambda leaf: xp.asarray(leaf)[(..., *[None] * axes)], ramp)
 
 
-def _of_load(ramp: Ramp, load: Any) -> Any:
+def _of_load(ramp: Any, load: Any) -> Any:
     least = xp.exp(ramp.loads[0] - ramp.loads[1])
     return (xp.log(xp.within(load, least, np.inf)) - ramp.loads[0]) / ramp.loads[1]
 

@@ -7,6 +7,7 @@ was made from the law knows nothing, and says so.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -37,6 +38,8 @@ FEW, SEARCHED = 3, 0.35
 MANY, SPREAD = 9, 0.3
 """The same once it is found. Closer together, errors of solves make more of the derivatives of stiffness; farther
 apart, the curve does."""
+IN_A_MEAN = 5
+"""The same at every phase of a mean, in which errors of solves cancel."""
 DEGREE = 3
 """Of a state's curve, log Q over log δ. With 2 it bends less than the load does on a ramp: stiffness is off by up to
 5e-4."""
@@ -55,18 +58,18 @@ NOTHING = 1e-12
 
 
 class Reached(NamedTuple):
-    """Spalls that one roller may meet on a raceway: the roller, which spalls, how far from them it is [mm], and how
-    many rollers there are."""
+    """Spalls that one roller may meet on a raceway: which roller at which of the phases, which spalls, and how far from
+    them it is [mm]."""
 
+    phase: int
     roller: int
     under: tuple[int, ...]
     away: tuple[float, ...]
-    rollers: int
 
 
 class States(NamedTuple):
-    """Rollers that meet spalls, or tilt by those on the other raceway, one behind the other along the first axis of
-    every field.
+    """Rollers that meet spalls, or tilt by those on the other raceway, one behind the other along one axis of every
+    field. In the mean the cage's phases are an axis in front of it.
 
     Attributes:
       at: which roller each is: a one among zeros; zeros alone where a row only fills up.
@@ -75,15 +78,17 @@ class States(NamedTuple):
       given: `samples.inputs` of the contact, all spalls, and its distances from them, as solved.
       slopes: of the approaches by these, the tilt held; 0 by spalls out of reach.
       tilts: of the roller in its solves, as this raceway sees it [rad].
+      lowest: approaches below which rollers carry nothing [mm]: a rim may press before the raceway.
     """
 
-    at: Float[Array, "states rollers"]
-    met: Float[Array, "states spalls"]
-    log_loads: Float[Array, "states loads"]
-    approaches: Float[Array, "states loads"]
-    given: Float[Array, "states inputs"]
-    slopes: Float[Array, "states loads inputs"]
-    tilts: Float[Array, "states loads"]
+    at: Float[Array, "*phases states rollers"]
+    met: Float[Array, "*phases states spalls"]
+    log_loads: Float[Array, "*phases states loads"]
+    approaches: Float[Array, "*phases states loads"]
+    given: Float[Array, "*phases states inputs"]
+    slopes: Float[Array, "*phases states loads inputs"]
+    tilts: Float[Array, "*phases states loads"]
+    lowest: Float[Array, "*phases states"]
 
 
 @jax.tree_util.register_dataclass
@@ -131,57 +136,64 @@ class LocalLaw:
         return dataclasses.replace(self, base=self.base.at(contact))
 
     def curves(self, spalls: tuple[Spall, ...], distances: Any) -> RollerCurves:
-        """See `Law`, of one phase. Other spalls than it was made for are for `judge` to refuse."""
+        """See `Law`. Other spalls than it was made for are for `judge` to refuse."""
         every = self.base.curves((), distances[:0]).each
-        if self.states is None or self.states.met.shape[1] != len(spalls):
+        if self.states is None or not _is_of(self.states, distances):
             return RollerCurves(every)
-        own = through(self.states.log_loads, self._approaches(self.states, spalls, _of_one_phase(distances)))
+        approaches = self._approaches(self.states, spalls, _as_made(self.states, distances))
+        own = through(self.states.log_loads, approaches, self.states.lowest)
         missing = every.coefficients.shape[0] - own.coefficients.shape[0]
-        more = np.zeros((missing, own.coefficients.shape[1]))
+        more = np.zeros((missing, *own.coefficients.shape[1:]))
         own = dataclasses.replace(own, coefficients=xp.concatenate([own.coefficients, more]))
-        at, here = self.states.at, xp.sum(self.states.at, axis=0) > 0.0
+        at, here = self.states.at, xp.sum(self.states.at, axis=-2) > 0.0
 
         def chosen(of_all: Any, of_own: Any) -> Any:
-            of_own = xp.einsum("...s,sr->...r", of_own, at).reshape(*of_all.shape)
-            return xp.where(xp.broadcast_to(here.reshape(*[1] * (of_all.ndim - 1), -1), of_all.shape), of_own, of_all)
+            of_own = xp.einsum("...s,...sr->...r", of_own, at).reshape(*of_all.shape)
+            return xp.where(xp.broadcast_to(here, of_all.shape), of_own, of_all)
 
         return RollerCurves(xp.tree_map(chosen, every, own))
 
     def _approaches(self, states: States, spalls: tuple[Spall, ...], distances: Any) -> Any:
-        """Of the solves, carried to what rollers meet now [mm], shape (states, loads)."""
+        """Of the solves, carried to what rollers meet now [mm], shape (…, states, loads)."""
         sizes = samples.count(len(spalls)) - len(spalls)
         alike = samples.inputs(self.contact, spalls, np.zeros(len(spalls)))[:sizes]
-        away = xp.einsum("sr,nr->sn", states.at, distances)
-        moved = xp.concatenate(
-            [alike[None] - states.given[:, :sizes], away - states.given[:, sizes:]], axis=-1
-        )  # fmt: skip
-        change = xp.where(xp.any(states.at > 0.0, axis=1)[:, None], moved, 0.0)
-        return states.approaches + xp.einsum("kli,ki->kl", states.slopes, change)
+        there = xp.any(states.at > 0.0, axis=-1)[..., None]
+        moved = states.approaches
+        for change, slopes in (
+            (alike[(None,) * (states.given.ndim - 1)] - states.given[..., :sizes], states.slopes[..., :sizes]),
+            (self._apart(states, distances), states.slopes[..., sizes:]),
+        ):
+            moved = moved + xp.einsum("...kli,...ki->...kl", slopes, xp.where(there, change, 0.0))
+        return moved
+
+    def _apart(self, states: States, distances: Any) -> Any:
+        """How far rollers have moved against the spalls since they were solved [mm], shape (…, states, spalls)."""
+        away = xp.einsum("...sr,n...r->...sn", states.at, distances)
+        return away - states.given[..., states.given.shape[-1] - distances.shape[0] :]
 
     def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: only the scene it was made for, or its neighbours, or the same bearing without spalls."""
         if self.settling:
             return np.asarray(status.CONVERGED)
         code, states = self.base.judge((), distances[:0], rest), self.states
-        if not spalls and (states is None or states.met.shape[1]):  # the healthy bearing, of a law made for spalls
+        if not spalls and (states is None or states.met.shape[-1]):  # the healthy bearing, of a law made for spalls
             return code
-        distances, met = _of_one_phase(distances), np.zeros((len(spalls), distances.shape[-1]), bool)
-        if rest is not None:
-            rest = rest._replace(approach=rest.approach.reshape(-1), loads=rest.loads.reshape(-1))
-            if spalls:
-                met = xp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
+        met = np.zeros(distances.shape, bool)
+        if rest is not None and spalls:
+            met = xp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
         if states is None:
             return xp.where(xp.any(met), status.OTHER_SCENE, code)
-        if states.met.shape[1] != len(spalls):
+        if not _is_of(states, distances):
             return np.asarray(status.OTHER_SCENE)
+        distances, met = _as_made(states, distances), _as_made(states, met)
         moved = self._approaches(states, spalls, distances) / states.approaches - 1.0
-        first = states.given.shape[1] - len(spalls)
-        apart = (xp.einsum("sr,nr->sn", states.at, distances) - states.given[:, first:]) * states.met
+        apart = self._apart(states, distances) * states.met
         same = (xp.max(xp.abs(moved)) < MOVED) & (xp.max(xp.abs(apart), initial=0.0) < ASIDE)
         if rest is not None:
-            load = xp.maximum(xp.einsum("sr,r->s", states.at, rest.loads), xp.exp(self.base.log_loads[0]))
-            off = xp.abs(xp.log(load) - xp.mean(states.log_loads, axis=1)) * xp.max(states.at, axis=1)
-            unknown = met & (xp.einsum("sn,sr->nr", states.met, states.at) == 0.0)
+            load = xp.einsum("...sr,...r->...s", states.at, rest.loads.reshape(*states.at.shape[:-2], -1))
+            load = xp.maximum(load, xp.exp(self.base.log_loads[0]))
+            off = xp.abs(xp.log(load) - xp.mean(states.log_loads, axis=-1)) * xp.max(states.at, axis=-1)
+            unknown = xp.moveaxis(met, 0, -2) & (xp.einsum("...sn,...sr->...nr", states.met, states.at) == 0.0)
             same = same & (xp.max(off) < WITHIN) & ~xp.any(unknown)
         return xp.where(same, code, status.OTHER_SCENE)
 
@@ -197,54 +209,71 @@ class LocalLaw:
         powers = xp.stack([apart**k for k in range(TILT_DEGREE + 1)], axis=-1)
         found = ramp_fit.least_squares(powers, states.tilts, NOTHING)
         here = xp.log(xp.maximum(xp.einsum("sr,r->s", at, loads), 1e-9)) - middle
-        return xp.einsum("s,sr->r", series.polynomial(xp.moved_last(found), here), at)
+        return xp.einsum("s,sr->r", series.polynomial(xp.moved_first(found), here), at)
 
     def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:
-        """See `Law`: not known, for there is no mean over phases."""
-        return xp.zeros_like(approach), xp.zeros_like(approach)
+        """See `Law`: from where the edge enters a healthy contact to where it surely has left it, whatever else is
+        under the roller."""
+        return self.base.certain_ramp(approach + spall.rim)
 
 
-def _of_one_phase(distances: Any) -> Any:
-    """Without the axis that it may have for phases, shape (spalls, rollers)."""
-    return distances.reshape(distances.shape[0], distances.shape[-1])
+def _is_of(states: States, distances: Any) -> bool:
+    """Whether states were made for so many spalls, and for so many phases: one stands for all phases that there are."""
+    phases = [n for n in distances.shape[1:-1] if n != 1]
+    return states.met.shape[-1] == distances.shape[0] and list(states.met.shape[:-2]) == phases
 
 
-def through(log_loads: Any, approaches: Any) -> Curve:
-    """log Q as polynomials in log δ, nearest to each state's solves, both of shape (states, loads); straight beyond
-    them."""
-    x = xp.log(approaches)
-    middle, reach = 0.5 * (x[:, -1] + x[:, 0]), 0.5 * (x[:, -1] - x[:, 0])
-    z = (x - middle[:, None]) / reach[:, None]
+def _as_made(states: States, of_rollers: Any) -> Any:
+    """What all rollers have against all spalls, shape (spalls, …, rollers), with phases as the states have them."""
+    return of_rollers.reshape(of_rollers.shape[0], *states.at.shape[:-2], of_rollers.shape[-1])
+
+
+def through(log_loads: Any, approaches: Any, lowest: Any) -> Curve:
+    """log Q as polynomials in log(δ − `lowest`), nearest to each state's solves, both of shape (…, states, loads), or
+    (…, states); straight beyond them."""
+    x = xp.log(approaches - lowest[..., None])
+    middle, reach = 0.5 * (x[..., -1] + x[..., 0]), 0.5 * (x[..., -1] - x[..., 0])
+    z = (x - middle[..., None]) / reach[..., None]
     powers = [0.0 * z + 1.0, z]
-    for _ in range(2, min(DEGREE, z.shape[1] - 1) + 1):
+    for _ in range(2, min(DEGREE, z.shape[-1] - 1) + 1):
         powers.append(powers[-1] * z)
-    narrowed = 0.5 * (log_loads[:, -1] - log_loads[:, 0]) < 0.5 * (1.0 + NARROWER) * SPREAD  # see `NARROWER`
-    powers[3:] = [xp.where(narrowed[:, None], 0.0, power) for power in powers[3:]]
+    narrowed = 0.5 * (log_loads[..., -1] - log_loads[..., 0]) < 0.5 * (1.0 + NARROWER) * SPREAD  # see `NARROWER`
+    powers[3:] = [xp.where(narrowed[..., None], 0.0, power) for power in powers[3:]]
     found = ramp_fit.least_squares(xp.stack(powers, axis=-1), log_loads, NOTHING)
-    return Curve(xp.moved_last(found), middle, reach, xp.zeros_like(middle))
+    return Curve(xp.moved_first(found), middle, reach, lowest + xp.zeros_like(middle))
+
+
+Known = dict[tuple[bool, tuple[int, ...], tuple[float, ...], float, float], Node]
+"""Contacts that were solved on one raceway: whether with `Turning`, spalls, distances [mm], load [N], tilt [rad]."""
 
 
 def around(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], loads: np.ndarray, found: bool,
-    tilts: Sequence[TiltCurve] | None = None, progress: Progress | None = None,
+    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
+    loads: np.ndarray, found: bool, known: Known, tilts: Sequence[TiltCurve] | None = None,
+    progress: Progress | None = None,
 ) -> LocalLaw:  # fmt: skip
     """The law of rollers that carry about `loads` [N], shape (rollers reached,), from that of healthy ones.
 
-    Contacts are solved around these loads: few and far apart while the loads are looked for, more once they are
-    `found`. `tilts` are of every roller reached; None: all are held upright. Needs numbers, not tracers. What comes out
-    is `settling`: it refuses nothing.
+    `rollers` is the shape of the ring's rollers, with the phases of a mean in front. Contacts are solved around these
+    loads: few and far apart while the loads are looked for, more once they are `found`; those already `known` are not
+    solved again. `tilts` are of every roller reached; None: all are held upright. Needs numbers, not tracers. What
+    comes out is `settling`: it refuses nothing.
     """
-    spread, way = spread_of(found)
+    spread, way = spread_of(found, IN_A_MEAN if found and len(rollers) > 1 else None)
     logs = np.log(loads)[:, None] + spread * way
     curves = [UPRIGHT] * len(reached) if tilts is None else tilts
-    solved = _solved(base, spalls, reached, logs, curves, progress)
-    for k, own in enumerate(solved):
-        if found and (_bend(logs[k], own) > BENDS or _touches_at_some(own, len(reached[k].under))):
-            logs[k] = np.log(loads[k]) + NARROWER * spread * way
-            of = slice(k, k + 1)
-            (solved[k],) = _solved(base, spalls, reached[of], logs[of], curves[of], progress)
+    solved = _solved(base, spalls, reached, logs, curves, known, progress)
+    if found:
+        bent = [k for k, own in enumerate(solved)
+                if _bend(logs[k], own) > BENDS or _touches_at_some(own, len(reached[k].under))]  # fmt: skip
+        logs[bent] = np.log(loads[bent])[:, None] + NARROWER * spread * way
+        again = _solved(
+            base, spalls, [reached[k] for k in bent], logs[bent], [curves[k] for k in bent], known, progress
+        )
+        for k, own in zip(bent, again, strict=True):
+            solved[k] = own
     code = max(float(base.status_code), samples.worst_status([node for own in solved for node in own]))
-    states = _stacked(base, spalls, reached, logs, solved, curves) if reached else None
+    states = _stacked(base, spalls, reached, rollers, logs, solved, curves) if reached else None
     return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True, free_to_tilt=tilts is not None)
 
 
@@ -262,18 +291,25 @@ def healthy(law: Law) -> Law:
 
 def _solved(
     base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], log_loads: np.ndarray,
-    tilts: Sequence[TiltCurve], progress: Progress | None,
+    tilts: Sequence[TiltCurve], known: Known, progress: Progress | None,
 ) -> list[list[Node]]:  # fmt: skip
     """Contacts of every roller reached at its `log_loads` [log N], shape (rollers reached, loads)."""
-    cases = [
-        samples.case_under(load, [spalls[i] for i in each.under], each.away)._replace(tilt=float(tilt))
+    turning = any(curve is not UPRIGHT for curve in tilts)
+    asked = [
+        [(turning, each.under, each.away, float(load), float(tilt))
+         for load, tilt in zip(np.exp(row), curve.tilt(row), strict=True)]
         for each, row, curve in zip(reached, log_loads, tilts, strict=True)
-        for load, tilt in zip(np.exp(row), curve.tilt(row), strict=True)
+    ]  # fmt: skip
+    missing = list(dict.fromkeys(key for row in asked for key in row if key not in known))
+    cases = [
+        samples.case_under(load, [spalls[i] for i in under], away)._replace(tilt=tilt)
+        for _, under, away, load, tilt in missing
     ]
-    solve = samples.all_turning if any(curve is not UPRIGHT for curve in tilts) else samples.all_solved
-    solved = solve(base.contact, cases, accuracy_at_edges(float(base.error)), progress)
-    count = log_loads.shape[1]
-    return [solved[k : k + count] for k in range(0, len(solved), count)]
+    if missing:
+        solve = samples.all_turning if turning else samples.all_solved
+        solved = solve(base.contact, cases, accuracy_at_edges(float(base.error)), progress)
+        known.update(zip(missing, solved, strict=True))
+    return [[known[key] for key in row] for row in asked]
 
 
 def _slopes(solved: Sequence[Node], log_loads: np.ndarray, curve: TiltCurve, inputs: int) -> np.ndarray:
@@ -288,7 +324,8 @@ def _slopes(solved: Sequence[Node], log_loads: np.ndarray, curve: TiltCurve, inp
 def _bend(log_loads: np.ndarray, solved: Sequence[Node]) -> float:
     """How far solves are from the curve nearest to them, at most, in log Q."""
     approaches = np.array([[node.approach for node in solved]])
-    found, _ = load_curve.load(through(log_loads[None], approaches), approaches.T)
+    lowest = np.minimum(approaches[:, 0] - 0.1 * np.abs(approaches[:, 0]), 0.0)
+    found, _ = load_curve.load(through(log_loads[None], approaches, lowest), approaches.T)
     return float(np.max(np.abs(np.log(found[:, 0]) - log_loads)))
 
 
@@ -300,28 +337,39 @@ def _touches_at_some(solved: Sequence[Node], spalls: int) -> bool:
 
 
 def _stacked(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], logs: np.ndarray,
-    solved: Sequence[Sequence[Node]], tilts: Sequence[TiltCurve],
+    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
+    logs: np.ndarray, solved: Sequence[Sequence[Node]], tilts: Sequence[TiltCurve],
 ) -> States:  # fmt: skip
-    """All that was solved; filled up to a multiple of `TOGETHER` states, so that scenes share programs."""
-    count = len(spalls)
-    slopes = np.zeros((len(reached), logs.shape[1], samples.count(count)))
-    given, met = np.zeros((len(reached), slopes.shape[2])), np.zeros((len(reached), count))
+    """All that was solved, by phases; filled up to a multiple of `TOGETHER` states, so that scenes share programs."""
+    count, phases, loads = len(spalls), rollers[:-1], logs.shape[1]
+    turn = [each.phase for each in reached]
+    place = [turn[:k].count(phase) for k, phase in enumerate(turn)]
+    most = max(place) + 1
+    shape = (*phases, most + -most % TOGETHER)
+
+    def filled(rows: Any, *own: int) -> np.ndarray:
+        """States by phases; where there is none, the first one, which counts for no roller."""
+        every = np.broadcast_to(np.asarray(rows, float)[0], (*shape, *own)).copy()
+        every.reshape(math.prod(phases), shape[-1], *own)[turn, place] = rows
+        return every
+
+    at, met = np.zeros((len(reached), rollers[-1])), np.zeros((len(reached), count))
+    lowest = [-max((float(spalls[i].rim) for i in each.under), default=0.0) for each in reached]
+    given, slopes = np.zeros((len(reached), samples.count(count))), np.zeros((*logs.shape, samples.count(count)))
     for k, (each, own) in enumerate(zip(reached, solved, strict=True)):
         under = list(each.under)
+        at[k, each.roller] = 1.0
         met[k, under] = 1.0
         inputs = samples.count(len(under))  # those of a healthy contact name a spall of no size, too
         slopes[k][:, samples.places(under, count)] = _slopes(own, logs[k], tilts[k], inputs)
         away = np.zeros(count)
         away[under] = each.away
         given[k] = samples.inputs(base.contact, spalls, away)
-    at = np.zeros((len(reached), reached[0].rollers))
-    at[np.arange(len(reached)), [each.roller for each in reached]] = 1.0
-    approaches = np.array([[node.approach for node in own] for own in solved])
-    more = -len(reached) % TOGETHER
-    leaning = np.array([curve.tilt(row) for curve, row in zip(tilts, logs, strict=True)])
-    filled = [np.concatenate([field, np.repeat(field[:1], more, axis=0)])
-              for field in (met, logs, approaches, given, slopes, leaning)]  # fmt: skip
-    at = np.concatenate([at, np.zeros((more, at.shape[1]))])
-    filled[0][len(reached) :] = 0.0
-    return States(at, *filled)
+    leaning = [curve.tilt(row) for curve, row in zip(tilts, logs, strict=True)]
+    there = np.zeros(shape)
+    there.reshape(math.prod(phases), shape[-1])[turn, place] = 1.0
+    return States(
+        filled(at, rollers[-1]) * there[..., None], filled(met, count) * there[..., None], filled(logs, loads),
+        filled([[node.approach for node in own] for own in solved], loads), filled(given, given.shape[1]),
+        filled(slopes, *slopes.shape[1:]), filled(leaning, loads), filled(lowest),
+    )  # fmt: skip

@@ -13,7 +13,8 @@ from threadpoolctl import threadpool_limits
 from difftrb.contact import crown, gap
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_extent import edges_along
-from difftrb.contact.contact_solution import is_symmetric, listed
+from difftrb.contact.contact_solution import Defect, is_symmetric, listed
+from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import ContactSolution
 from difftrb.core import arrays as xp
 from difftrb.core import kept, machine, status
@@ -93,14 +94,21 @@ class Node:
     turning: Turning | None = None
 
 
-def inputs(contact: LineContact, spall: Spall | tuple[Spall, ...] | None, distance: Real | Sequence[Real]) -> Any:
+def inputs(contact: LineContact, spall: Defect, distance: Real | Sequence[Real]) -> Any:
     """`LawInputs` as a vector, shape (INPUTS,); no spall counts as zeros. Of several spalls all sizes, then all
     distances: shape (count(spalls),)."""
     spalls = spall if isinstance(spall, tuple) else (spall,)
-    of_spalls = [0.0 if each is None else getattr(each, name) for each in spalls for name in OF_SPALL]
+    of_spalls = [value for each in spalls for value in _sizes(each)]
     away = distance if isinstance(distance, Sequence) or np.ndim(distance) else [distance] * len(spalls)
     of_spalls += [away[i] for i in range(len(spalls))]
     return xp.stack([xp.asarray(x) for x in (*(getattr(contact, name) for name in OF_CONTACT), *of_spalls)])
+
+
+def _sizes(spall: Spall | HeightMap | None) -> Sequence[Any]:
+    """As `OF_SPALL` has them; a map has its pitches and the scale of its heights."""
+    if isinstance(spall, HeightMap):
+        return spall.pitch_y, spall.pitch_x, spall.scale, spall.axial_offset
+    return [0.0 if spall is None else getattr(spall, name) for name in OF_SPALL]
 
 
 def contact_of(values: Any) -> LineContact:

@@ -30,6 +30,8 @@ by the median of 30 random spalls, and within 7e-4 at worst."""
 POINTS_IN_FITS = 4
 """The same of fits: by the table 3e-4 and 5e-4 of 30 random spalls, as with 6 and 10 points, whose kinks are as they
 are here; a tenth of the noise of good measurements."""
+POINTS_BY_CONTACTS = 4
+"""The same where contacts are solved for every phase."""
 ROUGH_POINTS = 2
 """The same where fits look for minima: 5e-4 and 4e-3."""
 

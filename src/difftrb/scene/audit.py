@@ -29,7 +29,7 @@ from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import checks, solving
 from difftrb.scene.audit_states import AtPhase, Key, State, at_phase, solve_contacts
 from difftrb.scene.prepared import solve_prepared
-from difftrb.scene.scene import LawName, PitchMean, Scene, phases, raceway_contact
+from difftrb.scene.scene import LawName, PitchMean, Scene, at_phase_numbered, phases, raceway_contact
 from difftrb.scene.solution import Solution
 
 AUDITED_PHASES = 7
@@ -137,7 +137,7 @@ def verify(scene: Scene, found: Solution | None = None, progress: Progress | Non
     if effect_base.among(scene.effects, Tilt) is not None:
         return _nothing("effects.tilt goes by slices, which have no contact to compare with")
     ready = _ready(scene, found)
-    parts = [at_phase(ready, phase) for phase in _phases(ready)]
+    parts = [at_phase(each) for each in _at_phases(ready)]
     accuracy = finer(found.law)
     nodes = solve_contacts([state for part in parts for state in part.states], accuracy, progress)
     judged = [_judged(part, nodes, accuracy) for part in parts]
@@ -170,12 +170,14 @@ def _ready(scene: Scene, found: Solution) -> Scene:
     return solving.prepare(scene)
 
 
-def _phases(scene: Scene) -> list[float]:
-    """Cage phases to audit [rad]."""
+def _at_phases(scene: Scene) -> list[Scene]:
+    """The scene at the cage phases to audit."""
     if not isinstance(scene.phase, PitchMean):
-        return [float(cast(float, scene.phase))]
-    every = np.unique(np.asarray(phases(scene)[0]))  # kinks that coincide leave the same phase many times
-    return [float(every[k]) for k in np.unique(np.linspace(0, every.size - 1, AUDITED_PHASES).astype(int))]
+        return [dataclasses.replace(scene, phase=float(cast(float, scene.phase)))]
+    each = np.asarray(phases(scene)[0])
+    every = np.unique(each, return_index=True)[1]  # kinks that coincide leave the same phase many times
+    numbers = every[np.unique(np.linspace(0, every.size - 1, AUDITED_PHASES).astype(int))]
+    return [at_phase_numbered(scene, int(k), float(each[k])) for k in numbers]
 
 
 def _judged(part: AtPhase, nodes: Mapping[Key, Node], accuracy: float) -> Audit:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple, cast
 
@@ -60,9 +59,9 @@ class AtPhase(NamedTuple):
     states: list[State]
 
 
-def at_phase(scene: Scene, phase: float) -> AtPhase:
-    """A prepared scene at one phase [rad], with the contacts to solve."""
-    at = dataclasses.replace(scene, phase=phase)
+def at_phase(at: Scene) -> AtPhase:
+    """A prepared scene at one phase, with the contacts to solve."""
+    phase = cast(float, at.phase)
     found = solve_prepared(at)
     outer = raceway_contact(at, "outer")
     here = effects.Ring(at.bearing, at.load, at.spalls, law_in_effect(at, found.law), outer, phase)

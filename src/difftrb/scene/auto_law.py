@@ -10,6 +10,7 @@ from typing import cast
 import jax
 import numpy as np
 
+from difftrb.contact.height_map import HeightMap
 from difftrb.core import status
 from difftrb.law.atlas import AtlasLaw
 from difftrb.law.base import Law
@@ -37,6 +38,8 @@ def prepared(scene: Scene, progress: Progress | None = None) -> Scene:
     """A checked scene with law "auto" prepared by "table" where that knows the scene and keeps `accuracy`, here
     1e-3…1e-1, else by "direct" with contacts as exact as that needs, see `refined`. A traced scene, and one without a
     solution, becomes "table", whose status says why."""
+    if any(isinstance(spall, HeightMap) for spall in scene.spalls):
+        return refined(scene, progress)
     ready = tabled(scene)
     if scene_laws.is_traced(scene):
         return ready

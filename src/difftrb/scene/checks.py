@@ -23,6 +23,7 @@ from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law.base import Law
+from difftrb.law.local import LocalLaw
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effects import Effect
@@ -31,6 +32,8 @@ from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scen
 
 WIDEST = 0.97
 """Of once round: the most that a spall takes. Edges that come close again, all but all round, are one edge to a law."""
+LAWS_OF_MAPS = ("direct", laws.AUTO)
+"""Those that know height maps."""
 KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definition", "phase": "stiffness.phase"}
 """Of a scene's own numbers in a file."""
 
@@ -113,8 +116,7 @@ def _owners(scene: Scene) -> Iterator[tuple[str, Any, bool]]:
     yield "bearing", scene.bearing, False
     yield "load", scene.load, True
     for i, spall in enumerate(scene.spalls):
-        if isinstance(spall, Spall):
-            yield f"spall.{i}", spall, True
+        yield f"spall.{i}", spall, isinstance(spall, Spall)
     for effect in scene.effects:
         yield f"effects.{effect.key}", effect, False
 
@@ -152,16 +154,13 @@ def _accuracy(scene: Scene, law: str) -> str | None:
 def _of_spalls(scene: Scene) -> str | None:
     """Spalls on the ring, by the law that is named."""
     for i, spall in enumerate(scene.spalls):
-        if isinstance(spall, HeightMap):
-            return (
-                f"spall.{i}.height_map: the ring takes rectangular spalls; give length and width, or use "
-                "`difftrb contact`, which takes height maps"
-            )
+        if isinstance(spall, HeightMap) and (sentence := _of_map(scene, i, spall)) is not None:
+            return sentence
     law = scene.law.name if isinstance(scene.law, LawName) else None
     roller = as_numbers(scene.bearing.roller_length)
     for i, spall in enumerate(scene.spalls):
         length, width, around = as_numbers(spall.length), as_numbers(spall.width), _once_round(scene.bearing, spall)
-        if law is not None and length and roller:
+        if law is not None and length and roller and isinstance(spall, Spall):
             longest = laws.longest(law, roller[0])
             if length[0] > longest * (1.0 + 1e-12):
                 return (
@@ -177,6 +176,25 @@ def _of_spalls(scene: Scene) -> str | None:
     for raceway in ("outer", "inner"):
         if one_shape and not of_one_shape(roller_places.spalls_on(scene.spalls, raceway)):
             return f"spall: contact.{one_shape}"
+    return None
+
+
+def _of_map(scene: Scene, i: int, measured: HeightMap) -> str | None:
+    """What a height map in the ring cannot have: contacts on it are solved one by one, by nothing else."""
+    named = isinstance(scene.law, LawName)
+    law = getattr(scene.law, "name", "")
+    if law not in LAWS_OF_MAPS if named else not isinstance(scene.law, LocalLaw):
+        return f"spall.{i}.height_map: contact.law = {shown(law)} knows rectangular spalls; use 'auto' or 'direct'"
+    if named and any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+        return f"spall.{i}.height_map: needs numbers: prepare the scene first, difftrb.prepare(scene)"
+    for kind in (effects.Through, effects.Tilt):
+        if effect_base.among(scene.effects, kind) is not None:
+            return f"spall.{i}.height_map: effects.{kind.key} takes rectangular spalls; leave one of both out"
+    if isinstance(measured.height, jax.core.Tracer):
+        return None
+    heights = np.asarray(measured.height)
+    if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
+        return f"spall.{i}.height: must be a grid of at least 2 × 2 finite heights [mm]; load_height_map checks a file"
     return None
 
 

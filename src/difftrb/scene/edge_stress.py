@@ -14,12 +14,14 @@ import numpy as np
 
 from difftrb.contact import gap
 from difftrb.contact.contact_extent import edges_along
+from difftrb.contact.height_map import HeightMap
 from difftrb.contact.stress_intensity import edge_intensity
 from difftrb.core import status
 from difftrb.core.geometry import Raceway
+from difftrb.law.local import LocalLaw
 from difftrb.ring import roller_places
 from difftrb.ring.effects import Life, SeriesRaceways, Through
-from difftrb.scene.scene import PitchMean, Scene, raceway_contact
+from difftrb.scene.scene import PitchMean, Scene, nearest_phase, raceway_contact
 from difftrb.scene.solution import Solution
 from difftrb.scene.solving import solve
 
@@ -77,9 +79,13 @@ def edge_stresses(scene: Scene, solution: Solution) -> tuple[EdgeStress, ...]:
         return ()
     found: list[EdgeStress] = []
     for number, spall in enumerate(scene.spalls):
+        if isinstance(spall, HeightMap):  # it has no straight ends
+            continue
         at = solution
         if isinstance(scene.phase, PitchMean):
-            at = solve(dataclasses.replace(scene, phase=spall.angle))
+            known = isinstance(scene.law, LocalLaw)  # at the phases of its mean alone
+            near = nearest_phase(scene, float(spall.angle)) if known else dataclasses.replace(scene, phase=spall.angle)
+            at = solve(near)
         raceways: tuple[Raceway, ...] = ("outer", "inner") if SeriesRaceways in kinds and spall.row == 1 else ("outer",)
         found += [
             met for raceway in raceways

@@ -1,4 +1,4 @@
-"""The laws of a scene at one phase by contact solves around its rollers' loads, until these stay.
+"""The laws of a scene by contact solves around its rollers' loads, until these stay, at one phase or all of a mean.
 
 Every roller that meets spalls gets contacts of its own, on both raceways where both give way: there it is free to tilt.
 """
@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
 
-from difftrb.core.geometry import Raceway, Real, Spall
+from difftrb.core.geometry import Raceway, Spall
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import local, roller_tilt
 from difftrb.law.base import Law, Rest
@@ -23,7 +23,7 @@ from difftrb.law.samples import Progress
 from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways
 from difftrb.ring.roller_balance import Seat
-from difftrb.scene.scene import Scene
+from difftrb.scene.scene import PitchMean, Scene, at_all_phases, phases
 
 ROUNDS = 8
 """Of contact solves around the rollers' loads, at most."""
@@ -40,8 +40,9 @@ Spalls = Mapping[Raceway, tuple[Spall, ...]]
 
 
 class Now(NamedTuple):
-    """Rollers of all rows at rest: loads on every raceway [N] and spalls that they may meet there; outer by inner
-    load of a roller, the former without what is `thrown` [N] and carried by the outer raceway alone."""
+    """Rollers of all rows at rest: loads on every raceway [N], shape (phases, rollers), and spalls that they may meet
+    there; outer by inner load of a roller, the former without what is `thrown` [N] and carried by the outer raceway
+    alone."""
 
     loads: dict[Raceway, np.ndarray]
     reached: dict[Raceway, list[Reached]]
@@ -54,7 +55,7 @@ class Now(NamedTuple):
 
 
 def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progress | None) -> dict[Raceway, LocalLaw]:
-    """The laws of every raceway for a scene at one phase, from those of healthy rollers.
+    """The laws of every raceway for a scene, from those of healthy rollers.
 
     A scene whose loads do not stay keeps the last laws, and its own status says that rollers are elsewhere.
     """
@@ -64,63 +65,73 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
         raceway: LocalLaw(base, None, settling=True, free_to_tilt=free) for raceway, base in bases.items()
     }
     now = _at_rest(scene, made, spalls)
-    centres: dict[Raceway, list[float]] = {
-        raceway: [_guess(scene, spalls[raceway], each, now.loads[raceway]) for each in now.reached[raceway]]
+    rollers = now.loads["outer"].shape[0 if isinstance(scene.phase, PitchMean) else 1 :]
+    centres: dict[Raceway, Centres] = {
+        raceway: {each[:3]: _guess(scene, spalls[raceway], each, now.loads[raceway]) for each in now.reached[raceway]}
         for raceway in bases
     }
     if free:
-        centres["inner"] = [now.inner(load) for load in centres["outer"]]
+        inner = [now.inner(load) for load in centres["outer"].values()]
+        centres["inner"] = dict(zip(centres["inner"], inner, strict=True))
     found, tilts = False, None
+    known: dict[Raceway, local.Known] = {raceway: {} for raceway in bases}
     for _ in range(ROUNDS):
         if free:
-            tilts = _tilts(bases, spalls, now, centres["outer"], found, tilts, progress)
+            tilts = _tilts(bases, spalls, now, list(centres["outer"].values()), found, tilts, progress)
         made = {
             raceway: local.around(
-                base, spalls[raceway], now.reached[raceway], np.array(centres[raceway]), found,
-                None if tilts is None else tilts.of(raceway, now), progress,
+                base, spalls[raceway], now.reached[raceway], rollers, np.array(list(centres[raceway].values())), found,
+                known[raceway], None if tilts is None else tilts.of(raceway, now), progress,
             )
             for raceway, base in bases.items()
         }  # fmt: skip
-        before, now = now, _at_rest(scene, made, spalls)
-        following: dict[Raceway, list[float]] = {raceway: _loads(now, raceway, base) for raceway, base in bases.items()}
-        same = all(
-            [each[:2] for each in now.reached[raceway]] == [each[:2] for each in before.reached[raceway]]
-            for raceway in bases
-        )
-        stays = same and all(
-            abs(np.log(a / b)) < STAYS
-            for raceway in bases for a, b in zip(following[raceway], centres[raceway], strict=True)
-        )  # fmt: skip
-        if stays and found:
+        now = _at_rest(scene, made, spalls)
+        loads: dict[Raceway, Centres] = {raceway: _loads(now, raceway, base) for raceway, base in bases.items()}
+        near = STAYS if found else local.SEARCHED
+        kept: dict[Raceway, Centres] = {raceway: _kept(centres[raceway], loads[raceway], near) for raceway in bases}
+        if kept != centres:
+            centres = kept
+        elif found:
             break
-        found, centres = stays, following
+        else:
+            found, centres = True, loads
     return {raceway: dataclasses.replace(law, settling=False) for raceway, law in made.items()}
 
 
-def _loads(now: Now, raceway: Raceway, base: DirectLaw) -> list[float]:
+Centres = dict[tuple[int, int, tuple[int, ...]], float]
+"""Loads [N] around which contacts are solved, by phase, roller and the spalls that it may meet."""
+
+
+def _kept(centres: Centres, loads: Centres, near: float) -> Centres:
+    """The loads, but the old centre where one is `near` it, in the logarithm: there contacts are solved already."""
+    stay = {at for at, load in loads.items() if at in centres and abs(np.log(load / centres[at])) < near}
+    return {at: centres[at] if at in stay else load for at, load in loads.items()}
+
+
+def _loads(now: Now, raceway: Raceway, base: DirectLaw) -> Centres:
     """Of the rollers reached [N], at least the lightest that the base law knows."""
     least = float(np.exp(base.log_loads[0]))
-    return [max(float(now.loads[raceway][each.roller]), least) for each in now.reached[raceway]]
+    return {each[:3]: max(float(now.loads[raceway][each[:2]]), least) for each in now.reached[raceway]}
 
 
 def _guess(scene: Scene, spalls: tuple[Spall, ...], reached: Reached, loads: np.ndarray) -> float:
     """About the load [N] of a roller, from that on a healthy ring: by the land that is left."""
     length = float(scene.bearing.roller_length)
     land = 1.0 - sum(min(float(spalls[i].length), length) for i in reached.under) / length
-    return float(loads[reached.roller]) * max(land, LEAST_SHARE) + 1e-3 * float(loads.max())
+    return float(loads[reached[:2]]) * max(land, LEAST_SHARE) + 1e-3 * float(loads.max())
 
 
 # ------------------------------------------------------------------------------------------------ rollers that tilt
 
 
 class Tilts(NamedTuple):
-    """Tilts [rad] of the rollers reached, by their number, over the logarithm of the outer load [log N]."""
+    """Tilts [rad] of the rollers reached, by phase and number, over the logarithm of the outer load [log N]."""
 
-    curves: dict[int, TiltCurve]
+    curves: dict[tuple[int, int], TiltCurve]
 
     def of(self, raceway: Raceway, now: Now) -> list[TiltCurve]:
         """As a raceway sees them, over the logarithm of the load there."""
-        curves = [self.curves[each.roller] for each in now.reached[raceway]]
+        curves = [self.curves[each[:2]] for each in now.reached[raceway]]
         if raceway == "outer":
             return curves
         return [_from_inside(own, now) for own in curves]
@@ -150,10 +161,10 @@ def _tilts(
         rollers.append(RollerContacts(contacts, (outer, inner), (both[0].away, both[1].away)))
     spread, way = local.spread_of(found, roller_tilt.FOUND if found else roller_tilt.SEARCHED)
     logs = np.log(np.asarray(loads).reshape(-1, 1)) + spread * way
-    starts = [None if before is None else before.curves.get(own.roller) for own, _ in each]
+    starts = [None if before is None else before.curves.get(own[:2]) for own, _ in each]
     accuracy = float(bases["outer"].error)
     curves = roller_tilt.tilt_curves(rollers, logs, now.inner, accuracy, starts, found, progress)
-    return Tilts({own.roller: curve for (own, _), curve in zip(each, curves, strict=True)})
+    return Tilts({own[:2]: curve for (own, _), curve in zip(each, curves, strict=True)})
 
 
 # ------------------------------------------------------------------------------------------------ the ring on them
@@ -162,27 +173,29 @@ def _tilts(
 def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> Now:
     """What rollers carry on every raceway, and the spalls that they may meet there. One free to tilt is reached on both
     raceways or on none."""
-    loads, away, approach, seat = _rest(holding(scene, made))
+    ready = holding(scene, made)
+    loads, away, approach, seat = jax.tree.map(np.asarray, _rest_at(ready))
     share = FARTHER * (ring.OF_ONE_RACEWAY if len(made) > 1 else 1.0)
     met: dict[Raceway, np.ndarray] = {}
     for raceway, law in made.items():
         rest = Rest(float(law.contact.radius), share * approach, loads[raceway])
-        own = [np.asarray(rest.in_reach(s, d)) for s, d in zip(spalls[raceway], away[raceway], strict=True)]
-        met[raceway] = np.reshape(np.array(own, bool), (len(own), approach.size))
-    meets = {raceway: np.asarray(own.any(axis=0)) for raceway, own in met.items()}
+        own = [rest.in_reach(s, d) for s, d in zip(spalls[raceway], np.moveaxis(away[raceway], 1, 0), strict=True)]
+        met[raceway] = np.reshape(np.array(own, bool), (len(own), *approach.shape))
+    meets = {raceway: own.any(axis=0) for raceway, own in met.items()}
     if any(law.free_to_tilt for law in made.values()):
         meets = dict.fromkeys(meets, np.logical_or(meets["outer"], meets["inner"]))
     reached: dict[Raceway, list[Reached]] = {}
     for raceway, own in met.items():
-        places = np.asarray(away[raceway])
         reached[raceway] = [
-            Reached(
-                int(j), tuple(np.flatnonzero(own[:, j]).tolist()), tuple(places[own[:, j], j].tolist()), len(approach)
-            )
-            for j in np.flatnonzero(meets[raceway])
-        ]
-    now = Now({raceway: np.asarray(own) for raceway, own in loads.items()}, reached)
-    return now if seat is None else now._replace(ratio=float(seat.inner_cos / seat.outer_cos), thrown=float(seat.least))
+            Reached(int(p), int(j), tuple(np.flatnonzero(own[:, p, j]).tolist()),
+                    tuple(away[raceway][p, own[:, p, j], j].tolist()))
+            for p, j in np.argwhere(meets[raceway])
+        ]  # fmt: skip
+    now = Now(loads, reached)
+    if seat is None:
+        return now
+    ratio, thrown = seat.inner_cos / seat.outer_cos, seat.least  # the same at all phases
+    return now._replace(ratio=float(np.ravel(ratio)[0]), thrown=float(np.ravel(thrown)[0]))
 
 
 def holding(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
@@ -196,15 +209,29 @@ def holding(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
     return dataclasses.replace(scene, law=made["outer"], effects=acting)
 
 
+class Rests(NamedTuple):
+    """Loads on every raceway [N], distances from the spalls there [mm], approaches [mm], of all rows, and the seat; all
+    with the phases in front."""
+
+    loads: dict[Raceway, Any]
+    away: dict[Raceway, Any]
+    approaches: Any
+    seat: Seat | None
+
+
 @jit_quickly()
-def _rest(scene: Scene) -> tuple[dict[Raceway, jax.Array], dict[Raceway, jax.Array], jax.Array, Seat | None]:
-    """Loads on every raceway [N], distances from the spalls there [mm], approaches [mm], of all rows, and the seat."""
-    law = cast(LocalLaw, scene.law)
-    here = effects.Ring(scene.bearing, scene.load, scene.spalls, law, law.contact, cast(Real, scene.phase))
-    terms = effects.terms(scene.effects, here)
-    rest = here.equilibrium(terms)
-    loads: dict[Raceway, jax.Array] = {"outer": rest.all_loads}
-    if terms.facing is not None and terms.seat is not None:
-        loads["inner"] = roller_balance.inner_load(terms.seat, rest.all_loads)
-    away: dict[Raceway, jax.Array] = {raceway: here.distances(raceway, terms) for raceway in loads}
-    return loads, away, rest.all_approaches, terms.seat
+def _rest_at(scene: Scene) -> Rests:
+    """The rings of a prepared scene at all its phases."""
+
+    def at(phase: Any, scene: Scene) -> Rests:
+        law = cast(LocalLaw, scene.law)
+        here = effects.Ring(scene.bearing, scene.load, scene.spalls, law, law.contact, phase)
+        terms = effects.terms(scene.effects, here)
+        rest = here.equilibrium(terms)
+        loads: dict[Raceway, jax.Array] = {"outer": rest.all_loads}
+        if terms.facing is not None and terms.seat is not None:
+            loads["inner"] = roller_balance.inner_load(terms.seat, rest.all_loads)
+        away: dict[Raceway, jax.Array] = {raceway: here.distances(raceway, terms) for raceway in loads}
+        return Rests(loads, away, rest.all_approaches, terms.seat)
+
+    return at_all_phases(at, scene, phases(scene)[0])

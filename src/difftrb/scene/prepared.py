@@ -9,12 +9,13 @@ import dataclasses
 import operator
 from collections.abc import Callable
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.contact.height_map import resized
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, implicit, status
 from difftrb.core.geometry import Real
@@ -27,6 +28,7 @@ from difftrb.scene import checks
 from difftrb.scene.scene import (
     PitchMean,
     Scene,
+    at_all_phases,
     healthy,
     is_plain,
     law_in_effect,
@@ -70,7 +72,7 @@ def assess_by_program(scene: Scene) -> Assessment:
     sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
 
     def sized(sizes: jax.Array) -> tuple[jax.Array, Solution]:
-        spalls = (dataclasses.replace(s, length=v[0], width=v[1]) for s, v in zip(scene.spalls, sizes, strict=True))
+        spalls = (resized(s, *v) for s, v in zip(scene.spalls, sizes, strict=True))
         solution = solve_prepared(dataclasses.replace(scene, spalls=tuple(spalls)))
         return solution.both_stiffnesses, solution
 
@@ -176,19 +178,15 @@ def _without_poles(scene: Scene, every: ring.Equilibrium, stiffness: Any) -> Any
 def _traced(scene: Scene) -> Solution:
     """The solution of a scene in arrays of JAX, with all its effects."""
 
-    def at(phase: Real) -> tuple[ring.Equilibrium, jax.Array, Results]:
+    def at(phase: Any, scene: Scene) -> tuple[ring.Equilibrium, jax.Array, Results]:
         rest, more = at_phase(scene, phase)
         if scene.definition == "tangent":
             return rest, rest.tangent, more
         axial = more.get("axial_force", scene.load.axial)
         return rest, _secant(dataclasses.replace(scene.load, axial=axial), rest.displacement), more
 
-    if isinstance(scene.phase, PitchMean):
-        each, weights = phases(scene)
-        every, stiffness, more = jax.vmap(at)(each)
-    else:
-        weights = np.ones(1)
-        every, stiffness, more = jax.tree.map(lambda v: jnp.asarray(v)[None], at(cast(Real, scene.phase)))
+    each, weights = phases(scene)
+    every, stiffness, more = at_all_phases(at, scene, each)
     return _of_phases(scene, every, stiffness, weights, more)
 
 
@@ -214,7 +212,7 @@ def with_sizes_expanded(scene: Scene) -> Scene:
     count = len(scene.spalls)
     seeds = np.eye(2 * count).reshape(count, 2, 2 * count)
     spalls = tuple(
-        dataclasses.replace(spall, length=Taylor(spall.length, by=rows[0]), width=Taylor(spall.width, by=rows[1]))
+        resized(spall, Taylor(spall.length, by=rows[0]), Taylor(spall.width, by=rows[1]))
         for spall, rows in zip(scene.spalls, seeds, strict=True)
     )
     return dataclasses.replace(scene, spalls=spalls)

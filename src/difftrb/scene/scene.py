@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any, Literal, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
-from difftrb.core import fields, packaged_bearings
+from difftrb.core import fields, geometry, packaged_bearings
 from difftrb.core.bad_input import did_you_mean, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
+from difftrb.core.numeric import gauss_legendre
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import local, power
 from difftrb.law.base import Law
+from difftrb.law.local import LocalLaw, States
 from difftrb.ring import effect_base, effects, phase_rule, plain_ring, ring, roller_places
 from difftrb.ring.effect_base import Effect
 from difftrb.ring.ring import Load
@@ -225,8 +229,39 @@ def phases(scene: Scene) -> tuple[Any, Any]:
     """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
     if not isinstance(scene.phase, PitchMean):
         return xp.asarray(scene.phase)[None], np.ones(1)
-    found = phase_rule.between(pitch_borders(scene))
+    rule = gauss_legendre(phase_rule.POINTS_BY_CONTACTS) if isinstance(scene.law, LocalLaw) else None
+    found = phase_rule.between(pitch_borders(scene), rule)
     return found if xp.expands(scene) else xp.values(found)
+
+
+def at_all_phases(solve: Callable[[Any, Scene], Any], scene: Scene, each: Any) -> Any:
+    """`solve(phase, scene)` of a prepared scene at the phases `each` [rad], in arrays of JAX with the phases in front.
+    A law by contacts of every phase of a mean is given it as of that phase."""
+    if not isinstance(scene.phase, PitchMean):
+        return jax.tree.map(lambda value: jnp.asarray(value)[None], solve(each[0], scene))
+    parts, made_of = jax.tree.flatten(scene, is_leaf=_is_states)
+    of_phases = [_is_states(part) for part in parts]
+    if not scene.spalls:  # a healthy bearing has other phases, and no roller over a spall
+        parts = [None if own else part for part, own in zip(parts, of_phases, strict=True)]
+    axes = made_of.unflatten([0 if own and scene.spalls else None for own in of_phases])
+    return jax.vmap(solve, in_axes=(0, axes))(each, made_of.unflatten(parts))
+
+
+def nearest_phase(scene: Scene, angle: float) -> Scene:
+    """A prepared scene at the phase of its mean at which roller 0, or another, stands nearest to an angle [rad]."""
+    pitch, each = float(geometry.roller_pitch(scene.bearing)), np.asarray(phases(scene)[0])
+    k = int(np.argmin(np.abs((each - angle + 0.5 * pitch) % pitch - 0.5 * pitch)))
+    return at_phase_numbered(scene, k, float(each[k]))
+
+
+def at_phase_numbered(scene: Scene, k: int, phase: float) -> Scene:
+    """A prepared scene at the `k`-th phase of its mean [rad]."""
+    parts, made_of = jax.tree.flatten(dataclasses.replace(scene, phase=phase), is_leaf=_is_states)
+    return made_of.unflatten([jax.tree.map(lambda of: of[k], part) if _is_states(part) else part for part in parts])
+
+
+def _is_states(part: Any) -> bool:
+    return isinstance(part, States)
 
 
 @np.errstate(all="ignore")

@@ -241,7 +241,8 @@ def _loaded(name: str, place: Spall, key: str, folder: Path) -> HeightMap:
     try:
         if name in PACKAGED_MAPS and not file.exists():
             file = height_map.example_map(name)
-        return height_map.load_height_map(file, place.axial_offset, place.angle, place.surface)
+        loaded = height_map.load_height_map(file, place.axial_offset, place.angle, place.surface)
+        return dataclasses.replace(loaded, row=place.row)
     except height_map.HeightMapError as error:
         raise SceneError(f"{key} = {shown(name)}: {error}") from None
 

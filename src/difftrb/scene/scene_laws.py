@@ -1,8 +1,9 @@
 """The roller laws of a scene, for every raceway that gives way; `with_laws` is the way in.
 
 All but "direct" are made at once, also inside jit. "direct" is made from contacts solved one by one, which needs
-numbers. At one phase it is a `LocalLaw`: contacts are solved around the rollers' loads, and the ring on them, until the
-loads stay. In the mean it is a `DirectLaw`, of curves over all loads.
+numbers. It is a `LocalLaw`: contacts are solved around the rollers' loads, and the ring on them, until the loads stay.
+In the mean it is a `DirectLaw`, of curves over all loads, where no roller meets but one deep rectangular spall: that
+takes a third of the contacts.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import jax.core
 import numpy as np
 
 from difftrb.contact import gap
+from difftrb.contact.height_map import HeightMap
 from difftrb.core import geometry
 from difftrb.core.geometry import Raceway, Real, Spall
 from difftrb.core.jax_config import jit_quickly
@@ -30,10 +32,6 @@ from difftrb.scene import expected_loads
 from difftrb.scene.local_laws import holding, local_laws
 from difftrb.scene.scene import LawName, PitchMean, Scene, is_plain, phases, raceway_contact
 
-NOT_IN_THE_MEAN = (
-    "stiffness.phase = 'mean': several spalls under one roller, or a bottom that rollers may meet, are known at one "
-    "phase only; give the phase a number, or take all phases: difftrb stiffness"
-)
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
     "what comes out; derivatives stay complete"
@@ -50,17 +48,16 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
     """A checked scene with a law on every raceway that gives way; arguments as in `difftrb.prepare`.
 
     A law that is there is carried to its contact. Raises SceneError for a traced scene whose law needs numbers, where
-    only the inner raceway's law is missing, and for a mean over phases that needs a `LocalLaw`.
+    only the inner raceway's law is missing.
     """
     if isinstance(scene.law, LawName) and scene.law.name == "direct" and not is_traced(scene):
-        if not isinstance(scene.phase, PitchMean):
+        at_one = not isinstance(scene.phase, PitchMean)
+        if at_one or _may_meet_more(scene):
             bases = _healthy_laws(scene, progress)
-            through = effect_base.among(scene.effects, Through) is not None
-            return holding(scene, bases if through else local_laws(scene, bases, progress))
-        if _may_meet_more(scene) and any(
-            _meet_more(scene, raceway, base) for raceway, base in _healthy_laws(scene, progress).items()
-        ):
-            raise SceneError(NOT_IN_THE_MEAN)
+            if at_one and effect_base.among(scene.effects, Through) is not None:
+                return holding(scene, bases)
+            if at_one or any(_meet_more(scene, raceway, base) for raceway, base in bases.items()):
+                return holding(scene, local_laws(scene, bases, progress))
     made: dict[Raceway, Law] = {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}
     return _with_edges(scene, made, progress)
 
@@ -173,26 +170,34 @@ def _approaches(scene: Scene, phases: jax.Array) -> jax.Array:
 
 
 def _may_meet_more(scene: Scene) -> bool:
-    """Whether to ask `_meet_more`, for which contacts are solved: of several spalls, or one that is not surely deep."""
-    if len(scene.spalls) > 1:
+    """Whether to ask `_meet_more`, for which contacts are solved: of several spalls, or one that is not surely deep, or
+    under rollers that may tilt."""
+    if len(scene.spalls) > 1 or _leans(scene) or any(isinstance(spall, HeightMap) for spall in scene.spalls):
         return True
     largest = expected_loads.largest_for_curves(scene)
     deep = DEEP * float(gap.palmgren_approach(largest, float(scene.bearing.roller_length)))
     return any(float(spall.depth) < deep for spall in scene.spalls)
 
 
+def _leans(scene: Scene) -> bool:
+    """Whether rollers between both raceways may tilt over a spall off their middle."""
+    return effects.are_free(scene.effects) and any(float(spall.axial_offset) != 0.0 for spall in scene.spalls)
+
+
 def _meet_more(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
-    """Whether rollers may meet several of the scene's spalls at once, or a spall's bottom, while the cage turns."""
+    """Whether rollers may meet several of the spalls at once, a bottom or a map while the cage turns, or tilt."""
     if effect_base.among(scene.effects, Through) is not None:
         return False
+    if _leans(scene):
+        return True
     every = roller_places.spalls_on(scene.spalls, raceway)
     return any(_row_meets_more(scene, raceway, base, [spall for spall in every if spall.row == row]) for row in (1, 2))
 
 
 def _row_meets_more(scene: Scene, raceway: Raceway, base: DirectLaw, spalls: list[Spall]) -> bool:
     """The same of the spalls of one row."""
-    if not spalls:
-        return False
+    if not spalls or any(isinstance(spall, HeightMap) for spall in spalls):
+        return bool(spalls)
     deepest = float(base.healthy[-1])
     if min(float(spall.depth) for spall in spalls) < deepest:
         return True

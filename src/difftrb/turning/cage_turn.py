@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.contact.height_map import resized
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, implicit, status
 from difftrb.core.geometry import Real, TaperedBearing
@@ -239,7 +240,7 @@ def _without_slopes(scene: Scene, spread: Any) -> _Found:
 @jit_quickly()
 def _with_slopes(scene: Scene, spread: Any) -> _Found:
     def at(sizes: jax.Array) -> tuple[jax.Array, _Found]:
-        spalls = (dataclasses.replace(s, length=v[0], width=v[1]) for s, v in zip(scene.spalls, sizes, strict=True))
+        spalls = (resized(s, *v) for s, v in zip(scene.spalls, sizes, strict=True))
         found = _without_slopes(dataclasses.replace(scene, spalls=tuple(spalls)), spread)
         return found.stiffness, found
 
