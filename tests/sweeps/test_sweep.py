@@ -24,7 +24,7 @@ from difftrb.law import power
 from difftrb.report import figure_style
 from difftrb.ring import ring
 from difftrb.scene import scene_file
-from difftrb.sweeps import axes, chunks, shared_law, store, sweep_file, sweep_plot, sweeping
+from difftrb.sweeps import axes, boxes, chunks, shared_law, store, sweep_file, sweep_plot, sweeping
 from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.swept import front, manifest_of
 
@@ -88,8 +88,8 @@ def test_axes_from_lists_and_ranges() -> None:
 @pytest.mark.parametrize("batch", [1, 4, 7, 1000])
 def test_boxes_hold_every_member_once_in_order(counts: tuple[int, ...], batch: int) -> None:
     """Blocks of chunks and chunks of the sweep; in a chunk whole blocks follow one another."""
-    blocks = axes.Grid.of(counts, batch)
-    chunks = axes.Grid.of(counts, 3 * blocks.size, blocks.shape)
+    blocks = boxes.Grid.of(counts, batch)
+    chunks = boxes.Grid.of(counts, 3 * blocks.size, blocks.shape)
     for grid in (blocks, chunks):
         seen = []
         for box in range(grid.number):
@@ -225,7 +225,7 @@ def test_the_same_bits_from_any_number_of_lanes(plan: Plan, whole: Path, tmp_pat
 
 
 def test_the_same_bits_from_chunks_of_any_size(plan: Plan, whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("difftrb.sweeps.sizes.CALLS", 4)
+    monkeypatch.setattr("difftrb.sweeps.boxes.CALLS", 4)
     other = dataclasses.replace(plan)
     assert other.chunks > plan.chunks
     program = Program(other, machine.lanes_of(1))
@@ -408,7 +408,7 @@ def test_a_full_disk_leaves_what_is_written(
 
         with monkeypatch.context() as patch:
             patch.setattr(store.Zarr if kind == "zarr" else store.Npz, "write", full)
-            patch.setattr("difftrb.sweeps.sizes.CHUNKS_AT_ONCE", 1)
+            patch.setattr("difftrb.sweeps.boxes.CHUNKS_AT_ONCE", 1)
             with pytest.raises(trb.SweepError, match=r"File too large: 2 of 5 chunks are written and stay good; make"):
                 chunks.run(plan, out, resume=True, devices=1)
     assert chunks.run(plan, out, resume=True).computed == plan.chunks - 2

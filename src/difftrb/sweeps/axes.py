@@ -1,4 +1,4 @@
-"""Axes of a sweep: dotted keys and their values; members in the order of the axes, cut into blocks.
+"""Axes of a sweep: dotted keys and their values; members in the order of the axes.
 
 A key names a number of a scene as the scene file does: `spall.0.length`, `load.axial`, `stiffness.phase`,
 `contact.design_load`. In any other dataclass, dict or tuple it is the path through the fields.
@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
@@ -124,9 +123,6 @@ def _is_number(value: Any) -> bool:
         return isinstance(value, int | float | np.number) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:  # a whole number with hundreds of digits
         return False
-
-
-# ------------------------------------------------------------------------------------------------ keys
 
 
 def _path(tree: Any, key: str) -> list[str]:
@@ -251,88 +247,3 @@ def check(tree: Any, axes: Sequence[Axis], gradients: Sequence[str] = ()) -> dic
     if len(set(gradients)) < len(gradients):
         raise SweepError("gradients: a key is there twice; name each once")
     return units
-
-
-# ------------------------------------------------------------------------------------------------ boxes of members
-
-
-@dataclasses.dataclass(frozen=True)
-class Grid:
-    """Members, numbered with the last axis changing fastest, cut into boxes of one shape: blocks, and chunks of them.
-
-    A box is a part of one axis times all axes behind it, at one place of those before it. So its members follow one
-    another, and what does not change inside it is computed once. Boxes at the end of the cut axis may be shorter.
-
-    Attributes:
-      counts: values of every axis. shape: of them in a box: 1 before the cut axis, all behind it.
-    """
-
-    counts: tuple[int, ...]
-    shape: tuple[int, ...]
-
-    @classmethod
-    def of(cls, counts: tuple[int, ...], most: int, unit: tuple[int, ...] | None = None) -> Grid:
-        """Cut into boxes of `most` members or about one value of the cut axis, each of whole boxes of shape `unit`."""
-        cut = next((i for i in range(len(counts) - 1, 0, -1) if math.prod(counts[i:]) >= most), 0)
-        parts = up(counts[cut], max(1, most // math.prod(counts[cut + 1 :])))
-        step = unit[cut] if unit else 1
-        return cls(counts, (*(1,) * cut, up(up(counts[cut], parts), step) * step, *counts[cut + 1 :]))
-
-    @property
-    def boxes(self) -> tuple[int, ...]:
-        """Number of boxes along every axis."""
-        return tuple(map(up, self.counts, self.shape))
-
-    @property
-    def number(self) -> int:
-        """Of boxes."""
-        return math.prod(self.boxes)
-
-    @property
-    def size(self) -> int:
-        """Members of a whole box."""
-        return math.prod(self.shape)
-
-    @property
-    def split(self) -> int:
-        """The first axis with several values in a box; the last if there is none."""
-        return next((i for i, size in enumerate(self.shape) if size > 1), len(self.shape) - 1)
-
-    def place(self, box: Any) -> list[Any]:
-        """Where a box is, counted in boxes along every axis. Works inside jit."""
-        places = []
-        for number in reversed(self.boxes):
-            places.append(box % number)
-            box = box // number
-        return places[::-1]
-
-    def slices(self, box: int) -> tuple[slice, ...]:
-        """The values of a box on every axis."""
-        found = zip(self.place(box), self.shape, self.counts, strict=True)
-        return tuple(slice(place * size, min((place + 1) * size, count)) for place, size, count in found)
-
-    def members(self, box: int) -> range:
-        """Numbers of the members of a box."""
-        first, many = 0, 1
-        for part, count in zip(self.slices(box), self.counts, strict=True):
-            first, many = first * count + part.start, many * (part.stop - part.start)
-        return range(first, first + many)
-
-    def within(self, slices: tuple[slice, ...]) -> range:
-        """Boxes inside a box of another grid, which has whole ones of this."""
-        first, many = 0, 1
-        for part, size, number in zip(slices, self.shape, self.boxes, strict=True):
-            first, many = first * number + part.start // size, many * up(part.stop - part.start, size)
-        return range(first, first + many)
-
-    def values(self, box: jax.Array) -> list[jax.Array]:
-        """Places of a box's values on every axis: shape () before `split`, else (values,), the last one again for those
-        that are missing. Works inside jit."""
-        ends = zip(self.place(box), self.shape, self.counts, strict=True)
-        return [place if i < self.split else jnp.minimum(place * size + jnp.arange(size), count - 1)
-                for i, (place, size, count) in enumerate(ends)]  # fmt: skip
-
-
-def up(count: int, size: int) -> int:
-    """How many boxes of this size hold so many."""
-    return -(-count // size)

@@ -1,6 +1,6 @@
 """What is swept, and the program that computes it on devices or threads.
 
-Blocks of members (`axes.Grid`, `sizes`) are computed one after another by `lax.map`, the members of one by `vmap` along
+Blocks of members (`boxes`) are computed one after another by `lax.map`, the members of one by `vmap` along
 one axis after another, so that what an axis does not change is computed once. A chunk, which is stored as one, is a box
 of blocks, computed by calls of equally many. Devices or threads take calls as they are free; their number changes no
 bit.
@@ -26,8 +26,9 @@ from jax.sharding import SingleDeviceSharding
 from difftrb.core import jax_config, kept_programs, status
 from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
-from difftrb.sweeps import sizes
-from difftrb.sweeps.axes import Axis, Grid, number_at, replaced, up
+from difftrb.sweeps import boxes
+from difftrb.sweeps.axes import Axis, number_at, replaced
+from difftrb.sweeps.boxes import Grid, up
 from difftrb.sweeps.outputs import STATUS
 
 KEPT = 4
@@ -84,7 +85,8 @@ class Plan:
     @cached_property
     def grid(self) -> Grid:
         """The chunks."""
-        return Grid.of(self.counts, sizes.of_chunk(self.members, self.blocks.size), self.blocks.shape)
+        most = max(boxes.CALLS * self.blocks.size, min(self.members // boxes.CHUNKS, boxes.LARGEST_CHUNK))
+        return Grid.of(self.counts, most, self.blocks.shape)
 
     @property
     def chunks(self) -> int:
@@ -94,7 +96,7 @@ class Plan:
     @cached_property
     def call(self) -> int:
         """Blocks that one call of the program computes."""
-        return up(math.prod(map(up, self.grid.shape, self.blocks.shape)), sizes.CALLS)
+        return up(math.prod(map(up, self.grid.shape, self.blocks.shape)), boxes.CALLS)
 
     @cached_property
     def shapes(self) -> dict[str, jax.ShapeDtypeStruct]:
@@ -279,7 +281,7 @@ class Program:
     def ahead(self, deal: Callable[..., Any]) -> Iterator[tuple[Callable[..., Any]]]:
         """For `in_turn`: what has a few chunks dealt with at once, in threads. A program serves one of these: its lanes
         end with it."""
-        with ThreadPoolExecutor(sizes.CHUNKS_AT_ONCE) as threads:
+        with ThreadPoolExecutor(boxes.CHUNKS_AT_ONCE) as threads:
             try:
                 yield (partial(threads.submit, deal),)
             finally:  # of a sweep that stopped early
@@ -290,7 +292,7 @@ class Program:
 def in_turn(
     submit: Callable[[int], Any],
     chunks: Iterable[int],
-    many: int = sizes.CHUNKS_AT_ONCE,
+    many: int = boxes.CHUNKS_AT_ONCE,
     alive: Callable[[], None] = lambda: None,
 ) -> Iterator[Any]:
     """Submit chunks, `many` at once, and give what each comes to, as they finish. While none does, ask `alive`."""

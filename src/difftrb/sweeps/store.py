@@ -18,7 +18,7 @@ import numpy as np
 
 from difftrb.core import storage
 from difftrb.core.status import SweepError
-from difftrb.sweeps.axes import Grid
+from difftrb.sweeps.boxes import Grid
 from difftrb.sweeps.outputs import STATUS
 from difftrb.sweeps.swept import Swept, attributes, dims_of, labelled, stored
 

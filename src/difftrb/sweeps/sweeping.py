@@ -24,8 +24,9 @@ from difftrb.law.samples import Progress
 from difftrb.scene import checks
 from difftrb.scene.scene import Scene
 from difftrb.sweeps import axes as axes_
-from difftrb.sweeps import outputs, shared_law, sizes
-from difftrb.sweeps.axes import Axis, up
+from difftrb.sweeps import boxes, outputs, shared_law
+from difftrb.sweeps.axes import Axis
+from difftrb.sweeps.boxes import up
 from difftrb.sweeps.outputs import STATUS
 from difftrb.sweeps.plan import Plan, Program, in_turn
 from difftrb.sweeps.swept import Swept, coordinates_of, labelled, manifest_of
@@ -67,7 +68,7 @@ def plan_sweep(
         chosen = [outputs.registered()[name] for name in names]
         units |= {output.name: output.unit for output in chosen}
         dims = {output.name: output.dims for output in chosen}
-    return Plan(base, made, function, tuple(gradients), units, dims, sizes.of_block(made, batch), title, text)
+    return Plan(base, made, function, tuple(gradients), units, dims, boxes.of_block(made, batch), title, text)
 
 
 def ends(base: Any, made: Sequence[Axis]) -> Iterator[Any]:
@@ -103,17 +104,17 @@ def bytes_of_member(plan: Plan) -> int:
 
 def _bytes_of_chunks(plan: Plan) -> int:
     """Bytes of the chunks that are in memory at once while a sweep runs: in parts, and put together."""
-    return 3 * sizes.CHUNKS_AT_ONCE * plan.grid.size * bytes_of_member(plan)
+    return 3 * boxes.CHUNKS_AT_ONCE * plan.grid.size * bytes_of_member(plan)
 
 
 def _check_members(counts: Sequence[int], columns: int) -> None:
     """Refuse more members than any sweep can have; `columns` are results and derivatives, one number or more each."""
     members = math.prod(counts)
-    most = sizes.MOST
+    most = boxes.MOST
     if members > most:
         disk = _in_bytes(2 * members * (8 * columns + 1))
         raise SweepError(
-            f"{_product(counts)}, which take {disk} of disk or more: must be at most {sizes.MOST:,}; give fewer"
+            f"{_product(counts)}, which take {disk} of disk or more: must be at most {boxes.MOST:,}; give fewer"
         )
 
 
