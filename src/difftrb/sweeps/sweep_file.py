@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import os
 import tomllib
@@ -19,7 +18,7 @@ from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
 from difftrb.report import console, remarks
 from difftrb.scene import scene_file
-from difftrb.scene.scene_file import NoEquilibriumError, SceneFile
+from difftrb.scene.scene_file import SceneFile
 from difftrb.sweeps import axes as axes_
 from difftrb.sweeps import chunks, outputs, sweeping
 from difftrb.sweeps.axes import RANGE_KEYS
@@ -43,30 +42,30 @@ class SweepFile:
     @property
     def of_contact(self) -> bool:
         """Whether single contacts are swept, and not rings."""
-        return all(name in outputs.CONTACT for name in self.outputs)
+        return outputs.of_contact(self.outputs)
 
-    def plan(self, batch: int | None = None, progress: Progress | None = None) -> Plan:
-        """What is to be computed; the roller law is made now. Raises `SceneError`."""
-        with _named(self.path):
+    def plan(self, batch: int | None = None, progress: Progress | None = None, law: bool = True) -> Plan:
+        """What is to be computed; the roller law is made now, unless it is to be checked only. Raises `SceneError`."""
+        try:
+            base, more = self.scene, {"solved": _contact, "wrong": _wrong_contact, "batch": batch or 1}
             if not self.of_contact:
-                base, solved = self.scene.scene(), None
-            else:
-                base, solved, batch = self.scene, _contact, batch or 1
-            asked = self.axes, self.gradients, self.mode, batch, progress
-            return sweeping.plan_sweep(self.outputs, base, *asked, solved=solved, text=self.text)
-
-
-@contextlib.contextmanager
-def _named(path: str) -> Iterator[None]:
-    """A `SweepError` becomes a `SceneError` that names the file."""
-    try:
-        yield
-    except SweepError as error:
-        raise SceneError(f"{path}: sweep: {error}") from None
+                base, more = self.scene.scene(), {"batch": batch}
+            more |= {"gradients": self.gradients, "mode": self.mode, "progress": progress}
+            return sweeping.plan_sweep(self.outputs, base, self.axes, text=self.text, law=law, **more)
+        except (SweepError, SceneError) as error:
+            raise SceneError(f"{self.path}: sweep: {error}") from None
 
 
 def _contact(file: SceneFile) -> ContactSolution:
     return solve_contact(**file.single_contact())
+
+
+def _wrong_contact(file: SceneFile) -> str | None:
+    try:
+        scene_file.check_contact(file, "")
+    except SceneError as error:
+        return str(error).removeprefix(": ")
+    return across(file.bearing, file.spall)
 
 
 def deliver(options: Any) -> int:
@@ -124,24 +123,13 @@ def parse(text: str, path: str | Path = "scene") -> SweepFile:
     table = tomllib.loads(text).get("sweep")
     if not isinstance(table, dict) or not table:
         raise SceneError(f"{path}: [sweep] is missing: name axes, say {axes_.EXAMPLE}")
-    with _named(str(path)):
-        given = dict(_axes(table))
+    try:
+        given, gradients = dict(_axes(table)), _texts(table, "gradients", ())
         asked = _texts(table, "outputs", outputs.DEFAULT)
-        gradients = _texts(table, "gradients", ())
-        found = SweepFile(file, given, asked, gradients, table.get("mode", "product"), text, str(path))
-        made = axes_.axes_of(given, found.mode)
-        unknown = [name for name in asked if name not in outputs.registered()]
-        outputs.checked(unknown or asked, outputs.registered())
-        if not found.of_contact and any(name in outputs.CONTACT for name in asked):
-            raise SweepError(
-                f"outputs: {', '.join(outputs.CONTACT)} are of a single contact and do not go with the ring's"
-            )
-        _check(file, found.of_contact, found.path)  # before a scene, which raises where effects exclude each other
-        axes_.check(file if found.of_contact else file.scene(), made, gradients)
-        for member in sweeping.ends(file, made) if found.of_contact else ():  # those of rings are the plan's
-            if (sentence := across(member.bearing, member.spall)) is not None:
-                raise SweepError(sentence)
-            _check(member, True, found.path)
+    except SweepError as error:
+        raise SceneError(f"{path}: sweep: {error}") from None
+    found = SweepFile(file, given, asked, gradients, table.get("mode", "product"), text, str(path))
+    found.plan(law=False)
     return found
 
 
@@ -178,16 +166,6 @@ def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
             yield from _flat(value, f"{key}.")
         else:
             yield key, value
-
-
-def _check(file: SceneFile, of_contact: bool, path: str) -> None:
-    """Refuse what `difftrb run` or `contact` refuses, but for loads without an equilibrium."""
-    try:
-        (scene_file.check_contact if of_contact else scene_file.check_ring)(file, path)
-    except NoEquilibriumError:
-        return  # a member like others: NaN
-    except SceneError as error:
-        raise SweepError(str(error).removeprefix(f"{path}: ")) from None
 
 
 def share_of(given: str | None, environment: Mapping[str, str] = os.environ) -> tuple[int, int] | None:

@@ -42,11 +42,14 @@ def plan_sweep(
     progress: Progress | None = None,
     solved: Callable[[Any], ContactSolution] | None = None,
     text: str = "",
+    wrong: Callable[[Any], str | None] = lambda _: None,
+    law: bool = True,
 ) -> Plan:
     """A plan, checked, the roller law of a scene made once for all members; arguments and errors as in `sweep`.
 
-    With `solved`, which gives the single contact of a member, names are those of `outputs.CONTACT`. `text` is the scene
-    file's.
+    With `solved`, which gives the single contact of a member, names are those of single contacts. `text` is the scene
+    file's. `wrong` says in one sentence what a member that is no scene cannot have. Without `law` a scene is checked
+    only: its plan cannot be computed.
     """
     status.require_float64()
     made = axes_.axes_of(given, mode)
@@ -54,24 +57,24 @@ def plan_sweep(
     _check_members([axis.count for axis in made], results * (1 + len(gradients)))
     if isinstance(base, Scene):
         checks.refuse(base)
+        wrong = checks.wrong
     units, dims = axes_.check(base, made, gradients), {}
-    if isinstance(base, Scene):
-        for member in ends(base, made):
-            if (sentence := checks.wrong(member)) is not None:
-                raise SweepError(sentence)
-        base = shared_law.with_shared_law(base, made, gradients, progress)
+    for member in _ends(base, made):
+        if (sentence := wrong(member)) is not None:
+            raise SweepError(sentence)
     if callable(what):
         function, title = _by_name(what), getattr(what, "__qualname__", repr(what))
     else:
         names = [what] if isinstance(what, str) else list(what)
         function, title = outputs.function_of(names, solved), " ".join(names)
-        chosen = [outputs.registered()[name] for name in names]
-        units |= {output.name: output.unit for output in chosen}
-        dims = {output.name: output.dims for output in chosen}
+        units |= {name: outputs.OUTPUTS[name].unit for name in names}
+        dims = {name: outputs.OUTPUTS[name].dims for name in names}
+    if law and isinstance(base, Scene):
+        base = shared_law.with_shared_law(base, made, gradients, progress)
     return Plan(base, made, function, tuple(gradients), units, dims, boxes.of_block(made, batch), title, text)
 
 
-def ends(base: Any, made: Sequence[Axis]) -> Iterator[Any]:
+def _ends(base: Any, made: Sequence[Axis]) -> Iterator[Any]:
     """Members at the ends of every axis, all others as in `base`."""
     for axis in made:
         for k in {int(place) for values in axis.values for place in (values.argmin(), values.argmax())}:
@@ -228,8 +231,8 @@ def sweep(
     """Compute a function of many scenes, all in memory; `difftrb.write_sweep` does the same into files.
 
     Args:
-      what: names of outputs (`difftrb.sweeps.outputs.RING`), or any function of a member that `jit` takes, returning an
-        array or a dict of arrays; one called "status_code" is the member's status.
+      what: names of outputs (`difftrb.sweeps.outputs.OUTPUTS`), or any function of a member that `jit` takes, returning
+        an array or a dict of arrays; one called "status_code" is the member's status.
       base: a `Scene`; or, with a function, any tree of dataclasses, dicts and tuples.
       axes: values by dotted key, as in a scene file: {"spall.0.length": [1.0, 2.0], "load.axial": {"from": 4000.0,
         "to": 9000.0, "count": 64, "spacing": "log"}}.
