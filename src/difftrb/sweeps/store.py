@@ -9,8 +9,9 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from difftrb.core import storage
 from difftrb.core.status import SweepError
 from difftrb.sweeps.boxes import Grid
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.swept import Swept, attributes, dims_of, labelled, stored
+from difftrb.sweeps.swept import Swept, labelled, labels, stored
 
 MANIFEST, AXES, ZARR = "manifest.json", "axes.npz", "sweep.zarr"
 """Names in a folder: of what is swept and the axes' values beside .npz files; of the Zarr store."""
@@ -35,7 +36,6 @@ class Store:
     where: str
     about: dict[str, Any]
     identity: str | None
-    coordinates: dict[str, np.ndarray]
 
     @cached_property
     def grid(self) -> Grid:
@@ -51,46 +51,59 @@ class Store:
     def _listed(self) -> Iterator[int]:
         raise NotImplementedError
 
+    def coordinates(self) -> storage.Arrays:
+        """Values of every key."""
+        raise NotImplementedError
+
     def read(self, chunk: int) -> storage.Arrays | None:
         """A chunk's columns, shape (members, …); None if it is missing or damaged."""
         raise NotImplementedError
 
-    def whole(self, chunk: int) -> storage.Arrays:
-        """`read`; raises `SweepError` for what is missing or damaged."""
-        if (found := self.read(chunk)) is None:
-            raise SweepError(f"{self.where}: chunk {chunk} is missing or damaged; {RESUME}")
-        return found
-
-    def swept(self) -> Swept:
-        """All of it, in memory. Raises `SweepError` if it is not finished, or damaged."""
+    def swept(self, places: Sequence[np.ndarray] | None = None) -> Swept:
+        """Results in memory at some `places`, rising, of every axis; default all. Raises `SweepError` if they are not
+        finished, or damaged."""
         if not self.about:
             raise SweepError(f"{self.where}: there is no sweep here, or its description is damaged")
-        if not self.done().all():
+        if places is None and not self.done().all():
             raise SweepError(f"{self.where}: the sweep is not finished; {RESUME}")
-        parts = [self.whole(chunk) for chunk in range(self.grid.number)]
-        columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        return labelled(self.about, self.coordinates, columns)
+        grid, parts = self.grid, {name: [] for name in self.about["columns"]}
+        places = [np.arange(count) for count in grid.counts] if places is None else places
+        for at in product(*(np.unique(place // size) for place, size in zip(places, grid.shape, strict=True))):
+            chunk = int(np.ravel_multi_index(at, grid.boxes))
+            if (found := self.read(chunk)) is None:
+                raise SweepError(f"{self.where}: chunk {chunk} is missing or damaged; {RESUME}")
+            box = grid.slices(chunk)
+            inside = np.ix_(*(place[slice(*np.searchsorted(place, (part.start, part.stop)))] - part.start
+                              for place, part in zip(places, box, strict=True)))  # fmt: skip
+            for name, array in found.items():
+                shaped = array.reshape(*(part.stop - part.start for part in box), *array.shape[1:])
+                parts[name].append(shaped[inside].reshape(-1, *array.shape[1:]))
+        keys = [(key, place) for axis, place in zip(self.about["axes"], places, strict=True) for key in axis["keys"]]
+        values = self.coordinates()
+        columns = {name: np.concatenate(arrays) for name, arrays in parts.items()}
+        return labelled(self.about, {key: values[key][place] for key, place in keys}, columns)
 
 
 class Npz(Store):
     """A folder: a file for every chunk, named after its number, with the sweep's identity; manifest and axes."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.where = folder, str(folder)
-        self.coordinates = storage.read(folder / AXES) or {}
-        self.about = {}
+        self.folder, self.where, self.about = folder, str(folder), {}
         with contextlib.suppress(OSError):
             self.about = _parsed((folder / MANIFEST).read_bytes())
         self.identity = self.about.get("identity")
 
-    def begin(self, about: dict[str, Any], coordinates: dict[str, np.ndarray]) -> None:
+    def begin(self, about: dict[str, Any], coordinates: storage.Arrays) -> None:
         """Write what is beside the chunks."""
-        self.about, self.coordinates = about, coordinates
-        self.folder.mkdir(parents=True, exist_ok=True)
+        self.about = about
         storage.write(self.folder / AXES, coordinates)
         with storage.replacing(self.folder / MANIFEST) as scratch:
             scratch.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
         storage.remove_leftovers(self.folder, f"*-*{storage.SCRATCH}")
+
+    def coordinates(self) -> storage.Arrays:
+        """See `Store.coordinates`."""
+        return storage.read(self.folder / AXES) or {}
 
     def _path(self, chunk: int) -> Path:
         return self.folder / f"chunk_{chunk:06d}.npz"
@@ -105,10 +118,8 @@ class Npz(Store):
 
     def read(self, chunk: int) -> storage.Arrays | None:
         """See `Store.read`; None, too, for another sweep's."""
-        found = storage.read(self._path(chunk))
-        if found is None or (str(found.pop("identity", "")), int(found.pop("chunk", -1))) != (
-            self.about["identity"], chunk
-        ):  # fmt: skip
+        found, whose = storage.read(self._path(chunk)) or {}, (self.about["identity"], chunk)
+        if (str(found.pop("identity", "")), int(found.pop("chunk", -1))) != whose:
             return None
         members = len(self.grid.members(chunk))
         shapes = {name: (members, *column["shape"]) for name, column in self.about["columns"].items()}
@@ -132,7 +143,8 @@ class Zarr(Store):
                 self._store: Any = FsspecStore.from_url(where) if self.remote else LocalStore(where, read_only=True)
         except ValueError as error:
             raise SweepError(f"{where}: {error}") from None
-        root, ledger = self._attributes("zarr.json"), self._attributes(f"{STATUS}/zarr.json")
+        root, ledger = (_parsed(self._get(key) or b"").get("attributes", {})
+                        for key in ("zarr.json", f"{STATUS}/zarr.json"))  # fmt: skip
         self.about = _parsed(root.get("manifest", "{}"))
         self.identity = root.get("identity", ledger.get("identity"))  # of a damaged store, too
 
@@ -141,10 +153,10 @@ class Zarr(Store):
         """What a bucket's library raises becomes an `OSError`."""
         try:
             yield
-        except (OSError, ImportError):
+        except (OSError, ImportError, ValueError):
             raise
         except Exception as error:
-            if not self.remote or isinstance(error, ValueError):
+            if not self.remote:
                 raise
             raise OSError(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
 
@@ -164,30 +176,27 @@ class Zarr(Store):
             return None
         return None if found is None else found.to_bytes()
 
-    def _attributes(self, key: str) -> dict[str, Any]:
-        """Those of an array or of all; none of a damaged one."""
-        return _parsed(self._get(key) or b"").get("attributes", {})
-
-    @cached_property
-    def _arrays(self) -> dict[str, Any]:
-        """By column; chunks without a number, too, are written."""
+    def _opened(self, names: Iterable[str]) -> dict[str, Any]:
+        """Arrays of keys or columns; chunks without a number, too, are written."""
         import zarr
 
         with self._told(), zarr.config.set({"array.write_empty_chunks": True}):
             mode = "r" if self._store.read_only else "r+"
             group = zarr.open_group(self._store, mode=mode, use_consolidated=False)
-            return {name: group[stored(name)] for name in self.about["columns"]}
+            return {name: group[stored(name)] for name in names}
 
-    @property
-    def coordinates(self) -> dict[str, np.ndarray]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Values of every key."""
-        import zarr
+    @cached_property
+    def _arrays(self) -> dict[str, Any]:
+        """By column."""
+        return self._opened(self.about["columns"])
 
+    def coordinates(self) -> storage.Arrays:
+        """See `Store.coordinates`."""
         with self._told():
-            group = zarr.open_group(self._store, mode="r", use_consolidated=False)
-            return {key: np.asarray(group[stored(key)]) for axis in self.about["axes"] for key in axis["keys"]}
+            opened = self._opened(key for axis in self.about["axes"] for key in axis["keys"])
+            return {key: np.asarray(array) for key, array in opened.items()}
 
-    def begin(self, about: dict[str, Any], coordinates: dict[str, np.ndarray]) -> None:
+    def begin(self, about: dict[str, Any], coordinates: storage.Arrays) -> None:
         """Write what is beside the chunks, where it is not there: all processes write the same."""
         import zarr
         from zarr.codecs import Crc32cCodec
@@ -196,26 +205,25 @@ class Zarr(Store):
         self.about = about
         self._store = self._store if self.remote else self._store.with_read_only(False)
         made: dict[str, Any] = {}
-        texts: dict[str, Any] = {name: about[name] for name in ("title", "scene", "identity")} | {
-            "manifest": json.dumps(about)
-        }
+        texts: dict[str, Any] = {name: about[name] for name in ("title", "scene", "identity")}
+        texts["manifest"] = json.dumps(about)
         if any(len(axis["keys"]) > 1 for axis in about["axes"]):
             texts["coordinates"] = " ".join(map(stored, coordinates))
         group = zarr.create_group(MemoryStore(made), attributes=texts)
-        dims = dims_of(about)
+        dims, attributes = labels(about)
         for key, values in coordinates.items():
             group.create_array(stored(key), data=values, chunks=values.shape, compressors=[Crc32cCodec()],
-                               dimension_names=dims[key], attributes=attributes(about, key))  # fmt: skip
+                               dimension_names=dims[key], attributes=attributes[key])  # fmt: skip
+        attributes[STATUS]["identity"] = about["identity"]
         shape, split = self.grid.shape, self.grid.split
         inner = max(part for part in range(1, INNER + 1) if shape[split] % part == 0)
+        parts = (*shape[:split], shape[split] // inner, *shape[split + 1 :])
         for name, column in about["columns"].items():
-            own = tuple(column["shape"])
-            parts = (*shape[:split], shape[split] // inner, *shape[split + 1 :])
-            more = {"identity": about["identity"]} if name == STATUS else {}
+            own, missing = tuple(column["shape"]), math.nan if column["dtype"] == "float64" else None
             group.create_array(stored(name), shape=(*self.grid.counts, *own), dtype=column["dtype"],
                                chunks=(*parts, *own), shards=(*shape, *own), compressors=[Crc32cCodec()],
-                               fill_value=-1 if name == STATUS else math.nan if column["dtype"] == "float64" else None,
-                               dimension_names=dims[name], attributes=attributes(about, name) | more)  # fmt: skip
+                               fill_value=-1 if name == STATUS else missing,
+                               dimension_names=dims[name], attributes=attributes[name])  # fmt: skip
         for key in sorted(made, key=len, reverse=True):
             if self._get(key) != made[key].to_bytes():
                 self._ask(self._store.set(key, made[key]))
@@ -248,9 +256,7 @@ class Zarr(Store):
                 if not self._ask(self._store.getsize(self._key(name, chunk))):  # read as if it were not there
                     return None
                 values = array[box]
-            except FileNotFoundError:
-                return None
-            except ValueError:  # a checksum, or a length
+            except (FileNotFoundError, ValueError):  # the latter of a checksum, or a length
                 return None
             found[name] = values.reshape(-1, *values.shape[len(box) :])
         return found

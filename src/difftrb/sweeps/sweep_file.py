@@ -47,11 +47,12 @@ class SweepFile:
     def plan(self, batch: int | None = None, progress: Progress | None = None, law: bool = True) -> Plan:
         """What is to be computed; the roller law is made now, unless it is to be checked only. Raises `SceneError`."""
         try:
-            base, more = self.scene, {"solved": _contact, "wrong": _wrong_contact, "batch": batch or 1}
-            if not self.of_contact:
-                base, more = self.scene.scene(), {"batch": batch}
-            more |= {"gradients": self.gradients, "mode": self.mode, "progress": progress}
-            return sweeping.plan_sweep(self.outputs, base, self.axes, text=self.text, law=law, **more)
+            more: dict[str, Any] = {"batch": batch}
+            if self.of_contact:
+                more = {"batch": batch or 1, "solved": _contact, "wrong": _wrong_contact}
+            base = self.scene if self.of_contact else self.scene.scene()
+            asked = self.outputs, base, self.axes, self.gradients, self.mode
+            return sweeping.plan_sweep(*asked, progress=progress, text=self.text, law=law, **more)
         except (SweepError, SceneError) as error:
             raise SceneError(f"{self.path}: sweep: {error}") from None
 

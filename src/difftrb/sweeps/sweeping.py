@@ -5,12 +5,13 @@ What does not fit into memory or on disk is refused before an array of its lengt
 
 from __future__ import annotations
 
+import contextlib
 import math
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +29,7 @@ from difftrb.sweeps import boxes, outputs, shared_law
 from difftrb.sweeps.axes import Axis
 from difftrb.sweeps.boxes import up
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import Plan, Program, in_turn
+from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.swept import Swept, coordinates_of, labelled, manifest_of
 
 
@@ -196,7 +197,9 @@ def forecast(plan: Plan, devices: int | None = None, out: str | None = None) -> 
     first = timed([0])
     call = min(timed([lane * blocks // len(lanes) for lane in range(len(lanes))]) for _ in range(2))
     seconds = calls * call / min(len(lanes), calls)
-    each, memory = bytes_of_member(plan), program.scratch() * len(lanes) + _bytes_of_chunks(plan)
+    of_call = cast(Any, plan.compute).lower(*plan.arguments).compile().memory_analysis()
+    scratch = of_call.temp_size_in_bytes + of_call.output_size_in_bytes if of_call is not None else 0
+    each, memory = bytes_of_member(plan), scratch * len(lanes) + _bytes_of_chunks(plan)
     room = f"; {_in_bytes(free_disk(out))} are free in {out}" if out and "://" not in out else ""
     counts = " × ".join(map(str, plan.counts))
     return "\n".join([
@@ -260,8 +263,8 @@ def sweep(
         return len(members)
 
     done = 0
-    with program.ahead(fill) as (submit,):
-        for members in in_turn(submit, range(plan.chunks)):
+    with contextlib.closing(program.in_turn(fill, range(plan.chunks))) as ended:
+        for members in ended:
             done += members
             if progress is not None:
                 progress(done, plan.members)
