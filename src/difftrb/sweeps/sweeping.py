@@ -98,9 +98,6 @@ def _by_name(function: Callable[[Any], Any]) -> Callable[[Any], dict[str, jax.Ar
     return named
 
 
-# ------------------------------------------------------------------------------------------------ what it takes
-
-
 def bytes_of_member(plan: Plan) -> int:
     """Bytes of the results of one member."""
     return sum(math.prod(shape.shape) * np.dtype(shape.dtype).itemsize for shape in plan.shapes.values())
@@ -114,47 +111,41 @@ def _bytes_of_chunks(plan: Plan) -> int:
 def _check_members(counts: Sequence[int], columns: int) -> None:
     """Refuse more members than any sweep can have; `columns` are results and derivatives, one number or more each."""
     members = math.prod(counts)
-    most = boxes.MOST
-    if members > most:
-        disk = _in_bytes(2 * members * (8 * columns + 1))
+    disk = 2 * members * (8 * columns + 1)
+    if members > boxes.MOST:
         raise SweepError(
-            f"{_product(counts)}, which take {disk} of disk or more: must be at most {boxes.MOST:,}; give fewer"
+            f"{_product(counts)}, which take {_in_bytes(disk)} of disk or more: must be at most {boxes.MOST:,}; give "
+            "fewer"
         )
 
 
 def check_chunks(plan: Plan) -> None:
     """Raise `SweepError` if the few chunks that are in memory at once do not fit there."""
-    needed, free = _bytes_of_chunks(plan), free_memory()
-    if needed > free:
-        raise SweepError(
-            f"chunks of {plan.grid.size:,} members with {_in_bytes(bytes_of_member(plan))} each take "
-            f"{_in_bytes(needed)} of memory, of which {_in_bytes(free)} are free; give a smaller batch, or smaller "
-            "results"
-        )
+    what = f"chunks of {plan.grid.size:,} members with {_in_bytes(bytes_of_member(plan))} each"
+    _fit(what, _bytes_of_chunks(plan), free_memory(), "memory", "; give a smaller batch, or smaller results")
 
 
 def _check_memory(plan: Plan) -> None:
     """Refuse a sweep whose results do not fit into memory."""
     check_chunks(plan)
     each, free, chunks = bytes_of_member(plan), free_memory(), _bytes_of_chunks(plan)
-    needed = plan.members * each + chunks
-    if needed > free:
-        raise SweepError(
-            f"{_product(plan.counts)} of {each} bytes take {_in_bytes(needed)} of memory, of which "
-            f"{_in_bytes(free)} are free, enough for {max(0, int(free - chunks)) // each:,}; give fewer, or use "
-            "difftrb.write_sweep, whose memory does not grow"
-        )
+    enough = f", enough for {max(0.0, free - chunks) // each:,.0f}"
+    mend = f"{enough}; give fewer, or use difftrb.write_sweep, whose memory does not grow"
+    _fit(f"{_product(plan.counts)} of {each} bytes", plan.members * each + chunks, free, "memory", mend)
 
 
 def check_disk(plan: Plan, out: str, there: int) -> None:
     """Raise `SweepError` if the chunks, of which some are `there`, do not fit into the folder `out`."""
-    each, free = bytes_of_member(plan), free_disk(out)
+    each = bytes_of_member(plan)
     needed = (1.0 - there / plan.chunks) * plan.members * each
+    what = f"{out}: {_product(plan.counts)} of {each} bytes{' still' if there else ''}"
+    _fit(what, needed, free_disk(out), "disk", " there; make room, name another folder, or give fewer")
+
+
+def _fit(what: str, needed: float, free: float, room: str, mend: str) -> None:
+    """Refuse what takes more bytes than are free."""
     if needed > free:
-        raise SweepError(
-            f"{out}: {_product(plan.counts)} of {each} bytes{' still' if there else ''} take {_in_bytes(needed)} of "
-            f"disk, of which {_in_bytes(free)} are free there; make room, name another folder, or give fewer"
-        )
+        raise SweepError(f"{what} take {_in_bytes(needed)} of {room}, of which {_in_bytes(free)} are free{mend}")
 
 
 def free_disk(out: str) -> float:
@@ -217,9 +208,6 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
-# ------------------------------------------------------------------------------------------------ in memory
-
-
 def sweep(
     what: Callable[[Any], Any] | Sequence[str],
     base: Any,
@@ -254,18 +242,13 @@ def sweep(
     plan = plan_sweep(what, base, axes, gradients, mode, batch)
     _check_memory(plan)
     columns = {name: np.empty((plan.members, *shape.shape), shape.dtype) for name, shape in plan.shapes.items()}
-    program = Program(plan, lanes_of(devices))
-
-    def fill(chunk: int) -> int:
-        members = plan.grid.members(chunk)
-        for name, array in program.chunk(chunk).items():
-            columns[name][members.start : members.stop] = array
-        return len(members)
-
-    done = 0
-    with contextlib.closing(program.in_turn(fill, range(plan.chunks))) as ended:
-        for members in ended:
-            done += members
+    program, done = Program(plan, lanes_of(devices)), 0
+    with contextlib.closing(program.in_turn(lambda chunk: (chunk, program.chunk(chunk)), range(plan.chunks))) as ended:
+        for chunk, found in ended:
+            members = plan.grid.members(chunk)
+            done += len(members)
+            for name, array in found.items():
+                columns[name][members.start : members.stop] = array
             if progress is not None:
                 progress(done, plan.members)
     return labelled(manifest_of(plan), coordinates_of(plan), columns)
