@@ -399,7 +399,7 @@ def test_a_full_disk_leaves_what_is_written(
     before = resource.getrlimit(limits)
     for size in (0, 100, 380):
 
-        def full(self: store.Store, chunk: int, columns: dict[str, np.ndarray]) -> None:
+        def full(self: store.Npz | store.Zarr, chunk: int, columns: dict[str, np.ndarray]) -> None:
             resource.setrlimit(limits, (before[1] if chunk < 2 else size, before[1]))  # noqa: B023
             try:
                 write(self, chunk, columns)  # pyright: ignore

@@ -21,7 +21,7 @@ from difftrb.core.status import SweepError
 from difftrb.sweeps import sweeping
 from difftrb.sweeps.outputs import STATUS
 from difftrb.sweeps.plan import Plan, Program, in_turn
-from difftrb.sweeps.store import INSTALL, RESUME, Npz, Zarr, store_of
+from difftrb.sweeps.store import INSTALL, RESUME, Npz, Zarr, done_in, store_of, swept_in
 from difftrb.sweeps.swept import Swept, check_names, coordinates_of, counted, front, manifest_of
 
 KEPT = 4
@@ -116,7 +116,7 @@ def run(
             if what == DAMAGED and say is not None:
                 say(f"{store.where}: chunk {chunk} is damaged: computed again")
             tell()
-        shown = store.swept(front(plan.counts)) if share is None or share[0] == 1 else None
+        shown = swept_in(store, front(plan.counts)) if share is None or share[0] == 1 else None
     return Ended(counted(counts), computed, store.where, shown)
 
 
@@ -242,7 +242,7 @@ def _begun(plan: Plan, out: str | Path, resume: bool) -> tuple[Npz | Zarr, np.nd
             what = next((words[key] for key in words if theirs.get(key) != about[key]), "of a scene with other numbers")
             raise SweepError(f"{out}: the sweep there is {what}; undo the change, or name another folder")
         store.about = about
-        done = store.done()
+        done = done_in(store)
         sweeping.check_disk(plan, str(out), int(done.sum()))
         store.begin(about, coordinates_of(plan))
     return store, done
@@ -258,7 +258,7 @@ def _stays_good(store: Npz | Zarr | str | Path, plan: Plan) -> Iterator[None]:
         if isinstance(store, Npz | Zarr):
             where = store.where
             with contextlib.suppress(OSError, ImportError):
-                there = int(store.done().sum())
+                there = int(done_in(store).sum())
         if not named.endswith((storage.SCRATCH, ".partial")):
             where = named
         why = getattr(error, "strerror", None) or str(error).splitlines()[0]

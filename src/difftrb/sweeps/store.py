@@ -9,8 +9,8 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property, wraps
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -30,68 +30,18 @@ INNER = 16
 """Parts of a chunk, at most, that can be read alone; each has a checksum."""
 
 
-class Store:
-    """What both kinds have in common: a sweep's manifest, `about`, empty where nothing is; whose it is; its chunks."""
+class Npz:
+    """A folder: a file for every chunk, named after its number, with the sweep's identity; manifest and axes.
 
-    where: str
-    about: dict[str, Any]
-    identity: str | None
-
-    @cached_property
-    def grid(self) -> Grid:
-        """The chunks."""
-        return Grid(tuple(axis["count"] for axis in self.about["axes"]), tuple(self.about["chunks"]["shape"]))
-
-    def done(self) -> np.ndarray:
-        """Which chunks are there, shape (chunks,); damaged ones count."""
-        there = np.zeros(self.grid.number, bool)
-        there[[chunk for chunk in self._listed() if chunk < len(there)]] = True
-        return there
-
-    def _listed(self) -> Iterator[int]:
-        raise NotImplementedError
-
-    def coordinates(self) -> storage.Arrays:
-        """Values of every key."""
-        raise NotImplementedError
-
-    def read(self, chunk: int) -> storage.Arrays | None:
-        """A chunk's columns, shape (members, …); None if it is missing or damaged."""
-        raise NotImplementedError
-
-    def swept(self, places: Sequence[np.ndarray] | None = None) -> Swept:
-        """Results in memory at some `places`, rising, of every axis; default all. Raises `SweepError` if they are not
-        finished, or damaged."""
-        if not self.about:
-            raise SweepError(f"{self.where}: there is no sweep here, or its description is damaged")
-        if places is None and not self.done().all():
-            raise SweepError(f"{self.where}: the sweep is not finished; {RESUME}")
-        grid, parts = self.grid, {name: [] for name in self.about["columns"]}
-        places = [np.arange(count) for count in grid.counts] if places is None else places
-        for at in product(*(np.unique(place // size) for place, size in zip(places, grid.shape, strict=True))):
-            chunk = int(np.ravel_multi_index(at, grid.boxes))
-            if (found := self.read(chunk)) is None:
-                raise SweepError(f"{self.where}: chunk {chunk} is missing or damaged; {RESUME}")
-            box = grid.slices(chunk)
-            inside = np.ix_(*(place[slice(*np.searchsorted(place, (part.start, part.stop)))] - part.start
-                              for place, part in zip(places, box, strict=True)))  # fmt: skip
-            for name, array in found.items():
-                shaped = array.reshape(*(part.stop - part.start for part in box), *array.shape[1:])
-                parts[name].append(shaped[inside].reshape(-1, *array.shape[1:]))
-        keys = [(key, place) for axis, place in zip(self.about["axes"], places, strict=True) for key in axis["keys"]]
-        values = self.coordinates()
-        columns = {name: np.concatenate(arrays) for name, arrays in parts.items()}
-        return labelled(self.about, {key: values[key][place] for key, place in keys}, columns)
-
-
-class Npz(Store):
-    """A folder: a file for every chunk, named after its number, with the sweep's identity; manifest and axes."""
+    Attributes (of both kinds of store):
+      where: the folder or URL. about: the sweep's manifest, empty where nothing is. identity: whose it is.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.where, self.about = folder, str(folder), {}
         with contextlib.suppress(OSError):
             self.about = _parsed((folder / MANIFEST).read_bytes())
-        self.identity = self.about.get("identity")
+        self.identity: str | None = self.about.get("identity")
 
     def begin(self, about: dict[str, Any], coordinates: storage.Arrays) -> None:
         """Write what is beside the chunks."""
@@ -102,28 +52,25 @@ class Npz(Store):
         storage.remove_leftovers(self.folder, f"*-*{storage.SCRATCH}")
 
     def coordinates(self) -> storage.Arrays:
-        """See `Store.coordinates`."""
+        """Values of every key."""
         return storage.read(self.folder / AXES) or {}
 
     def _path(self, chunk: int) -> Path:
         return self.folder / f"chunk_{chunk:06d}.npz"
 
-    def _listed(self) -> Iterator[int]:
+    def listed(self) -> list[int]:
+        """Chunks that are there; damaged ones count."""
         names = (path.stem.removeprefix("chunk_") for path in self.folder.glob("chunk_*.npz"))
-        return (int(name) for name in names if name.isdigit())
+        return [int(name) for name in names if name.isdigit()]
 
     def has(self, chunk: int) -> bool:
         """Whether a chunk is there."""
         return self._path(chunk).exists()
 
     def read(self, chunk: int) -> storage.Arrays | None:
-        """See `Store.read`; None, too, for another sweep's."""
+        """A chunk's columns, shape (members, …); None if it is missing, damaged or another sweep's."""
         found, whose = storage.read(self._path(chunk)) or {}, (self.about["identity"], chunk)
-        if (str(found.pop("identity", "")), int(found.pop("chunk", -1))) != whose:
-            return None
-        members = len(self.grid.members(chunk))
-        shapes = {name: (members, *column["shape"]) for name, column in self.about["columns"].items()}
-        return found if {name: array.shape for name, array in found.items()} == shapes else None
+        return found if (str(found.pop("identity", "")), int(found.pop("chunk", -1))) == whose else None
 
     def write(self, chunk: int, columns: Mapping[str, np.ndarray]) -> None:
         """Write a chunk, whole or not at all."""
@@ -131,28 +78,13 @@ class Npz(Store):
         storage.write(self._path(chunk), {**columns, **extra})
 
 
-class Zarr(Store):
-    """A Zarr v3 store: an array with named dimensions and units for every key and column, a shard for every chunk."""
+def _told(method: Any) -> Any:
+    """What a bucket's library raises becomes an `OSError`."""
 
-    def __init__(self, where: str) -> None:
-        from zarr.storage import FsspecStore, LocalStore
-
-        self.where, self.remote = where, "://" in where
+    @wraps(method)
+    def told(self: Zarr, *given: Any) -> Any:
         try:
-            with self._told():
-                self._store: Any = FsspecStore.from_url(where) if self.remote else LocalStore(where, read_only=True)
-        except ValueError as error:
-            raise SweepError(f"{where}: {error}") from None
-        root, ledger = (_parsed(self._get(key) or b"").get("attributes", {})
-                        for key in ("zarr.json", f"{STATUS}/zarr.json"))  # fmt: skip
-        self.about = _parsed(root.get("manifest", "{}"))
-        self.identity = root.get("identity", ledger.get("identity"))  # of a damaged store, too
-
-    @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
-        """What a bucket's library raises becomes an `OSError`."""
-        try:
-            yield
+            return method(self, *given)
         except (OSError, ImportError, ValueError):
             raise
         except Exception as error:
@@ -160,100 +92,102 @@ class Zarr(Store):
                 raise
             raise OSError(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
 
-    def _ask(self, coroutine: Any) -> Any:
-        """What the store answers."""
-        from zarr.core.sync import sync
+    return told
 
-        with self._told():
-            return sync(coroutine)
+
+def _ask(coroutine: Any) -> Any:
+    """What a Zarr store answers."""
+    from zarr.core.sync import sync
+
+    return sync(coroutine)
+
+
+class Zarr:
+    """A Zarr v3 store: an array with named dimensions and units for every key and column, a shard for every chunk."""
+
+    @_told
+    def __init__(self, where: str) -> None:
+        from zarr.storage import FsspecStore, LocalStore
+
+        self.where, self.remote = where, "://" in where
+        try:
+            self._store: Any = FsspecStore.from_url(where) if self.remote else LocalStore(where, read_only=True)
+        except ValueError as error:
+            raise SweepError(f"{where}: {error}") from None
+        texts = [self._get(key) or b"" for key in ("zarr.json", f"{STATUS}/zarr.json")]
+        root, ledger = (_parsed(text).get("attributes", {}) for text in texts)
+        self.about = _parsed(root.get("manifest", "{}"))
+        self.identity: str | None = root.get("identity", ledger.get("identity"))  # of a damaged store, too
 
     def _get(self, key: str) -> bytes | None:
         from zarr.core.buffer import default_buffer_prototype
 
         try:
-            found = self._ask(self._store.get(key, default_buffer_prototype()))
+            found = _ask(self._store.get(key, default_buffer_prototype()))
         except FileNotFoundError:  # there is no folder
             return None
         return None if found is None else found.to_bytes()
 
-    def _opened(self, names: Iterable[str]) -> dict[str, Any]:
-        """Arrays of keys or columns; chunks without a number, too, are written."""
+    def _arrays(self, names: Iterable[str]) -> dict[str, Any]:
+        """Of keys or columns; chunks without a number, too, are written."""
         import zarr
 
-        with self._told(), zarr.config.set({"array.write_empty_chunks": True}):
+        with zarr.config.set({"array.write_empty_chunks": True}):
             mode = "r" if self._store.read_only else "r+"
             group = zarr.open_group(self._store, mode=mode, use_consolidated=False)
             return {name: group[stored(name)] for name in names}
 
     @cached_property
-    def _arrays(self) -> dict[str, Any]:
-        """By column."""
-        return self._opened(self.about["columns"])
+    def _columns(self) -> dict[str, Any]:
+        return self._arrays(self.about["columns"])
 
+    @_told
     def coordinates(self) -> storage.Arrays:
-        """See `Store.coordinates`."""
-        with self._told():
-            opened = self._opened(key for axis in self.about["axes"] for key in axis["keys"])
-            return {key: np.asarray(array) for key, array in opened.items()}
+        """Values of every key."""
+        arrays = self._arrays(key for axis in self.about["axes"] for key in axis["keys"])
+        return {key: np.asarray(array) for key, array in arrays.items()}
 
+    @_told
     def begin(self, about: dict[str, Any], coordinates: storage.Arrays) -> None:
         """Write what is beside the chunks, where it is not there: all processes write the same."""
-        import zarr
-        from zarr.codecs import Crc32cCodec
-        from zarr.storage import MemoryStore
-
         self.about = about
         self._store = self._store if self.remote else self._store.with_read_only(False)
-        made: dict[str, Any] = {}
-        texts: dict[str, Any] = {name: about[name] for name in ("title", "scene", "identity")}
-        texts["manifest"] = json.dumps(about)
-        if any(len(axis["keys"]) > 1 for axis in about["axes"]):
-            texts["coordinates"] = " ".join(map(stored, coordinates))
-        group = zarr.create_group(MemoryStore(made), attributes=texts)
-        dims, attributes = labels(about)
-        for key, values in coordinates.items():
-            group.create_array(stored(key), data=values, chunks=values.shape, compressors=[Crc32cCodec()],
-                               dimension_names=dims[key], attributes=attributes[key])  # fmt: skip
-        attributes[STATUS]["identity"] = about["identity"]
-        shape, split = self.grid.shape, self.grid.split
-        inner = max(part for part in range(1, INNER + 1) if shape[split] % part == 0)
-        parts = (*shape[:split], shape[split] // inner, *shape[split + 1 :])
-        for name, column in about["columns"].items():
-            own, missing = tuple(column["shape"]), math.nan if column["dtype"] == "float64" else None
-            group.create_array(stored(name), shape=(*self.grid.counts, *own), dtype=column["dtype"],
-                               chunks=(*parts, *own), shards=(*shape, *own), compressors=[Crc32cCodec()],
-                               fill_value=-1 if name == STATUS else missing,
-                               dimension_names=dims[name], attributes=attributes[name])  # fmt: skip
+        made = _descriptions(about, coordinates)
         for key in sorted(made, key=len, reverse=True):
             if self._get(key) != made[key].to_bytes():
-                self._ask(self._store.set(key, made[key]))
+                _ask(self._store.set(key, made[key]))
         if not self.remote:
             storage.remove_leftovers(Path(self.where), "*.partial")
 
     def _key(self, name: str, chunk: int) -> str:
         """Of a chunk's shard."""
-        own = (0,) * len(self.about["columns"][name]["shape"])
-        return f"{stored(name)}/c/{'/'.join(map(str, (*self.grid.place(chunk), *own)))}"
+        place = grid_of(self.about).place(chunk) + [0] * len(self.about["columns"][name]["shape"])
+        return f"{stored(name)}/c/{'/'.join(map(str, place))}"
 
-    def _listed(self) -> Iterator[int]:
-        async def listed() -> list[str]:
+    @_told
+    def listed(self) -> list[int]:
+        """Chunks that are there; damaged ones count."""
+
+        async def keys() -> list[str]:
             return [key async for key in self._store.list_prefix(f"{STATUS}/c/")]
 
-        for key in self._ask(listed()):
-            place = key.split("/")[2:]
-            if all(number.isdigit() for number in place) and len(place) == len(self.grid.boxes):
-                yield int(np.ravel_multi_index([int(number) for number in place], self.grid.boxes))
+        boxes = grid_of(self.about).boxes
+        places = [key.split("/")[2:] for key in _ask(keys())]
+        return [int(np.ravel_multi_index([int(number) for number in place], boxes)) for place in places
+                if len(place) == len(boxes) and all(number.isdigit() for number in place)]  # fmt: skip
 
+    @_told
     def has(self, chunk: int) -> bool:
         """Whether a chunk is there."""
-        return self._ask(self._store.exists(self._key(STATUS, chunk)))
+        return _ask(self._store.exists(self._key(STATUS, chunk)))
 
+    @_told
     def read(self, chunk: int) -> storage.Arrays | None:
-        """See `Store.read`."""
-        box, found = self.grid.slices(chunk), {}
-        for name, array in self._arrays.items():
+        """A chunk's columns, shape (members, …); None if it is missing or damaged."""
+        box, found = grid_of(self.about).slices(chunk), {}
+        for name, array in self._columns.items():
             try:
-                if not self._ask(self._store.getsize(self._key(name, chunk))):  # read as if it were not there
+                if not _ask(self._store.getsize(self._key(name, chunk))):  # read as if it were not there
                     return None
                 values = array[box]
             except (FileNotFoundError, ValueError):  # the latter of a checksum, or a length
@@ -261,18 +195,82 @@ class Zarr(Store):
             found[name] = values.reshape(-1, *values.shape[len(box) :])
         return found
 
+    @_told
     def write(self, chunk: int, columns: Mapping[str, np.ndarray]) -> None:
         """Write a chunk, its status last."""
-        box = self.grid.slices(chunk)
+        box = grid_of(self.about).slices(chunk)
         sizes = [part.stop - part.start for part in box]
         for name in sorted(columns, key=lambda name: name == STATUS):
             values = columns[name].reshape(*sizes, *columns[name].shape[1:])
             try:
-                with self._told():
-                    self._arrays[name][box] = values
+                self._columns[name][box] = values
             except ValueError:  # zarr reads a shard before it writes it, and this one is damaged
-                self._ask(self._store.delete(self._key(name, chunk)))
-                self._arrays[name][box] = values
+                _ask(self._store.delete(self._key(name, chunk)))
+                self._columns[name][box] = values
+
+
+def _descriptions(about: dict[str, Any], coordinates: storage.Arrays) -> dict[str, Any]:
+    """All of a Zarr store but its chunks: contents by key."""
+    import zarr
+    from zarr.codecs import Crc32cCodec
+    from zarr.storage import MemoryStore
+
+    made: dict[str, Any] = {}
+    texts: dict[str, Any] = {name: about[name] for name in ("title", "scene", "identity")}
+    texts["manifest"] = json.dumps(about)
+    if any(len(axis["keys"]) > 1 for axis in about["axes"]):
+        texts["coordinates"] = " ".join(map(stored, coordinates))
+    group = zarr.create_group(MemoryStore(made), attributes=texts)
+    dims, attributes = labels(about)
+    for key, values in coordinates.items():
+        group.create_array(stored(key), data=values, chunks=values.shape, compressors=[Crc32cCodec()],
+                           dimension_names=dims[key], attributes=attributes[key])  # fmt: skip
+    attributes[STATUS]["identity"] = about["identity"]
+    grid = grid_of(about)
+    inner = max(part for part in range(1, INNER + 1) if grid.shape[grid.split] % part == 0)
+    parts = [size // inner if i == grid.split else size for i, size in enumerate(grid.shape)]
+    for name, column in about["columns"].items():
+        own, missing = tuple(column["shape"]), math.nan if column["dtype"] == "float64" else None
+        group.create_array(stored(name), shape=(*grid.counts, *own), dtype=column["dtype"],
+                           chunks=(*parts, *own), shards=(*grid.shape, *own), compressors=[Crc32cCodec()],
+                           fill_value=-1 if name == STATUS else missing,
+                           dimension_names=dims[name], attributes=attributes[name])  # fmt: skip
+    return made
+
+
+def grid_of(about: Mapping[str, Any]) -> Grid:
+    """The chunks of a sweep with this manifest."""
+    return Grid(tuple(axis["count"] for axis in about["axes"]), tuple(about["chunks"]["shape"]))
+
+
+def done_in(store: Npz | Zarr) -> np.ndarray:
+    """Which chunks are there, shape (chunks,); damaged ones count."""
+    return np.isin(np.arange(grid_of(store.about).number), store.listed())
+
+
+def swept_in(store: Npz | Zarr, places: Sequence[np.ndarray] | None = None) -> Swept:
+    """Results in memory at some `places`, rising, of every axis; default all. Raises `SweepError` if they are not
+    finished, or damaged."""
+    if not store.about:
+        raise SweepError(f"{store.where}: there is no sweep here, or its description is damaged")
+    if places is None and not done_in(store).all():
+        raise SweepError(f"{store.where}: the sweep is not finished; {RESUME}")
+    grid, parts = grid_of(store.about), {name: [] for name in store.about["columns"]}
+    places = [np.arange(count) for count in grid.counts] if places is None else places
+    for at in product(*(np.unique(place // size) for place, size in zip(places, grid.shape, strict=True))):
+        chunk = int(np.ravel_multi_index(at, grid.boxes))
+        if (found := store.read(chunk)) is None:
+            raise SweepError(f"{store.where}: chunk {chunk} is missing or damaged; {RESUME}")
+        box = grid.slices(chunk)
+        inside = np.ix_(*(place[slice(*np.searchsorted(place, (part.start, part.stop)))] - part.start
+                          for place, part in zip(places, box, strict=True)))  # fmt: skip
+        for name, array in found.items():
+            shaped = array.reshape(*(part.stop - part.start for part in box), *array.shape[1:])
+            parts[name].append(shaped[inside].reshape(-1, *array.shape[1:]))
+    keys = [(key, place) for axis, place in zip(store.about["axes"], places, strict=True) for key in axis["keys"]]
+    values = store.coordinates()
+    columns = {name: np.concatenate(arrays) for name, arrays in parts.items()}
+    return labelled(store.about, {key: values[key][place] for key, place in keys}, columns)
 
 
 def _parsed(text: bytes | str) -> dict[str, Any]:
@@ -314,7 +312,7 @@ def load_sweep(out: str | Path) -> Swept:
     Raises `SweepError`.
     """
     try:
-        return store_of(out).swept()
+        return swept_in(store_of(out))
     except SweepError:
         raise
     except (OSError, ImportError) as error:
