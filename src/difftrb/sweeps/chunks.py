@@ -7,7 +7,7 @@ import dataclasses
 import logging
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from functools import lru_cache, partial
 from pathlib import Path
@@ -93,21 +93,16 @@ def run(
     if share:
         own = range((share[0] - 1) * plan.chunks // share[1], share[0] * plan.chunks // share[1])
     counts, computed, ready, met = Counter(), 0, 0, threading.Event()
-
-    def tell() -> None:
-        if progress is not None:
-            progress(ready, plan.members, counts.total() - counts[status.CONVERGED])
-
-    tell()
+    tell = progress or (lambda *_: None)
+    tell(0, plan.members, 0)
     order = _order(done, own if share or not done.any() else range(0), met)
-    with _stays_good(store, plan), contextlib.ExitStack() as stack:
-        if scheduler:
-            ended = in_turn(*stack.enter_context(_workers(scheduler, plan, store, devices or 1, order)))
-        else:
-            program = Program(plan, lanes)
-            ended = program.in_turn(lambda chunk: _taken(program, store, chunk, chunk in own), order)
-        stack.enter_context(contextlib.closing(ended))
-        for chunk, found, what in ended:
+    if scheduler:
+        taken = _by_workers(scheduler, plan, store, devices or 1, order)
+    else:
+        program = Program(plan, lanes)
+        taken = program.in_turn(lambda chunk: _taken(program, store, chunk, chunk in own), order)
+    with _stays_good(store, plan), contextlib.closing(taken):
+        for chunk, found, what in taken:
             computed += what != THERE
             ready += len(plan.grid.members(chunk))
             counts.update(found)
@@ -115,7 +110,7 @@ def run(
                 met.set()
             if what == DAMAGED and say is not None:
                 say(f"{store.where}: chunk {chunk} is damaged: computed again")
-            tell()
+            tell(ready, plan.members, counts.total() - counts[status.CONVERGED])
         shown = swept_in(store, front(plan.counts)) if share is None or share[0] == 1 else None
     return Ended(counted(counts), computed, store.where, shown)
 
@@ -157,11 +152,10 @@ def _order(done: np.ndarray, own: range, met: threading.Event) -> Iterator[int]:
         met.clear()
 
 
-@contextlib.contextmanager
-def _workers(
-    address: str, plan: Plan, store: Npz | Zarr, devices: int, order: Iterable[int] = ()
-) -> Iterator[tuple[Any, Iterable[int], int, Any]]:
-    """For `in_turn`: Dask's workers. A chunk whose worker dies is given to another."""
+def _by_workers(
+    address: str, plan: Plan, store: Npz | Zarr, devices: int, chunks: Iterable[int]
+) -> Generator[tuple[int, Counter[int], str]]:
+    """`Program.in_turn` by Dask's workers. A chunk whose worker dies is given to another."""
     try:
         import distributed  # pyright: ignore[reportMissingImports]
         from distributed.comm.core import CommClosedError  # pyright: ignore[reportMissingImports]
@@ -186,7 +180,8 @@ def _workers(
                 if client.status != "running" or link is None or link.comm is None or link.comm.closed():
                     raise gone
 
-            yield partial(client.submit, _task, both, devices, pure=False, retries=RETRIES), order, TASKS, alive
+            submit = partial(client.submit, _task, both, devices, pure=False, retries=RETRIES)
+            yield from in_turn(submit, chunks, TASKS, alive)
     except (CancelledError, CommClosedError):  # of chunks that it knew, or while one is handed over
         raise gone from None
 
