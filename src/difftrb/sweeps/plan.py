@@ -33,9 +33,9 @@ from difftrb.sweeps.boxes import Grid, up
 from difftrb.sweeps.outputs import STATUS
 
 
-def column_of(name: str, by: str | None = None) -> str:
-    """Name under which a result, or its derivative by a key, is stored."""
-    return name if by is None else f"{name}_by_{by}"
+def column_of(name: str, by: str) -> str:
+    """Name under which a result's derivative by a key is stored."""
+    return f"{name}_by_{by}"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from difftrb.sweeps import axes as axes_
 from difftrb.sweeps import chunks, outputs, sweeping
 from difftrb.sweeps.axes import RANGE_KEYS
 from difftrb.sweeps.plan import Plan
+from difftrb.sweeps.store import RESUME
 
 SETTINGS = ("outputs", "gradients", "mode", "axes")
 
@@ -98,9 +99,8 @@ def deliver(options: Any) -> int:
             names = [name for name in shown.values if not shown.own_dims[name]]
             console.draw(Path(str(out)), lambda: ((name, sweep_plot.swept(shown, name)) for name in names))
         except OSError as error:
-            reason = f"{error.filename}: {error.strerror or error}: {ended.where} is whole, figures are missing"
-            reason += "; make room or allow writing there, and go on with --resume"
-            return console.refuse(reason, console.EXIT_BAD_FILE)
+            left = f"{ended.where} is whole, figures are missing; {chunks.MEND}, and {RESUME}"
+            return console.refuse(f"{error.filename}: {error.strerror or error}: {left}", console.EXIT_BAD_FILE)
     print(ended.sentence())
     return console.EXIT_OK if ended.failed == 0 else console.EXIT_NO_SOLUTION
 

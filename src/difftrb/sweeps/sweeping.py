@@ -16,6 +16,7 @@ from typing import Any, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
+from rich import filesize
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
@@ -110,13 +111,9 @@ def _bytes_of_chunks(plan: Plan) -> int:
 
 def _check_members(counts: Sequence[int], columns: int) -> None:
     """Refuse more members than any sweep can have; `columns` are results and derivatives, one number or more each."""
-    members = math.prod(counts)
-    disk = 2 * members * (8 * columns + 1)
-    if members > boxes.MOST:
-        raise SweepError(
-            f"{_product(counts)}, which take {_in_bytes(disk)} of disk or more: must be at most {boxes.MOST:,}; give "
-            "fewer"
-        )
+    if (members := math.prod(counts)) > boxes.MOST:
+        disk = f"which take {_in_bytes(2 * members * (8 * columns + 1))} of disk or more"
+        raise SweepError(f"{_product(counts)}, {disk}: must be at most {boxes.MOST:,}; give fewer")
 
 
 def check_chunks(plan: Plan) -> None:
@@ -157,12 +154,7 @@ def free_disk(out: str) -> float:
 
 
 def _in_bytes(count: float) -> str:
-    """Bytes for people."""
-    for unit in ("B", "kB", "MB", "GB", "TB"):
-        if count < 999.5:
-            return f"{count:.3g} {unit}"
-        count /= 1000.0
-    return f"{count:.4g} PB"
+    return filesize.decimal(round(count))
 
 
 def _product(counts: Sequence[int]) -> str:

@@ -18,6 +18,7 @@ from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
 from difftrb.law.base import Law
 from difftrb.scene.scene import Scene
+from difftrb.sweeps.boxes import Grid
 from difftrb.sweeps.outputs import STATUS, label_of
 from difftrb.sweeps.plan import Plan, column_of
 
@@ -77,6 +78,25 @@ class Swept:
         data, coordinates = ({stored(name): (dims[name], array, attributes[name]) for name, array in arrays.items()}
                              for arrays in (columns, self.coordinates))  # fmt: skip
         return xarray.Dataset(data, coordinates)
+
+
+def parsed(text: bytes | str) -> dict[str, Any]:
+    """A JSON object, such as a manifest; empty if it is none."""
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def grid_of(about: Mapping[str, Any]) -> Grid:
+    """The chunks of a sweep with this manifest."""
+    return Grid(tuple(axis["count"] for axis in about["axes"]), tuple(about["chunks"]["shape"]))
+
+
+def keys_of(about: Mapping[str, Any]) -> list[str]:
+    """Keys of all axes."""
+    return [key for axis in about["axes"] for key in axis["keys"]]
 
 
 def stored(name: str) -> str:
@@ -144,8 +164,9 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
         "format": FORMAT,
         "scene": plan.text,
         "title": plan.title,
-        "axes": [{"name": axis.name, "keys": axis.keys, "count": axis.count, **_values(axis.values)}
-                 for axis in plan.axes],
+        "axes": [{"name": axis.name, "keys": axis.keys, "count": axis.count}
+                 | ({"values": axis.values.tolist()} if axis.count <= LISTED
+                    else {"digest": hashlib.sha256(axis.values.tobytes()).hexdigest()}) for axis in plan.axes],
         "gradients": plan.gradients,
         "columns": columns,
         "units": units,
@@ -167,12 +188,6 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
     return about | {"identity": digest.hexdigest()}
 
 
-def _values(values: np.ndarray) -> dict[str, Any]:
-    """An axis's values, or a digest of long ones."""
-    digest = hashlib.sha256(values.tobytes()).hexdigest()
-    return {"values": values.tolist()} if values.shape[1] <= LISTED else {"digest": digest}
-
-
 def _number(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
 
@@ -187,7 +202,7 @@ def front(counts: Sequence[int]) -> list[np.ndarray]:
 
 def check_names(about: Mapping[str, Any]) -> None:
     """Raise `SweepError` for names of results and keys that cannot stand in a file, or not beside each other."""
-    keys = [key for axis in about["axes"] for key in axis["keys"]]
+    keys = keys_of(about)
     columns = [name for name in about["columns"] if name != STATUS]
     for name in (*keys, *columns):
         if name in OWN_NAMES or not name.isprintable() or "/" in name or not name.strip("._"):
