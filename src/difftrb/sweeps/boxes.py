@@ -96,9 +96,15 @@ class Grid:
         found = zip(self.place(box), self.shape, self.counts, strict=True)
         return tuple(slice(place * size, min((place + 1) * size, count)) for place, size, count in found)
 
+    def held(self, box: Any) -> Any:
+        """How many members a box has, or each of some boxes in an array."""
+        found = zip(self.place(box), self.shape, self.counts, strict=True)
+        return math.prod(np.minimum(size, count - place * size) for place, size, count in found)
+
     def members(self, box: int) -> range:
         """Numbers of the members of a box."""
-        return Grid(self.counts, (1,) * len(self.counts)).within(self.slices(box))
+        first = int(np.ravel_multi_index([part.start for part in self.slices(box)], self.counts))
+        return range(first, first + int(self.held(box)))
 
     def within(self, slices: tuple[slice, ...]) -> range:
         """Boxes inside a box of another grid, which has whole ones of this."""

@@ -104,7 +104,7 @@ def run(
     with _stays_good(store, plan), contextlib.closing(taken):
         for chunk, found, what in taken:
             computed += what != THERE
-            ready += len(plan.grid.members(chunk))
+            ready += int(plan.grid.held(chunk))
             counts.update(found)
             if what == THERE and chunk not in own:
                 met.set()

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import queue
+import threading
 import uuid
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -203,23 +204,21 @@ class Program:
     """
 
     def __init__(self, plan: Plan, lanes: Sequence[Any]) -> None:
-        self.plan = plan
         values = [axis.values for axis in plan.axes]
         there = {lane: jax.device_put(values, SingleDeviceSharding(lane)) for lane in set(lanes)}
-        self._free: queue.SimpleQueue[tuple[Any, list[jax.Array]]] = queue.SimpleQueue()
-        for lane in lanes:
-            self._free.put((lane, there[lane]))
-        self._pool = ThreadPoolExecutor(len(lanes))
+        self.plan, self._own, free = plan, threading.local(), [(lane, there[lane]) for lane in lanes]
+
+        def begin() -> None:
+            self._own.lane = free.pop()
+
+        self._pool = ThreadPoolExecutor(len(lanes), initializer=begin)
 
     def _call(self, first: int) -> dict[str, np.ndarray]:
         """The columns of some blocks, shape (blocks, size, …); behind the last one, that one again."""
         blocks = np.minimum(first + np.arange(self.plan.call), self.plan.blocks.number - 1)
-        lane, values = self._free.get()
-        try:
-            found = self.plan.compute(jax.device_put(blocks, SingleDeviceSharding(lane)), values)
-            return {name: np.asarray(array) for name, array in found.items()}
-        finally:
-            self._free.put((lane, values))
+        lane, values = self._own.lane
+        found = self.plan.compute(jax.device_put(blocks, SingleDeviceSharding(lane)), values)
+        return {name: np.asarray(array) for name, array in found.items()}
 
     def calls(self, blocks: Iterable[int]) -> list[dict[str, np.ndarray]]:
         """Make calls that begin at these blocks."""
@@ -230,8 +229,7 @@ class Program:
         grid = self.plan.blocks
         blocks = grid.within(self.plan.grid.slices(number))
         found = self.calls(blocks[:: self.plan.call])
-        sizes = np.array([len(grid.members(block)) for block in blocks])
-        inside = np.arange(grid.size) < sizes[:, None]
+        inside = np.arange(grid.size) < grid.held(np.asarray(blocks))[:, None]
         return {name: np.concatenate([call[name] for call in found])[: len(blocks)][inside] for name in found[0]}
 
     def in_turn(self, deal: Callable[[int], Any], chunks: Iterable[int]) -> Generator[Any]:

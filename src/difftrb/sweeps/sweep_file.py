@@ -48,12 +48,11 @@ class SweepFile:
     def plan(self, batch: int | None = None, progress: Progress | None = None, law: bool = True) -> Plan:
         """What is to be computed; the roller law is made now, unless it is to be checked only. Raises `SceneError`."""
         try:
-            more: dict[str, Any] = {"batch": batch}
-            if self.of_contact:
-                more = {"batch": batch or 1, "solved": _contact, "wrong": _wrong_contact}
-            base = self.scene if self.of_contact else self.scene.scene()
-            asked = self.outputs, base, self.axes, self.gradients, self.mode
-            return sweeping.plan_sweep(*asked, progress=progress, text=self.text, law=law, **more)
+            ring = not self.of_contact
+            more: dict[str, Any] = {} if ring else {"solved": _contact, "wrong": _wrong_contact}
+            asked = self.outputs, self.scene.scene() if ring else self.scene, self.axes, self.gradients, self.mode
+            batch = batch or (None if ring else 1)
+            return sweeping.plan_sweep(*asked, batch, progress, text=self.text, law=law, **more)
         except (SweepError, SceneError) as error:
             raise SceneError(f"{self.path}: sweep: {error}") from None
 
@@ -125,7 +124,7 @@ def parse(text: str, path: str | Path = "scene") -> SweepFile:
     if not isinstance(table, dict) or not table:
         raise SceneError(f"{path}: [sweep] is missing: name axes, say {axes_.EXAMPLE}")
     try:
-        given, gradients = dict(_axes(table)), _texts(table, "gradients", ())
+        given, gradients = _axes(table), _texts(table, "gradients", ())
         asked = _texts(table, "outputs", outputs.DEFAULT)
     except SweepError as error:
         raise SceneError(f"{path}: sweep: {error}") from None
@@ -141,21 +140,19 @@ def _texts(table: dict[str, Any], key: str, default: tuple[str, ...]) -> tuple[s
     return tuple(value)
 
 
-def _axes(table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+def _axes(table: dict[str, Any]) -> dict[str, Any]:
     """Axes by dotted key, whether written straight under [sweep], under [sweep.axes], quoted or not."""
-    own = table.get("axes", {})
+    own, found = table.get("axes", {}), {}
     if not isinstance(own, dict):
         raise SweepError(f"axes = {shown(own)}: must be a table")
-    seen = set()
-    for place in ({key: value for key, value in table.items() if key not in SETTINGS}, own):
-        for key, spec in _flat(place):
-            written = dotted(key.split("."))
-            if written != key:  # quoted, or cut: no key of a scene has to be
-                raise SweepError(f"{written} is not a known key; known here: {axes_.OF_SCENE}")
-            if key in seen:
-                raise SweepError(f"{key} is there twice")
-            seen.add(key)
-            yield key, spec
+    for key, spec in (*_flat({key: value for key, value in table.items() if key not in SETTINGS}), *_flat(own)):
+        written = dotted(key.split("."))
+        if written != key:  # quoted, or cut: no key of a scene has to be
+            raise SweepError(f"{written} is not a known key; known here: {axes_.OF_SCENE}")
+        if key in found:
+            raise SweepError(f"{key} is there twice")
+        found[key] = spec
+    return found
 
 
 def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
