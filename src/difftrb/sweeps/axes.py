@@ -219,9 +219,10 @@ def check(tree: Any, axes: Sequence[Axis], gradients: Sequence[str] = ()) -> dic
                 if (limits.ge is not None and value < limits.ge) or (limits.le is not None and value > limits.le):
                     raise SweepError(f"{key} = {value:g}: must be {number_in(limits.ge, limits.le, units[key])}")
     for key in gradients:
-        if key not in units and not _has_value(number_at(tree, key)):
-            raise SweepError(f"gradients: {key} has no value here to differentiate by; give it one, or an axis")
+        swept = key in units
         _, units[key] = _meaning(tree, key)
+        if not swept and not _has_value(number_at(tree, key)):
+            raise SweepError(f"gradients: {key} has no value here to differentiate by; give it one, or an axis")
     if len(set(gradients)) < len(gradients):
         raise SweepError("gradients: a key is there twice; name each once")
     return units

@@ -141,15 +141,14 @@ def _order(done: np.ndarray, own: range, met: threading.Event) -> Iterator[int]:
     given, random = np.zeros(len(done), bool), np.random.default_rng()
     given[own.start : own.stop] = True
     yield from own
-    met.clear()
     while not given.all():
+        met.clear()
         left = np.flatnonzero(~given & ~done) if not (given | done).all() else np.flatnonzero(~given)
         for chunk in range(int(random.choice(left)), len(given)):
             if given[chunk] or met.is_set():
                 break
             given[chunk] = True
             yield chunk
-        met.clear()
 
 
 def _by_workers(
