@@ -51,7 +51,7 @@ class SweepFile:
             ring = not self.of_contact
             more: dict[str, Any] = {} if ring else {"solved": _contact, "wrong": _wrong_contact}
             asked = self.outputs, self.scene.scene() if ring else self.scene, self.axes, self.gradients, self.mode
-            batch = batch or (None if ring else 1)
+            batch = batch if ring or batch is not None else 1
             return sweeping.plan_sweep(*asked, batch, progress, text=self.text, law=law, **more)
         except (SweepError, SceneError) as error:
             raise SceneError(f"{self.path}: sweep: {error}") from None
