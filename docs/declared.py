@@ -124,8 +124,7 @@ def fit_parameters() -> str:
 def sweep_outputs() -> str:
     """What a sweep can be asked for."""
     rows = [
-        (f"`{one.name}`", one.unit or "–", ", ".join(one.dims) or "–", one.source)
-        for one in outputs.registered().values()
+        (f"`{one.name}`", one.unit or "–", ", ".join(one.dims) or "–", one.source) for one in outputs.OUTPUTS.values()
     ]
     return table(("output", "unit", "its own dimensions", "of"), rows)
 

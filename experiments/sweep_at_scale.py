@@ -46,9 +46,9 @@ from difftrb.core.machine import lanes_of
 from difftrb.report import figure_style
 from difftrb.scene import scene_file
 from difftrb.sweeps import chunks, sweep_plot, sweeping
+from difftrb.sweeps.boxes import LARGEST_CHUNK
 from difftrb.sweeps.plan import Plan, Program
-from difftrb.sweeps.sizes import LARGEST_CHUNK
-from difftrb.sweeps.store import store_of
+from difftrb.sweeps.store import done_in, store_of
 from difftrb.sweeps.swept import coordinates_of, labelled, manifest_of
 
 NAMES, SIZES = ("radial_stiffness", "axial_stiffness"), ("spall.0.length", "spall.0.width")
@@ -254,7 +254,7 @@ def beside_one(folder: Path, law: str, members: float, times: int = 5) -> str:
 
 def there(out: Path) -> int:
     """How many chunks are in a folder that need not be there."""
-    return int(store_of(out).done().sum()) if out.exists() and store_of(out).about else 0
+    return int(done_in(store_of(out)).sum()) if out.exists() and store_of(out).about else 0
 
 
 def kills(folder: Path, times: int, text: str = FILE, longest: float | None = None) -> tuple[list[str], list[int]]:
@@ -317,7 +317,7 @@ def kills_on_dask(folder: Path, times: int, whom: str, text: str = FILE) -> tupl
             for process in (driver, scheduler, *workers):
                 process.kill()
                 process.wait()
-        if not store_of(out).done().all():
+        if not done_in(store_of(out)).all():
             told[-1] += "; resumed"
             subprocess.run(command(file, out, "--resume"), capture_output=True, timeout=300)
         differing.update(same(folder / "one", out))

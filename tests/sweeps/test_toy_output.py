@@ -32,8 +32,7 @@ load.axial = [4000, 5000]
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
     """The toys are outputs during a test."""
-    for name in ("RING", "CONTACT"):
-        monkeypatch.setattr(outputs, name, dict(getattr(outputs, name)))
+    monkeypatch.setattr(outputs, "OUTPUTS", dict(outputs.OUTPUTS))
     for toy in TOYS:
         outputs.register(toy)
 
@@ -77,7 +76,7 @@ def test_what_is_not_registered_is_refused(scene: trb.Scene, monkeypatch: pytest
         trb.sweep("noise", scene, {"load.axial": [4000.0]})
     with pytest.raises(scene_file.SceneError, match=words):
         sweep_file.parse(FILE.replace("peak_load", "noise"))
-    monkeypatch.delitem(outputs.RING, "load_gain")
+    monkeypatch.delitem(outputs.OUTPUTS, "load_gain")
     with pytest.raises(trb.SweepError, match="outputs: 'load_gain' is unknown"):
         trb.sweep("load_gain", scene, {"load.axial": [4000.0]})
 

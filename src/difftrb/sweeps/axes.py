@@ -1,4 +1,4 @@
-"""Axes of a sweep: dotted keys and their values; members in the order of the axes, cut into blocks.
+"""Axes of a sweep: dotted keys and their values; members in the order of the axes.
 
 A key names a number of a scene as the scene file does: `spall.0.length`, `load.axial`, `stiffness.phase`,
 `contact.design_load`. In any other dataclass, dict or tuple it is the path through the fields.
@@ -6,17 +6,17 @@ A key names a number of a scene as the scene file does: `spall.0.length`, `load.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
-from difftrb.core.bad_input import did_you_mean, dotted, shown
+from difftrb.core.bad_input import did_you_mean, dotted, number_in, shown
 from difftrb.core.status import SweepError
 from difftrb.scene.scene import Scene
 
@@ -93,19 +93,16 @@ def _spaced(key: str, spec: Mapping[str, Any]) -> np.ndarray:
     """Values of {from, to, count, spacing}, shape (count,)."""
     for name in spec:
         if name not in RANGE_KEYS:
-            raise SweepError(
-                f"{dotted([*key.split('.'), name])} is not a known key; {did_you_mean(str(name), RANGE_KEYS)}"
-            )
+            where = dotted([*key.split("."), name])
+            raise SweepError(f"{where} is not a known key; {did_you_mean(str(name), RANGE_KEYS)}")
     for name in RANGE_KEYS[:3]:
         if name not in spec:
             raise SweepError(f"{key}.{name} is missing: give {key} = {{from = …, to = …, count = …}}")
-    for name in RANGE_KEYS[:2]:
-        if not _is_number(spec[name]):
+        if name != "count" and not _is_number(spec[name]):
             raise SweepError(f"{key}.{name} = {shown(spec[name])}: must be a finite number")
-    count, spacing = spec["count"], spec.get("spacing", "linear")
+    first, last, count, spacing = float(spec["from"]), float(spec["to"]), spec["count"], spec.get("spacing", "linear")
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST_VALUES:
         raise SweepError(f"{key}.count = {shown(count)}: must be a whole number in 1 … {MOST_VALUES}")
-    first, last = float(spec["from"]), float(spec["to"])
     if spacing not in ("linear", "log"):
         raise SweepError(f"{key}.spacing = {shown(spacing)}: must be 'linear' or 'log'")
     if count == 1 and first != last:
@@ -126,18 +123,8 @@ def _is_number(value: Any) -> bool:
         return False
 
 
-# ------------------------------------------------------------------------------------------------ keys
-
-
-def _path(tree: Any, key: str) -> list[str]:
-    """Names of the fields of `tree` that lead to `key`; a scene's keys are those of a scene file."""
-    steps = key.split(".")
-    if isinstance(tree, Scene):
-        if steps[0] == "spall":
-            steps[0] = "spalls"
-        elif key in OWN_FIELDS:
-            steps = steps[1:]
-    return steps
+def _has_value(value: Any) -> bool:
+    return isinstance(value, int | float | np.number | np.ndarray | jax.Array) and not isinstance(value, bool)
 
 
 def _entries(tree: Any) -> dict[str, Any]:
@@ -149,22 +136,11 @@ def _entries(tree: Any) -> dict[str, Any]:
     return {str(i): entry for i, entry in enumerate(tree)} if isinstance(tree, tuple | list) else {}
 
 
-def _refuse_key_of_scene(key: str) -> None:
-    """Refuse what no key of a scene begins with, such as Python's names of its fields."""
-    owner, _, rest = key.partition(".")
-    if owner == "effects" and not rest[:1].isdigit():
-        raise SweepError(f"{dotted(key.split('.'))}: numbers of effects are not swept; run one sweep for each")
-    if owner not in ("load", "spall", "bearing", "effects") and key not in OWN_FIELDS:
-        raise SweepError(f"{dotted(key.split('.'))} is not a known key; known here: {OF_SCENE}")
-    if owner == "spall" and rest and not rest[:1].isdigit():
-        raise SweepError(f"{dotted(key.split('.'))} is not a known key; say which spall, from 0: spall.0.{rest}")
-
-
-def number_at(tree: Any, key: str) -> Any:
-    """The number that `key` names in `tree`. Raises `SweepError` if there is none."""
-    if isinstance(tree, Scene):
-        _refuse_key_of_scene(key)
-    at, path, written = tree, _path(tree, key), key.split(".")
+def _way(tree: Any, key: str) -> list[tuple[Any, str]]:
+    """What leads to the number that `key` names: owners, and names of entries in them; a scene's keys are those of a
+    scene file. Raises `SweepError` if there is none."""
+    written = key.split(".")
+    path, at, way = _path_in_scene(key) if isinstance(tree, Scene) else written, tree, []
     for i, step in enumerate(path):
         entries = _entries(at)
         if step not in entries:
@@ -172,63 +148,65 @@ def number_at(tree: Any, key: str) -> Any:
                 there = "is 1 entry" if len(at) == 1 else f"are {len(at)} entries"
                 raise SweepError(f"{key}: there {there}, counted from 0")
             before = "".join(f"{each}." for each in written[: i + len(written) - len(path)])
-            hint = did_you_mean(step, entries, before=before)
-            raise SweepError(f"{dotted(written)} is not a known key" + (f"; {hint}" if entries else ""))
+            hint = f"; {did_you_mean(step, entries, before=before)}" if entries else ""
+            raise SweepError(f"{dotted(written)} is not a known key{hint}")
+        way.append((at, step))
         at = entries[step]
-    return at
+    return way
+
+
+def _path_in_scene(key: str) -> list[str]:
+    """Names of fields; refuses what no key of a scene begins with, such as Python's names of its fields."""
+    owner, _, rest = key.partition(".")
+    if owner == "effects" and not rest[:1].isdigit():
+        raise SweepError(f"{dotted(key.split('.'))}: numbers of effects are not swept; run one sweep for each")
+    if owner not in ("load", "spall", "bearing", "effects") and key not in OWN_FIELDS:
+        raise SweepError(f"{dotted(key.split('.'))} is not a known key; known here: {OF_SCENE}")
+    if owner == "spall" and rest and not rest[:1].isdigit():
+        raise SweepError(f"{dotted(key.split('.'))} is not a known key; say which spall, from 0: spall.0.{rest}")
+    path = (key.removeprefix(f"{owner}.") if key in OWN_FIELDS else key).split(".")
+    return ["spalls", *path[1:]] if owner == "spall" else path
+
+
+def number_at(tree: Any, key: str) -> Any:
+    """The number that `key` names in `tree`. Raises `SweepError` if there is none."""
+    owner, name = _way(tree, key)[-1]
+    return _entries(owner)[name]
 
 
 def replaced(tree: Any, key: str, value: Any) -> Any:
     """`tree` with `value` at `key`."""
-
-    def down(at: Any, path: Sequence[str]) -> Any:
-        if not path:
-            return value
-        new = down(_entries(at)[path[0]], path[1:])
-        if dataclasses.is_dataclass(at) and not isinstance(at, type):
-            return dataclasses.replace(at, **{path[0]: new})
-        if isinstance(at, Mapping):
-            return {**at, path[0]: new}
-        return type(at)(new if i == int(path[0]) else entry for i, entry in enumerate(at))  # pyright: ignore
-
-    return down(tree, _path(tree, key))
+    for owner, name in reversed(_way(tree, key)):
+        if dataclasses.is_dataclass(owner):
+            value = dataclasses.replace(owner, **{name: value})  # pyright: ignore
+        elif isinstance(owner, Mapping):
+            value = {**owner, name: value}
+        else:
+            value = type(owner)([*owner[: int(name)], value, *owner[int(name) + 1 :]])
+    return value
 
 
-def _meaning(tree: Any, key: str) -> tuple[Interval | None, str]:
-    """Range and unit of `key` from its annotation; None and "" where there is none.
+def _meaning(tree: Any, key: str) -> tuple[Interval, str]:
+    """Range and unit of `key` from its annotation; none and "" where there is none.
 
     Raises `SweepError` for a key that is not there, or is not a number that may change.
     """
-    number = number_at(tree, key)
-    *way, name = _path(tree, key)
-    owner = tree
-    for step in way:
-        owner = _entries(owner)[step]
-    if not dataclasses.is_dataclass(owner):
-        if not isinstance(number, jax.Array | np.ndarray) and not _is_number(number):
-            raise SweepError(f"{key} is not a number; sweep a number")
-        return None, ""
-    hint = _hints(type(owner) if not isinstance(owner, type) else owner).get(name)
+    (owner, name), number, static, hint = _way(tree, key)[-1], number_at(tree, key), False, None
+    if dataclasses.is_dataclass(owner):
+        static = next(f for f in dataclasses.fields(owner) if f.name == name).metadata.get("static", False)
+        with contextlib.suppress(NameError):  # of annotations that only a checker of types imports
+            hint = get_type_hints(type(owner), include_extras=True).get(name)
     kinds = [h for h in (hint, *get_args(hint)) if get_origin(h) is Annotated]
-    static = next(field for field in dataclasses.fields(owner) if field.name == name).metadata.get("static", False)
     if not kinds:
-        if static or not isinstance(number, float | int | jax.Array) or isinstance(number, bool):
+        if static or not _has_value(number):
             raise SweepError(f"{key} is not a number that can be swept")
-        return None, ""
+        return Interval(), ""
     first, *metadata = get_args(kinds[0])
     if static or first is int:
         what = "is a count, which" if first is int else "is one for a whole sweep, because it"
         raise SweepError(f"{key} {what} shapes the computation: run one sweep for each")
-    limits = next((m for m in metadata if isinstance(m, Interval)), None)
+    limits = next((m for m in metadata if isinstance(m, Interval)), Interval())
     return limits, next((m.unit for m in metadata if isinstance(m, Unit)), "")
-
-
-def _hints(owner: type) -> dict[str, Any]:
-    """Annotations of a dataclass; none where they name what only a checker of types imports."""
-    try:
-        return get_type_hints(owner, include_extras=True)
-    except NameError:
-        return {}
 
 
 def check(tree: Any, axes: Sequence[Axis], gradients: Sequence[str] = ()) -> dict[str, str]:
@@ -237,102 +215,14 @@ def check(tree: Any, axes: Sequence[Axis], gradients: Sequence[str] = ()) -> dic
     for axis in axes:
         for key, values in zip(axis.keys, axis.values, strict=True):
             limits, units[key] = _meaning(tree, key)
-            low, high = (getattr(limits, side, None) for side in ("ge", "le"))
-            for value in (float(values.min()), float(values.max())):
-                if (low is not None and value < low) or (high is not None and value > high):
-                    unit = f" {units[key]}" if units[key] else ""
-                    raise SweepError(f"{key} = {value:g}: must be a number in {low:g} … {high:g}{unit}")
-    swept = set(units)
+            for value in (values.min(), values.max()):
+                if (limits.ge is not None and value < limits.ge) or (limits.le is not None and value > limits.le):
+                    raise SweepError(f"{key} = {value:g}: must be {number_in(limits.ge, limits.le, units[key])}")
     for key in gradients:
+        swept = key in units
         _, units[key] = _meaning(tree, key)
-        number = number_at(tree, key)
-        if key not in swept and not isinstance(number, jax.Array | np.ndarray) and not _is_number(number):
+        if not swept and not _has_value(number_at(tree, key)):
             raise SweepError(f"gradients: {key} has no value here to differentiate by; give it one, or an axis")
     if len(set(gradients)) < len(gradients):
         raise SweepError("gradients: a key is there twice; name each once")
     return units
-
-
-# ------------------------------------------------------------------------------------------------ boxes of members
-
-
-@dataclasses.dataclass(frozen=True)
-class Grid:
-    """Members, numbered with the last axis changing fastest, cut into boxes of one shape: blocks, and chunks of them.
-
-    A box is a part of one axis times all axes behind it, at one place of those before it. So its members follow one
-    another, and what does not change inside it is computed once. Boxes at the end of the cut axis may be shorter.
-
-    Attributes:
-      counts: values of every axis. shape: of them in a box: 1 before the cut axis, all behind it.
-    """
-
-    counts: tuple[int, ...]
-    shape: tuple[int, ...]
-
-    @classmethod
-    def of(cls, counts: tuple[int, ...], most: int, unit: tuple[int, ...] | None = None) -> Grid:
-        """Cut into boxes of `most` members or about one value of the cut axis, each of whole boxes of shape `unit`."""
-        cut = next((i for i in range(len(counts) - 1, 0, -1) if math.prod(counts[i:]) >= most), 0)
-        parts = up(counts[cut], max(1, most // math.prod(counts[cut + 1 :])))
-        step = unit[cut] if unit else 1
-        return cls(counts, (*(1,) * cut, up(up(counts[cut], parts), step) * step, *counts[cut + 1 :]))
-
-    @property
-    def boxes(self) -> tuple[int, ...]:
-        """Number of boxes along every axis."""
-        return tuple(map(up, self.counts, self.shape))
-
-    @property
-    def number(self) -> int:
-        """Of boxes."""
-        return math.prod(self.boxes)
-
-    @property
-    def size(self) -> int:
-        """Members of a whole box."""
-        return math.prod(self.shape)
-
-    @property
-    def split(self) -> int:
-        """The first axis with several values in a box; the last if there is none."""
-        return next((i for i, size in enumerate(self.shape) if size > 1), len(self.shape) - 1)
-
-    def place(self, box: Any) -> list[Any]:
-        """Where a box is, counted in boxes along every axis. Works inside jit."""
-        places = []
-        for number in reversed(self.boxes):
-            places.append(box % number)
-            box = box // number
-        return places[::-1]
-
-    def slices(self, box: int) -> tuple[slice, ...]:
-        """The values of a box on every axis."""
-        found = zip(self.place(box), self.shape, self.counts, strict=True)
-        return tuple(slice(place * size, min((place + 1) * size, count)) for place, size, count in found)
-
-    def members(self, box: int) -> range:
-        """Numbers of the members of a box."""
-        first, many = 0, 1
-        for part, count in zip(self.slices(box), self.counts, strict=True):
-            first, many = first * count + part.start, many * (part.stop - part.start)
-        return range(first, first + many)
-
-    def within(self, slices: tuple[slice, ...]) -> range:
-        """Boxes inside a box of another grid, which has whole ones of this."""
-        first, many = 0, 1
-        for part, size, number in zip(slices, self.shape, self.boxes, strict=True):
-            first, many = first * number + part.start // size, many * up(part.stop - part.start, size)
-        return range(first, first + many)
-
-    def values(self, box: jax.Array) -> list[jax.Array]:
-        """Places of a box's values on every axis: shape () before `split`, else (values,), the last one again for those
-        that are missing. Works inside jit."""
-        ends = zip(self.place(box), self.shape, self.counts, strict=True)
-        return [place if i < self.split else jnp.minimum(place * size + jnp.arange(size), count - 1)
-                for i, (place, size, count) in enumerate(ends)]  # fmt: skip
-
-
-def up(count: int, size: int) -> int:
-    """How many boxes of this size hold so many."""
-    return -(-count // size)

@@ -7,7 +7,7 @@ import dataclasses
 import logging
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from functools import lru_cache, partial
 from pathlib import Path
@@ -20,10 +20,12 @@ from difftrb.core.machine import cores, lanes_of
 from difftrb.core.status import SweepError
 from difftrb.sweeps import sweeping
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import KEPT, Plan, Program, in_turn
-from difftrb.sweeps.store import INSTALL, RESUME, Npz, Zarr, store_of
-from difftrb.sweeps.swept import Swept, check_names, coordinates_of, counted, front, labelled, manifest_of
+from difftrb.sweeps.plan import Plan, Program, in_turn
+from difftrb.sweeps.store import INSTALL, RESUME, Npz, Zarr, done_in, store_of, swept_in
+from difftrb.sweeps.swept import Swept, check_names, coordinates_of, counted, front, manifest_of
 
+KEPT = 4
+"""Programs that a process keeps, at most."""
 TASKS = 10_000
 """Chunks that a scheduler knows at once."""
 MEND = "make room or allow writing there"
@@ -87,54 +89,50 @@ def run(
     """
     lanes = lanes_of(None if scheduler else devices)  # known before anything is written
     store, done = _begun(plan, out, resume or share is not None)
-    first, last = ((share[0] + i) * plan.chunks // share[1] for i in (-1, 0)) if share else (0, plan.chunks)
+    own = range(plan.chunks)
+    if share:
+        own = range((share[0] - 1) * plan.chunks // share[1], share[0] * plan.chunks // share[1])
     counts, computed, ready, met = Counter(), 0, 0, threading.Event()
-
-    def tell() -> None:
-        if progress is not None:
-            progress(ready, plan.members, counts.total() - counts[status.CONVERGED])
-
-    def own(chunk: int) -> bool:
-        return first <= chunk < last
-
-    def engine() -> contextlib.AbstractContextManager[tuple[Any, ...]]:
-        if scheduler:
-            return _workers(scheduler, plan, store, devices or 1)
+    tell = progress or (lambda *_: None)
+    tell(0, plan.members, 0)
+    order = _order(done, own if share or not done.any() else range(0), met)
+    if scheduler:
+        taken = _by_workers(scheduler, plan, store, devices or 1, order)
+    else:
         program = Program(plan, lanes)
-        return program.ahead(lambda chunk: _taken(program.chunk, store, chunk, own(chunk)))
-
-    tell()
-    order = _order(done, range(first, last) if share or not done.any() else range(0), met)
-    with _stays_good(store, plan), contextlib.ExitStack() as stack:
-        submit, *more = stack.enter_context(engine())
-        for chunk, found, what in in_turn(submit, order, *more):
+        taken = program.in_turn(lambda chunk: _taken(program, store, chunk, chunk in own), order)
+    with _stays_good(store, plan), contextlib.closing(taken):
+        for chunk, found, what in taken:
             computed += what != THERE
-            ready += len(plan.grid.members(chunk))
+            ready += int(plan.grid.held(chunk))
             counts.update(found)
-            if what == THERE and not own(chunk):
+            if what == THERE and chunk not in own:
                 met.set()
             if what == DAMAGED and say is not None:
                 say(f"{store.where}: chunk {chunk} is damaged: computed again")
-            tell()
-        shown = _shown(plan, store) if share is None or share[0] == 1 else None
+            tell(ready, plan.members, counts.total() - counts[status.CONVERGED])
+        shown = swept_in(store, front(plan.counts)) if share is None or share[0] == 1 else None
     return Ended(counted(counts), computed, store.where, shown)
 
 
 THERE, NEW, DAMAGED = "there", "new", "damaged"
-Taken = tuple[int, Counter, str]
-"""Of a chunk: its number, its members by status where they were read, and how it was found."""
 
 
-def _taken(compute: Callable[[int], storage.Arrays], store: Npz | Zarr, chunk: int, read: bool) -> Taken:
-    """Have a chunk in the store: computed, if it is not there or, where that is to be found out, damaged."""
-    what = NEW
-    if store.has(chunk):
-        if not read:
-            return chunk, Counter(), THERE
-        if (found := store.read(chunk)) is not None:
-            return chunk, Counter(found[STATUS].tolist()), THERE
-        what = DAMAGED
-    store.write(chunk, found := compute(chunk))
+def _had(program: Program, store: Npz | Zarr, chunk: int) -> tuple[storage.Arrays, str]:
+    """A chunk that is in the store now, computed if it was not there or damaged; and how it was found."""
+    there = store.has(chunk)
+    if there and (found := store.read(chunk)) is not None:
+        return found, THERE
+    store.write(chunk, found := program.chunk(chunk))
+    return found, DAMAGED if there else NEW
+
+
+def _taken(program: Program, store: Npz | Zarr, chunk: int, read: bool = True) -> tuple[int, Counter[int], str]:
+    """The number of a chunk that is in the store now; its members by status, unless it was there and is not to be
+    `read`; and how it was found."""
+    if not read and store.has(chunk):
+        return chunk, Counter(), THERE
+    found, what = _had(program, store, chunk)
     return chunk, Counter(found[STATUS].tolist()), what
 
 
@@ -143,32 +141,30 @@ def _order(done: np.ndarray, own: range, met: threading.Event) -> Iterator[int]:
     given, random = np.zeros(len(done), bool), np.random.default_rng()
     given[own.start : own.stop] = True
     yield from own
-    met.clear()
     while not given.all():
+        met.clear()
         left = np.flatnonzero(~given & ~done) if not (given | done).all() else np.flatnonzero(~given)
         for chunk in range(int(random.choice(left)), len(given)):
             if given[chunk] or met.is_set():
                 break
             given[chunk] = True
             yield chunk
-        met.clear()
 
 
-# ------------------------------------------------------------------------------------------------ workers
-
-
-@contextlib.contextmanager
-def _workers(address: str, plan: Plan, store: Npz | Zarr, devices: int) -> Iterator[tuple[Any, int, Any]]:
-    """For `in_turn`: Dask's workers. A chunk whose worker dies is given to another."""
+def _by_workers(
+    address: str, plan: Plan, store: Npz | Zarr, devices: int, chunks: Iterable[int]
+) -> Generator[tuple[int, Counter[int], str]]:
+    """`Program.in_turn` by Dask's workers. A chunk whose worker dies is given to another."""
     try:
         import distributed  # pyright: ignore[reportMissingImports]
         from distributed.comm.core import CommClosedError  # pyright: ignore[reportMissingImports]
+        from distributed.utils import silence_logging_cmgr  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise SweepError("--scheduler needs dask.distributed: pip install 'difftrb[cluster]'") from None
     gone = OSError(None, GONE, address)
     try:
         with contextlib.ExitStack() as stack:
-            stack.enter_context(_silent("distributed"))  # what matters is said in one sentence
+            stack.enter_context(silence_logging_cmgr(logging.CRITICAL + 1))  # what matters is said in one sentence
             try:
                 if address == "local":
                     local: Any = distributed.LocalCluster(n_workers=max(1, cores() // devices), threads_per_worker=1)
@@ -176,39 +172,21 @@ def _workers(address: str, plan: Plan, store: Npz | Zarr, devices: int) -> Itera
                 client = stack.enter_context(distributed.Client(address))
             except (OSError, ValueError) as error:
                 raise SweepError(f"--scheduler {address}: {str(error).splitlines()[0]}") from None
-            both = client.submit(_given, plan, store, pure=False)  # sent once, made again where a worker has lost it
+            both = client.submit(tuple, [plan, store], pure=False)  # sent once, made again where a worker has lost it
 
             def alive() -> None:
                 link = client.scheduler_comm
                 if client.status != "running" or link is None or link.comm is None or link.comm.closed():
                     raise gone
 
-            task = partial(_task, devices=devices)
-            yield lambda chunk: client.submit(task, both, chunk, pure=False, retries=RETRIES), TASKS, alive
+            submit = partial(client.submit, _task, both, devices, pure=False, retries=RETRIES)
+            yield from in_turn(submit, chunks, TASKS, alive)
     except (CancelledError, CommClosedError):  # of chunks that it knew, or while one is handed over
         raise gone from None
 
 
-@contextlib.contextmanager
-def _silent(name: str) -> Iterator[None]:
-    """Without what a library logs, whose loggers share their handlers."""
-    before = [(handler, handler.level) for handler in logging.getLogger(name).handlers]
-    for handler, _ in before:
-        handler.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for handler, level in before:
-            handler.setLevel(level)
-
-
-def _given(plan: Plan, store: Npz | Zarr) -> tuple[Plan, Npz | Zarr]:
-    return plan, store
-
-
-def _task(both: tuple[Plan, Npz | Zarr], chunk: int, devices: int) -> Taken:
-    plan, store = both
-    return _taken(_program(plan, devices).chunk, store, chunk, True)
+def _task(both: tuple[Plan, Npz | Zarr], devices: int, chunk: int) -> tuple[int, Counter[int], str]:
+    return _taken(_program(both[0], devices), both[1], chunk)
 
 
 @lru_cache(maxsize=KEPT)
@@ -238,18 +216,14 @@ def compute_chunk(
         return program.chunk(chunk)
     store, _ = _begun(plan, out, True)
     with _stays_good(store, plan):
-        _taken(program.chunk, store, chunk, True)
-        return store.whole(chunk)
-
-
-# ------------------------------------------------------------------------------------------------ stores
+        return _had(program, store, chunk)[0]
 
 
 def _begun(plan: Plan, out: str | Path, resume: bool) -> tuple[Npz | Zarr, np.ndarray]:
     """The store for a plan, and which chunks are there. Refuses what cannot be written, before anything is computed."""
-    check_names(plan)
-    sweeping.check_chunks(plan)
     about = manifest_of(plan)
+    check_names(about)
+    sweeping.check_chunks(plan)
     with _stays_good(out, plan):
         store = store_of(out)
         theirs = store.about
@@ -262,7 +236,7 @@ def _begun(plan: Plan, out: str | Path, resume: bool) -> tuple[Npz | Zarr, np.nd
             what = next((words[key] for key in words if theirs.get(key) != about[key]), "of a scene with other numbers")
             raise SweepError(f"{out}: the sweep there is {what}; undo the change, or name another folder")
         store.about = about
-        done = store.done()
+        done = done_in(store)
         sweeping.check_disk(plan, str(out), int(done.sum()))
         store.begin(about, coordinates_of(plan))
     return store, done
@@ -274,31 +248,17 @@ def _stays_good(store: Npz | Zarr | str | Path, plan: Plan) -> Iterator[None]:
     try:
         yield
     except (OSError, ImportError) as error:
-        there = 0
+        there, where, named = 0, store, str(getattr(error, "filename", None) or storage.SCRATCH)
         if isinstance(store, Npz | Zarr):
+            where = store.where
             with contextlib.suppress(OSError, ImportError):
-                there = int(store.done().sum())
-        gone = "start another one" if getattr(error, "strerror", None) == GONE else MEND
-        mend = INSTALL if isinstance(error, ImportError) else gone
-        what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
-        where = getattr(store, "where", store)
-        named = str(getattr(error, "filename", None) or storage.SCRATCH)
-        where = where if named.endswith((storage.SCRATCH, ".partial")) else named
+                there = int(done_in(store).sum())
+        if not named.endswith((storage.SCRATCH, ".partial")):
+            where = named
         why = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        mend = INSTALL if isinstance(error, ImportError) else "start another one" if why == GONE else MEND
+        what = f"{there} of {plan.chunks} chunks are written and stay good; {mend}, and {RESUME}"
         raise SweepError(f"{where}: {why}: {what if there else 'nothing is written'}") from None
-
-
-def _shown(plan: Plan, store: Npz | Zarr) -> Swept:
-    """Results along the first one or two axes."""
-    plane, members = front(plan)
-    places = np.unravel_index(members, plan.counts)
-    boxes = np.ravel_multi_index([p // size for p, size in zip(places, plan.grid.shape, strict=True)], plan.grid.boxes)
-    taken: dict[str, list[np.ndarray]] = {name: [] for name in plan.shapes}
-    for chunk in np.unique(boxes):
-        for name, array in store.whole(int(chunk)).items():
-            taken[name].append(array[members[boxes == chunk] - plan.grid.members(int(chunk)).start])
-    columns = {name: np.concatenate(arrays) for name, arrays in taken.items()}
-    return labelled(manifest_of(plane), coordinates_of(plane), columns)
 
 
 def write_sweep(

@@ -7,7 +7,7 @@ errors take them from there. A module that calls `register` adds an output; noth
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import jax
@@ -47,29 +47,21 @@ class Output:
     against_healthy: bool = False
 
 
-RING: dict[str, Output] = {}
-"""Outputs of a scene, by name."""
-CONTACT: dict[str, Output] = {}
-"""Outputs of one roller on its raceway, by name."""
+OUTPUTS: dict[str, Output] = {}
+"""By name, of a scene ("ring") and of one roller on its raceway ("contact")."""
 
 
 def register(output: Output) -> Output:
     """Let sweeps ask for an output by its name; returns it. Raises `SweepError` for a name that is taken."""
-    if output.name in registered() or not output.name.isidentifier():
+    if output.name in OUTPUTS or not output.name.isidentifier():
         raise SweepError(f"{shown(output.name)}: is the name of an output already, or cannot be one; name it otherwise")
-    {"ring": RING, "contact": CONTACT}[output.source][output.name] = output
+    OUTPUTS[output.name] = output
     return output
-
-
-def registered() -> dict[str, Output]:
-    """All outputs by name."""
-    return RING | CONTACT
 
 
 def label_of(name: str) -> str:
     """Label of a result in figures; without a declaration, its name in words."""
-    output = registered().get(name)
-    return name.replace("_", " ") if output is None else output.label
+    return OUTPUTS[name].label if name in OUTPUTS else name.replace("_", " ")
 
 
 def _loss(name: str) -> Callable[[Solution, Solution], jax.Array]:
@@ -96,46 +88,48 @@ for _output in (
     register(_output)
 
 
+def of_contact(names: Sequence[str]) -> bool:
+    """Whether all are of a single contact. Raises `SweepError` for unknown names, none, one that is there twice, and
+    for names of contacts beside the ring's."""
+    if not names:
+        raise SweepError(f"outputs is empty; name some of {', '.join(OUTPUTS)}")
+    for name in names:
+        if name not in OUTPUTS:
+            raise SweepError(f"outputs: {shown(name)} is unknown; use some of {', '.join(OUTPUTS)}")
+    if len(set(names)) < len(names):
+        raise SweepError("outputs: a name is there twice; name each once")
+    if len({OUTPUTS[name].source for name in names}) > 1:
+        contacts = ", ".join(name for name, output in OUTPUTS.items() if output.source == "contact")
+        raise SweepError(f"outputs: {contacts} are of a single contact and do not go with the ring's")
+    return OUTPUTS[names[0]].source == "contact"
+
+
 def function_of(
     names: Sequence[str], solved: Callable[[Any], ContactSolution] | None = None
 ) -> Callable[[Any], dict[str, jax.Array]]:
-    """The function from a member to its status and the outputs `names`. Raises `SweepError` for unknown names.
+    """The function from a member to its status and the outputs `names`; errors as of `of_contact`.
 
-    Members are scenes, and names those of `RING`; with `solved`, which gives a member's contact, those of `CONTACT`.
+    Members are scenes; or `solved` gives a member's contact.
     """
-    registry = CONTACT if solved else RING
-    chosen = [registry[name] for name in checked(names, registry)]
-    compared = any(output.against_healthy for output in chosen)
+    if of_contact(names) != (solved is not None):
+        raise SweepError(f"outputs: {names[0]} is {'not ' if solved else ''}of a single contact; name others")
+    chosen = [OUTPUTS[name] for name in names]
 
     def function(member: Any) -> dict[str, jax.Array]:
         solution = (solved or solve)(member)
         code, reference = solution.status_code, ()
-        if compared:
+        if any(output.against_healthy for output in chosen):
             reference = (solve(healthy(member)),)
             code = status.worst(code, reference[0].status_code)
-        return {STATUS: code} | {
-            output.name: _value(output, solution, *reference[: output.against_healthy]) for output in chosen
-        }
+        found = {STATUS: code}
+        for output in chosen:
+            value = jnp.asarray(output.of(solution, *reference[: output.against_healthy]))
+            if value.ndim != len(output.dims):
+                declared = ", ".join(output.dims) or "none"
+                raise SweepError(
+                    f"outputs: {output.name} has shape {value.shape}, but declares as its dimensions: {declared}"
+                )
+            found[output.name] = value
+        return found
 
     return function
-
-
-def _value(output: Output, *solutions: Any) -> jax.Array:
-    """The array of one output; refuses one that has not the dimensions that it declares."""
-    value = jnp.asarray(output.of(*solutions))
-    if value.ndim != len(output.dims):
-        names = ", ".join(output.dims) or "none"
-        raise SweepError(f"outputs: {output.name} has shape {value.shape}, but declares as its dimensions: {names}")
-    return value
-
-
-def checked(names: Sequence[str], outputs: Mapping[str, Output]) -> Sequence[str]:
-    """`names`; refuses those that `outputs` does not have, one that is there twice, and none at all."""
-    if not names:
-        raise SweepError(f"outputs is empty; name some of {', '.join(outputs)}")
-    for name in names:
-        if name not in outputs:
-            raise SweepError(f"outputs: {shown(name)} is unknown; use some of {', '.join(outputs)}")
-    if len(set(names)) < len(names):
-        raise SweepError("outputs: a name is there twice; name each once")
-    return names

@@ -1,6 +1,6 @@
 """What is swept, and the program that computes it on devices or threads.
 
-Blocks of members (`axes.Grid`, `sizes`) are computed one after another by `lax.map`, the members of one by `vmap` along
+Blocks of members (`boxes`) are computed one after another by `lax.map`, the members of one by `vmap` along
 one axis after another, so that what an axis does not change is computed once. A chunk, which is stored as one, is a box
 of blocks, computed by calls of equally many. Devices or threads take calls as they are free; their number changes no
 bit.
@@ -8,15 +8,17 @@ bit.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 import queue
+import threading
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
-from typing import Any, cast
+from itertools import islice
+from typing import Any
+from weakref import WeakValueDictionary
 
 import jax
 import jax.numpy as jnp
@@ -26,17 +28,15 @@ from jax.sharding import SingleDeviceSharding
 from difftrb.core import jax_config, kept_programs, status
 from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
-from difftrb.sweeps import sizes
-from difftrb.sweeps.axes import Axis, Grid, number_at, replaced, up
+from difftrb.sweeps import boxes
+from difftrb.sweeps.axes import Axis, number_at, replaced
+from difftrb.sweeps.boxes import Grid, up
 from difftrb.sweeps.outputs import STATUS
 
-KEPT = 4
-"""Plans and programs from elsewhere that a process keeps, at most."""
 
-
-def column_of(name: str, by: str | None = None) -> str:
-    """Name under which a result, or its derivative by a key, is stored."""
-    return name if by is None else f"{name}_by_{by}"
+def column_of(name: str, by: str) -> str:
+    """Name under which a result's derivative by a key is stored."""
+    return f"{name}_by_{by}"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,7 +84,8 @@ class Plan:
     @cached_property
     def grid(self) -> Grid:
         """The chunks."""
-        return Grid.of(self.counts, sizes.of_chunk(self.members, self.blocks.size), self.blocks.shape)
+        most = max(boxes.CALLS * self.blocks.size, min(self.members // boxes.CHUNKS, boxes.LARGEST_CHUNK))
+        return Grid.of(self.counts, most, self.blocks.shape)
 
     @property
     def chunks(self) -> int:
@@ -94,22 +95,21 @@ class Plan:
     @cached_property
     def call(self) -> int:
         """Blocks that one call of the program computes."""
-        return up(math.prod(map(up, self.grid.shape, self.blocks.shape)), sizes.CALLS)
+        return up(math.prod(map(up, self.grid.shape, self.blocks.shape)), boxes.CALLS)
+
+    @property
+    def arguments(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Such as `compute` is given."""
+        return np.arange(self.call), [axis.values for axis in self.axes]
 
     @cached_property
     def shapes(self) -> dict[str, jax.ShapeDtypeStruct]:
         """Of one member's results by column."""
-        whole = jax.eval_shape(self.compute, *self._arguments)
+        whole = jax.eval_shape(self.compute, *self.arguments)
         return {name: jax.ShapeDtypeStruct(shape.shape[2:], shape.dtype) for name, shape in whole.items()}
 
-    @property
-    def _arguments(self) -> tuple[jax.ShapeDtypeStruct, list[jax.ShapeDtypeStruct]]:
-        """Shapes of what `compute` is given."""
-        values = [jax.ShapeDtypeStruct(axis.values.shape, axis.values.dtype) for axis in self.axes]
-        return jax.ShapeDtypeStruct((self.call,), np.dtype(np.int64)), values
-
     @cached_property
-    def compute(self) -> Callable[[jax.Array, list[jax.Array]], dict[str, jax.Array]]:
+    def compute(self) -> Callable[[Any, Any], dict[str, jax.Array]]:
         """The jitted program: from numbers of blocks, shape (n,), and the axes' values to columns, (n, size, …).
 
         The scene's numbers are constants in it: as arguments they cost up to twice the time.
@@ -120,28 +120,7 @@ class Plan:
 
         depends = (several.__qualname__, self.base, self.function, self.gradients, self.batch,
                    [(axis.keys, axis.values.shape) for axis in self.axes])  # fmt: skip
-        return kept_programs.jit_kept(several, depends, jax_config.quick(), *self._arguments)
-
-    @property
-    def names(self) -> list[str]:
-        """Of the results."""
-        columns = {column_of(name, key) for name in self.shapes for key in self.gradients}
-        return [name for name in self.shapes if name != STATUS and name not in columns]
-
-    @property
-    def own_dims(self) -> dict[str, tuple[str, ...]]:
-        """Names of the results' own dimensions."""
-        return {name: self.dims.get(name) or tuple(f"{name}_{i}" for i in range(len(self.shapes[name].shape)))
-                for name in self.names}  # fmt: skip
-
-    @property
-    def all_units(self) -> dict[str, str]:
-        """Units of keys and results, and of all derivatives."""
-        return self.units | {
-            column_of(name, key): f"{self.units.get(name, '') or '1'} per {self.units.get(key, '') or '1'}"
-            for name in self.names
-            for key in self.gradients
-        }
+        return kept_programs.jit_kept(several, depends, jax_config.quick(), *self.arguments)
 
     def __reduce__(self) -> Any:
         """Numbers stay float64 wherever a plan is sent, and one that comes twice is there once, compiled once."""
@@ -150,26 +129,22 @@ class Plan:
         return _arrived, (_Ready(cached), self.token, fields)
 
 
+@dataclasses.dataclass
 class _Ready:
     """Sets up JAX in the process that unpickles it, before what is pickled behind it."""
 
-    def __init__(self, cache: bool) -> None:
-        self.cache = cache
+    cache: bool
 
     def __reduce__(self) -> Any:
         return jax_config.set_up_jax, (self.cache,)
 
 
-_HERE: dict[str, Plan] = {}
-"""Plans that came from other processes, the last few."""
+_HERE: WeakValueDictionary[str, Plan] = WeakValueDictionary()
+"""Plans that came from other processes."""
 
 
 def _arrived(_: None, token: str, fields: dict[str, Any]) -> Plan:
-    if token not in _HERE:
-        for old in list(_HERE)[: -KEPT + 1]:
-            del _HERE[old]
-        _HERE[token] = Plan(**fields)
-    return _HERE[token]
+    return _HERE.get(token) or _HERE.setdefault(token, Plan(**fields))
 
 
 def _member(plan: Plan, at: Sequence[jax.Array]) -> dict[str, jax.Array]:
@@ -229,85 +204,61 @@ class Program:
     """
 
     def __init__(self, plan: Plan, lanes: Sequence[Any]) -> None:
-        self.plan = plan
         values = [axis.values for axis in plan.axes]
         there = {lane: jax.device_put(values, SingleDeviceSharding(lane)) for lane in set(lanes)}
-        self._free: queue.SimpleQueue[tuple[Any, list[jax.Array]]] = queue.SimpleQueue()
-        for lane in lanes:
-            self._free.put((lane, there[lane]))
-        self._pool = ThreadPoolExecutor(len(lanes))
+        self.plan, self._own, free = plan, threading.local(), [(lane, there[lane]) for lane in lanes]
+
+        def begin() -> None:
+            self._own.lane = free.pop()
+
+        self._pool = ThreadPoolExecutor(len(lanes), initializer=begin)
 
     def _call(self, first: int) -> dict[str, np.ndarray]:
         """The columns of some blocks, shape (blocks, size, …); behind the last one, that one again."""
         blocks = np.minimum(first + np.arange(self.plan.call), self.plan.blocks.number - 1)
-        lane, values = self._free.get()
-        try:
-            found = self.plan.compute(jax.device_put(blocks, SingleDeviceSharding(lane)), values)
-            return {name: np.asarray(array) for name, array in found.items()}
-        finally:
-            self._free.put((lane, values))
+        lane, values = self._own.lane
+        found = self.plan.compute(jax.device_put(blocks, SingleDeviceSharding(lane)), values)
+        return {name: np.asarray(array) for name, array in found.items()}
 
     def calls(self, blocks: Iterable[int]) -> list[dict[str, np.ndarray]]:
         """Make calls that begin at these blocks."""
-        running = [self._pool.submit(self._call, first) for first in blocks]
-        try:
-            return [call.result() for call in running]
-        finally:  # of one that failed
-            for call in running:
-                call.cancel()
-
-    def scratch(self) -> int:
-        """Bytes that a call takes while it runs, with its results."""
-        lane, values = self._free.get()
-        self._free.put((lane, values))
-        needed = cast(Any, self.plan.compute).lower(np.arange(self.plan.call), values).compile().memory_analysis()
-        return int(needed.temp_size_in_bytes + needed.output_size_in_bytes) if needed is not None else 0
+        return list(self._pool.map(self._call, blocks))
 
     def chunk(self, number: int) -> dict[str, np.ndarray]:
         """Compute a chunk: its columns, shape (members, …)."""
         grid = self.plan.blocks
         blocks = grid.within(self.plan.grid.slices(number))
         found = self.calls(blocks[:: self.plan.call])
-        columns = {name: np.concatenate([call[name] for call in found]) for name in found[0]}
-        sizes = [len(grid.members(block)) for block in blocks]
-        if min(sizes) == grid.size:
-            return {name: a[: len(sizes)].reshape(-1, *a.shape[2:]) for name, a in columns.items()}
-        return {name: np.concatenate([array[i, :size] for i, size in enumerate(sizes)])
-                for name, array in columns.items()}  # fmt: skip
+        inside = np.arange(grid.size) < grid.held(np.asarray(blocks))[:, None]
+        return {name: np.concatenate([call[name] for call in found])[: len(blocks)][inside] for name in found[0]}
 
-    @contextlib.contextmanager
-    def ahead(self, deal: Callable[..., Any]) -> Iterator[tuple[Callable[..., Any]]]:
-        """For `in_turn`: what has a few chunks dealt with at once, in threads. A program serves one of these: its lanes
-        end with it."""
-        with ThreadPoolExecutor(sizes.CHUNKS_AT_ONCE) as threads:
+    def in_turn(self, deal: Callable[[int], Any], chunks: Iterable[int]) -> Generator[Any]:
+        """What `deal` gives for every chunk, as they finish, a few at once in threads. A program serves one of these:
+        its lanes end with it."""
+        with ThreadPoolExecutor(boxes.CHUNKS_AT_ONCE) as threads:
             try:
-                yield (partial(threads.submit, deal),)
+                yield from in_turn(partial(threads.submit, deal), chunks, boxes.CHUNKS_AT_ONCE)
             finally:  # of a sweep that stopped early
                 threads.shutdown(wait=False, cancel_futures=True)
                 self._pool.shutdown(cancel_futures=True)
 
 
 def in_turn(
-    submit: Callable[[int], Any],
-    chunks: Iterable[int],
-    many: int = sizes.CHUNKS_AT_ONCE,
-    alive: Callable[[], None] = lambda: None,
-) -> Iterator[Any]:
+    submit: Callable[[int], Any], chunks: Iterable[int], many: int, alive: Callable[[], None] = lambda: None
+) -> Generator[Any]:
     """Submit chunks, `many` at once, and give what each comes to, as they finish. While none does, ask `alive`."""
     finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
-
-    def ended() -> Any:
-        while True:
-            with contextlib.suppress(queue.Empty):
-                return finished.get(timeout=1.0).result()
+    left, running = iter(chunks), 0
+    while True:
+        for chunk in islice(left, many - running):
+            submit(chunk).add_done_callback(finished.put)
+            running += 1
+        if not running:
+            return
+        try:
+            ended = finished.get(timeout=1.0)
+        except queue.Empty:
             alive()
-
-    running = 0
-    for chunk in chunks:
-        submit(chunk).add_done_callback(finished.put)
-        running += 1
-        if running == many:
-            yield ended()
-            running -= 1
-    for _ in range(running):
-        yield ended()
+            continue
+        running -= 1
+        yield ended.result()

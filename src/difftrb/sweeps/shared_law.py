@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from operator import itemgetter
 
 import jax.numpy as jnp
-import numpy as np
 
 from difftrb.core import status
 from difftrb.core.status import SweepError
@@ -61,25 +60,19 @@ def with_shared_law(
 
 def _refuse_frozen(law: LawKind, key: str, where: str) -> None:
     """Refuse a key through which a law does not act once it is made."""
+    owner, field = key.split(".")[0], key.split(".")[-1]
     if law.frozen is None:
         return
-    owner, _, field = key.partition(".")
-    if owner == "spall":
-        field = key.split(".")[-1]
     if owner == "spall" and field in law.frozen:
         made = "is fitted for one" if law.one_shape else "does not know the"
-        raise SweepError(
-            f"{where}{key}: contact.law = {law.name!r} {made} {field.replace('_', ' ')} of a spall; use 'table'"
-        )
-    crown = key == "contact.design_load"
-    if crown or (owner == "bearing" and field not in ("arc_radius", "outer_angle")):
-        raise SweepError(
-            f"{where}{key}: contact.law = {law.name!r} would have to be made anew for every member; use 'table'"
-        )
-    if law.bearing is not None and key == "bearing.outer_angle":
-        raise SweepError(
-            f"{where}{key}: contact.law = {law.name!r} holds for the bearing {law.bearing} only; use 'table'"
-        )
+        why = f"{made} {field.replace('_', ' ')} of a spall"
+    elif key == "contact.design_load" or (owner == "bearing" and field not in ("arc_radius", "outer_angle")):
+        why = "would have to be made anew for every member"
+    elif law.bearing is not None and key == "bearing.outer_angle":
+        why = f"holds for the bearing {law.bearing} only"
+    else:
+        return
+    raise SweepError(f"{where}{key}: contact.law = {law.name!r} {why}; use 'table'")
 
 
 def _with_ends(scene: Scene, ends: dict[str, tuple[float, float]], side: int) -> Scene:
@@ -102,11 +95,9 @@ def _refuse_other(ready: Scene, key: str, ends: tuple[float, float]) -> None:
         return
     for value in ends:
         scene = replaced(ready, key, value)
-        law = outer_law(scene)
-        away = jnp.zeros((len(scene.spalls), int(scene.bearing.rollers)))
+        law, away = outer_law(scene), jnp.zeros((len(scene.spalls), int(scene.bearing.rollers)))
         if int(law.judge(scene.spalls, away)) == status.OTHER_SCENE:
-            at = float(np.asarray(number_at(ready, key)))
-            made = f"for which contact.law = {law.name!r} was made once for the whole sweep"
             raise SweepError(
-                f"{key} = {value:g}: too far from the scene's {at:g}, {made}; stay near it, or run one sweep for each"
+                f"{key} = {value:g}: too far from the scene's {float(number_at(ready, key)):g}, for which contact.law "
+                f"= {law.name!r} was made once for the whole sweep; stay near it, or run one sweep for each"
             )

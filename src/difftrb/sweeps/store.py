@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
-from collections.abc import Iterator, Mapping
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,101 +17,55 @@ import numpy as np
 
 from difftrb.core import storage
 from difftrb.core.status import SweepError
-from difftrb.sweeps.axes import Grid
-from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.swept import Swept, attributes, dims_of, labelled, stored
+from difftrb.sweeps.swept import Swept, grid_of, labelled, parsed
+from difftrb.sweeps.zarr_store import Zarr
 
 MANIFEST, AXES, ZARR = "manifest.json", "axes.npz", "sweep.zarr"
 """Names in a folder: of what is swept and the axes' values beside .npz files; of the Zarr store."""
 RESUME, INSTALL = "go on with --resume", "pip install 'difftrb[io]'"
-INNER = 16
-"""Parts of a chunk, at most, that can be read alone; each has a checksum."""
 
 
-class Store:
-    """What both kinds have in common: a sweep's manifest, `about`, empty where nothing is; whose it is; its chunks."""
+class Npz:
+    """A folder: a file for every chunk, named after its number, with the sweep's identity; manifest and axes.
 
-    where: str
-    about: dict[str, Any]
-    identity: str | None
-    coordinates: dict[str, np.ndarray]
-
-    @cached_property
-    def grid(self) -> Grid:
-        """The chunks."""
-        return Grid(tuple(axis["count"] for axis in self.about["axes"]), tuple(self.about["chunks"]["shape"]))
-
-    def done(self) -> np.ndarray:
-        """Which chunks are there, shape (chunks,); damaged ones count."""
-        there = np.zeros(self.grid.number, bool)
-        there[[chunk for chunk in self._listed() if chunk < len(there)]] = True
-        return there
-
-    def _listed(self) -> Iterator[int]:
-        raise NotImplementedError
-
-    def read(self, chunk: int) -> storage.Arrays | None:
-        """A chunk's columns, shape (members, …); None if it is missing or damaged."""
-        raise NotImplementedError
-
-    def whole(self, chunk: int) -> storage.Arrays:
-        """`read`; raises `SweepError` for what is missing or damaged."""
-        if (found := self.read(chunk)) is None:
-            raise SweepError(f"{self.where}: chunk {chunk} is missing or damaged; {RESUME}")
-        return found
-
-    def swept(self) -> Swept:
-        """All of it, in memory. Raises `SweepError` if it is not finished, or damaged."""
-        if not self.about:
-            raise SweepError(f"{self.where}: there is no sweep here, or its description is damaged")
-        if not self.done().all():
-            raise SweepError(f"{self.where}: the sweep is not finished; {RESUME}")
-        parts = [self.whole(chunk) for chunk in range(self.grid.number)]
-        columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        return labelled(self.about, self.coordinates, columns)
-
-
-class Npz(Store):
-    """A folder: a file for every chunk, named after its number, with the sweep's identity; manifest and axes."""
+    Attributes (of both kinds of store):
+      where: the folder or URL. about: the sweep's manifest, empty where nothing is. identity: whose it is.
+    """
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.where = folder, str(folder)
-        self.coordinates = storage.read(folder / AXES) or {}
-        self.about = {}
+        self.folder, self.where, self.about = folder, str(folder), {}
         with contextlib.suppress(OSError):
-            self.about = _parsed((folder / MANIFEST).read_bytes())
-        self.identity = self.about.get("identity")
+            self.about = parsed((folder / MANIFEST).read_bytes())
+        self.identity: str | None = self.about.get("identity")
 
-    def begin(self, about: dict[str, Any], coordinates: dict[str, np.ndarray]) -> None:
+    def begin(self, about: dict[str, Any], coordinates: storage.Arrays) -> None:
         """Write what is beside the chunks."""
-        self.about, self.coordinates = about, coordinates
-        self.folder.mkdir(parents=True, exist_ok=True)
+        self.about = about
         storage.write(self.folder / AXES, coordinates)
         with storage.replacing(self.folder / MANIFEST) as scratch:
             scratch.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
         storage.remove_leftovers(self.folder, f"*-*{storage.SCRATCH}")
 
+    def coordinates(self) -> storage.Arrays:
+        """Values of every key."""
+        return storage.read(self.folder / AXES) or {}
+
     def _path(self, chunk: int) -> Path:
         return self.folder / f"chunk_{chunk:06d}.npz"
 
-    def _listed(self) -> Iterator[int]:
+    def listed(self) -> list[int]:
+        """Chunks that are there; damaged ones count."""
         names = (path.stem.removeprefix("chunk_") for path in self.folder.glob("chunk_*.npz"))
-        return (int(name) for name in names if name.isdigit())
+        return [int(name) for name in names if name.isdigit()]
 
     def has(self, chunk: int) -> bool:
         """Whether a chunk is there."""
         return self._path(chunk).exists()
 
     def read(self, chunk: int) -> storage.Arrays | None:
-        """See `Store.read`; None, too, for another sweep's."""
-        found = storage.read(self._path(chunk))
-        if found is None or (str(found.pop("identity", "")), int(found.pop("chunk", -1))) != (
-            self.about["identity"], chunk
-        ):  # fmt: skip
-            return None
-        members = len(self.grid.members(chunk))
-        shapes = {name: (members, *column["shape"]) for name, column in self.about["columns"].items()}
-        return found if {name: array.shape for name, array in found.items()} == shapes else None
+        """A chunk's columns, shape (members, …); None if it is missing, damaged or another sweep's."""
+        found, whose = storage.read(self._path(chunk)) or {}, (self.about["identity"], chunk)
+        return found if (str(found.pop("identity", "")), int(found.pop("chunk", -1))) == whose else None
 
     def write(self, chunk: int, columns: Mapping[str, np.ndarray]) -> None:
         """Write a chunk, whole or not at all."""
@@ -120,162 +73,33 @@ class Npz(Store):
         storage.write(self._path(chunk), {**columns, **extra})
 
 
-class Zarr(Store):
-    """A Zarr v3 store: an array with named dimensions and units for every key and column, a shard for every chunk."""
-
-    def __init__(self, where: str) -> None:
-        from zarr.storage import FsspecStore, LocalStore
-
-        self.where, self.remote = where, "://" in where
-        try:
-            with self._told():
-                self._store: Any = FsspecStore.from_url(where) if self.remote else LocalStore(where, read_only=True)
-        except ValueError as error:
-            raise SweepError(f"{where}: {error}") from None
-        root, ledger = self._attributes("zarr.json"), self._attributes(f"{STATUS}/zarr.json")
-        self.about = _parsed(root.get("manifest", "{}"))
-        self.identity = root.get("identity", ledger.get("identity"))  # of a damaged store, too
-
-    @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
-        """What a bucket's library raises becomes an `OSError`."""
-        try:
-            yield
-        except (OSError, ImportError):
-            raise
-        except Exception as error:
-            if not self.remote or isinstance(error, ValueError):
-                raise
-            raise OSError(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
-
-    def _ask(self, coroutine: Any) -> Any:
-        """What the store answers."""
-        from zarr.core.sync import sync
-
-        with self._told():
-            return sync(coroutine)
-
-    def _get(self, key: str) -> bytes | None:
-        from zarr.core.buffer import default_buffer_prototype
-
-        try:
-            found = self._ask(self._store.get(key, default_buffer_prototype()))
-        except FileNotFoundError:  # there is no folder
-            return None
-        return None if found is None else found.to_bytes()
-
-    def _attributes(self, key: str) -> dict[str, Any]:
-        """Those of an array or of all; none of a damaged one."""
-        return _parsed(self._get(key) or b"").get("attributes", {})
-
-    @cached_property
-    def _arrays(self) -> dict[str, Any]:
-        """By column; chunks without a number, too, are written."""
-        import zarr
-
-        with self._told(), zarr.config.set({"array.write_empty_chunks": True}):
-            mode = "r" if self._store.read_only else "r+"
-            group = zarr.open_group(self._store, mode=mode, use_consolidated=False)
-            return {name: group[stored(name)] for name in self.about["columns"]}
-
-    @property
-    def coordinates(self) -> dict[str, np.ndarray]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Values of every key."""
-        import zarr
-
-        with self._told():
-            group = zarr.open_group(self._store, mode="r", use_consolidated=False)
-            return {key: np.asarray(group[stored(key)]) for axis in self.about["axes"] for key in axis["keys"]}
-
-    def begin(self, about: dict[str, Any], coordinates: dict[str, np.ndarray]) -> None:
-        """Write what is beside the chunks, where it is not there: all processes write the same."""
-        import zarr
-        from zarr.codecs import Crc32cCodec
-        from zarr.storage import MemoryStore
-
-        self.about = about
-        self._store = self._store if self.remote else self._store.with_read_only(False)
-        made: dict[str, Any] = {}
-        texts: dict[str, Any] = {name: about[name] for name in ("title", "scene", "identity")} | {
-            "manifest": json.dumps(about)
-        }
-        if any(len(axis["keys"]) > 1 for axis in about["axes"]):
-            texts["coordinates"] = " ".join(map(stored, coordinates))
-        group = zarr.create_group(MemoryStore(made), attributes=texts)
-        dims = dims_of(about)
-        for key, values in coordinates.items():
-            group.create_array(stored(key), data=values, chunks=values.shape, compressors=[Crc32cCodec()],
-                               dimension_names=dims[key], attributes=attributes(about, key))  # fmt: skip
-        shape, split = self.grid.shape, self.grid.split
-        inner = max(part for part in range(1, INNER + 1) if shape[split] % part == 0)
-        for name, column in about["columns"].items():
-            own = tuple(column["shape"])
-            parts = (*shape[:split], shape[split] // inner, *shape[split + 1 :])
-            more = {"identity": about["identity"]} if name == STATUS else {}
-            group.create_array(stored(name), shape=(*self.grid.counts, *own), dtype=column["dtype"],
-                               chunks=(*parts, *own), shards=(*shape, *own), compressors=[Crc32cCodec()],
-                               fill_value=-1 if name == STATUS else math.nan if column["dtype"] == "float64" else None,
-                               dimension_names=dims[name], attributes=attributes(about, name) | more)  # fmt: skip
-        for key in sorted(made, key=len, reverse=True):
-            if self._get(key) != made[key].to_bytes():
-                self._ask(self._store.set(key, made[key]))
-        if not self.remote:
-            storage.remove_leftovers(Path(self.where), "*.partial")
-
-    def _key(self, name: str, chunk: int) -> str:
-        """Of a chunk's shard."""
-        own = (0,) * len(self.about["columns"][name]["shape"])
-        return f"{stored(name)}/c/{'/'.join(map(str, (*self.grid.place(chunk), *own)))}"
-
-    def _listed(self) -> Iterator[int]:
-        async def listed() -> list[str]:
-            return [key async for key in self._store.list_prefix(f"{STATUS}/c/")]
-
-        for key in self._ask(listed()):
-            place = key.split("/")[2:]
-            if all(number.isdigit() for number in place) and len(place) == len(self.grid.boxes):
-                yield int(np.ravel_multi_index([int(number) for number in place], self.grid.boxes))
-
-    def has(self, chunk: int) -> bool:
-        """Whether a chunk is there."""
-        return self._ask(self._store.exists(self._key(STATUS, chunk)))
-
-    def read(self, chunk: int) -> storage.Arrays | None:
-        """See `Store.read`."""
-        box, found = self.grid.slices(chunk), {}
-        for name, array in self._arrays.items():
-            try:
-                if not self._ask(self._store.getsize(self._key(name, chunk))):  # read as if it were not there
-                    return None
-                values = array[box]
-            except FileNotFoundError:
-                return None
-            except ValueError:  # a checksum, or a length
-                return None
-            found[name] = values.reshape(-1, *values.shape[len(box) :])
-        return found
-
-    def write(self, chunk: int, columns: Mapping[str, np.ndarray]) -> None:
-        """Write a chunk, its status last."""
-        box = self.grid.slices(chunk)
-        sizes = [part.stop - part.start for part in box]
-        for name in sorted(columns, key=lambda name: name == STATUS):
-            values = columns[name].reshape(*sizes, *columns[name].shape[1:])
-            try:
-                with self._told():
-                    self._arrays[name][box] = values
-            except ValueError:  # zarr reads a shard before it writes it, and this one is damaged
-                self._ask(self._store.delete(self._key(name, chunk)))
-                self._arrays[name][box] = values
+def done_in(store: Npz | Zarr) -> np.ndarray:
+    """Which chunks are there, shape (chunks,); damaged ones count."""
+    return np.isin(np.arange(grid_of(store.about).number), store.listed())
 
 
-def _parsed(text: bytes | str) -> dict[str, Any]:
-    """A JSON object; empty if it is none."""
-    try:
-        found = json.loads(text)
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}
+def swept_in(store: Npz | Zarr, places: Sequence[np.ndarray] | None = None) -> Swept:
+    """Results in memory at some `places`, rising, of every axis; default all. Raises `SweepError` if they are not
+    finished, or damaged."""
+    if not store.about:
+        raise SweepError(f"{store.where}: there is no sweep here, or its description is damaged")
+    if places is None and not done_in(store).all():
+        raise SweepError(f"{store.where}: the sweep is not finished; {RESUME}")
+    grid, parts = grid_of(store.about), {name: [] for name in store.about["columns"]}
+    places = [np.arange(count) for count in grid.counts] if places is None else places
+    for at in product(*(np.unique(place // size) for place, size in zip(places, grid.shape, strict=True))):
+        chunk = int(np.ravel_multi_index(at, grid.boxes))
+        if (found := store.read(chunk)) is None:
+            raise SweepError(f"{store.where}: chunk {chunk} is missing or damaged; {RESUME}")
+        box = grid.slices(chunk)
+        inside = np.ix_(*(place[slice(*np.searchsorted(place, (part.start, part.stop)))] - part.start
+                          for place, part in zip(places, box, strict=True)))  # fmt: skip
+        for name, array in found.items():
+            shaped = array.reshape(*(part.stop - part.start for part in box), *array.shape[1:])
+            parts[name].append(shaped[inside].reshape(-1, *array.shape[1:]))
+    values, axes = store.coordinates(), zip(store.about["axes"], places, strict=True)
+    coordinates = {key: values[key][place] for axis, place in axes for key in axis["keys"]}
+    return labelled(store.about, coordinates, {name: np.concatenate(arrays) for name, arrays in parts.items()})
 
 
 def has_zarr() -> bool:
@@ -308,7 +132,7 @@ def load_sweep(out: str | Path) -> Swept:
     Raises `SweepError`.
     """
     try:
-        return store_of(out).swept()
+        return swept_in(store_of(out))
     except SweepError:
         raise
     except (OSError, ImportError) as error:

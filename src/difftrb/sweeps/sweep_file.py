@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import os
 import tomllib
@@ -19,11 +18,12 @@ from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
 from difftrb.report import console, remarks
 from difftrb.scene import scene_file
-from difftrb.scene.scene_file import NoEquilibriumError, SceneFile
+from difftrb.scene.scene_file import SceneFile
 from difftrb.sweeps import axes as axes_
 from difftrb.sweeps import chunks, outputs, sweeping
 from difftrb.sweeps.axes import RANGE_KEYS
 from difftrb.sweeps.plan import Plan
+from difftrb.sweeps.store import RESUME
 
 SETTINGS = ("outputs", "gradients", "mode", "axes")
 
@@ -43,30 +43,30 @@ class SweepFile:
     @property
     def of_contact(self) -> bool:
         """Whether single contacts are swept, and not rings."""
-        return all(name in outputs.CONTACT for name in self.outputs)
+        return outputs.of_contact(self.outputs)
 
-    def plan(self, batch: int | None = None, progress: Progress | None = None) -> Plan:
-        """What is to be computed; the roller law is made now. Raises `SceneError`."""
-        with _named(self.path):
-            if not self.of_contact:
-                base, solved = self.scene.scene(), None
-            else:
-                base, solved, batch = self.scene, _contact, batch or 1
-            asked = self.axes, self.gradients, self.mode, batch, progress
-            return sweeping.plan_sweep(self.outputs, base, *asked, solved=solved, text=self.text)
-
-
-@contextlib.contextmanager
-def _named(path: str) -> Iterator[None]:
-    """A `SweepError` becomes a `SceneError` that names the file."""
-    try:
-        yield
-    except SweepError as error:
-        raise SceneError(f"{path}: sweep: {error}") from None
+    def plan(self, batch: int | None = None, progress: Progress | None = None, law: bool = True) -> Plan:
+        """What is to be computed; the roller law is made now, unless it is to be checked only. Raises `SceneError`."""
+        try:
+            ring = not self.of_contact
+            more: dict[str, Any] = {} if ring else {"solved": _contact, "wrong": _wrong_contact}
+            asked = self.outputs, self.scene.scene() if ring else self.scene, self.axes, self.gradients, self.mode
+            batch = batch if ring or batch is not None else 1
+            return sweeping.plan_sweep(*asked, batch, progress, text=self.text, law=law, **more)
+        except (SweepError, SceneError) as error:
+            raise SceneError(f"{self.path}: sweep: {error}") from None
 
 
 def _contact(file: SceneFile) -> ContactSolution:
     return solve_contact(**file.single_contact())
+
+
+def _wrong_contact(file: SceneFile) -> str | None:
+    try:
+        scene_file.check_contact(file, "")
+    except SceneError as error:
+        return str(error).removeprefix(": ")
+    return across(file.bearing, file.spall)
 
 
 def deliver(options: Any) -> int:
@@ -98,9 +98,8 @@ def deliver(options: Any) -> int:
             names = [name for name in shown.values if not shown.own_dims[name]]
             console.draw(Path(str(out)), lambda: ((name, sweep_plot.swept(shown, name)) for name in names))
         except OSError as error:
-            reason = f"{error.filename}: {error.strerror or error}: {ended.where} is whole, figures are missing"
-            reason += "; make room or allow writing there, and go on with --resume"
-            return console.refuse(reason, console.EXIT_BAD_FILE)
+            left = f"{ended.where} is whole, figures are missing; {chunks.MEND}, and {RESUME}"
+            return console.refuse(f"{error.filename}: {error.strerror or error}: {left}", console.EXIT_BAD_FILE)
     print(ended.sentence())
     return console.EXIT_OK if ended.failed == 0 else console.EXIT_NO_SOLUTION
 
@@ -124,24 +123,13 @@ def parse(text: str, path: str | Path = "scene") -> SweepFile:
     table = tomllib.loads(text).get("sweep")
     if not isinstance(table, dict) or not table:
         raise SceneError(f"{path}: [sweep] is missing: name axes, say {axes_.EXAMPLE}")
-    with _named(str(path)):
-        given = dict(_axes(table))
+    try:
+        given, gradients = _axes(table), _texts(table, "gradients", ())
         asked = _texts(table, "outputs", outputs.DEFAULT)
-        gradients = _texts(table, "gradients", ())
-        found = SweepFile(file, given, asked, gradients, table.get("mode", "product"), text, str(path))
-        made = axes_.axes_of(given, found.mode)
-        unknown = [name for name in asked if name not in outputs.registered()]
-        outputs.checked(unknown or asked, outputs.registered())
-        if not found.of_contact and any(name in outputs.CONTACT for name in asked):
-            raise SweepError(
-                f"outputs: {', '.join(outputs.CONTACT)} are of a single contact and do not go with the ring's"
-            )
-        _check(file, found.of_contact, found.path)  # before a scene, which raises where effects exclude each other
-        axes_.check(file if found.of_contact else file.scene(), made, gradients)
-        for member in sweeping.ends(file, made) if found.of_contact else ():  # those of rings are the plan's
-            if (sentence := across(member.bearing, member.spall)) is not None:
-                raise SweepError(sentence)
-            _check(member, True, found.path)
+    except SweepError as error:
+        raise SceneError(f"{path}: sweep: {error}") from None
+    found = SweepFile(file, given, asked, gradients, table.get("mode", "product"), text, str(path))
+    found.plan(law=False)
     return found
 
 
@@ -152,21 +140,19 @@ def _texts(table: dict[str, Any], key: str, default: tuple[str, ...]) -> tuple[s
     return tuple(value)
 
 
-def _axes(table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+def _axes(table: dict[str, Any]) -> dict[str, Any]:
     """Axes by dotted key, whether written straight under [sweep], under [sweep.axes], quoted or not."""
-    own = table.get("axes", {})
+    own, found = table.get("axes", {}), {}
     if not isinstance(own, dict):
         raise SweepError(f"axes = {shown(own)}: must be a table")
-    seen = set()
-    for place in ({key: value for key, value in table.items() if key not in SETTINGS}, own):
-        for key, spec in _flat(place):
-            written = dotted(key.split("."))
-            if written != key:  # quoted, or cut: no key of a scene has to be
-                raise SweepError(f"{written} is not a known key; known here: {axes_.OF_SCENE}")
-            if key in seen:
-                raise SweepError(f"{key} is there twice")
-            seen.add(key)
-            yield key, spec
+    for key, spec in (*_flat({key: value for key, value in table.items() if key not in SETTINGS}), *_flat(own)):
+        written = dotted(key.split("."))
+        if written != key:  # quoted, or cut: no key of a scene has to be
+            raise SweepError(f"{written} is not a known key; known here: {axes_.OF_SCENE}")
+        if key in found:
+            raise SweepError(f"{key} is there twice")
+        found[key] = spec
+    return found
 
 
 def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -178,16 +164,6 @@ def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
             yield from _flat(value, f"{key}.")
         else:
             yield key, value
-
-
-def _check(file: SceneFile, of_contact: bool, path: str) -> None:
-    """Refuse what `difftrb run` or `contact` refuses, but for loads without an equilibrium."""
-    try:
-        (scene_file.check_contact if of_contact else scene_file.check_ring)(file, path)
-    except NoEquilibriumError:
-        return  # a member like others: NaN
-    except SceneError as error:
-        raise SweepError(str(error).removeprefix(f"{path}: ")) from None
 
 
 def share_of(given: str | None, environment: Mapping[str, str] = os.environ) -> tuple[int, int] | None:

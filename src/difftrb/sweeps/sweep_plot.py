@@ -15,30 +15,28 @@ from difftrb.sweeps.swept import Swept
 
 def swept(result: Swept, name: str) -> Any:
     """A sweep's result: a map over its first two axes, curves where there is one."""
-    many = [dim for dim in result.dims if result.status_code.shape[result.dims.index(dim)] > 1]
-    return sweep_map(result, name) if len(many) > 1 else sweep_curves(result, name)
+    several = [count for count in result.status_code.shape if count > 1]
+    return sweep_map(result, name) if len(several) > 1 else sweep_curves(result, name)
 
 
 def sweep_curves(result: Swept, name: str, ax: Any = None, along: str | None = None, over: str | None = None) -> Any:
     """A result over the axis `along` (default: the first with several values), one curve for up to five values of the
     axis `over` (None: one curve), other axes at their middle; tangents where there is a gradient by `along`."""
-    along = along or _several(result)[0]
+    along = along or _by_count(result)[0]
     if ax is None:
         _, ax = plt.subplots(figsize=(4.8, 3.4), layout="constrained")
     places = [0] if over is None else np.unique(np.linspace(0, len(result.coordinates[over]) - 1, 5).astype(int))
     colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(places)))
     for place, colour in zip(places, colours, strict=True):
-        x, (y, slope) = _cut(result, name, (along,), {} if over is None else {over: int(place)})
+        (x,), y, slope = _cut(result, name, (along,), {} if over is None else {over: int(place)})
         label = None if over is None else _label(result, over, float(result.coordinates[over][place]))
-        ax.plot(x[0], y, color=colour if over else HEALTHY, lw=1.6, label=label, marker="." if len(y) < 40 else None)
+        ax.plot(x, y, color=colour if over else HEALTHY, lw=1.6, label=label, marker="." if len(y) < 40 else None)
         if along in slope:
             step = max(1, len(y) // 8)
-            reach = 0.03 * (x[0][-1] - x[0][0])
+            ends = 0.03 * (x[-1] - x[0]) * np.array([-1.0, 1.0])
             for i in range(step // 2, len(y), step):
-                ends = np.array([-reach, reach])
-                ax.plot(x[0][i] + ends, y[i] + slope[along][i] * ends, color="black", lw=1.0)
-    ax.set_xlabel(_label(result, along))
-    ax.set_ylabel(_label(result, name))
+                ax.plot(x[i] + ends, y[i] + slope[along][i] * ends, color="black", lw=1.0)
+    ax.set(xlabel=_label(result, along), ylabel=_label(result, name))
     if over is not None:
         ax.legend(frameon=False)
     return ax
@@ -50,48 +48,44 @@ def sweep_map(result: Swept, name: str, ax: Any = None, x: str | None = None, y:
 
     Arrows are the gradient in units of the axes' ranges.
     """
-    x, y = x or _several(result)[0], y or _several(result)[1]
+    x, y = x or _by_count(result)[0], y or _by_count(result)[1]
     if ax is None:
         _, ax = plt.subplots(figsize=(5.2, 3.8), layout="constrained")
-    (across, up), (values, slope) = _cut(result, name, (x, y))
+    (across, up), values, slope = _cut(result, name, (x, y))
     ax.set_facecolor(ACCENT)
     mesh = ax.pcolormesh(across, up, values.T, cmap="viridis", shading="nearest", rasterized=True)
     if np.isfinite(values).sum() > 4 and np.nanmin(values) < np.nanmax(values) and min(values.shape) > 1:
         lines = ax.contour(across, up, values.T, colors="white", linewidths=0.6, levels=6)
         ax.clabel(lines, fontsize=7, fmt="%.4g")
     ax.figure.colorbar(mesh, ax=ax, label=_label(result, name))
-    if x in slope and y in slope and np.isfinite(values).any():
+    if x in slope and y in slope:
         shown = np.ix_(*(np.arange(n // 12 // 2, n, max(1, n // 12)) for n in values.shape))
-        rise = [slope[x][shown] * np.ptp(across), slope[y][shown] * np.ptp(up)]
-        places = np.meshgrid(across[shown[0].ravel()], up[shown[1].ravel()], indexing="ij")
-        known = np.isfinite(rise[0] + rise[1]) & (np.hypot(*rise) > 0.0)
+        rise = np.array([slope[x][shown] * np.ptp(across), slope[y][shown] * np.ptp(up)])
+        places = np.array(np.meshgrid(across[shown[0].ravel()], up[shown[1].ravel()], indexing="ij"))
+        known = np.isfinite(rise.sum(0)) & (np.hypot(*rise) > 0.0)
         if known.any():
-            places, rise = ([part[known] for part in parts] for parts in (places, rise))
-            ax.quiver(*places, *rise, color="black", angles="uv", width=0.004, pivot="mid")
-    ax.set_xlabel(_label(result, x))
-    ax.set_ylabel(_label(result, y))
+            ax.quiver(*places[:, known], *rise[:, known], color="black", angles="uv", width=0.004, pivot="mid")
+    ax.set(xlabel=_label(result, x), ylabel=_label(result, y))
     return ax
 
 
-def _several(result: Swept) -> list[str]:
+def _by_count(result: Swept) -> list[str]:
     """Keys of the dimensions with several values, all others behind; of zipped axes the first."""
-    counts = dict(zip(result.dims, result.status_code.shape, strict=True))
     keys = [dim if dim in result.coordinates else next(iter(result.coordinates)) for dim in result.dims]
-    return sorted(keys, key=lambda key: counts.get(key, 2) < 2)
+    counts = dict(zip(keys, result.status_code.shape, strict=True))
+    return sorted(keys, key=lambda key: counts[key] < 2)
 
 
 def _cut(
     result: Swept, name: str, along: tuple[str, ...], at: dict[str, int] | None = None
-) -> tuple[list[np.ndarray], tuple[np.ndarray, dict[str, np.ndarray]]]:
+) -> tuple[list[np.ndarray], np.ndarray, dict[str, np.ndarray]]:
     """Coordinates along some axes, a result over them, and its slopes; other axes `at` a place, or at their middle."""
     dims = [dim if dim in result.coordinates else along[0] for dim in result.dims]  # zipped axes: by one of them
     chosen = tuple(slice(None) if dim in along else (at or {}).get(dim, count // 2)
                    for dim, count in zip(dims, result.status_code.shape, strict=True))  # fmt: skip
-    left = [dim for dim in dims if dim in along]
-    order = np.argsort(np.argsort([along.index(dim) for dim in left]))
+    order = np.argsort([along.index(dim) for dim in dims if dim in along])
     slopes = {key: np.transpose(values[chosen], order) for key, values in result.gradients[name].items()}
-    value = np.transpose(result.values[name][chosen], order)
-    return [result.coordinates[key] for key in along], (value, slopes)
+    return [result.coordinates[key] for key in along], np.transpose(result.values[name][chosen], order), slopes
 
 
 def _label(result: Swept, name: str, value: float | None = None) -> str:

@@ -5,16 +5,18 @@ What does not fit into memory or on disk is refused before an array of its lengt
 
 from __future__ import annotations
 
+import contextlib
 import math
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from rich import filesize
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
@@ -24,10 +26,11 @@ from difftrb.law.samples import Progress
 from difftrb.scene import checks
 from difftrb.scene.scene import Scene
 from difftrb.sweeps import axes as axes_
-from difftrb.sweeps import outputs, shared_law, sizes
-from difftrb.sweeps.axes import Axis, up
+from difftrb.sweeps import boxes, outputs, shared_law
+from difftrb.sweeps.axes import Axis
+from difftrb.sweeps.boxes import up
 from difftrb.sweeps.outputs import STATUS
-from difftrb.sweeps.plan import Plan, Program, in_turn
+from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.swept import Swept, coordinates_of, labelled, manifest_of
 
 
@@ -41,11 +44,14 @@ def plan_sweep(
     progress: Progress | None = None,
     solved: Callable[[Any], ContactSolution] | None = None,
     text: str = "",
+    wrong: Callable[[Any], str | None] = lambda _: None,
+    law: bool = True,
 ) -> Plan:
     """A plan, checked, the roller law of a scene made once for all members; arguments and errors as in `sweep`.
 
-    With `solved`, which gives the single contact of a member, names are those of `outputs.CONTACT`. `text` is the scene
-    file's.
+    With `solved`, which gives the single contact of a member, names are those of single contacts. `text` is the scene
+    file's. `wrong` says in one sentence what a member that is no scene cannot have. Without `law` a scene is checked
+    only: its plan cannot be computed.
     """
     status.require_float64()
     made = axes_.axes_of(given, mode)
@@ -53,24 +59,24 @@ def plan_sweep(
     _check_members([axis.count for axis in made], results * (1 + len(gradients)))
     if isinstance(base, Scene):
         checks.refuse(base)
+        wrong = checks.wrong
     units, dims = axes_.check(base, made, gradients), {}
-    if isinstance(base, Scene):
-        for member in ends(base, made):
-            if (sentence := checks.wrong(member)) is not None:
-                raise SweepError(sentence)
-        base = shared_law.with_shared_law(base, made, gradients, progress)
+    for member in _ends(base, made):
+        if (sentence := wrong(member)) is not None:
+            raise SweepError(sentence)
     if callable(what):
         function, title = _by_name(what), getattr(what, "__qualname__", repr(what))
     else:
         names = [what] if isinstance(what, str) else list(what)
         function, title = outputs.function_of(names, solved), " ".join(names)
-        chosen = [outputs.registered()[name] for name in names]
-        units |= {output.name: output.unit for output in chosen}
-        dims = {output.name: output.dims for output in chosen}
-    return Plan(base, made, function, tuple(gradients), units, dims, sizes.of_block(made, batch), title, text)
+        units |= {name: outputs.OUTPUTS[name].unit for name in names}
+        dims = {name: outputs.OUTPUTS[name].dims for name in names}
+    if law and isinstance(base, Scene):
+        base = shared_law.with_shared_law(base, made, gradients, progress)
+    return Plan(base, made, function, tuple(gradients), units, dims, boxes.of_block(made, batch), title, text)
 
 
-def ends(base: Any, made: Sequence[Axis]) -> Iterator[Any]:
+def _ends(base: Any, made: Sequence[Axis]) -> Iterator[Any]:
     """Members at the ends of every axis, all others as in `base`."""
     for axis in made:
         for k in {int(place) for values in axis.values for place in (values.argmin(), values.argmax())}:
@@ -93,9 +99,6 @@ def _by_name(function: Callable[[Any], Any]) -> Callable[[Any], dict[str, jax.Ar
     return named
 
 
-# ------------------------------------------------------------------------------------------------ what it takes
-
-
 def bytes_of_member(plan: Plan) -> int:
     """Bytes of the results of one member."""
     return sum(math.prod(shape.shape) * np.dtype(shape.dtype).itemsize for shape in plan.shapes.values())
@@ -103,53 +106,43 @@ def bytes_of_member(plan: Plan) -> int:
 
 def _bytes_of_chunks(plan: Plan) -> int:
     """Bytes of the chunks that are in memory at once while a sweep runs: in parts, and put together."""
-    return 3 * sizes.CHUNKS_AT_ONCE * plan.grid.size * bytes_of_member(plan)
+    return 3 * boxes.CHUNKS_AT_ONCE * plan.grid.size * bytes_of_member(plan)
 
 
 def _check_members(counts: Sequence[int], columns: int) -> None:
     """Refuse more members than any sweep can have; `columns` are results and derivatives, one number or more each."""
-    members = math.prod(counts)
-    most = sizes.MOST
-    if members > most:
-        disk = _in_bytes(2 * members * (8 * columns + 1))
-        raise SweepError(
-            f"{_product(counts)}, which take {disk} of disk or more: must be at most {sizes.MOST:,}; give fewer"
-        )
+    if (members := math.prod(counts)) > boxes.MOST:
+        disk = f"which take {_in_bytes(2 * members * (8 * columns + 1))} of disk or more"
+        raise SweepError(f"{_product(counts)}, {disk}: must be at most {boxes.MOST:,}; give fewer")
 
 
 def check_chunks(plan: Plan) -> None:
     """Raise `SweepError` if the few chunks that are in memory at once do not fit there."""
-    needed, free = _bytes_of_chunks(plan), free_memory()
-    if needed > free:
-        raise SweepError(
-            f"chunks of {plan.grid.size:,} members with {_in_bytes(bytes_of_member(plan))} each take "
-            f"{_in_bytes(needed)} of memory, of which {_in_bytes(free)} are free; give a smaller batch, or smaller "
-            "results"
-        )
+    what = f"chunks of {plan.grid.size:,} members with {_in_bytes(bytes_of_member(plan))} each"
+    _fit(what, _bytes_of_chunks(plan), free_memory(), "memory", "; give a smaller batch, or smaller results")
 
 
 def _check_memory(plan: Plan) -> None:
     """Refuse a sweep whose results do not fit into memory."""
     check_chunks(plan)
     each, free, chunks = bytes_of_member(plan), free_memory(), _bytes_of_chunks(plan)
-    needed = plan.members * each + chunks
-    if needed > free:
-        raise SweepError(
-            f"{_product(plan.counts)} of {each} bytes take {_in_bytes(needed)} of memory, of which "
-            f"{_in_bytes(free)} are free, enough for {max(0, int(free - chunks)) // each:,}; give fewer, or use "
-            "difftrb.write_sweep, whose memory does not grow"
-        )
+    enough = f", enough for {max(0.0, free - chunks) // each:,.0f}"
+    mend = f"{enough}; give fewer, or use difftrb.write_sweep, whose memory does not grow"
+    _fit(f"{_product(plan.counts)} of {each} bytes", plan.members * each + chunks, free, "memory", mend)
 
 
 def check_disk(plan: Plan, out: str, there: int) -> None:
     """Raise `SweepError` if the chunks, of which some are `there`, do not fit into the folder `out`."""
-    each, free = bytes_of_member(plan), free_disk(out)
+    each = bytes_of_member(plan)
     needed = (1.0 - there / plan.chunks) * plan.members * each
+    what = f"{out}: {_product(plan.counts)} of {each} bytes{' still' if there else ''}"
+    _fit(what, needed, free_disk(out), "disk", " there; make room, name another folder, or give fewer")
+
+
+def _fit(what: str, needed: float, free: float, room: str, mend: str) -> None:
+    """Refuse what takes more bytes than are free."""
     if needed > free:
-        raise SweepError(
-            f"{out}: {_product(plan.counts)} of {each} bytes{' still' if there else ''} take {_in_bytes(needed)} of "
-            f"disk, of which {_in_bytes(free)} are free there; make room, name another folder, or give fewer"
-        )
+        raise SweepError(f"{what} take {_in_bytes(needed)} of {room}, of which {_in_bytes(free)} are free{mend}")
 
 
 def free_disk(out: str) -> float:
@@ -161,12 +154,7 @@ def free_disk(out: str) -> float:
 
 
 def _in_bytes(count: float) -> str:
-    """Bytes for people."""
-    for unit in ("B", "kB", "MB", "GB", "TB"):
-        if count < 999.5:
-            return f"{count:.3g} {unit}"
-        count /= 1000.0
-    return f"{count:.4g} PB"
+    return filesize.decimal(round(count))
 
 
 def _product(counts: Sequence[int]) -> str:
@@ -192,7 +180,9 @@ def forecast(plan: Plan, devices: int | None = None, out: str | None = None) -> 
     first = timed([0])
     call = min(timed([lane * blocks // len(lanes) for lane in range(len(lanes))]) for _ in range(2))
     seconds = calls * call / min(len(lanes), calls)
-    each, memory = bytes_of_member(plan), program.scratch() * len(lanes) + _bytes_of_chunks(plan)
+    of_call = cast(Any, plan.compute).lower(*plan.arguments).compile().memory_analysis()
+    scratch = of_call.temp_size_in_bytes + of_call.output_size_in_bytes if of_call is not None else 0
+    each, memory = bytes_of_member(plan), scratch * len(lanes) + _bytes_of_chunks(plan)
     room = f"; {_in_bytes(free_disk(out))} are free in {out}" if out and "://" not in out else ""
     counts = " × ".join(map(str, plan.counts))
     return "\n".join([
@@ -210,9 +200,6 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
-# ------------------------------------------------------------------------------------------------ in memory
-
-
 def sweep(
     what: Callable[[Any], Any] | Sequence[str],
     base: Any,
@@ -227,8 +214,8 @@ def sweep(
     """Compute a function of many scenes, all in memory; `difftrb.write_sweep` does the same into files.
 
     Args:
-      what: names of outputs (`difftrb.sweeps.outputs.RING`), or any function of a member that `jit` takes, returning an
-        array or a dict of arrays; one called "status_code" is the member's status.
+      what: names of outputs (`difftrb.sweeps.outputs.OUTPUTS`), or any function of a member that `jit` takes, returning
+        an array or a dict of arrays; one called "status_code" is the member's status.
       base: a `Scene`; or, with a function, any tree of dataclasses, dicts and tuples.
       axes: values by dotted key, as in a scene file: {"spall.0.length": [1.0, 2.0], "load.axial": {"from": 4000.0,
         "to": 9000.0, "count": 64, "spacing": "log"}}.
@@ -247,18 +234,13 @@ def sweep(
     plan = plan_sweep(what, base, axes, gradients, mode, batch)
     _check_memory(plan)
     columns = {name: np.empty((plan.members, *shape.shape), shape.dtype) for name, shape in plan.shapes.items()}
-    program = Program(plan, lanes_of(devices))
-
-    def fill(chunk: int) -> int:
-        members = plan.grid.members(chunk)
-        for name, array in program.chunk(chunk).items():
-            columns[name][members.start : members.stop] = array
-        return len(members)
-
-    done = 0
-    with program.ahead(fill) as (submit,):
-        for members in in_turn(submit, range(plan.chunks)):
-            done += members
+    program, done = Program(plan, lanes_of(devices)), 0
+    with contextlib.closing(program.in_turn(lambda chunk: (chunk, program.chunk(chunk)), range(plan.chunks))) as ended:
+        for chunk, found in ended:
+            members = plan.grid.members(chunk)
+            done += len(members)
+            for name, array in found.items():
+                columns[name][members.start : members.stop] = array
             if progress is not None:
                 progress(done, plan.members)
     return labelled(manifest_of(plan), coordinates_of(plan), columns)

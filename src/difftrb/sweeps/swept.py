@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from typing import Any, cast
 
@@ -18,6 +18,7 @@ from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
 from difftrb.law.base import Law
 from difftrb.scene.scene import Scene
+from difftrb.sweeps.boxes import Grid
 from difftrb.sweeps.outputs import STATUS, label_of
 from difftrb.sweeps.plan import Plan, column_of
 
@@ -73,11 +74,29 @@ class Swept:
         columns = {STATUS: self.status_code} | self.values | {
             column_of(name, key): slope for name, slopes in self.gradients.items() for key, slope in slopes.items()
         }  # fmt: skip
-        dims = dims_of(self.about)
-        return xarray.Dataset(
-            {stored(name): (dims[name], array, attributes(self.about, name)) for name, array in columns.items()},
-            {stored(key): (dims[key], array, attributes(self.about, key)) for key, array in self.coordinates.items()},
-        )
+        dims, attributes = labels(self.about)
+        data, coordinates = ({stored(name): (dims[name], array, attributes[name]) for name, array in arrays.items()}
+                             for arrays in (columns, self.coordinates))  # fmt: skip
+        return xarray.Dataset(data, coordinates)
+
+
+def parsed(text: bytes | str) -> dict[str, Any]:
+    """A JSON object, such as a manifest; empty if it is none."""
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def grid_of(about: Mapping[str, Any]) -> Grid:
+    """The chunks of a sweep with this manifest."""
+    return Grid(tuple(axis["count"] for axis in about["axes"]), tuple(about["chunks"]["shape"]))
+
+
+def keys_of(about: Mapping[str, Any]) -> list[str]:
+    """Keys of all axes."""
+    return [key for axis in about["axes"] for key in axis["keys"]]
 
 
 def stored(name: str) -> str:
@@ -85,30 +104,29 @@ def stored(name: str) -> str:
     return name.replace(".", "_")
 
 
-def dims_of(about: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Dimensions of all coordinates and columns, as datasets name them."""
-    axes = tuple(stored(axis["name"]) for axis in about["axes"])
-    found = {key: (stored(axis["name"]),) for axis in about["axes"] for key in axis["keys"]}
-    return found | {name: (*axes, *column["dims"]) for name, column in about["columns"].items()}
+def labels(about: Mapping[str, Any]) -> tuple[dict[str, tuple[str, ...]], dict[str, dict[str, Any]]]:
+    """Of all coordinates and columns, by name, as datasets call them: dimensions, and attributes (unit, words)."""
+    axes, units = tuple(stored(axis["name"]) for axis in about["axes"]), about["units"]
+    dims: dict[str, tuple[str, ...]] = {}
+    for axis in about["axes"]:
+        dims |= dict.fromkeys(axis["keys"], (stored(axis["name"]),))
+    attributes = {key: {"units": units.get(key, "")} for key in dims}
+    for name, column in about["columns"].items():
+        of, by = column["of"]
+        dims[name] = (*axes, *column["dims"])
+        attributes[name] = {"units": units.get(name, ""), "long_name": label_of(of) + (f" by {by}" if by else "")}
+    codes = "; ".join(f"{code}: {text}" for code, text in about["statuses"].items())
+    return dims, attributes | {STATUS: {"long_name": codes}}
 
 
-def attributes(about: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Unit and label of a coordinate or column, as datasets call them."""
-    if name == STATUS:
-        return {"long_name": "; ".join(f"{code}: {text}" for code, text in about["statuses"].items())}
-    of, by = about["columns"].get(name, {}).get("of", (name, None))
-    label = label_of(of) + (f" by {by}" if by else "")
-    return {"units": about["units"].get(name, "")} | ({"long_name": label} if name in about["columns"] else {})
-
-
-def counted(codes: Mapping[int, int]) -> dict[str, int]:
+def counted(codes: Counter[int]) -> dict[str, int]:
     """Counts by the sentence of the status, the most frequent first."""
-    return {status.describe(code): count for code, count in sorted(codes.items(), key=lambda item: -item[1])}
+    return {status.describe(code): count for code, count in codes.most_common()}
 
 
 def labelled(about: dict[str, Any], coordinates: dict[str, np.ndarray], columns: Mapping[str, np.ndarray]) -> Swept:
-    """`Swept` of columns of all members, in their order, shape (members, …)."""
-    counts = tuple(axis["count"] for axis in about["axes"])
+    """`Swept` of columns of all members of these coordinates, in their order, shape (members, …)."""
+    counts = [len(coordinates[axis["keys"][0]]) for axis in about["axes"]]
     shaped = {name: array.reshape(*counts, *array.shape[1:]) for name, array in columns.items()}
     names = [name for name, column in about["columns"].items() if name != STATUS and column["of"][1] is None]
     return Swept(
@@ -134,18 +152,24 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
     Its identity is a digest of all the rest and of every number that goes in.
     """
     law = cast(Law, plan.base.law) if isinstance(plan.base, Scene) else None
-    dims = plan.own_dims | {STATUS: ()}
-    of = {column_of(name, by): (name, by) for name in (*plan.names, STATUS) for by in (None, *plan.gradients)}
+    slopes = {column_of(name, key): (name, key) for name in plan.shapes for key in plan.gradients if name != STATUS}
+    units = plan.units | {column: f"{plan.units.get(name) or '1'} per {plan.units.get(key) or '1'}"
+                          for column, (name, key) in slopes.items() if column in plan.shapes}  # fmt: skip
+    columns = {}
+    for column, shape in plan.shapes.items():
+        of, by = slopes.get(column, (column, None))
+        dims = () if of == STATUS else plan.dims.get(of) or tuple(f"{of}_{i}" for i in range(len(shape.shape)))
+        columns[column] = {"of": (of, by), "dims": dims, "shape": shape.shape, "dtype": str(shape.dtype)}
     about: dict[str, Any] = {
         "format": FORMAT,
         "scene": plan.text,
         "title": plan.title,
-        "axes": [{"name": axis.name, "keys": axis.keys, "count": axis.count, **_values(axis.values)}
-                 for axis in plan.axes],
+        "axes": [{"name": axis.name, "keys": axis.keys, "count": axis.count}
+                 | ({"values": axis.values.tolist()} if axis.count <= LISTED
+                    else {"digest": hashlib.sha256(axis.values.tobytes()).hexdigest()}) for axis in plan.axes],
         "gradients": plan.gradients,
-        "columns": {name: {"of": of[name], "dims": dims[of[name][0]], "shape": s.shape, "dtype": str(s.dtype)}
-                    for name, s in plan.shapes.items()},
-        "units": plan.all_units,
+        "columns": columns,
+        "units": units,
         "statuses": {str(code): sentence for code, sentence in status.SENTENCES.items()},
         "versions": {name: metadata.version(name) for name in ("difftrb", "jax", "jaxlib", "numpy")},
         "platform": jax.default_backend(),
@@ -164,41 +188,27 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
     return about | {"identity": digest.hexdigest()}
 
 
-def _values(values: np.ndarray) -> dict[str, Any]:
-    """An axis's values, or a digest of long ones."""
-    digest = hashlib.sha256(values.tobytes()).hexdigest()
-    return {"values": values.tolist()} if values.shape[1] <= LISTED else {"digest": digest}
-
-
 def _number(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def front(plan: Plan) -> tuple[Plan, np.ndarray]:
-    """The plan of the first one or two axes with several values, each of at most `SHOWN`, others at their middle.
-
-    Also the numbers of its members in the whole plan, rising.
-    """
-    many = [i for i, axis in enumerate(plan.axes) if axis.count > 1][:2] or [0]
-    counts = plan.counts
-    places = [np.linspace(0, n - 1, min(n, SHOWN)).round().astype(int) if i in many else np.array([n // 2])
-              for i, n in enumerate(counts)]  # fmt: skip
-    members = np.ravel_multi_index(np.ix_(*places), counts).ravel()
-    kept = tuple(
-        dataclasses.replace(axis, values=axis.values[:, place]) for axis, place in zip(plan.axes, places, strict=True)
-    )
-    return dataclasses.replace(plan, axes=kept), members
+def front(counts: Sequence[int]) -> list[np.ndarray]:
+    """Places on every axis of what figures show: at most `SHOWN` on the first one or two with several values, the
+    middle of others."""
+    many = [i for i, count in enumerate(counts) if count > 1][:2]
+    return [np.linspace(0, n - 1, min(n, SHOWN)).round().astype(int) if i in many else np.array([n // 2])
+            for i, n in enumerate(counts)]  # fmt: skip
 
 
-def check_names(plan: Plan) -> None:
+def check_names(about: Mapping[str, Any]) -> None:
     """Raise `SweepError` for names of results and keys that cannot stand in a file, or not beside each other."""
-    keys = [key for axis in plan.axes for key in axis.keys]
-    columns = [name for name in plan.shapes if name != STATUS]
+    keys = keys_of(about)
+    columns = [name for name in about["columns"] if name != STATUS]
     for name in (*keys, *columns):
         if name in OWN_NAMES or not name.isprintable() or "/" in name or not name.strip("._"):
             raise SweepError(f"{shown(name)}: cannot be a name in a file, or has a meaning there; name it otherwise")
     taken: dict[str, str] = {}
-    dims = sorted({dim for own in plan.own_dims.values() for dim in own})
+    dims = sorted({dim for column in about["columns"].values() for dim in column["dims"]})
     for what, names in (("an axis", keys), ("a result", columns), ("a dimension of a result", dims)):
         for name in names:
             if stored(name) in taken:
