@@ -38,8 +38,8 @@ def checked(scene: Scene) -> Scene:
     """The scene that is explored: of a plain ring with one spall on the outer raceway, by law "table"."""
     if scene.effects:
         raise SceneError("explore takes scenes without effects, which are solved at once; leave [effects] out")
-    if len(scene.spalls) > 1 or any(spall.surface != "outer" for spall in scene.spalls):
-        raise SceneError("explore takes one spall, on the outer raceway; leave the others out")
+    if len(scene.spalls) > 1 or any(spall.surface != "outer" or not isinstance(spall, Spall) for spall in scene.spalls):
+        raise SceneError("explore takes one rectangular spall, on the outer raceway; leave the others out")
     spalls = scene.spalls or (Spall(length=0.2 * scene.bearing.roller_length, width=5.0),)
     phase = 0.0 if isinstance(scene.phase, PitchMean) else scene.phase
     return dataclasses.replace(named(scene, "table", 1e-3), spalls=spalls, phase=phase)

@@ -64,7 +64,7 @@ class Raceways(Effect):
     only: both are refused.
 
     A roller over a spall off its middle tilts between the raceways until the moments of both contacts balance. That
-    is known by contact solves, law "direct" or "auto" at one phase; other laws hold rollers upright, and say so where
+    is known by contact solves, law "direct" or "auto"; other laws hold rollers upright, and say so where
     it counts.
 
     Attributes:

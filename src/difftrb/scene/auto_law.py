@@ -12,6 +12,7 @@ import numpy as np
 
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import status
+from difftrb.core.status import SceneError
 from difftrb.law.atlas import AtlasLaw
 from difftrb.law.base import Law
 from difftrb.law.samples import Progress
@@ -38,7 +39,7 @@ def prepared(scene: Scene, progress: Progress | None = None) -> Scene:
     """A checked scene with law "auto" prepared by "table" where that knows the scene and keeps `accuracy`, here
     1e-3…1e-1, else by "direct" with contacts as exact as that needs, see `refined`. A traced scene, and one without a
     solution, becomes "table", whose status says why."""
-    if any(isinstance(spall, HeightMap) for spall in scene.spalls):
+    if has_map(scene):
         return refined(scene, progress)
     ready = tabled(scene)
     if scene_laws.is_traced(scene):
@@ -50,8 +51,17 @@ def prepared(scene: Scene, progress: Progress | None = None) -> Scene:
 
 
 def by_table(scene: Scene) -> Scene:
-    """A scene with law "auto" prepared by "table", traced or not. Errors as in `solve`."""
+    """A scene with law "auto" prepared by "table", traced or not. Errors as in `solve`, and for height maps, which the
+    table does not know."""
+    if has_map(scene):
+        raise SceneError("spall: contacts on a height map are solved for one scene at a time (difftrb run, difftrb "
+                         "stiffness); sweeps and fits take rectangular spalls")  # fmt: skip
     return tabled(checks.checked(scene))
+
+
+def has_map(scene: Scene) -> bool:
+    """Whether one of the spalls is a height map."""
+    return any(isinstance(spall, HeightMap) for spall in scene.spalls)
 
 
 def tabled(scene: Scene) -> Scene:

@@ -62,7 +62,7 @@ def assess(scene: Scene) -> Assessment:
 def assess_mean(scene: Scene) -> Assessment | None:
     """As `assess` of a prepared scene at one phase, in the mean over all phases of the cage: there stiffness changes
     with a spall's width, whether or not a roller stands on its edge at this phase. None for a scene that is a mean
-    already, has no spalls, or whose law or spalls are known at one phase only."""
+    already, has no spalls, or whose law is made for one phase."""
     kind = LAWS.get(cast(Law, scene.law).name)  # None: a law of the user's own
     if isinstance(scene.phase, PitchMean) or not scene.spalls or (kind is not None and kind.one_scene):
         return None

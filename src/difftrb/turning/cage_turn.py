@@ -199,7 +199,9 @@ class _Found(NamedTuple):
 
 def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress | None) -> _Found:
     """At the scene's phase and angles of the cage beyond it [rad], shape (phases,)."""
-    by_table = is_auto(scene)
+    by_table, accuracy = is_auto(scene), min(max(scene.accuracy, FINEST), COARSEST)
+    if by_table and auto_law.has_map(scene):
+        return _one_by_one(named(scene, "direct", accuracy), spread, progress)
     kind = None if by_table else LAWS.get(getattr(scene.law, "name", ""))
     if kind is not None and kind.one_scene:
         return _one_by_one(scene, spread, progress)
@@ -212,7 +214,6 @@ def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress |
     else:
         found = _without_slopes(ready, spread)
     if by_table and numbers and np.isin(np.asarray(found.status_code), auto_law.UNKNOWN).any():
-        accuracy = min(max(scene.accuracy, FINEST), COARSEST)
         return _one_by_one(named(scene, "direct", accuracy), spread, progress)
     return found
 
