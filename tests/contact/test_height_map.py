@@ -156,6 +156,31 @@ def test_a_rim_may_press_before_the_raceway(contact: trb.LineContact) -> None:
     assert approaches[-1] == pytest.approx(healthy, rel=1e-2)
 
 
+def test_flat_margins_move_no_wall() -> None:
+    """Phases of a mean are laid between the walls of what is in a map, not between its borders."""
+
+    def pit(margin: int) -> trb.HeightMap:
+        height = np.zeros((17, 9 + 2 * margin))
+        height[1:-1, margin + 1 : margin + 8] = -0.02
+        return trb.HeightMap(jnp.asarray(height), 0.25, 0.5)
+
+    walls = np.asarray(pit(0).walls)
+    assert np.allclose(walls, pit(12).walls, atol=1e-9)
+    assert np.all(np.abs(np.abs(walls[:2]) - 1.0) < 1e-3)
+    assert np.all(np.diff(walls[2:]) > 0.0)
+    assert np.allclose(walls, -np.asarray(pit(3).walls)[[1, 0, *range(len(walls) - 1, 1, -1)]], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_roller_that_drops_in_meets_the_wall(contact: trb.LineContact) -> None:
+    """Under light loads it stands aside, on the wall's upper edge, far beyond a healthy contact's width."""
+    height = np.zeros((17, 13))
+    height[1:-1, 1:-1] = -0.05
+    pit = trb.HeightMap(jnp.asarray(height), 0.25, 0.6)
+    for load, away in ((10.0, 1.42), (50.0, 1.40), (200.0, 1.36), (1000.0, 1.30)):
+        assert trb.solve_contact(contact, load, pit, away, 1e-2).status == "converged"
+
+
 def test_what_does_not_fit_together_is_refused(contact: trb.LineContact) -> None:
     m, spall = load_height_map(trb.example_map()), trb.Spall(2.0, 1.0)
     with pytest.raises(ValueError, match="method = 'cells' does not take height maps; use 'lattice'"):

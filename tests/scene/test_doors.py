@@ -197,7 +197,12 @@ def test_sweeps_fits_and_explore_take_no_map() -> None:
         ({"pitch_x": 0.0}, r"spall.0.pitch_x = 0.0: must be a number in 1e-05 … 10 mm"),
         ({"scale": float("nan")}, r"spall.0.scale = nan: must be"),
         ({"row": 2}, r"spall.0.row = 2: needs the effect double_row"),
-        ({"height": jnp.zeros(3)}, r"spall.0.height: must be a grid"),
+        ({"height": jnp.zeros(3)}, r"spall.0.height: must be an array of heights"),
+        ({"height": [[0.0, 0.0], [-0.1, 0.0]]}, r"spall.0.height: must be an array of heights"),
+        (
+            {"height": jnp.full((3, 3), -10.1)},
+            r"spall.0.height: must be a grid of at least 2 × 2 heights in -10 … 10 mm",
+        ),
         ({"height": jnp.full((3, 3), jnp.nan)}, r"spall.0.height: must be a grid"),
     ],
 )

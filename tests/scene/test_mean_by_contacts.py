@@ -126,6 +126,14 @@ def test_a_rim_carries(rimmed: trb.Scene) -> None:
     assert float(found.loads[0]) > float(without.loads[0]) + 1.0
 
 
+@pytest.mark.parametrize("scale", [7.5, -1.0])
+def test_a_high_rim_carries_more_than_any_healthy_roller(scale: float, rimmed: trb.Scene) -> None:
+    """It was said that the law was not made for such loads."""
+    spall = dataclasses.replace(rimmed.spalls[0], scale=scale)
+    ready = trb.prepare(dataclasses.replace(rimmed, law="direct", spalls=(spall,)))
+    assert trb.verify(ready, trb.solve(ready).check()).load_error < 1e-2
+
+
 def test_derivatives_of_a_map_by_two_routes(rimmed: trb.Scene) -> None:
     """By the scale of its heights, its place along the roller, and the load."""
 

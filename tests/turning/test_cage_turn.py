@@ -41,6 +41,19 @@ def test_each_phase_is_that_solved_alone(spalled: trb.Scene, turn: CageTurn) -> 
         np.testing.assert_allclose(turn.by_width[k, 0, 0], alone.by_width[0], rtol=1e-7, atol=1e-3)
 
 
+@pytest.mark.slow
+def test_contacts_are_solved_phase_by_phase(spalled: trb.Scene) -> None:
+    """By contact solves the same, to their error; a map, which only these know, is turned over, too."""
+    at = {"span": 0.04, "phases": 2}
+    by_contacts = trb.stiffness(spalled.replace(law="direct", accuracy=1e-2), **at).check()
+    by_table = trb.stiffness(spalled, **at).check()
+    assert by_contacts.by_length is not None
+    np.testing.assert_allclose(by_contacts.stiffness[:, 0, 0], by_table.stiffness[:, 0, 0], rtol=3e-3)
+    with_map = dataclasses.replace(spalled, spalls=(trb.load_height_map(trb.example_map()),))
+    turned = trb.stiffness(with_map, **at).check()
+    assert float(turned.stiffness[0, 0, 0]) < float(turned.stiffness[1, 0, 0])
+
+
 @pytest.mark.exact
 def test_the_mean_is_the_scenes_own(spalled: trb.Scene) -> None:
     """Equal steps over a kinked period against Gauss between its kinks."""
@@ -190,3 +203,10 @@ def test_scenes_are_replaced_by_name(spalled: trb.Scene) -> None:
         spalled.replace(spalls=(), length=3.0)
     two = spalled.replace(spalls=spalled.spalls * 2)
     assert [spall.width for spall in two.replace(width=2.0, spall=1).spalls] == [7.0, 2.0]
+    with_map = dataclasses.replace(spalled, spalls=(trb.HeightMap(jnp.zeros((2, 2)), 0.1, 0.1),))
+    assert with_map.replace(scale=2.0).spalls[0].scale == 2.0
+    with pytest.raises(trb.SceneError, match="length is not known"):
+        with_map.replace(length=3.0)
+    both = dataclasses.replace(spalled, spalls=spalled.spalls + with_map.spalls)
+    with pytest.raises(trb.SceneError, match="length: spall 1 is a HeightMap, which has none"):
+        both.replace(length=3.0, spall=1)

@@ -16,9 +16,11 @@ from difftrb.core.geometry import LineContact, Spall
 Defects = tuple[Spall | HeightMap, ...]
 ESTIMATE = 1.15
 """Factor on the estimated approach: no contact sinks deeper."""
-ACROSS = 129
+ACROSS = 257
 """Places in the rolling direction at which a surface of any shape is looked at; where rims may reach too far out for
 these to see them, pressure at the border says so."""
+BESIDE = 0.75
+"""What part of the way that the roller overlaps the raceway beside a hole its contact there may take."""
 AT_EDGES = 0.7
 """Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
 
@@ -79,12 +81,14 @@ def domain_of_any(
 ) -> tuple[Any, Any, Any]:
     """As `domain`, for surfaces of any shape: slices begin to carry where their gap is least."""
     reach, _, _ = domain(contact, load, (), offsets, tilt)
-    half, rim = 0.5 * contact.length, xp.max(xp.stack([xp.asarray(each.rim) for each in defects]))
-    beyond = xp.where(rim > 0.0, gaps.certain_reach(contact.radius, xp.where(rim > 0.0, rim, 1.0)), 0.5 * reach)
-    x = xp.maximum(1.5 * reach, reach + beyond) * xp.linspace(-1.0, 1.0, ACROSS)
+    half = 0.5 * contact.length
+    uneven = xp.max(xp.stack([_unevenness(each) for each in defects]))  # by so much it may stand aside
+    beyond = gaps.certain_reach(contact.radius, xp.where(uneven > 0.0, uneven, 1.0))
+    x = xp.maximum(1.5 * reach, reach + xp.where(uneven > 0.0, beyond, 0.0)) * xp.linspace(-1.0, 1.0, ACROSS)
     y = half * (2.0 * (xp.arange(256) + 0.5) / 256.0 - 1.0)
     depth = depth_at(defects, offsets, x, y)
-    lowest = xp.min(x[None, :] ** 2 / (2.0 * contact.radius) + depth, axis=1)
+    surface = x[None, :] ** 2 / (2.0 * contact.radius) + depth
+    lowest = xp.min(surface, axis=1)
     rest = gaps.rest_at(y, contact, tilt)
     needed = needed_by_slices(contact, load)
     weight = xp.full(y.shape, 2.0 * half / 256.0)
@@ -94,10 +98,22 @@ def domain_of_any(
     # a raised rim meets the roller before the raceway does; so does a bottom that is all there is
     least = xp.min(lowest)
     widest, bottom, top = extents(contact, delta - least, tilt)
-    deepest = least + ESTIMATE * (delta - least)
-    touches = (x[None, :] ** 2 / (2.0 * contact.radius) + depth + rest[:, None] < deepest) & (depth < 0.0)
-    raised = xp.max(xp.where(touches, xp.abs(x)[None, :], 0.0)) + 2.0 * (x[1] - x[0])
-    return xp.where(xp.any(touches), xp.maximum(widest, raised), widest), bottom, top
+    # a slice that first meets a rim, or land beside a hole, does so aside, and reaches on from there
+    places = xp.broadcast_to(xp.abs(x)[None, :], surface.shape)
+    met = surface + rest[:, None] < least + ESTIMATE * (delta - least)
+    aside = xp.min(xp.where(surface <= lowest[:, None], places, np.inf), axis=1)
+    beyond = BESIDE * (xp.max(xp.where(met, places, 0.0), axis=1) - aside)
+    step = x[1] - x[0]
+    reached = xp.where(xp.any(met, axis=1) & (aside > step), aside + xp.maximum(beyond, 0.0) + 2.0 * step, 0.0)
+    return xp.maximum(widest, xp.max(reached)), bottom, top
+
+
+def _unevenness(defect: Spall | HeightMap) -> Any:
+    """From the lowest to the highest point of a surface with one defect [mm]."""
+    if isinstance(defect, Spall):
+        return xp.asarray(defect.depth)
+    height = defect.scale * defect.height
+    return xp.maximum(height.max(), 0.0) - xp.minimum(height.min(), 0.0)
 
 
 def needed_by_slices(contact: LineContact, load: Any) -> Any:

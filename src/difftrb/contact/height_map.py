@@ -31,6 +31,10 @@ LARGEST = {".npz": 8 * MOST**2 + 100_000, ".csv": 64_000_000}
 PART = 1_000_000
 """Bytes that are read of an .npz file at once."""
 KEYS = ("height", "pitch_x", "pitch_y")
+PLACES = 6
+"""Within a map between which the phases of a mean are laid: of holes and rims the walls are kinks."""
+OUTSIDE = 1e-3
+"""Share of all that a map falls and rises along the rolling direction that counts as flat, at either end."""
 
 
 class HeightMapError(status.DifftrbError, ValueError):
@@ -81,6 +85,21 @@ class HeightMap:
     def rim(self) -> Real:
         """How high it stands out of the raceway [mm], without derivatives."""
         return xp.maximum((xp.fixed(self.scale) * xp.fixed(self.height)).max(), 0.0)
+
+    @property
+    def walls(self) -> Any:
+        """As `Spall.walls`, shape (2 + PLACES,): where it ends and begins to fall or rise, and places between, closer
+        where it does so more."""
+        height, columns = xp.fixed(self.height), self.height.shape[1]
+        of = xp.module_of(height)
+        steps = of.max(of.abs(of.diff(height, axis=1, prepend=0.0, append=0.0)), axis=0)
+        told = of.concatenate([of.zeros(1), of.cumsum(steps)]) / of.maximum(of.sum(steps), 1e-300)
+        at = of.arange(columns + 2.0)
+        share = of.linspace(0.0, 1.0, PLACES + 2)
+        rises = of.interp(of.clip(share, OUTSIDE, 1.0 - OUTSIDE), told, at)
+        even = rises[0] + (rises[-1] - rises[0]) * share
+        places = 0.5 * (rises + even) - 0.5 * (columns + 1)
+        return of.concatenate([places[-1:], places[:-1]]) * self.pitch_x
 
     @property
     def ends(self) -> tuple[Real, Real]:

@@ -111,6 +111,12 @@ class Spall:
         return self.axial_offset - 0.5 * self.length, self.axial_offset + 0.5 * self.length
 
     @property
+    def walls(self) -> Any:
+        """Its rolling edges, ahead and behind, from its middle in the rolling direction [mm], shape (2,). A `HeightMap`
+        has more."""
+        return xp.stack([0.5 * self.width, -0.5 * self.width])
+
+    @property
     def rim(self) -> Real:
         """How high it stands out of the raceway [mm]: not at all. A `HeightMap` may."""
         return 0.0

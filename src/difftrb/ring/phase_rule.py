@@ -73,7 +73,8 @@ def borders(
         return found(rest.displacement, rest)
 
     rows = 1 if terms.pair is None else 2
-    count = 2 * rows + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met)
+    inside = sum(spall.walls.size - 2 for one in met for spall in one.spalls)
+    count = 2 * rows + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met) + inside
     if still is None:
         kinks = loops.repeated(ROUNDS, moved, xp.module_of(jax.tree.leaves((bearing, load, met, terms))).zeros(count))
     else:
@@ -104,14 +105,16 @@ def _kinks(
     # without an equilibrium any phases will do: each of them will say so
     u = xp.where(xp.module_of(displacement).isfinite(xp.value(displacement)), displacement, 0.0)
     rows = (u,) if terms.pair is None else jax.vmap(lambda v: terms.pair.rows(v, bearing.outer_angle))(u)  # type: ignore[union-attr]
-    sides, found = np.array([1.0, -1.0]), list[Any]()
+    sides, found, inside = np.array([1.0, -1.0]), list[Any](), list[Any]()
     for k, own in enumerate(rows):
         found.append(_zone(bearing, own[2 * k : 2 * k + 2], sides))
     for raceway, spalls, law in met:
         radius = geometry.arc_radius(bearing, raceway)
         share = None if rest is None or terms.seat is None or law.hard else jax.vmap(partial(_share, law))(rest)
         for i, spall in enumerate(spalls):
-            edges = spall.angle + sides * (0.5 * spall.width / radius)
+            walls = spall.angle + spall.walls / radius
+            edges = walls[:2]
+            inside.append(walls[2:])
             if law.hard:
                 found.append(edges)
                 continue
@@ -122,7 +125,7 @@ def _kinks(
                 approach = approach * share[mine]
             begins, ends = (xp.broadcast_to(place, (4,)) for place in law.ramp(i, spall, approach))
             found += [edges - sides * begins[:2] / radius, edges - sides * ends[2:] / radius]
-    return xp.concatenate(found)
+    return xp.concatenate([*found, *inside])
 
 
 def _zone(bearing: TaperedBearing, u: Any, sides: np.ndarray) -> Any:

@@ -14,7 +14,7 @@ import jax
 import jax.core
 import numpy as np
 
-from difftrb.contact.height_map import HeightMap
+from difftrb.contact.height_map import HIGHEST, HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, packaged_bearings, status
 from difftrb.core.bad_input import number_in, shown
@@ -94,6 +94,8 @@ def _of_kinds(scene: Scene) -> str | None:
     for i, spall in enumerate(scene.spalls):
         if not isinstance(spall, Spall | HeightMap):
             return f"spall.{i} = {shown(spall)}: must be a Spall, say Spall(length=4.0, width=7.0)"
+        if isinstance(spall, HeightMap) and getattr(spall.height, "ndim", 0) != 2:
+            return f"spall.{i}.height: must be an array of heights [mm], rows along the roller, at least 2 × 2"
     for i, effect in enumerate(scene.effects):
         if not isinstance(effect, Effect):
             return f"effects.{i} = {shown(effect)}: must be one of difftrb.effects"
@@ -193,8 +195,8 @@ def _of_map(scene: Scene, i: int, measured: HeightMap) -> str | None:
     if isinstance(measured.height, jax.core.Tracer):
         return None
     heights = np.asarray(measured.height)
-    if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
-        return f"spall.{i}.height: must be a grid of at least 2 × 2 finite heights [mm]; load_height_map checks a file"
+    if min(heights.shape) < 2 or not (np.abs(heights) <= HIGHEST).all():
+        return f"spall.{i}.height: must be a grid of at least 2 × 2 heights in {-HIGHEST:g} … {HIGHEST:g} mm"
     return None
 
 

@@ -154,7 +154,8 @@ class Scene:
         if spall is not None and (isinstance(spall, bool) or not isinstance(spall, int)):
             raise SceneError(f"spall = {shown(spall)}: must be the number of a spall, from 0; spalls = … replaces them")
         parts: dict[str, dict[str, Any]] = {"scene": {}, "load": {}, "bearing": {}, "spall": {}}
-        owners = {"scene": Scene, "load": Load, "bearing": TaperedBearing, "spall": Spall}
+        maps = all(isinstance(one, HeightMap) for one in self.spalls) and self.spalls
+        owners = {"scene": Scene, "load": Load, "bearing": TaperedBearing, "spall": HeightMap if maps else Spall}
         names = {part: [field.name for field in dataclasses.fields(owner)] for part, owner in owners.items()}
         for name, value in values.items():
             part = next((part for part, own in names.items() if name in own), None)
@@ -177,7 +178,11 @@ class Scene:
         which = 0 if spall is None and count == 1 else spall
         if which is None or not 0 <= which < count:
             raise SceneError(f"{next(iter(parts['spall']))}: the scene has {count} spalls; say which by spall = 0 …")
-        changed = dataclasses.replace(cast(Any, scene.spalls[which]), **parts["spall"])
+        own = scene.spalls[which]
+        for name in parts["spall"]:
+            if name not in {field.name for field in dataclasses.fields(own)}:
+                raise SceneError(f"{name}: spall {which} is a {type(own).__name__}, which has none")
+        changed = dataclasses.replace(cast(Any, own), **parts["spall"])
         return dataclasses.replace(scene, spalls=(*scene.spalls[:which], changed, *scene.spalls[which + 1 :]))
 
     def __repr__(self) -> str:

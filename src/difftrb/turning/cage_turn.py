@@ -228,7 +228,8 @@ def _by_numbers(scene: Scene, spread: Any) -> _Found:
     slopes = np.zeros((2 * count, *tangent.shape)) if by is None else by
     slopes = np.moveaxis(slopes.reshape(count, 2, *tangent.shape), (0, 1), (-2, -1))
     slopes = np.where(np.isnan(tangent)[..., None, None], np.nan, slopes)
-    parts = xp.values((rest.displacement, rest.loads, tangent, slopes[..., 0], slopes[..., 1], rest.status_code))
+    code = np.broadcast_to(rest.status_code, tangent.shape[:1])  # laws may judge all phases together
+    parts = xp.values((rest.displacement, rest.loads, tangent, slopes[..., 0], slopes[..., 1], code))
     return _Found(*map(jnp.asarray, parts))
 
 
