@@ -232,9 +232,13 @@ def test_contact_with_a_height_map(capsys, tmp_path: Path) -> None:
     direct = trb.solve_contact(contact, 3000.0, trb.load_height_map(trb.example_map()), 0.5, 1e-2)
     assert record["approach"] == pytest.approx(float(direct.approach), rel=1e-12)
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"pressure.png", "pressure.svg", "result.json"}
+    code, out, err = call(capsys, "run", str(path))  # the ring on it, too
+    assert code == 0, err
+    assert "law: direct" in out
+    path.write_text(path.read_text(encoding="utf-8").replace("[contact]", '[contact]\nlaw = "table"'), encoding="utf-8")
     code, out, err = call(capsys, "run", str(path))
     assert (code, out) == (2, "")
-    assert "spall.0.height_map: the ring takes rectangular spalls" in err
+    assert "spall.0.height_map: contact.law = 'table' knows rectangular spalls" in err
 
 
 SEVERAL = """[[spall]]
