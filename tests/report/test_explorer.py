@@ -17,3 +17,5 @@ def test_moves_are_solved_and_what_cannot_be_is_a_sentence() -> None:
     assert "no equilibrium" in page.numbers.object
     with pytest.raises(trb.SceneError, match="without effects"):
         explorer.checked(trb.Scene("32008J", trb.Load(9000.0, 4500.0), effects=(trb.effects.Life(),)))
+    with pytest.raises(trb.SceneError, match="explore takes one rectangular spall"):
+        explorer.checked(trb.Scene("32008J", trb.Load(9000.0, 4500.0), (trb.load_height_map(trb.example_map()),)))

@@ -13,7 +13,6 @@ import pytest
 import difftrb as trb
 from difftrb.core import status
 from difftrb.fits import measured
-from difftrb.report import explorer
 from difftrb.ring import effects
 from difftrb.scene import checks, scene_file
 
@@ -179,14 +178,12 @@ def test_a_height_map_needs_contact_solves() -> None:
         assert f"effects.{effect.key} takes rectangular spalls" in refused(both)
 
 
-def test_sweeps_fits_and_explore_take_no_map() -> None:
+def test_sweeps_and_fits_take_no_map() -> None:
     height = trb.HeightMap(jnp.array([[0.0, 0.0], [-0.1, 0.0]]), 0.1, 0.1)
     with_map = dataclasses.replace(scene(height), law="auto")
     words = "contacts on a height map are solved for one scene at a time"
     with pytest.raises(trb.SceneError, match=words):
         trb.sweep(["radial_stiffness"], with_map, {"load.axial": [4500.0, 5000.0]})
-    with pytest.raises(trb.SceneError, match="explore takes one rectangular spall"):
-        explorer.checked(with_map)
     with pytest.raises(trb.SceneError, match=words):
         trb.fit(with_map, [trb.Measurement(9000.0, 4500.0, "radial_loss", 1.0, 0.1)])
 

@@ -1,5 +1,6 @@
 """The roller law of one scene in the mean over phases: curves through contact solves over all loads, healthy, over the
-middle of every spall, and at the places where rollers stand near its edges. At one phase it is `local.LocalLaw`."""
+middle of every spall, and at the places where rollers stand near its edges. At one phase, and where rollers meet more
+than one deep rectangular spall, it is `local.LocalLaw`."""
 
 from __future__ import annotations
 

@@ -7,9 +7,7 @@ was made from the law knows nothing, and says so.
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
@@ -17,14 +15,11 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import series, status
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.core.numeric import chebyshev_nodes
-from difftrb.law import load_curve, ramp_fit, samples
+from difftrb.law import ramp_fit, samples
 from difftrb.law.base import Law, Rest
-from difftrb.law.direct import ASIDE, MOVED, DirectLaw, accuracy_at_edges
+from difftrb.law.direct import ASIDE, MOVED, DirectLaw
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve
-from difftrb.law.roller_tilt import UPRIGHT, TiltCurve
-from difftrb.law.samples import Node, Progress, Turning
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -33,38 +28,19 @@ if TYPE_CHECKING:
 
 WITHIN = 0.2
 """By how much in its logarithm a roller's load may be off the one that its contacts were solved about."""
-FEW, SEARCHED = 3, 0.35
-"""Solves of a state while its load is looked for, and by how much in the logarithm they are spread to either side."""
-MANY, SPREAD = 9, 0.3
-"""The same once it is found. Closer together, errors of solves make more of the derivatives of stiffness; farther
-apart, the curve does."""
-IN_A_MEAN = 5
-"""The same at every phase of a mean, in which errors of solves cancel."""
+SPREAD = 0.3
+"""By how much in the logarithm the loads of a state's solves are spread to either side. Closer together, errors of
+solves make more of the derivatives of stiffness; farther apart, the curve does."""
 DEGREE = 3
 """Of a state's curve, log Q over log δ. With 2 it bends less than the load does on a ramp: stiffness is off by up to
 5e-4."""
 NARROWER = 0.25
 """Factor on the spread of loads where the curve bends, as it does where a bottom or an edge is just met. So close
 together they tell no more than a quadratic."""
-BENDS = 5e-4
-"""Residual of a state's curve, in the logarithm of the load, above which it counts as bent."""
 TILT_DEGREE = 2
 """Of a state's tilt over the logarithm of its load."""
-TOGETHER = 4
-"""States are filled up to a multiple of this: every number of them would be a program of its own."""
-
 NOTHING = 1e-12
 """Of a coefficient, where solves do not tell it: so that it is 0."""
-
-
-class Reached(NamedTuple):
-    """Spalls that one roller may meet on a raceway: which roller at which of the phases, which spalls, and how far from
-    them it is [mm]."""
-
-    phase: int
-    roller: int
-    under: tuple[int, ...]
-    away: tuple[float, ...]
 
 
 class States(NamedTuple):
@@ -252,133 +228,6 @@ def through(log_loads: Any, approaches: Any, lowest: Any) -> Curve:
     return Curve(xp.moved_first(found), middle, reach, lowest + xp.zeros_like(middle))
 
 
-Known = dict[tuple[bool, tuple[int, ...], tuple[float, ...], float, float], Node]
-"""Contacts that were solved on one raceway: whether with `Turning`, spalls, distances [mm], load [N], tilt [rad]."""
-
-
-def around(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
-    loads: np.ndarray, found: bool, known: Known, tilts: Sequence[TiltCurve] | None = None,
-    progress: Progress | None = None,
-) -> LocalLaw:  # fmt: skip
-    """The law of rollers that carry about `loads` [N], shape (rollers reached,), from that of healthy ones.
-
-    `rollers` is the shape of the ring's rollers, with the phases of a mean in front. Contacts are solved around these
-    loads: few and far apart while the loads are looked for, more once they are `found`; those already `known` are not
-    solved again. `tilts` are of every roller reached; None: all are held upright. Needs numbers, not tracers. What
-    comes out is `settling`: it refuses nothing.
-    """
-    spread, way = spread_of(found, IN_A_MEAN if found and len(rollers) > 1 else None)
-    logs = np.log(loads)[:, None] + spread * way
-    curves = [UPRIGHT] * len(reached) if tilts is None else tilts
-    solved = _solved(base, spalls, reached, logs, curves, known, progress)
-    if found:
-        bent = [k for k, own in enumerate(solved)
-                if _bend(logs[k], own) > BENDS or _touches_at_some(own, len(reached[k].under))]  # fmt: skip
-        logs[bent] = np.log(loads[bent])[:, None] + NARROWER * spread * way
-        again = _solved(
-            base, spalls, [reached[k] for k in bent], logs[bent], [curves[k] for k in bent], known, progress
-        )
-        for k, own in zip(bent, again, strict=True):
-            solved[k] = own
-    code = max(float(base.status_code), samples.worst_status([node for own in solved for node in own]))
-    states = _stacked(base, spalls, reached, rollers, logs, solved, curves) if reached else None
-    return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True, free_to_tilt=tilts is not None)
-
-
-def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]:
-    """By how much in their logarithm the loads of one roller's solves are spread to either side, and where between −1
-    and 1 they stand; `count` of them, default as many as `around` solves."""
-    own, spread = (MANY, SPREAD) if found else (FEW, SEARCHED)
-    return spread, np.asarray(chebyshev_nodes(own if count is None else count, -1.0, 1.0))
-
-
 def healthy(law: Law) -> Law:
     """The law of the same bearing without spalls, of one that may hold states of rollers that meet some."""
     return dataclasses.replace(law, states=None) if isinstance(law, LocalLaw) else law
-
-
-def _solved(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], log_loads: np.ndarray,
-    tilts: Sequence[TiltCurve], known: Known, progress: Progress | None,
-) -> list[list[Node]]:  # fmt: skip
-    """Contacts of every roller reached at its `log_loads` [log N], shape (rollers reached, loads)."""
-    turning = any(curve is not UPRIGHT for curve in tilts)
-    asked = [
-        [(turning, each.under, each.away, float(load), float(tilt))
-         for load, tilt in zip(np.exp(row), curve.tilt(row), strict=True)]
-        for each, row, curve in zip(reached, log_loads, tilts, strict=True)
-    ]  # fmt: skip
-    missing = list(dict.fromkeys(key for row in asked for key in row if key not in known))
-    cases = [
-        samples.case_under(load, [spalls[i] for i in under], away)._replace(tilt=tilt)
-        for _, under, away, load, tilt in missing
-    ]
-    if missing:
-        solve = samples.all_turning if turning else samples.all_solved
-        solved = solve(base.contact, cases, accuracy_at_edges(float(base.error)), progress)
-        known.update(zip(missing, solved, strict=True))
-    return [[known[key] for key in row] for row in asked]
-
-
-def _slopes(solved: Sequence[Node], log_loads: np.ndarray, curve: TiltCurve, inputs: int) -> np.ndarray:
-    """Of one roller's approaches, by as many inputs, shape (loads, inputs), with what its tilt makes of them."""
-    slopes = np.array([node.slopes[:inputs] for node in solved])
-    if curve is UPRIGHT:
-        return slopes
-    moments = np.array([cast(Turning, node.turning).moment_slopes[:inputs] for node in solved])
-    return slopes + curve.gain(log_loads)[:, None] * moments
-
-
-def _bend(log_loads: np.ndarray, solved: Sequence[Node]) -> float:
-    """How far solves are from the curve nearest to them, at most, in log Q."""
-    approaches = np.array([[node.approach for node in solved]])
-    lowest = np.minimum(approaches[:, 0] - 0.1 * np.abs(approaches[:, 0]), 0.0)
-    found, _ = load_curve.load(through(log_loads[None], approaches, lowest), approaches.T)
-    return float(np.max(np.abs(np.log(found[:, 0]) - log_loads)))
-
-
-def _touches_at_some(solved: Sequence[Node], spalls: int) -> bool:
-    """Whether an edge of the spalls is in the contact at some of the loads, and at others not: there is a kink."""
-    by_away = np.array([node.slopes[samples.count(spalls) - spalls : samples.count(spalls)] for node in solved])
-    touches = by_away != 0.0
-    return bool(np.any(np.any(touches, axis=0) & ~np.all(touches, axis=0)))
-
-
-def _stacked(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
-    logs: np.ndarray, solved: Sequence[Sequence[Node]], tilts: Sequence[TiltCurve],
-) -> States:  # fmt: skip
-    """All that was solved, by phases; filled up to a multiple of `TOGETHER` states, so that scenes share programs."""
-    count, phases, loads = len(spalls), rollers[:-1], logs.shape[1]
-    turn = [each.phase for each in reached]
-    place = [turn[:k].count(phase) for k, phase in enumerate(turn)]
-    most = max(place) + 1
-    shape = (*phases, most + -most % TOGETHER)
-
-    def filled(rows: Any, *own: int) -> np.ndarray:
-        """States by phases; where there is none, the first one, which counts for no roller."""
-        every = np.broadcast_to(np.asarray(rows, float)[0], (*shape, *own)).copy()
-        every.reshape(math.prod(phases), shape[-1], *own)[turn, place] = rows
-        return every
-
-    at, met = np.zeros((len(reached), rollers[-1])), np.zeros((len(reached), count))
-    lowest = [-max((float(spalls[i].rim) for i in each.under), default=0.0) for each in reached]
-    given, slopes = np.zeros((len(reached), samples.count(count))), np.zeros((*logs.shape, samples.count(count)))
-    for k, (each, own) in enumerate(zip(reached, solved, strict=True)):
-        under = list(each.under)
-        at[k, each.roller] = 1.0
-        met[k, under] = 1.0
-        inputs = samples.count(len(under))  # those of a healthy contact name a spall of no size, too
-        slopes[k][:, samples.places(under, count)] = _slopes(own, logs[k], tilts[k], inputs)
-        away = np.zeros(count)
-        away[under] = each.away
-        given[k] = samples.inputs(base.contact, spalls, away)
-    leaning = [curve.tilt(row) for curve, row in zip(tilts, logs, strict=True)]
-    there = np.zeros(shape)
-    there.reshape(math.prod(phases), shape[-1])[turn, place] = 1.0
-    return States(
-        filled(at, rollers[-1]) * there[..., None], filled(met, count) * there[..., None], filled(logs, loads),
-        filled([[node.approach for node in own] for own in solved], loads), filled(given, given.shape[1]),
-        filled(slopes, *slopes.shape[1:]), filled(leaning, loads), filled(lowest),
-    )  # fmt: skip

@@ -14,10 +14,11 @@ import numpy as np
 
 from difftrb.core.geometry import Raceway, Spall
 from difftrb.core.jax_config import jit_quickly
-from difftrb.law import local, roller_tilt
+from difftrb.law import local_states, roller_tilt
 from difftrb.law.base import Law, Rest
 from difftrb.law.direct import DirectLaw
-from difftrb.law.local import LocalLaw, Reached
+from difftrb.law.local import LocalLaw
+from difftrb.law.local_states import Reached
 from difftrb.law.roller_tilt import RollerContacts, TiltCurve
 from difftrb.law.samples import Progress
 from difftrb.ring import effects, ring, roller_balance, roller_places
@@ -74,12 +75,12 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
         inner = [now.inner(load) for load in centres["outer"].values()]
         centres["inner"] = dict(zip(centres["inner"], inner, strict=True))
     found, tilts = False, None
-    known: dict[Raceway, local.Known] = {raceway: {} for raceway in bases}
+    known: dict[Raceway, local_states.Known] = {raceway: {} for raceway in bases}
     for _ in range(ROUNDS):
         if free:
             tilts = _tilts(bases, spalls, now, list(centres["outer"].values()), found, tilts, progress)
         made = {
-            raceway: local.around(
+            raceway: local_states.around(
                 base, spalls[raceway], now.reached[raceway], rollers, np.array(list(centres[raceway].values())), found,
                 known[raceway], None if tilts is None else tilts.of(raceway, now), progress,
             )
@@ -87,7 +88,7 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
         }  # fmt: skip
         now = _at_rest(scene, made, spalls)
         loads: dict[Raceway, Centres] = {raceway: _loads(now, raceway, base) for raceway, base in bases.items()}
-        near = STAYS if found else local.SEARCHED
+        near = STAYS if found else local_states.SEARCHED
         kept: dict[Raceway, Centres] = {raceway: _kept(centres[raceway], loads[raceway], near) for raceway in bases}
         if kept != centres:
             centres = kept
@@ -159,7 +160,7 @@ def _tilts(
     for both in each:
         outer, inner = ([spalls[raceway][i] for i in one.under] for raceway, one in zip(bases, both, strict=True))
         rollers.append(RollerContacts(contacts, (outer, inner), (both[0].away, both[1].away)))
-    spread, way = local.spread_of(found, roller_tilt.FOUND if found else roller_tilt.SEARCHED)
+    spread, way = local_states.spread_of(found, roller_tilt.FOUND if found else roller_tilt.SEARCHED)
     logs = np.log(np.asarray(loads).reshape(-1, 1)) + spread * way
     starts = [None if before is None else before.curves.get(own[:2]) for own, _ in each]
     accuracy = float(bases["outer"].error)

@@ -1,0 +1,171 @@
+"""Contact solves around the loads of rollers that meet spalls: the states that a `LocalLaw` is made of."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from difftrb.core.geometry import Spall
+from difftrb.core.numeric import chebyshev_nodes
+from difftrb.law import load_curve, samples
+from difftrb.law.direct import DirectLaw, accuracy_at_edges
+from difftrb.law.local import NARROWER, SPREAD, LocalLaw, States, through
+from difftrb.law.roller_tilt import UPRIGHT, TiltCurve
+from difftrb.law.samples import Node, Progress, Turning
+
+FEW, SEARCHED = 3, 0.35
+"""Solves of a state while its load is looked for, and by how much in the logarithm they are spread to either side."""
+MANY = 9
+"""The same once it is found, spread by `SPREAD`."""
+IN_A_MEAN = 5
+"""The same at every phase of a mean, in which errors of solves cancel."""
+BENDS = 5e-4
+"""Residual of a state's curve, in the logarithm of the load, above which it counts as bent."""
+TOGETHER = 4
+"""States are filled up to a multiple of this: every number of them would be a program of its own."""
+
+
+class Reached(NamedTuple):
+    """Spalls that one roller may meet on a raceway: which roller at which of the phases, which spalls, and how far from
+    them it is [mm]."""
+
+    phase: int
+    roller: int
+    under: tuple[int, ...]
+    away: tuple[float, ...]
+
+
+Known = dict[tuple[bool, tuple[int, ...], tuple[float, ...], float, float], Node]
+"""Contacts that were solved on one raceway: whether with `Turning`, spalls, distances [mm], load [N], tilt [rad]."""
+
+
+def around(
+    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
+    loads: np.ndarray, found: bool, known: Known, tilts: Sequence[TiltCurve] | None = None,
+    progress: Progress | None = None,
+) -> LocalLaw:  # fmt: skip
+    """The law of rollers that carry about `loads` [N], shape (rollers reached,), from that of healthy ones.
+
+    `rollers` is the shape of the ring's rollers, with the phases of a mean in front. Contacts are solved around these
+    loads: few and far apart while the loads are looked for, more once they are `found`; those already `known` are not
+    solved again. `tilts` are of every roller reached; None: all are held upright. Needs numbers, not tracers. What
+    comes out is `settling`: it refuses nothing.
+    """
+    spread, way = spread_of(found, IN_A_MEAN if found and len(rollers) > 1 else None)
+    logs = np.log(loads)[:, None] + spread * way
+    curves = [UPRIGHT] * len(reached) if tilts is None else tilts
+    solved = _solved(base, spalls, reached, logs, curves, known, progress)
+    if found:
+        bent = [
+            k for k, (each, own) in enumerate(zip(reached, solved, strict=True))
+            if _bend(logs[k], own, _lowest(spalls, each)) > BENDS or _touches_at_some(own, len(each.under))
+        ]  # fmt: skip
+        logs[bent] = np.log(loads[bent])[:, None] + NARROWER * spread * way
+        again = _solved(
+            base, spalls, [reached[k] for k in bent], logs[bent], [curves[k] for k in bent], known, progress
+        )
+        for k, own in zip(bent, again, strict=True):
+            solved[k] = own
+    code = max(float(base.status_code), samples.worst_status([node for own in solved for node in own]))
+    states = _stacked(base, spalls, reached, rollers, logs, solved, curves) if reached else None
+    return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True, free_to_tilt=tilts is not None)
+
+
+def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]:
+    """By how much in their logarithm the loads of one roller's solves are spread to either side, and where between −1
+    and 1 they stand; `count` of them, default as many as `around` solves."""
+    own, spread = (MANY, SPREAD) if found else (FEW, SEARCHED)
+    return spread, np.asarray(chebyshev_nodes(own if count is None else count, -1.0, 1.0))
+
+
+def _solved(
+    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], log_loads: np.ndarray,
+    tilts: Sequence[TiltCurve], known: Known, progress: Progress | None,
+) -> list[list[Node]]:  # fmt: skip
+    """Contacts of every roller reached at its `log_loads` [log N], shape (rollers reached, loads)."""
+    turning = any(curve is not UPRIGHT for curve in tilts)
+    asked = [
+        [(turning, each.under, each.away, float(load), float(tilt))
+         for load, tilt in zip(np.exp(row), curve.tilt(row), strict=True)]
+        for each, row, curve in zip(reached, log_loads, tilts, strict=True)
+    ]  # fmt: skip
+    missing = list(dict.fromkeys(key for row in asked for key in row if key not in known))
+    cases = [
+        samples.case_under(load, [spalls[i] for i in under], away)._replace(tilt=tilt)
+        for _, under, away, load, tilt in missing
+    ]
+    if missing:
+        solve = samples.all_turning if turning else samples.all_solved
+        solved = solve(base.contact, cases, accuracy_at_edges(float(base.error)), progress)
+        known.update(zip(missing, solved, strict=True))
+    return [[known[key] for key in row] for row in asked]
+
+
+def _slopes(solved: Sequence[Node], log_loads: np.ndarray, curve: TiltCurve, inputs: int) -> np.ndarray:
+    """Of one roller's approaches, by as many inputs, shape (loads, inputs), with what its tilt makes of them."""
+    slopes = np.array([node.slopes[:inputs] for node in solved])
+    if curve is UPRIGHT:
+        return slopes
+    moments = np.array([cast(Turning, node.turning).moment_slopes[:inputs] for node in solved])
+    return slopes + curve.gain(log_loads)[:, None] * moments
+
+
+def _lowest(spalls: tuple[Spall, ...], reached: Reached) -> float:
+    """Approach below which a roller carries nothing [mm]: that of the highest rim."""
+    return -max((float(spalls[i].rim) for i in reached.under), default=0.0)
+
+
+def _bend(log_loads: np.ndarray, solved: Sequence[Node], lowest: float) -> float:
+    """How far solves are from the curve nearest to them, at most, in log Q."""
+    approaches = np.array([[node.approach for node in solved]])
+    found, _ = load_curve.load(through(log_loads[None], approaches, np.array([lowest])), approaches.T)
+    return float(np.max(np.abs(np.log(found[:, 0]) - log_loads)))
+
+
+def _touches_at_some(solved: Sequence[Node], spalls: int) -> bool:
+    """Whether an edge of the spalls is in the contact at some of the loads, and at others not: there is a kink."""
+    by_away = np.array([node.slopes[samples.count(spalls) - spalls : samples.count(spalls)] for node in solved])
+    touches = by_away != 0.0
+    return bool(np.any(np.any(touches, axis=0) & ~np.all(touches, axis=0)))
+
+
+def _stacked(
+    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
+    logs: np.ndarray, solved: Sequence[Sequence[Node]], tilts: Sequence[TiltCurve],
+) -> States:  # fmt: skip
+    """All that was solved, by phases; filled up to a multiple of `TOGETHER` states, so that scenes share programs."""
+    count, phases, loads = len(spalls), rollers[:-1], logs.shape[1]
+    turn = [each.phase for each in reached]
+    place = [turn[:k].count(phase) for k, phase in enumerate(turn)]
+    most = max(place) + 1
+    shape = (*phases, most + -most % TOGETHER)
+
+    def filled(rows: Any, *own: int) -> np.ndarray:
+        """States by phases; where there is none, the first one, which counts for no roller."""
+        every = np.broadcast_to(np.asarray(rows, float)[0], (*shape, *own)).copy()
+        every.reshape(math.prod(phases), shape[-1], *own)[turn, place] = rows
+        return every
+
+    at, met = np.zeros((len(reached), rollers[-1])), np.zeros((len(reached), count))
+    given, slopes = np.zeros((len(reached), samples.count(count))), np.zeros((*logs.shape, samples.count(count)))
+    for k, (each, own) in enumerate(zip(reached, solved, strict=True)):
+        under = list(each.under)
+        at[k, each.roller] = 1.0
+        met[k, under] = 1.0
+        inputs = samples.count(len(under))  # those of a healthy contact name a spall of no size, too
+        slopes[k][:, samples.places(under, count)] = _slopes(own, logs[k], tilts[k], inputs)
+        away = np.zeros(count)
+        away[under] = each.away
+        given[k] = samples.inputs(base.contact, spalls, away)
+    leaning = [curve.tilt(row) for curve, row in zip(tilts, logs, strict=True)]
+    there = np.zeros(shape)
+    there.reshape(math.prod(phases), shape[-1])[turn, place] = 1.0
+    return States(
+        filled(at, rollers[-1]) * there[..., None], filled(met, count) * there[..., None], filled(logs, loads),
+        filled([[node.approach for node in own] for own in solved], loads), filled(given, given.shape[1]),
+        filled(slopes, *slopes.shape[1:]), filled(leaning, loads), filled([_lowest(spalls, each) for each in reached]),
+    )  # fmt: skip
