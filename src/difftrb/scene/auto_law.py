@@ -10,7 +10,7 @@ from typing import cast
 import jax
 import numpy as np
 
-from difftrb.contact.height_map import HeightMap
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.status import SceneError
 from difftrb.law.atlas import AtlasLaw
@@ -18,7 +18,7 @@ from difftrb.law.base import Law
 from difftrb.law.samples import Progress
 from difftrb.scene import checks, scene_laws
 from difftrb.scene.prepared import solve_prepared
-from difftrb.scene.scene import Finer, Picked, Scene, is_auto, named
+from difftrb.scene.scene import Finer, Picked, Scene, has_map, is_auto, named
 from difftrb.scene.solution import Solution
 
 LADDER = (1e-2, 1e-3, 1e-4)
@@ -42,7 +42,7 @@ def prepared(scene: Scene, progress: Progress | None = None) -> Scene:
     if has_map(scene):
         return refined(scene, progress)
     ready = tabled(scene)
-    if scene_laws.is_traced(scene):
+    if not xp.are_numbers(scene):
         return ready
     unknown = int(solve_prepared(ready).status_code) in UNKNOWN
     error = cast(Picked, ready.picked).error
@@ -57,11 +57,6 @@ def by_table(scene: Scene) -> Scene:
         raise SceneError("spall: contacts on a height map are solved for one scene at a time (difftrb run, difftrb "
                          "stiffness); sweeps and fits take rectangular spalls")  # fmt: skip
     return tabled(checks.checked(scene))
-
-
-def has_map(scene: Scene) -> bool:
-    """Whether one of the spalls is a height map."""
-    return any(isinstance(spall, HeightMap) for spall in scene.spalls)
 
 
 def tabled(scene: Scene) -> Scene:

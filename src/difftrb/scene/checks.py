@@ -187,7 +187,7 @@ def _of_map(scene: Scene, i: int, measured: HeightMap) -> str | None:
     law = getattr(scene.law, "name", "")
     if law not in LAWS_OF_MAPS if named else not isinstance(scene.law, LocalLaw):
         return f"spall.{i}.height_map: contact.law = {shown(law)} knows rectangular spalls; use 'auto' or 'direct'"
-    if named and any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+    if named and not xp.are_numbers(scene):
         return f"spall.{i}.height_map: needs numbers: prepare the scene first, difftrb.prepare(scene)"
     for kind in (effects.Through, effects.Tilt):
         if effect_base.among(scene.effects, kind) is not None:

@@ -288,6 +288,11 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
     return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms, still)
 
 
+def has_map(scene: Scene) -> bool:
+    """Whether one of the spalls is a height map."""
+    return any(isinstance(spall, HeightMap) for spall in scene.spalls)
+
+
 def is_auto(scene: Scene) -> bool:
     """Whether the scene leaves its law to be chosen."""
     return isinstance(scene.law, LawName) and scene.law.name == laws.AUTO

@@ -17,6 +17,7 @@ import numpy as np
 
 from difftrb.contact import gap
 from difftrb.contact.height_map import HeightMap
+from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Raceway, Real, Spall
 from difftrb.core.jax_config import jit_quickly
@@ -30,7 +31,7 @@ from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
 from difftrb.scene.local_laws import holding, local_laws
-from difftrb.scene.scene import LawName, PitchMean, Scene, is_plain, phases, raceway_contact
+from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, is_plain, phases, raceway_contact
 
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
@@ -50,7 +51,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
     A law that is there is carried to its contact. Raises SceneError for a traced scene whose law needs numbers, where
     only the inner raceway's law is missing.
     """
-    if isinstance(scene.law, LawName) and scene.law.name == "direct" and not is_traced(scene):
+    if isinstance(scene.law, LawName) and scene.law.name == "direct" and xp.are_numbers(scene):
         at_one = not isinstance(scene.phase, PitchMean)
         if at_one or _may_meet_more(scene):
             bases = _healthy_laws(scene, progress)
@@ -69,11 +70,6 @@ def _healthy_laws(scene: Scene, progress: Progress | None) -> dict[Raceway, Dire
         raceway: direct.without_edges(raceway_contact(scene, raceway), largest, (), scene.accuracy, progress)
         for raceway in _lacking(scene)
     }
-
-
-def is_traced(scene: Scene) -> bool:
-    """Whether some of the scene's numbers are not known yet."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene))
 
 
 def _raceways(scene: Scene) -> tuple[Raceway, ...]:
@@ -101,7 +97,7 @@ def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real 
     if not isinstance(given, LawName):
         return cast(Law, given).at(contact)
     by_samples = laws.by_samples(given.name)
-    if by_samples and is_traced(scene):
+    if by_samples and not xp.are_numbers(scene):
         raise SceneError(TRACED)
     largest = expected_loads.largest_for_curves(scene) if by_samples else expected_loads.largest_load(scene)
     request = laws.Request(contact, largest if least is None else least, largest, spalls, scene.accuracy, progress)
@@ -172,7 +168,7 @@ def _approaches(scene: Scene, phases: jax.Array) -> jax.Array:
 def _may_meet_more(scene: Scene) -> bool:
     """Whether to ask `_meet_more`, for which contacts are solved: of several spalls, or one that is not surely deep, or
     under rollers that may tilt."""
-    if len(scene.spalls) > 1 or _leans(scene) or any(isinstance(spall, HeightMap) for spall in scene.spalls):
+    if len(scene.spalls) > 1 or _leans(scene) or has_map(scene):
         return True
     largest = expected_loads.largest_for_curves(scene)
     deep = DEEP * float(gap.palmgren_approach(largest, float(scene.bearing.roller_length)))

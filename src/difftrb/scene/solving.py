@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import cast
 
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Real
 from difftrb.law.base import AUTO, LAWS, Law
@@ -44,7 +45,7 @@ def solve(scene: Scene) -> Solution:
     law = getattr(scene, "law", None)  # `checked` says what is no scene
     if isinstance(law, LawName) and law.name in (AUTO, "table") and not scene.effects:
         scene = checks.checked(scene)
-        if scene_laws.is_traced(scene):
+        if not xp.are_numbers(scene):
             return solve_plain(auto_law.tabled, scene)
     if law is None or isinstance(law, LawName) or effect_base.among(scene.effects, Raceways) is not None:
         return solve_prepared(prepare(scene))

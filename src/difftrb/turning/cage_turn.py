@@ -25,7 +25,7 @@ from difftrb.law.base import LAWS
 from difftrb.law.samples import Progress
 from difftrb.ring import effect_base
 from difftrb.scene import auto_law, checks, prepared, solving
-from difftrb.scene.scene import COARSEST, PitchMean, Scene, is_auto, is_plain, named
+from difftrb.scene.scene import COARSEST, PitchMean, Scene, has_map, is_auto, is_plain, named
 from difftrb.turning.defect_frequencies import cage_rate
 
 if TYPE_CHECKING:
@@ -200,7 +200,7 @@ class _Found(NamedTuple):
 def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress | None) -> _Found:
     """At the scene's phase and angles of the cage beyond it [rad], shape (phases,)."""
     by_table, accuracy = is_auto(scene), min(max(scene.accuracy, FINEST), COARSEST)
-    if by_table and auto_law.has_map(scene):
+    if by_table and has_map(scene):
         return _one_by_one(named(scene, "direct", accuracy), spread, progress)
     kind = None if by_table else LAWS.get(getattr(scene.law, "name", ""))
     if kind is not None and kind.one_scene:
