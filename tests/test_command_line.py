@@ -14,7 +14,7 @@ import pytest
 import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import geometry, kept
-from difftrb.fits import measured
+from difftrb.fits import measured_table
 from difftrb.report import load_figure, pressure_figure, remarks
 from difftrb.scene import scene_file
 from difftrb.scene.prepared import solve_prepared
@@ -453,7 +453,7 @@ def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
     light = dataclasses.replace(file, contact=dataclasses.replace(file.contact, load=3.0))
     assert "contact.load = 3 N: " in str(remarks.light_contact_load(light))
     assert remarks.light_ring_load(scene_file.parse(scene_file.example("mounting"))) is None
-    rows = measured.parse(measured.example())
+    rows = measured_table.parse(measured_table.example())
     assert remarks.light_measured_load(file.bearing, rows) is None
     in_kn = [dataclasses.replace(row, radial=row.radial / 1e3, axial=row.axial / 1e3) for row in rows[1:]]
     assert str(remarks.light_measured_load(file.bearing, [rows[0], *in_kn])).startswith(

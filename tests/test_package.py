@@ -19,11 +19,13 @@ ALONE = {
     "optax": {"fits/predicted.py"},
     "matplotlib": {
         "report/figure_style.py", "report/load_figure.py", "report/pressure_figure.py", "report/bearing_drawing.py",
-        "report/run_figures.py", "sweeps/sweep_plot.py", "fits/fit_figure.py", "accuracy/accuracy_report.py",
+        "report/run_figures.py", "sweeps/sweep_plot.py", "fits/fit_figure.py",
+        "fits/posterior_figure.py", "accuracy/accuracy_report.py",
     },
+    "nautilus": {"fits/nested_sampling.py"},
     "panel": {"report/explorer.py"},
     "bokeh": {"report/explorer.py"},
-    "pydantic": {"scene/scene_file.py", "scene/file_tables.py", "fits/measured.py"},
+    "pydantic": {"scene/scene_file.py", "scene/file_tables.py", "fits/measured_table.py"},
 }  # fmt: skip
 """Where a library is used, and nowhere else."""
 

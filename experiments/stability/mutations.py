@@ -17,8 +17,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from difftrb.fits import measured
-from difftrb.fits.measured import COLUMNS, MeasuredError
+from difftrb.fits import measured_table
+from difftrb.fits.measured_table import COLUMNS, MeasuredError
 from difftrb.scene import scene_file
 from difftrb.scene.scene_file import SceneError
 from difftrb.sweeps import sweep_file
@@ -241,7 +241,7 @@ def files(count: int, seed: int) -> list[File]:
     rng, made = random.Random(seed), []
     bases = [(scene_file.example(name), True) for name in scene_file.example_names()]
     for k in range(count):
-        text, scene = rng.choice(bases) if k % 4 else (measured.example(), False)
+        text, scene = rng.choice(bases) if k % 4 else (measured_table.example(), False)
         ways = SCENES if scene else TABLES
         changes = tuple(rng.choice(list(ways)) for _ in range(rng.choice((1, 1, 1, 2, 3))))
         for change in changes:
@@ -277,7 +277,7 @@ def answer(file: File, path: Path) -> Answer:
     """What the file gets, written to `path`."""
     path.write_bytes(file.content)
     try:
-        _read_scene(path) if file.scene else measured.load_measured(path)
+        _read_scene(path) if file.scene else measured_table.load_measured(path)
     except (SceneError, MeasuredError) as error:
         sentence = str(error)
         return Answer("refused", sentence, is_fair(sentence, path, file))

@@ -23,8 +23,11 @@ if TYPE_CHECKING:
     from difftrb.core.status import DifftrbError, SceneError, SolveError, SweepError
     from difftrb.fits.fit_result import Fit
     from difftrb.fits.fitting import fit
-    from difftrb.fits.measured import MeasuredError, Measurement, load_measured
+    from difftrb.fits.measured import MeasuredError, Measurement
+    from difftrb.fits.measured_table import load_measured
     from difftrb.fits.optimal_design import Suggestion, next_measurements
+    from difftrb.fits.posterior import Posterior, posterior
+    from difftrb.fits.spall_count import SpallCount, count_spalls
     from difftrb.law.power import PowerLaw, liu2018, power_law
     from difftrb.ring import effects
     from difftrb.ring.catalogue_inference import CatalogueBearing, Estimate, bearing_from_catalogue
@@ -57,8 +60,11 @@ _HOMES = {
     "core.packaged_bearings": ("bearing",),
     "contact.height_map": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),
     "law.power": ("PowerLaw", "liu2018", "power_law"),
-    "fits.measured": ("MeasuredError", "Measurement", "load_measured"),
+    "fits.measured": ("MeasuredError", "Measurement"),
+    "fits.measured_table": ("load_measured",),
     "fits.optimal_design": ("Suggestion", "next_measurements"),
+    "fits.posterior": ("Posterior", "posterior"),
+    "fits.spall_count": ("SpallCount", "count_spalls"),
     "ring.catalogue_inference": ("CatalogueBearing", "Estimate", "bearing_from_catalogue"),
     "ring.ring": ("Load",),
     "scene.scene": ("Scene", "healthy"),

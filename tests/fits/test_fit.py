@@ -22,8 +22,9 @@ from difftrb.fits import (
     suspects,
 )
 from difftrb.fits.conditions import conditions
-from difftrb.fits.fitting import fit
-from difftrb.fits.measured import MeasuredError, Measurement, example, parse
+from difftrb.fits.fitting import fit, problem_of
+from difftrb.fits.measured import MeasuredError, Measurement
+from difftrb.fits.measured_table import example, parse
 from difftrb.fits.predicted import evaluated, solved
 from difftrb.scene import scene_file
 from experiments.speed_of_fit import ours, scipys
@@ -169,6 +170,45 @@ def test_an_error_of_the_model_pulls_nowhere(noisy_fit: trb.Fit) -> None:
     told = jnp.linspace(0.5, 2.0, 301)
     squares = jax.vmap(lambda t: jnp.sum(predicted.counted(problem, jnp.full(len(BLANK), t)) ** 2))(told)
     assert 1.1 < float(told[jnp.argmin(squares)]) < 1.3
+
+
+ENTRY = {"radial": (0, 0), "axial": (2, 2), "lateral": (1, 1), "radial_axial": (0, 2), "radial_lateral": (0, 1),
+         "lateral_axial": (1, 2)}  # fmt: skip
+
+
+def test_every_entry_of_the_matrix_is_the_solutions(rig: trb.Scene) -> None:
+    """Rows of a whole matrix at phases and in the mean, as a stiffness and as a loss, of a spall off the load line."""
+    spall = trb.Spall(5.0, 9.0, angle=0.3)
+    rows, told = [], []
+    for load, phase in (((9000.0, 4500.0), 0.1), ((3000.0, 4500.0), "mean")):
+        at = dataclasses.replace(rig, spalls=(spall,), load=trb.Load(*load), phase=phase)
+        found = trb.assess(at)
+        ours, healthy = np.asarray(found.spalled.stiffness), np.asarray(found.healthy.stiffness)
+        for name, entry in ENTRY.items():
+            rows.append(Measurement(*load, f"{name}_stiffness", 1.0, 1.0, None, phase))  # type: ignore[arg-type]
+            told.append(ours[entry])
+            if entry[0] == entry[1]:
+                rows.append(Measurement(*load, f"{name}_loss", 1.0, 1.0, None, phase))  # type: ignore[arg-type]
+                told.append(100.0 * (1.0 - ours[entry] / healthy[entry]))
+    problem, _ = problem_of(rig, tuple(rows), ("length", "width", "angle"), "squares", 0.0)
+    place = problem.bounds.coordinates(np.array([[5.0, 9.0, 0.3]]))
+    values = evaluated(problem, place).beside[0][0]
+    scale = np.where([row.is_loss for row in rows], 1.0, 1e5)
+    np.testing.assert_allclose(values / scale, np.array(told) / scale, atol=2e-3)
+
+
+@pytest.mark.slow
+def test_errors_of_loads_widen_their_rows(rig: trb.Scene, exact: np.ndarray, noisy_fit: trb.Fit) -> None:
+    """By what the row changes with its loads, here told by two solutions."""
+    rows = [dataclasses.replace(row, load_sigma=3.0 if k == 0 else 0.0) for k, row in enumerate(noisy(exact, 1))]
+    found = fit(rig, rows, model_error=0.0, starts=FEW)
+    spall, losses = found.scene.spalls, []
+    for factor in (0.99, 1.01):
+        load = trb.Load(9000.0 * factor, 4500.0 * factor)
+        losses.append(float(trb.assess(dataclasses.replace(rig, spalls=spall, load=load, phase=0.0)).loss[0]))
+    change = (losses[1] - losses[0]) / 0.02 * 0.03
+    assert found.sigma[0] == pytest.approx(np.hypot(rows[0].sigma, change), rel=1e-3)
+    np.testing.assert_array_equal(found.sigma[1:], noisy_fit.sigma[1:])
 
 
 @pytest.mark.slow

@@ -1,10 +1,12 @@
 """Tables of measurements: what is right is read, what is wrong gets one sentence."""
 
+import math
 from pathlib import Path
 
 import pytest
 
-from difftrb.fits.measured import MeasuredError, Measurement, load_measured, parse
+from difftrb.fits.measured import MeasuredError, Measurement
+from difftrb.fits.measured_table import load_measured, parse
 
 GOOD = """# a comment
 radial, axial, quantity, value, sigma, phase, definition, speed_rpm
@@ -72,3 +74,49 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     for path, named in ((tmp_path / "none.csv", "no such file"), (tmp_path, "directory"), (binary, "UTF-8")):
         with pytest.raises(MeasuredError, match=named):
             load_measured(path)
+
+
+WIDE = """radial [kN], axial (kN), phase [deg], load_sigma, radial_stiffness [N/µm], radial_stiffness_sigma, axial_loss [1]
+9, 4.5, 5, 1, 480, 5,
+3, 4.5, , , , , 0.012
+"""  # noqa: E501
+
+
+def test_a_wide_table_in_other_units_is_read() -> None:
+    """Every cell that is not empty is a measurement."""
+    first, second = parse(WIDE)
+    assert (first.radial, first.axial, first.quantity) == (9000.0, 4500.0, "radial_stiffness")
+    assert (first.value, first.sigma, first.load_sigma) == (480e3, 5e3, 1.0)
+    assert first.phase == pytest.approx(math.radians(5.0))
+    assert (second.quantity, second.value, second.sigma, second.phase) == ("axial_loss", 1.2, None, None)
+
+
+def test_a_matrix_is_read() -> None:
+    """Stiffness beside the diagonal may be negative."""
+    names = ("radial", "axial", *(f"{entry}_stiffness [MN/m]" for entry in ("radial", "lateral", "radial_lateral")))
+    text = f"{','.join(names)}\n9e3,4500,480,300,-7\n"
+    assert [row.value for row in parse(text)] == [480e3, 300e3, -7e3]
+    assert [row.is_coupling for row in parse(text)] == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("header", "cells", "named"),
+    [
+        (
+            "radial [kg],axial,quantity,value",
+            "1,2,radial_loss,1",
+            r"column radial: unit \[kg\] is not known; use",
+        ),
+        ("radial,axial,value [N/µm],quantity", "1,2,3,radial_loss", r"value in \[N/µm\]: radial_loss is in % or 1"),
+        ("radial,axial,radial_loss,value", "1,2,3,4", "either quantity and value, or a column for each quantity"),
+        ("radial,axial,radial_loss_sigma,axial_loss", "1,2,3,4", "has no column radial_loss beside it"),
+        ("radial,axial,radial_loss", "1,2,x", "row 1 .line 2.: radial_loss: value = 'x'"),
+        ("radial,axial,radial_loss,axial_loss", "1,2,,", "row 1 .line 2.: holds no value"),
+        ("radial,axial,radial_loss,load_sigma", "1,2,3,2", "load_sigma = 2: sigma is empty"),
+        ("radial,quantity [N]", "1,2", r"column quantity: unit \[N\] is not known; it has none"),
+        ("radial [kN],axial,radial_loss", "1e5,2,3", "row 1 .line 2.: radial_loss: radial = 100000.0 kN: must be"),
+    ],
+)
+def test_wide_tables_get_one_sentence(header: str, cells: str, named: str) -> None:
+    with pytest.raises(MeasuredError, match=named):
+        parse(f"{header}\n{cells}\n", "m.csv")

@@ -14,7 +14,8 @@ import pytest
 import difftrb as trb
 from difftrb.__main__ import main
 from difftrb.core import bad_input
-from difftrb.fits import measured
+from difftrb.fits import measured_table
+from difftrb.fits.measured import MeasuredError
 from difftrb.scene import scene_file
 from difftrb.sweeps import sweep_file
 
@@ -23,7 +24,7 @@ pytestmark = pytest.mark.hard
 READERS: dict[str, tuple[Callable, str]] = {
     "scene": (trb.load_scene, "s.toml"),
     "sweep": (sweep_file.read, "s.toml"),
-    "measurements": (measured.load_measured, "m.csv"),
+    "measurements": (measured_table.load_measured, "m.csv"),
     "map as text": (trb.load_height_map, "m.csv"),
     "map": (trb.load_height_map, "m.npz"),
 }
@@ -32,7 +33,7 @@ READERS: dict[str, tuple[Callable, str]] = {
 def refusal(reader: Callable, path: object) -> str:
     """The one sentence that a reader ends with, within a second."""
     begin = time.process_time()
-    with pytest.raises((scene_file.SceneError, measured.MeasuredError, trb.HeightMapError)) as caught:
+    with pytest.raises((scene_file.SceneError, MeasuredError, trb.HeightMapError)) as caught:
         reader(path)
     assert time.process_time() - begin < 1.0
     sentence = str(caught.value)

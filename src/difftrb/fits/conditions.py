@@ -18,7 +18,7 @@ from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
 from difftrb.core.numeric import gauss_legendre
 from difftrb.core.taylor import Taylor
-from difftrb.fits.measured import Measurement
+from difftrb.fits.measured import ENTRIES, Measurement
 from difftrb.ring import phase_rule
 from difftrb.ring.ring import Load
 from difftrb.scene import prepared, solving
@@ -26,6 +26,8 @@ from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain,
 
 TOGETHER = 2
 """Points of a rule that are in one block."""
+ROW, COLUMN = (np.array(part) for part in zip(*ENTRIES.values(), strict=True))
+"""Of the stiffness matrix, of every entry that can be measured."""
 ALIKE = 1e-5
 """Rings whose displacements at all phases differ by no more of themselves than this are one. In narrow load zones they
 differ by more, and a loss in the mean is 4 % off if kinks are placed by one of them."""
@@ -67,15 +69,15 @@ class Conditions:
 
     Attributes:
       definitions: of stiffness, as they come. blocks: of each of them. size: so many conditions are laid out.
-      place: of every row among the conditions, shape (rows,). axis: 0 radial, 1 axial, shape (rows,). loss: whether it
-        is a loss, shape (rows,).
+      place: of every row among the conditions, shape (rows,). entry: of the stiffness matrix, a number in `ENTRIES`,
+        shape (rows,). loss: whether it is a loss, shape (rows,).
     """
 
     definitions: tuple[Definition, ...] = dataclasses.field(metadata={"static": True})
     size: int = dataclasses.field(metadata={"static": True})
     blocks: tuple[Blocks, ...]
     place: np.ndarray | jax.Array
-    axis: np.ndarray | jax.Array
+    entry: np.ndarray | jax.Array
     loss: np.ndarray | jax.Array
 
 
@@ -105,7 +107,7 @@ def _laid_out(scene: Scene, rows: Sequence[Measurement], points: int, kinks: int
         size=size,
         blocks=tuple(_blocks(each, kinks, size, points) for each in own),
         place=np.array([place[_condition(scene, row)] for row in rows]),
-        axis=np.array([0 if row.quantity.startswith("radial") else 1 for row in rows]),
+        entry=np.array([list(ENTRIES).index(row.entry) for row in rows]),
         loss=np.array([row.is_loss for row in rows]),
     )
 
@@ -202,8 +204,8 @@ Parts = tuple[Any, ...]
 
 
 def stiffness(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
-    """Radial and axial stiffness of every condition [N/mm], shape (size, 2), and the worst status; `sound`: without the
-    scene's spalls, which say where the phases of means are anyway."""
+    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), and the worst status; `sound`: without
+    the scene's spalls, which say where the phases of means are anyway."""
     (found,), code = _summed(of, at, sound, ValueOrSlopes(values, slopes=False, expands=False))
     return found, code
 
@@ -217,9 +219,9 @@ def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) 
 
 
 def of_numbers(scene: Scene, at: Conditions) -> np.ndarray:
-    """Radial and axial stiffness of every condition [N/mm], shape (size, 2), of a plain ring of numbers: at once, and
-    in means by a rule of more points."""
-    found, known = np.full((at.size, 2), np.nan), {at.size}  # behind the last one there is none
+    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of a plain ring of numbers: at once,
+    and in means by a rule of more points."""
+    found, known = np.full((at.size, len(ENTRIES)), np.nan), {at.size}  # behind the last one there is none
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
         for k in range(int(blocks.count)):
             here = dataclasses.replace(scene, definition=definition, load=Load(*map(float, blocks.loads[k])))
@@ -230,7 +232,7 @@ def of_numbers(scene: Scene, at: Conditions) -> np.ndarray:
                     solved = prepared.solve_prepared(
                         dataclasses.replace(here, phase=PitchMean() if mean else float(phase))
                     )
-                    found[place] = np.asarray(solved.both_stiffnesses)
+                    found[place] = np.asarray(solved.stiffness)[ROW, COLUMN]
     return found
 
 
@@ -268,7 +270,7 @@ class ValueOrSlopes(NamedTuple):
 
 def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[Parts, jax.Array]:
     """What the rings of all blocks add to the conditions to which they count, as it is told, and the worst status."""
-    found, code = told.zeros(at.size + 1, 2), jnp.asarray(status.CONVERGED)
+    found, code = told.zeros(at.size + 1, len(ENTRIES)), jnp.asarray(status.CONVERGED)
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
         every: Blocks = jax.tree.map(jnp.asarray, blocks)
         borders = _borders(of, every, told)
@@ -318,10 +320,10 @@ def _turned(every: Blocks, borders: Any, k: jax.Array) -> tuple[Any, Any]:
 
 
 def _at_once(scene: Scene, turned: Any) -> tuple[Any, Any]:
-    """Stiffness of a plain ring at all these phases [N/mm], shape (rings, 2), and their statuses."""
+    """Stiffness of a plain ring at all these phases [N/mm], shape (rings, entries), and their statuses."""
     rest = prepared.at_phases(scene, turned)
     found = prepared.as_defined(scene, rest)
-    return xp.stack([found[:, 0, 0], found[:, 2, 2]], axis=-1), rest.status_code
+    return found[:, ROW, COLUMN], rest.status_code
 
 
 def _one_by_one(scene: Scene, turned: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -329,6 +331,6 @@ def _one_by_one(scene: Scene, turned: jax.Array) -> tuple[jax.Array, jax.Array]:
 
     def one(phase: jax.Array) -> tuple[jax.Array, jax.Array]:
         at = solving.solve(dataclasses.replace(scene, phase=phase))
-        return at.both_stiffnesses, at.status_code
+        return at.stiffness[ROW, COLUMN], at.status_code
 
     return jax.vmap(one)(turned)

@@ -123,7 +123,7 @@ def _healthy(fit: Fit) -> str:
     sound, conditions = fit.problem.sound, fit.problem.conditions
     if sound is None and not losses.all():
         return ""
-    stiff = 0.0 if sound is None else np.asarray(sound)[np.asarray(conditions.place), np.asarray(conditions.axis)]
+    stiff = 0.0 if sound is None else np.asarray(sound)[np.asarray(conditions.place), np.asarray(conditions.entry)]
     off = (np.array([float(row.value) for row in fit.rows]) - np.where(losses, 0.0, stiff)) / fit.sigma
     chi2 = float(np.sum(off**2))
     if fit_result.tail(max(chi2 - fit.chi2, 0.0), len(fit.parameters)) < HEALTHY or not np.isfinite(chi2):
@@ -150,7 +150,7 @@ def _beyond(fit: Fit, most: np.ndarray) -> list[str]:
                 f"{most[k]:.3g} % in the ranges searched; check the unit (percent), and that nothing but the spall "
                 "differs"
             )
-        if not row.is_loss and not 0.2 < row.value / fit.predicted[k] < 5.0:
+        if not row.is_loss and not row.is_coupling and not 0.2 < row.value / fit.predicted[k] < 5.0:
             found.append(
                 f"row {k + 1}: {row.quantity} = {row.value:g} N/mm is {row.value / fit.predicted[k]:.2g} times what "
                 "the model gives: check the unit (N/mm, not N/µm)"

@@ -10,11 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from difftrb.fits.fit_result import Fit
+from difftrb.fits.measured import ENTRIES
 from difftrb.fits.profile_intervals import CONFIDENCE, EDGE, limit_of
 from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED
 
 WIDE = np.sqrt(limit_of(None))
 """Standard errors to either side of an interval of the normal distribution."""
+COLOURS, MARKERS = (HEALTHY, SPALLED, "#228833", "#AA3377", "#CCBB44", "#66CCEE"), "os^vD*"
+"""Of what is measured, by `ENTRIES`."""
 PERCENT = f"{100.0 * CONFIDENCE:g} %"
 
 
@@ -36,12 +39,12 @@ def fit_panels(fit: Fit) -> Any:
 
 def fit_against_data(fit: Fit, shown: list[int], scale: float, unit: str, ax: Axes) -> Axes:
     """Model against measurement with error bars, rows `shown`; on the line they agree."""
-    for direction, colour, marker in (("radial", HEALTHY, "o"), ("axial", SPALLED, "s")):
-        rows = [k for k in shown if fit.rows[k].quantity.startswith(direction)]
+    for entry, colour, marker in zip(ENTRIES, COLOURS, MARKERS, strict=True):
+        rows = [k for k in shown if fit.rows[k].entry == entry]
         if rows:
             measured = scale * np.array([float(fit.rows[k].value) for k in rows])
             ax.errorbar(scale * fit.predicted[rows], measured, WIDE * scale * fit.sigma[rows], fmt=marker, ms=5,
-                        color=colour, mfc="none", lw=1.0, capsize=2, label=direction)  # fmt: skip
+                        color=colour, mfc="none", lw=1.0, capsize=2, label=entry.replace("_", " by "))  # fmt: skip
     limits = np.array([*ax.get_xlim(), *ax.get_ylim()])
     ends = limits.min(), limits.max()
     ax.plot(ends, ends, color="black", lw=0.8, zorder=0)
@@ -53,7 +56,7 @@ def fit_against_data(fit: Fit, shown: list[int], scale: float, unit: str, ax: Ax
 def residuals(fit: Fit, ax: Axes) -> Axes:
     """What the model leaves of every row, in sigma."""
     at = np.arange(1, len(fit.rows) + 1)
-    colours = [HEALTHY if row.quantity.startswith("radial") else SPALLED for row in fit.rows]
+    colours = [COLOURS[list(ENTRIES).index(row.entry)] for row in fit.rows]
     ax.axhspan(-WIDE, WIDE, color=ACCENT, alpha=0.35, lw=0)
     ax.axhline(0.0, color="black", lw=0.8)
     ax.bar(at, fit.residuals, width=0.6, color=colours)
@@ -65,7 +68,7 @@ def residuals(fit: Fit, ax: Axes) -> Axes:
 def profiles(fit: Fit, ax: Axes) -> Axes:
     """Rise of χ² with each parameter held, all others free, over the parameter relative to its fitted value."""
     limit = fit.limit
-    styles = zip(fit.labels, (HEALTHY, SPALLED, "#228833", "#AA3377", "#CCBB44", "#66CCEE", "black"),
+    styles = zip(fit.labels, (*COLOURS, "black"),
                  ("-", "--", "-.", ":", "-", "--", "-."), strict=False)  # fmt: skip
     widest = 0.0
     for i, (name, colour, style) in enumerate(styles):

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 import time
-from functools import partial
 from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from difftrb.fits import measured
+from difftrb.fits import measured, measured_table
 from difftrb.fits.fit_figure import PERCENT, fit_panels
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.fitting import fit, prepare_fit
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
+from difftrb.fits.posterior import posterior
+from difftrb.fits.posterior_figure import corner
+from difftrb.fits.posterior_report import count_json, count_text, posterior_json, posterior_text
+from difftrb.fits.spall_count import count_spalls
 from difftrb.report import console, remarks, run_text
 from difftrb.scene import scene_file
 
@@ -24,24 +27,45 @@ LIKELY = f"{PERCENT} interval"
 def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     """Fit what `options` name to their measurements, print it and write it where they ask; the exit code."""
     scene_file.check_ring(file, path)
-    rows = measured.load_measured(options.measured)
+    rows = measured_table.load_measured(options.measured)
     console.remark(remarks.light_measured_load(file.bearing, rows), options.measured)
     started = time.perf_counter()
     with console.bar("solving contacts for the roller law") as progress:
         scene = prepare_fit(file.scene(), rows, progress)
     console.say_picked(scene)
+    names = [name.strip() for name in options.parameters.split(",")]
     with console.busy("fitting"):
-        result = fit(scene, rows, [name.strip() for name in options.parameters.split(",")], options.robust)
+        result = fit(scene, rows, names, options.robust)
         suggestions = next_measurements(result) if bool(result.converged) else ()
     record = fit_json(result, suggestions, time.perf_counter() - started)
-
-    text = partial(fit_text, result, suggestions)
-    code = console.deliver(options, path, record, text, lambda: [("fit", fit_panels(result))])
+    texts, figures = [fit_text(result, suggestions)], [("fit", lambda: fit_panels(result))]
+    if options.posterior and bool(result.converged):
+        with console.bar("sampling the posterior") as progress:
+            drawn = posterior(result, progress=progress)
+        record["posterior"] = run_text.plain(posterior_json(drawn))
+        texts.append(posterior_text(drawn))
+        figures.append(("posterior", lambda: corner(drawn, dict(zip(result.parameters, result.values, strict=True)))))
+    if options.spalls is not None:
+        with console.bar("counting spalls") as progress:
+            counted = count_spalls(file.scene(), rows, _counts(options.spalls), names, progress=progress)
+        record["spalls"] = run_text.plain(count_json(counted))
+        texts.append(count_text(counted))
+    code = console.deliver(
+        options, path, record, lambda: Group(*texts), lambda: ((name, drawn()) for name, drawn in figures)
+    )
     if code == console.EXIT_OK and not result.explained:
         return console.refuse(
             f"{options.measured}: the model does not explain the data: see the remarks", console.EXIT_NO_SOLUTION
         )
     return code
+
+
+def _counts(text: str) -> list[int]:
+    """Numbers of spalls, as 0,1,2."""
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise measured.MeasuredError(f"--spalls {text}: give numbers of spalls, say 0,1,2") from None
 
 
 def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> dict[str, Any]:

@@ -40,6 +40,8 @@ from difftrb.scene.solving import prepare
 
 FLOOR = 0.1
 """Measurements without sigma count by their own size, but at least by this share of the middle one of their kind."""
+LOAD_STEP = 0.01
+"""Relative step of the loads by which it is told how rows follow them."""
 LEAST_SIGMA = 1e-7
 """Estimates of a relative error below this are rounding."""
 ROUNDS = 3
@@ -105,7 +107,7 @@ def fit(
     rows = tuple(rows)
     scene = prepare_fit(scene, rows, progress)
     measured.check_loads(scene, rows)
-    problem, estimate = _problem(scene, rows, tuple(parameters), robust, model_error)
+    problem, estimate = problem_of(scene, rows, tuple(parameters), robust, model_error)
     scan = search.scanned(problem, search.places(problem.parameters, problem.bounds, scene, starts))
     _check_effects(problem.parameters, scan.slope)
     freedom = len(rows) - len(parameters)
@@ -116,6 +118,9 @@ def fit(
         if freedom > 0 and fit_result.tail(2.0 * float(np.nanmin(found.cost)), freedom) < fit_result.UNLIKELY:
             scan, more = search.thorough(problem, scan)
             found = more if np.nanmin(more.cost) < np.nanmin(found.cost) else found
+    if any(row.load_sigma > 0.0 for row in rows):
+        problem = _with_loads(problem, rows, found.place[int(np.nanargmin(found.cost))])
+        found = _from(problem, found.place)
     tried = _judged(problem, scan, found, estimate)
     for _ in range(DEEPER):  # a profile may have found more
         if tried.profiles.lowest_cost >= found.cost[tried.best] * (1.0 - 1e-6) - 1e-9:
@@ -126,7 +131,7 @@ def fit(
     return dataclasses.replace(result, **diagnostics.judged(result, scan))
 
 
-def _problem(
+def problem_of(
     scene: Scene, rows: tuple[Measurement, ...], names: tuple[str, ...], robust: str, model_error: float | None
 ) -> tuple[Problem, bool]:
     """What is to be solved, and whether sigma is to be estimated, of which there is only the relative size then."""
@@ -197,6 +202,18 @@ def _with_sigma(problem: Problem, scan: Scan, freedom: int) -> tuple[Problem, Le
         problem = dataclasses.replace(problem, sigma=problem.sigma * max(factor, LEAST_SIGMA))
         found = _from(problem, found.place)
     return problem, found  # pyright: ignore[reportPossiblyUnbound]  # there is a round
+
+
+def _with_loads(problem: Problem, rows: tuple[Measurement, ...], place: np.ndarray) -> Problem:
+    """The problem with sigma larger by what rows change with the errors of their own loads, at this place."""
+    told = []
+    for factor in (1.0 - LOAD_STEP, 1.0 + LOAD_STEP):
+        loaded = [dataclasses.replace(row, radial=row.radial * factor, axial=row.axial * factor) for row in rows]
+        at = conditions.conditions(problem.scene, loaded)
+        told.append(predicted.other_rows_at(problem, at, place[None])[0][0])
+    slope = (told[1] - told[0]) / (2.0 * LOAD_STEP)  # by the logarithm of the loads
+    share = 0.01 * np.array([float(row.load_sigma) for row in rows])
+    return dataclasses.replace(problem, sigma=np.hypot(problem.sigma, np.nan_to_num(slope) * share))
 
 
 class Tried(NamedTuple):

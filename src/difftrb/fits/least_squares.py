@@ -64,6 +64,11 @@ class Bounds:
         sizes = np.array(self.logarithmic)
         return xp.where(sizes, xp.log(xp.where(sizes, values, 1.0)), values)
 
+    def beside(self, other: Bounds) -> Bounds:
+        """Those of these values and, behind them, of others."""
+        low, high = (np.concatenate(pair) for pair in ((self.low, other.low), (self.high, other.high)))
+        return Bounds(low, high, (*self.logarithmic, *other.logarithmic))
+
     def slope(self, u: np.ndarray) -> np.ndarray:
         """Slope of the values, of sizes their logarithms, by coordinates, shape (n,)."""
         low, high = self.ends()

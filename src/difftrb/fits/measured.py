@@ -1,26 +1,26 @@
-"""Measured stiffness and its loss, row by row: CSV in, `Measurement`s out; what is wrong with a row is one sentence."""
+"""Measured stiffness and its loss, row by row, and in one sentence what is wrong with a row."""
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import json
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from annotated_types import Interval, Unit
-from pydantic import TypeAdapter, ValidationError
 
-from difftrb.core import bad_input, fields, geometry
-from difftrb.core.bad_input import allowed, did_you_mean, shown
+from difftrb.core import fields, geometry
 from difftrb.core.geometry import FILE_RULES, Real
 from difftrb.core.status import DifftrbError
 from difftrb.ring.ring import needed_axial, too_light
 from difftrb.scene.scene import Definition, Phase, Scene
 
-Quantity = Literal["radial_loss", "axial_loss", "radial_stiffness", "axial_stiffness"]
-NEEDED = ("radial", "axial", "quantity", "value")
+Quantity = Literal[
+    "radial_loss", "axial_loss", "lateral_loss", "radial_stiffness", "axial_stiffness", "lateral_stiffness",
+    "radial_axial_stiffness", "radial_lateral_stiffness", "lateral_axial_stiffness",
+]  # fmt: skip
+ENTRIES = {"radial": (0, 0), "axial": (2, 2), "lateral": (1, 1), "radial_axial": (0, 2), "radial_lateral": (0, 1),
+           "lateral_axial": (1, 2)}  # fmt: skip
+"""Of the stiffness matrix, by how a quantity begins."""
 ADVICE = {
     "radial": "give the radial load of this row in N",
     "axial": "give the axial load of this row in N",
@@ -30,6 +30,7 @@ ADVICE = {
     "definition": "leave it empty for the scene's own",
     "phase": "leave it empty for the scene's own",
     "speed_rpm": "leave it empty for a bearing at rest",
+    "load_sigma": "leave it empty if the loads are known",
 }
 
 
@@ -43,13 +44,16 @@ class Measurement:
 
     Attributes:
       radial, axial: the load under which it was measured [N], 0…1e7.
-      quantity: "radial_loss" or "axial_loss" (of stiffness, in percent of the healthy bearing's), "radial_stiffness"
-        or "axial_stiffness" [N/mm].
+      quantity: "radial_loss", "axial_loss" or "lateral_loss" (of stiffness, in percent of the healthy bearing's),
+        "radial_stiffness", "axial_stiffness", "lateral_stiffness", or of the matrix beside its diagonal
+        "radial_axial_stiffness", "radial_lateral_stiffness", "lateral_axial_stiffness" [N/mm].
       value: what was measured [%, or N/mm].
       sigma: its standard deviation in the same unit; None in all rows: estimated from how the fit misses them.
       definition: "tangent" or "secant"; None is the scene's.
       phase: cage angle of roller 0 from the load line [rad], or "mean" over one roller pitch; None is the scene's.
       speed_rpm: must be 0 in this version.
+      load_sigma: relative standard deviation of this row's loads [%], 0 … 50, each row's by chance. Default 0. What all
+        loads have in common is the parameter `load_factor`.
     """
 
     __pydantic_config__ = FILE_RULES
@@ -62,6 +66,7 @@ class Measurement:
     definition: Definition | None = None
     phase: Phase | Literal["mean"] | None = None
     speed_rpm: Annotated[Real, Interval(ge=0.0, le=1e6), Unit("rev/min")] = 0.0
+    load_sigma: Annotated[Real, Interval(ge=0.0, le=50.0), Unit("%")] = 0.0
 
     @property
     def is_loss(self) -> bool:
@@ -69,91 +74,20 @@ class Measurement:
         return self.quantity.endswith("loss")
 
     @property
+    def entry(self) -> str:
+        """Of the stiffness matrix: a name in `ENTRIES`."""
+        return self.quantity.rpartition("_")[0]
+
+    @property
+    def is_coupling(self) -> bool:
+        """Whether that is beside the diagonal."""
+        row, column = ENTRIES[self.entry]
+        return row != column
+
+    @property
     def unit(self) -> str:
         """Of value and sigma."""
         return "%" if self.is_loss else "N/mm"
-
-
-ROW = TypeAdapter(Measurement)
-COLUMNS = tuple(field.name for field in dataclasses.fields(Measurement))
-
-
-def load_measured(path: str | Path) -> tuple[Measurement, ...]:
-    """Read measurements from a CSV file; `MeasuredError` (a ValueError) says in one sentence what is wrong with it.
-
-    Columns as the fields of `Measurement`, in any order, named in the first line; radial, axial, quantity and value are
-    needed. Lines that begin with # are comments. At most 1 MB.
-    """
-    return parse(bad_input.text_of(path, "a table of measurements", MeasuredError), path)
-
-
-def example() -> str:
-    """The text of the packaged measurements."""
-    return bad_input.packaged(".csv")["measured"]
-
-
-def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
-    """Check the text of a table of measurements; `path` names it in errors. Raises `MeasuredError`."""
-    numbered = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"]
-    if not numbered:
-        raise MeasuredError(f"{path}: holds no rows; give a line of column names ({', '.join(NEEDED)} …) and rows")
-    cells = [_cells(line, f"{path}: line {number}") for number, line in numbered]
-    names = cells[0]
-    _check_header(names, path)
-    if len(cells) < 2:
-        raise MeasuredError(f"{path}: holds column names but no rows")
-    rows = []
-    for k, ((line, _), row) in enumerate(zip(numbered[1:], cells[1:], strict=True), 1):
-        rows.append(_row(names, row, f"{path}: row {k} (line {line})"))
-    return tuple(rows)
-
-
-def _cells(line: str, where: str) -> list[str]:
-    """The cells of one line, on which every cell that is quoted has to end."""
-    try:
-        (row,) = csv.reader([line], strict=True)
-    except csv.Error as error:
-        raise MeasuredError(f"{where}: is not CSV that can be read: {error}; close every quote on its line") from None
-    return [cell.strip() for cell in row]
-
-
-def _check_header(names: list[str], path: str | Path) -> None:
-    if len(names) == 1 and any(c in names[0] for c in ";\t"):
-        raise MeasuredError(f"{path}: columns must be separated by commas, and decimals written with a point")
-    for name in names:
-        if name not in COLUMNS:
-            raise MeasuredError(f"{path}: column {shown(name)} is not known; {did_you_mean(name, COLUMNS)}")
-        if names.count(name) > 1:
-            raise MeasuredError(f"{path}: column {shown(name)} stands twice; keep one of them")
-    for name in NEEDED:
-        if name not in names:
-            raise MeasuredError(f"{path}: column {name} is missing: {ADVICE[name]}")
-
-
-def _row(names: list[str], cells: list[str], where: str) -> Measurement:
-    """One row; `where` begins its sentence."""
-    if len(cells) != len(names):
-        raise MeasuredError(
-            f"{where}: has {len(cells)} cells where the first line has {len(names)}; separate columns by commas and "
-            "write decimals with a point"
-        )
-    content: dict[str, Any] = {name: _cell(cell) for name, cell in zip(names, cells, strict=True) if cell}
-    try:
-        row = ROW.validate_json(json.dumps(content))  # as JSON, where strictness lets a table become a dataclass
-    except ValidationError as error:
-        column = str(error.errors()[0]["loc"][0])
-        value = f"= {shown(content[column])}" if column in content else "is empty"
-        raise MeasuredError(
-            f"{where}: {column} {value}: must be {allowed(Measurement, [column])}; {ADVICE[column]}"
-        ) from None
-    return check(row, where)
-
-
-def _cell(cell: str) -> float | str:
-    try:
-        return float(cell)
-    except ValueError:
-        return cell
 
 
 def check(row: Measurement, where: str) -> Measurement:
@@ -165,8 +99,10 @@ def check(row: Measurement, where: str) -> Measurement:
             raise MeasuredError(f"{where}: {sentence}; {ADVICE[field.name]}")
     if row.is_loss and row.value >= 100.0:
         raise MeasuredError(f"{where}: value = {row.value:g}: a loss must be below 100 %; {ADVICE['value']}")
-    if not row.is_loss and row.value <= 0.0:
+    if not row.is_loss and not row.is_coupling and row.value <= 0.0:
         raise MeasuredError(f"{where}: value = {row.value:g}: a stiffness must be above 0 N/mm; {ADVICE['value']}")
+    if row.load_sigma > 0.0 and row.sigma is None:
+        raise MeasuredError(f"{where}: load_sigma = {row.load_sigma:g}: sigma is empty: give both, or leave both empty")
     if row.speed_rpm != 0.0:
         raise MeasuredError(
             f"{where}: speed_rpm = {row.speed_rpm:g}: must be 0: the fit of this version knows no effect of speed; "
@@ -184,7 +120,13 @@ def check_loads(scene: Scene, rows: Sequence[Measurement], path: str = "measurem
         where = f"{path}: row {k}"
         if (sentence := too_light(row.axial, row.radial, needed)) is not None:
             raise MeasuredError(f"{where}: {sentence}; check both loads of this row")
-        if (row.definition or scene.definition) == "secant" and row.radial == 0.0 and row.quantity[:6] == "radial":
+        secant = (row.definition or scene.definition) == "secant"
+        if secant and row.entry not in ("radial", "axial"):
+            raise MeasuredError(
+                f"{where}: quantity = {row.quantity!r}: a secant stiffness F/u is along a load; give definition = "
+                "tangent, or leave the row out"
+            )
+        if secant and row.radial == 0.0 and row.entry == "radial":
             raise MeasuredError(
                 f"{where}: quantity = {row.quantity!r}: a secant radial stiffness F/u needs a radial load; give "
                 "definition = tangent, or leave the row out"

@@ -104,16 +104,24 @@ def register(kind: type[Parameter]) -> type[Parameter]:
 
 
 class OfSpall(Parameter):
-    """A field of the scene's first spall."""
+    """A field of one of the scene's spalls."""
 
     changes_healthy = False
+    number: ClassVar[int] = 0
+    """Which spall's."""
+
+    @property
+    def field(self) -> str:
+        """Of a spall."""
+        return self.name.removesuffix("_2")
 
     def start(self, scene: Scene) -> float:
-        return float(getattr(scene.spalls[0], self.name))
+        return float(getattr(scene.spalls[self.number], self.field))
 
     def scene(self, scene: Scene, value: Real) -> Scene:
-        first = dataclasses.replace(scene.spalls[0], **{self.name: value})
-        return dataclasses.replace(scene, spalls=(first, *scene.spalls[1:]))
+        spalls = list(scene.spalls)
+        spalls[self.number] = dataclasses.replace(spalls[self.number], **{self.field: value})
+        return dataclasses.replace(scene, spalls=tuple(spalls))
 
 
 class KnownToLaw(Parameter):
@@ -197,6 +205,27 @@ class AxialOffset(OfSpall, KnownToLaw):
 
 
 @register
+class SecondLength(Length):
+    """Of a second spall: as `length`."""
+
+    name, number, in_products = "length_2", 1, False
+
+
+@register
+class SecondWidth(Width):
+    """Of a second spall: as `width`."""
+
+    name, number, in_products = "width_2", 1, False
+
+
+@register
+class SecondAngle(Angle):
+    """Of a second spall: as `angle`."""
+
+    name, number, suspect = "angle_2", 1, ""
+
+
+@register
 class Crown(KnownToLaw):
     """Design load of the rollers' crown: as far as the law goes, a factor of 4 at most."""
 
@@ -276,6 +305,10 @@ def bounds(parameters: Sequence[Parameter], scene: Scene, rows: Sequence[Measure
         raise MeasuredError("the scene has no [[spall]] to fit: give one, with a guess of its size")
     ends = []
     for parameter in parameters:
+        if isinstance(parameter, OfSpall) and parameter.number >= len(scene.spalls):
+            raise MeasuredError(
+                f"parameters: {parameter.name} needs a second [[spall]] in the scene: add a guess of it"
+            )
         low, high = parameter.limits(scene, rows)
         if not high - low > 1e-6 * max(abs(low), abs(high)):
             raise MeasuredError(f"parameters: {parameter.name} cannot be fitted: {parameter.no_effect}")

@@ -21,8 +21,9 @@ from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import conditions, least_squares
 from difftrb.fits import parameters as fit_parameters
-from difftrb.fits.conditions import Conditions, Values, stiffness, whole, with_slopes
+from difftrb.fits.conditions import COLUMN, ROW, Conditions, Values, stiffness, whole, with_slopes
 from difftrb.fits.least_squares import Alone, Bounds, Enough, Least
+from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Scene, healthy, is_plain
@@ -70,8 +71,11 @@ def predicted(
     if sound is None:
         sound, other = solve(of, values, at, sound=True)
         code = status.worst(code, other)
-    spalled, sound = (pair[at.place, at.axis] for pair in (spalled, sound))
-    added = sound / spalled - 1.0
+    spalled, sound = (pair[at.place, at.entry] for pair in (spalled, sound))
+    # beside the diagonal there may be nothing of a healthy bearing: what spalls add is no share of it
+    beside = jnp.asarray(ROW != COLUMN)[at.entry]
+    sound = jnp.where(beside, spalled, sound)
+    added = jnp.where(beside, 0.0, sound / jnp.where(beside, 1.0, spalled) - 1.0)
     for parameter, value in zip(parameters, values, strict=True):
         sound, added = parameter.measured(sound, added, value)
     left = 1.0 / (1.0 + added)
@@ -79,11 +83,11 @@ def predicted(
 
 
 def healthy_stiffness(scene: Scene, at: Conditions) -> np.ndarray | jax.Array:
-    """Of the prepared scene without spalls, radial and axial, of every condition [N/mm], shape (size, 2)."""
+    """Of the prepared scene without spalls, of every condition [N/mm], by `ENTRIES`, shape (size, entries)."""
     if is_plain(scene):
         return conditions.of_numbers(healthy(scene), at)
     none = np.zeros(0, int)  # it does not know the rows: one program for any number of them
-    return _healthy_stiffness(scene, dataclasses.replace(at, place=none, axis=none, loss=none))
+    return _healthy_stiffness(scene, dataclasses.replace(at, place=none, entry=none, loss=none))
 
 
 @jit_quickly()
@@ -115,6 +119,17 @@ class Problem:
     sound: Real | None
     common: Real
     robust: int | jax.Array
+
+
+def with_more(problem: Problem, more: Sequence[Parameter], rows: Sequence[Measurement]) -> Problem:
+    """The problem with these parameters sought, too, behind its own."""
+    parameters = (*problem.parameters, *more)
+    own = fit_parameters.bounds(more, problem.scene, rows) if more else None
+    changed = any(parameter.changes_healthy for parameter in more)
+    return dataclasses.replace(
+        problem, parameters=parameters, sound=None if changed else problem.sound,
+        bounds=problem.bounds if own is None else problem.bounds.beside(own),
+    )  # fmt: skip
 
 
 def residual(problem: Problem, u: jax.Array) -> jax.Array:
@@ -229,10 +244,10 @@ def _plainly(problem: Problem, places: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return found.beside[0], found.jacobian
 
 
-def rows_at(problem: Problem, places: np.ndarray) -> np.ndarray:
-    """What the model says of the rows at `places`, shape (cases, rows). Of many by a program without slopes, which
-    takes a quarter of the time, and seconds to compile."""
-    if len(places) <= MANY:
+def rows_at(problem: Problem, places: np.ndarray, many: bool | None = None) -> np.ndarray:
+    """What the model says of the rows at `places`, shape (cases, rows). Of `many` by a program without slopes, which
+    takes a quarter of the time, and seconds to compile. None: of more than `MANY`."""
+    if not (len(places) > MANY if many is None else many):
         return evaluated(problem, places).beside[0]
     return _in_parts(_rows, problem, places)[0]
 
@@ -274,7 +289,7 @@ def _laid_out(problem: Problem) -> Problem:
         return np.concatenate([np.asarray(rows), np.full(more, value, np.asarray(rows).dtype)])
 
     at = problem.conditions
-    at = dataclasses.replace(at, place=longer(at.place, 0), axis=longer(at.axis, 0), loss=longer(at.loss, False))
+    at = dataclasses.replace(at, place=longer(at.place, 0), entry=longer(at.entry, 0), loss=longer(at.loss, False))
     return dataclasses.replace(problem, conditions=at, rough=None, measured=longer(problem.measured, 0.0),
                                sigma=longer(problem.sigma, np.inf))  # fmt: skip
 

@@ -149,11 +149,8 @@ def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
     more = list(_usable(fit))
     if not more:
         return
-    own, parameters = len(fit.parameters), (*fit.problem.parameters, *more)
-    bounds = fit_parameters.bounds(parameters, fit.problem.scene, fit.rows)
-    whole = any(parameter.changes_healthy for parameter in parameters)
-    problem = dataclasses.replace(fit.problem, parameters=parameters, bounds=bounds,
-                                  sound=None if whole else fit.problem.sound)  # fmt: skip
+    own, problem = len(fit.parameters), predicted.with_more(fit.problem, more, fit.rows)
+    parameters, bounds = problem.parameters, problem.bounds
     still = bounds.coordinates(np.array([parameter.start(fit.problem.scene) for parameter in parameters], float))
     low, points = _lowest(fit), POINTS * len(scan.place) // search.points(own)
     for i, parameter in enumerate(more, own):

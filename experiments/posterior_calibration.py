@@ -1,0 +1,102 @@
+"""Whether posteriors say how sure they are: ranks of the truth among draws are even if they do (Talts et al. 2018).
+
+python -m experiments.posterior_calibration [SETS] [FOLDER] [k/n]   (default 500 out 0/1)
+
+Of n processes the k-th takes every n-th set. Every set's spall is drawn from the prior: length, width and angle. Twelve
+losses are measured with it: two loads, three phases of the cage, both directions; noise is 2 % of them and 0.02 %. From
+the rows alone comes the posterior, under the same prior. Prints and keeps (FOLDER/posterior_calibration.jsonl) the rank
+of every truth among 199 draws; in the end the chance of ranks as uneven as these, and how many 95 % intervals hold.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import numpy as np
+from scipy import stats
+
+import difftrb as trb
+from difftrb.fits import fitting
+from difftrb.fits import posterior as posteriors
+from difftrb.fits.predicted import Problem, rows_at
+
+NAMES = ("length", "width", "angle")
+LOADS, PHASES, QUANTITIES = ((9000.0, 4500.0), (3000.0, 4500.0)), (0.0, 0.09, 0.18), ("radial_loss", "axial_loss")
+DRAWS, LIVE = 199, 200
+
+
+def problem() -> Problem:
+    """Of rows that say nothing yet."""
+    rows = [trb.Measurement(*load, quantity, 1.0, 1.0, None, phase)  # type: ignore[arg-type]
+            for load in LOADS for phase in PHASES for quantity in QUANTITIES]  # fmt: skip
+    scene = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (trb.Spall(3.0, 5.0),))
+    return fitting.problem_of(fitting.prepare_fit(scene, rows), tuple(rows), NAMES, "squares", 0.0)[0]
+
+
+def one(seed: int, blank: Problem) -> dict[str, Any]:
+    """A set: its truth, and the rank of each value among draws from the posterior."""
+    rng = np.random.default_rng([seed, 51])
+    point = rng.uniform(0.0, 1.0, len(NAMES))
+    place = np.log(point / (1.0 - point))
+    exact = rows_at(blank, place[None], many=True)[0]
+    sigma = 0.02 * np.abs(exact) + 0.02
+    own = dataclasses.replace(blank, measured=exact + sigma * rng.standard_normal(len(exact)), sigma=sigma)
+    began = time.perf_counter()
+    found = posteriors.posterior_of(own, 1.0, LIVE, DRAWS * 5, seed, 10.0, None)
+    truth = np.asarray(blank.bounds.values(place))
+    thinned = found.values[:DRAWS]
+    ends = found.intervals()
+    return {
+        "seed": seed,
+        "truth": truth.tolist(),
+        "ranks": np.sum(thinned < truth, axis=0).tolist(),
+        "held": ((ends[:, 0] <= truth) & (truth <= ends[:, 1])).tolist(),
+        "seconds": time.perf_counter() - began,
+        "evaluations": found.evaluations,
+    }
+
+
+def summary(records: list[dict[str, Any]]) -> dict[str, Any]:
+    """Of all sets: by parameter, and time."""
+    ranks = (np.array([record["ranks"] for record in records]) + 0.5) / (DRAWS + 1)
+    held = np.mean([record["held"] for record in records], axis=0)
+    return {
+        "sets": len(records),
+        "chance of ranks as uneven": {n: round(float(stats.kstest(own, "uniform").pvalue), 3)
+                                      for n, own in zip(NAMES, ranks.T, strict=True)},
+        "95 % intervals that hold [%]": {n: round(100.0 * float(own), 1) for n, own in zip(NAMES, held, strict=True)},
+        "median seconds": round(float(np.median([record["seconds"] for record in records])), 1),
+        "median evaluations": int(np.median([record["evaluations"] for record in records])),
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Measure, keep, print."""
+    sets = int(sys.argv[1]) if len(sys.argv) > 1 else 500
+    folder = Path(sys.argv[2] if len(sys.argv) > 2 else "out")
+    part, parts = map(int, sys.argv[3].split("/")) if len(sys.argv) > 3 else (0, 1)
+    folder.mkdir(parents=True, exist_ok=True)
+    file, blank = folder / "posterior_calibration.jsonl", problem()
+
+    def kept() -> list[dict[str, Any]]:
+        return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
+
+    done = {record["seed"] for record in kept()}
+    for seed in range(part, sets, parts):
+        if seed not in done:
+            with file.open("a", encoding="utf-8") as out:
+                out.write(json.dumps(one(seed, blank)) + "\n")
+    print(json.dumps(summary(kept()), indent=1))
+
+
+if __name__ == "__main__":
+    main()

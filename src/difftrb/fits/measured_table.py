@@ -1,0 +1,180 @@
+"""Tables of measurements: CSV in, `Measurement`s out; what is wrong with a table is one sentence.
+
+A table is long, with a column `quantity` and one `value` a line, or wide, with a column for each quantity and as many
+values a line as were measured. Columns may name their unit, as `radial [kN]` or `axial_stiffness [N/µm]`.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+from pydantic import TypeAdapter, ValidationError
+
+from difftrb.core import bad_input
+from difftrb.core.bad_input import allowed, did_you_mean, shown
+from difftrb.fits.measured import ADVICE, MeasuredError, Measurement, Quantity, check
+
+ROW = TypeAdapter(Measurement)
+COLUMNS = tuple(field.name for field in dataclasses.fields(Measurement))
+QUANTITIES: tuple[str, ...] = get_args(Quantity)
+SIGMA = "_sigma"
+"""Ends the column of a quantity's standard deviations, in a wide table."""
+LONG, WIDE = ("quantity", "value", "sigma"), (*QUANTITIES, *(quantity + SIGMA for quantity in QUANTITIES))
+FORCE = {"N": 1.0, "kN": 1e3}
+STIFFNESS = {"N/mm": 1.0, "N/µm": 1e3, "N/um": 1e3, "kN/mm": 1e3, "kN/µm": 1e6, "kN/um": 1e6, "N/m": 1e-3, "MN/m": 1e3}
+SHARE = {"%": 1.0, "1": 100.0}
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "radial": FORCE, "axial": FORCE, "phase": {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0},
+    "speed_rpm": {"rev/min": 1.0, "rpm": 1.0}, "load_sigma": SHARE,
+    **{name: SHARE if "loss" in name else STIFFNESS for name in WIDE},
+}  # fmt: skip
+"""By how much a number in a unit has to be multiplied, by column. Of `value` and `sigma` the quantity says it."""
+
+
+class Column(NamedTuple):
+    """A column's name and the unit that it gives, if any."""
+
+    name: str
+    unit: str | None
+
+
+def load_measured(path: str | Path) -> tuple[Measurement, ...]:
+    """Read measurements from a CSV file; `MeasuredError` (a ValueError) says in one sentence what is wrong with it.
+
+    Columns as the fields of `Measurement`, in any order, named in the first line. `radial` and `axial` are needed, and
+    either `quantity` and `value`, or a column for each quantity, say `radial_loss`, with its standard deviation in one
+    named `radial_loss_sigma`; there an empty cell was not measured. A name may have its unit behind it in brackets:
+    [kN], [N/µm] and other usual ones, [deg], [1] for a loss that is no percentage. Lines that begin with # are
+    comments. At most 1 MB.
+    """
+    return parse(bad_input.text_of(path, "a table of measurements", MeasuredError), path)
+
+
+def example() -> str:
+    """The text of the packaged measurements."""
+    return bad_input.packaged(".csv")["measured"]
+
+
+def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
+    """Check the text of a table of measurements; `path` names it in errors. Raises `MeasuredError`."""
+    numbered = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"]
+    if not numbered:
+        raise MeasuredError(
+            f"{path}: holds no rows; give a line of column names (radial, axial, quantity, value …) and rows"
+        )
+    cells = [_cells(line, f"{path}: line {number}") for number, line in numbered]
+    columns = _header(cells[0], path)
+    if len(cells) < 2:
+        raise MeasuredError(f"{path}: holds column names but no rows")
+    rows: list[Measurement] = []
+    for k, ((line, _), row) in enumerate(zip(numbered[1:], cells[1:], strict=True), 1):
+        rows.extend(_rows(columns, row, f"{path}: row {k} (line {line})"))
+    return tuple(rows)
+
+
+def _cells(line: str, where: str) -> list[str]:
+    """The cells of one line, on which every cell that is quoted has to end."""
+    try:
+        (row,) = csv.reader([line], strict=True)
+    except csv.Error as error:
+        raise MeasuredError(f"{where}: is not CSV that can be read: {error}; close every quote on its line") from None
+    return [cell.strip() for cell in row]
+
+
+def _header(cells: list[str], path: str | Path) -> list[Column]:
+    """The columns, if they are known, each once, and enough."""
+    if len(cells) == 1 and any(c in cells[0] for c in ";\t"):
+        raise MeasuredError(f"{path}: columns must be separated by commas, and decimals written with a point")
+    columns = [_column(cell, path) for cell in cells]
+    names = [column.name for column in columns]
+    for name in names:
+        if names.count(name) > 1:
+            raise MeasuredError(f"{path}: column {shown(name)} stands twice; keep one of them")
+    wide = [name for name in names if name in QUANTITIES]
+    if wide and (both := [name for name in LONG if name in names]):
+        raise MeasuredError(
+            f"{path}: column {both[0]} beside {wide[0]}: a table has either quantity and value, or a column for each "
+            f"quantity, with {wide[0]}{SIGMA} for its sigma; keep one way"
+        )
+    for name in names:
+        if name.endswith(SIGMA) and name in WIDE and name.removesuffix(SIGMA) not in names:
+            raise MeasuredError(f"{path}: column {name} has no column {name.removesuffix(SIGMA)} beside it; add it")
+    for name in ("radial", "axial", *(() if wide else LONG[:2])):
+        if name not in names:
+            raise MeasuredError(f"{path}: column {name} is missing: {ADVICE[name]}")
+    return columns
+
+
+def _column(cell: str, path: str | Path) -> Column:
+    found = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]", cell)
+    name, unit = (found[1], found[2].strip().replace("μ", "µ")) if found else (cell, None)
+    if name not in COLUMNS and name not in WIDE:
+        raise MeasuredError(f"{path}: column {shown(name)} is not known; {did_you_mean(name, (*COLUMNS, *QUANTITIES))}")
+    known = {**STIFFNESS, **SHARE} if name in LONG[1:] else UNITS.get(name, {})
+    if unit is not None and unit not in known:
+        raise MeasuredError(f"{path}: column {name}: unit [{shown(unit)[1:-1]}] is not known; "
+                            f"{'use one of ' + ', '.join(known) if known else 'it has none'}")  # fmt: skip
+    return Column(name, unit)
+
+
+def _rows(columns: list[Column], cells: list[str], where: str) -> Iterator[Measurement]:
+    """What was measured on one line; `where` begins its sentence."""
+    if len(cells) != len(columns):
+        raise MeasuredError(
+            f"{where}: has {len(cells)} cells where the first line has {len(columns)}; separate columns by commas and "
+            "write decimals with a point"
+        )
+    content = {column: cell for column, cell in zip(columns, cells, strict=True) if cell}
+    shared = {column: cell for column, cell in content.items() if column.name not in WIDE}
+    quantities = [column for column in columns if column.name in QUANTITIES]
+    if not quantities:
+        yield _row(shared, where)
+    elif not any(column in content for column in quantities):
+        raise MeasuredError(f"{where}: holds no value; give what was measured, or leave the line out")
+    for column in quantities:
+        if column in content:
+            own = {Column("quantity", None): column.name, Column("value", column.unit): content[column]}
+            sigma = next((c for c in content if c.name == column.name + SIGMA), None)
+            if sigma is not None:
+                own[Column("sigma", sigma.unit or column.unit)] = content[sigma]
+            yield _row({**shared, **own}, f"{where}: {column.name}")
+
+
+def _row(content: dict[Column, str], where: str) -> Measurement:
+    """One measurement from its cells that are not empty."""
+    told: dict[str, Any] = {column.name: _cell(cell) for column, cell in content.items()}
+    units = {column.name: column.unit for column in content if column.unit}
+    if "value" in units:
+        units.setdefault("sigma", units["value"])
+    converted = dict(told)
+    for name, unit in units.items():
+        known = UNITS.get(str(told.get("quantity")), {}) if name in LONG else UNITS[name]
+        if known and unit not in known:
+            raise MeasuredError(f"{where}: {name} in [{unit}]: {told['quantity']} is in {' or '.join(known)}; name "
+                                "the unit that fits, or use a column for each quantity")  # fmt: skip
+        if isinstance(told.get(name), float) and known:
+            converted[name] = told[name] * known[unit]
+    try:
+        row = ROW.validate_json(json.dumps(converted))  # as JSON, where strictness lets a table become a dataclass
+    except ValidationError as error:
+        column = str(error.errors()[0]["loc"][0])
+        unit = f" {units[column]}" if column in units else ""
+        value = f"= {shown(told[column])}{unit}" if column in told else "is empty"
+        raise MeasuredError(
+            f"{where}: {column} {value}: must be {allowed(Measurement, [column])}; {ADVICE[column]}"
+        ) from None
+    return check(row, where)
+
+
+def _cell(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
