@@ -22,7 +22,6 @@ ALONE = {
         "report/run_figures.py", "sweeps/sweep_plot.py", "fits/fit_figure.py",
         "fits/posterior_figure.py", "accuracy/accuracy_report.py",
     },
-    "nautilus": {"fits/nested_sampling.py"},
     "panel": {"report/explorer.py"},
     "bokeh": {"report/explorer.py"},
     "pydantic": {"scene/scene_file.py", "scene/file_tables.py", "fits/measured_table.py"},

@@ -224,8 +224,8 @@ COMMANDS = (
         _option("measured", metavar="MEASURED", help="rows of measurements (CSV); see `difftrb example measured`"),
         _option("--parameters", default="length,width", metavar="NAMES", help="what to fit (default length,width)"),
         _option("--robust", default="squares", help="huber or student where single rows may be far off"),
-        _option("--posterior", action="store_true", help="all that the rows leave possible, weighed: extra posterior"),
-        _option("--spalls", metavar="N,…", help="how likely rows make so many spalls, say 0,1,2: extra posterior"),
+        _option("--posterior", action="store_true", help="all that the rows leave possible, weighed"),
+        _option("--spalls", metavar="N,…", help="how likely rows make so many spalls, say 0,1,2"),
         *OUTPUT,
     )),
     Command("sweep", _sweep, "Many scenes: a scene file's [sweep] names axes, outputs and gradients.", (

@@ -1,6 +1,7 @@
 """The posterior and the evidence against what they are: integrals, of which two dimensions can be summed."""
 
 import dataclasses
+import functools
 import itertools
 import json
 from pathlib import Path
@@ -11,14 +12,12 @@ from scipy.stats import norm
 
 import difftrb as trb
 from difftrb import __main__ as cli
+from difftrb.fits import fit_report, predicted
 from difftrb.fits import posterior as posteriors
-from difftrb.fits import predicted
 from difftrb.fits.nested_sampling import sampled
 from difftrb.fits.posterior_figure import corner
 from difftrb.fits.spall_count import count_spalls
 from difftrb.report import figure_style
-
-pytest.importorskip("nautilus")
 
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))
 ROWS = [(load, phase, quantity) for load in LOADS for phase in (0.0, "mean") for quantity in ("radial", "axial")]
@@ -48,7 +47,7 @@ def fitted(rig: trb.Scene) -> trb.Fit:
 
 @pytest.fixture(scope="module")
 def drawn(fitted: trb.Fit) -> trb.Posterior:
-    return trb.posterior(fitted, draws=2000)
+    return trb.posterior(fitted, live=200, draws=2000)
 
 
 def test_evidence_and_points_of_a_normal_distribution() -> None:
@@ -56,25 +55,47 @@ def test_evidence_and_points_of_a_normal_distribution() -> None:
     middle, spread = np.array([0.0, 0.5, 0.7]), np.array([0.02, 0.03, 0.01])
     told: list[tuple[int, int]] = []
     found = sampled(
-        lambda points: np.sum(norm.logpdf(points, middle, spread), axis=1), 3, 200, 1000, 0,
+        lambda points: np.sum(norm.logpdf(points, middle, spread), axis=1), 3, 1000, 0,
         progress=lambda done, of: told.append((done, of)),
     )  # fmt: skip
-    assert found.log_evidence == pytest.approx(np.log(0.5), abs=4.0 * found.error + 1e-3)
-    assert found.error < 0.05
-    assert found.effective > 900.0
+    assert found.log_evidence == pytest.approx(np.log(0.5), abs=2.0 * found.error)
+    assert found.error < 0.1
+    assert found.effective > 2500.0
     points = found.drawn(4000, 1)
-    np.testing.assert_allclose(np.mean(points, axis=0), middle + spread * [np.sqrt(2.0 / np.pi), 0.0, 0.0], atol=3e-3)
+    np.testing.assert_allclose(np.mean(points, axis=0), middle + spread * [np.sqrt(2.0 / np.pi), 0.0, 0.0], atol=2e-3)
     np.testing.assert_allclose(np.std(points, axis=0)[1:], spread[1:], rtol=0.1)
     assert told[-1][0] == told[-1][1]
     assert all(before[0] <= after[0] for before, after in itertools.pairwise(told))
 
 
+def test_errors_of_evidence_are_what_it_says() -> None:
+    """Forty times, of two curved ridges of different weight: the sum over a grid is exact to all digits."""
+
+    def log_likelihood(points: np.ndarray) -> np.ndarray:
+        x, y = points.T
+        ridge = y - 0.5 - 2.0 * (x - 0.4) ** 2
+        ridges = (np.log(share) - 0.5 * (x - at) ** 2 / 0.06**2 for share, at in ((0.8, 0.25), (0.2, 0.75)))
+        return -0.5 * (ridge / 0.01) ** 2 + np.logaddexp(*ridges)
+
+    side = (np.arange(1000) + 0.5) / 1000
+    grid = np.stack([axis.ravel() for axis in np.meshgrid(side, side)], axis=1)
+    density = np.exp(log_likelihood(grid))
+    exact = float(np.log(np.mean(density)))
+    right = float(np.sum(density[grid[:, 0] > 0.5]) / np.sum(density))
+    every = [sampled(log_likelihood, 2, 200, seed) for seed in range(40)]
+    off = np.array([(found.log_evidence - exact) / found.error for found in every])
+    assert abs(np.mean(off)) < 0.6  # three standard errors
+    assert 0.6 < np.std(off) < 1.7
+    shares = [float(np.sum(found.shares[found.points[:, 0] > 0.5])) for found in every]
+    assert np.mean(shares) == pytest.approx(right, abs=0.04)
+
+
 def test_evidence_where_most_of_the_prior_is_level() -> None:
     """A spall between rollers changes nothing: there all points are alike."""
     peak = 1e3
-    found = sampled(lambda points: np.where(points[:, 0] < 0.9, 0.0, np.log(peak)), 2, 200, 1000, 0)
-    assert found.log_evidence == pytest.approx(np.log(0.9 + 0.1 * peak), abs=0.05)
-    assert np.mean(found.drawn(4000, 1)[:, 0] > 0.9) == pytest.approx(0.1 * peak / (0.9 + 0.1 * peak), abs=0.01)
+    found = sampled(lambda points: np.where(points[:, 0] < 0.9, 0.0, np.log(peak)), 2, 1000, 0)
+    assert found.log_evidence == pytest.approx(np.log(0.9 + 0.1 * peak), abs=0.1)
+    assert np.sum(found.shares[found.points[:, 0] > 0.9]) == pytest.approx(0.1 * peak / (0.9 + 0.1 * peak), abs=0.01)
 
 
 @pytest.mark.slow
@@ -85,12 +106,12 @@ def test_it_is_the_integral_of_two_dimensions(fitted: trb.Fit, drawn: trb.Poster
     coordinates = np.log(points / (1.0 - points))
     told = predicted.rows_at(fitted.problem, coordinates, many=True)
     density = np.exp(posteriors.log_density(fitted.problem, told))
-    assert drawn.log_evidence == pytest.approx(np.log(np.mean(density)), abs=0.1)
+    assert drawn.log_evidence == pytest.approx(np.log(np.mean(density)), abs=2.5 * drawn.error)
     values = np.asarray(fitted.problem.bounds.values(coordinates))
     mean = density @ values / np.sum(density)
     spread = np.sqrt(density @ (values - mean) ** 2 / np.sum(density))
-    np.testing.assert_array_less(np.abs(np.mean(drawn.values, axis=0) - mean), 0.1 * spread)
-    np.testing.assert_allclose(np.std(drawn.values, axis=0), spread, rtol=0.1)
+    np.testing.assert_array_less(np.abs(np.mean(drawn.values, axis=0) - mean), 0.2 * spread)
+    np.testing.assert_allclose(np.std(drawn.values, axis=0), spread, rtol=0.2)
 
 
 @pytest.mark.slow
@@ -134,7 +155,7 @@ def test_what_cannot_be_sampled_gets_one_sentence(fitted: trb.Fit) -> None:
 @pytest.mark.slow
 def test_what_is_not_known_beside_the_size_makes_it_wider(fitted: trb.Fit, drawn: trb.Posterior) -> None:
     """A housing of unknown softness: longer spalls fit as well. What the prior says cannot be left."""
-    wider = trb.posterior(fitted, ("scale",), {"scale": (0.8, 1.0)}, draws=500)
+    wider = trb.posterior(fitted, ("scale",), {"scale": (0.8, 1.0)}, live=50, draws=500)
     assert wider.parameters == ("length", "width", "scale")
     longer, own = (np.std(each["length"][each["length"] > 3.0]) for each in (wider, drawn))
     assert longer > 1.5 * own
@@ -145,8 +166,8 @@ def test_what_is_not_known_beside_the_size_makes_it_wider(fitted: trb.Fit, drawn
 @pytest.mark.slow
 def test_spalls_are_counted(rig: trb.Scene) -> None:
     """None of healthy rows, one of a spall's."""
-    none = count_spalls(rig, rows_of(rig, None, 0.05, 2), (0, 1), ("length", "width"), draws=200)
-    one = count_spalls(rig, rows_of(rig, TRUTH, 0.05, 3), (0, 1), ("length", "width"), draws=200)
+    none = count_spalls(rig, rows_of(rig, None, 0.05, 2), (0, 1), ("length", "width"), live=50, draws=200)
+    one = count_spalls(rig, rows_of(rig, TRUTH, 0.05, 3), (0, 1), ("length", "width"), live=50, draws=200)
     assert (none.likeliest, one.likeliest) == (0, 1)
     assert none.shares[0] > 0.6  # a spall too small to be told is one, too
     assert one.shares[1] > 0.999
@@ -164,7 +185,7 @@ def test_spalls_are_counted(rig: trb.Scene) -> None:
 def test_the_figure_shows_every_pair(tmp_path: Path) -> None:
     values = np.random.default_rng(0).normal([4.0, 7.0], [0.1, 0.2], (2000, 2))
     ranges = np.array([[0.1, 14.0], [0.1, 180.0]])
-    made = trb.Posterior(("length", "width"), ("mm", "mm"), values, ranges, 1.0, 0.1, 9, 1.0, (True, True))
+    made = trb.Posterior(("length", "width"), ("mm", "mm"), values, ranges, 1.0, 0.1, 9.0, 9, 1.0, (True, True))
     ax = corner(made, {"length": 4.0, "width": 7.0})
     panels = [each for each in ax.figure.axes if each.axison]
     assert len(panels) == 3
@@ -173,13 +194,16 @@ def test_the_figure_shows_every_pair(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_command_samples_and_counts(tmp_path: Path, rig: trb.Scene, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_samples_and_counts(
+    tmp_path: Path, rig: trb.Scene, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fit_report, "posterior", functools.partial(trb.posterior, live=50))
     scene, table = tmp_path / "s.toml", tmp_path / "m.csv"
     scene.write_text(
         'bearing = "32008J"\nload = { radial = 9000, axial = 4500 }\ncontact.law = "liu2018"\n'
         "[[spall]]\nlength = 3\nwidth = 5\n"
     )
-    rows = rows_of(rig, TRUTH, 0.05, 1)
+    rows = rows_of(rig, TRUTH, 0.08, 1)
     lines = [f"{r.radial},{r.axial},{r.phase},{r.quantity},{r.value},{r.sigma}" for r in rows]
     table.write_text("\n".join(["radial,axial,phase,quantity,value,sigma", *lines]))
     out = tmp_path / "out"

@@ -25,9 +25,10 @@ from difftrb.law.samples import Progress
 if TYPE_CHECKING:
     import xarray
 
-LIVE = 300
-"""Points of nested sampling: more find answers that are farther apart, or narrower, and take longer."""
-DRAWS = 2000
+LIVE = 100
+"""Points of nested sampling: with more there are more that are independent, answers that are farther apart or narrower
+are found, and it takes as much longer."""
+DRAWS = 1000
 Ranges = Mapping[str, tuple[float, float]]
 """Of priors, by parameter, in its unit."""
 
@@ -42,7 +43,7 @@ class Posterior:
       ranges: of the prior [unit], shape (parameters, 2): even between these, of sizes in their logarithm.
       log_evidence: natural logarithm of the chance density of the rows as they were measured, whatever the values.
         error: its standard error.
-      evaluations: of the likelihood.
+      effective: as many independent draws would tell as much. evaluations: of the likelihood.
       widened: by what factor squares of deviations count less than sigma says, for the fit misses the rows by more;
         the evidence is as if they did, too.
       logarithmic: which parameters are sizes.
@@ -54,6 +55,7 @@ class Posterior:
     ranges: np.ndarray
     log_evidence: float
     error: float
+    effective: float
     evaluations: int
     widened: float
     logarithmic: tuple[bool, ...]
@@ -91,7 +93,7 @@ class Posterior:
             name: (("chain", "draw"), self[name][None], {"units": unit})
             for name, unit in zip(self.parameters, self.units, strict=True)
         }
-        told = {"log_evidence": self.log_evidence, "log_evidence_error": self.error}
+        told = {"log_evidence": self.log_evidence, "log_evidence_error": self.error, "effective": self.effective}
         return xarray.Dataset(parts, {"chain": [0], "draw": np.arange(len(self.values))}, told)
 
 
@@ -104,7 +106,7 @@ def posterior(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Posterior:
-    """The posterior of what was fitted, by nested sampling (Skilling 2006) with dynesty (Speagle 2020).
+    """The posterior of what was fitted, by nested sampling (Skilling 2006).
 
     Args:
       fit: of `difftrb.fit`: its rows, parameters, robustness, model error common to all rows. Where it misses the rows
@@ -113,14 +115,14 @@ def posterior(
         posterior of the others is that whatever these are.
       ranges: of priors by parameter, say {"scale": (0.7, 1.0)} [unit], within those that a fit searches, which are
         the default.
-      live: points of nested sampling, 50 … 100000; more for several answers that lie far apart, or a better evidence.
-      draws: how many to return, 100 … 100000, of at least as many that are independent. seed: of all that is random.
+      live: points of nested sampling, 50 … 10000: see `LIVE`. The evidence's error falls with their root.
+      draws: how many to return, 100 … 100000. seed: of all that is random.
       progress: told how many of how many parts are done.
 
-    Raises `MeasuredError` for what cannot be sampled. Needs dynesty: `pip install 'difftrb[posterior]'`.
+    Raises `MeasuredError` for what cannot be sampled.
     """
     fit.check()
-    for name, value, low, high in (("live", live, 50, 100_000), ("draws", draws, 100, 100_000)):
+    for name, value, low, high in (("live", live, 50, 10_000), ("draws", draws, 100, 100_000)):
         if not isinstance(value, int) or not low <= value <= high:
             raise MeasuredError(f"{name} = {shown(value)}: must be a whole number in {low} … {high}")
     more = [name for name in nuisances if name not in fit.parameters]
@@ -138,7 +140,7 @@ def posterior_of(
         told = predicted.rows_at(problem, _coordinates(points), many=True)
         return log_density(problem, told, widened)
 
-    found = nested_sampling.sampled(log_likelihood, len(problem.parameters), live, draws, seed, nats, progress)
+    found = nested_sampling.sampled(log_likelihood, len(problem.parameters), live, seed, nats, progress)
     return Posterior(
         parameters=tuple(parameter.name for parameter in problem.parameters),
         units=tuple(parameter.unit for parameter in problem.parameters),
@@ -146,6 +148,7 @@ def posterior_of(
         ranges=np.stack([problem.bounds.low, problem.bounds.high], axis=1),
         log_evidence=found.log_evidence,
         error=found.error,
+        effective=found.effective,
         evaluations=found.evaluations,
         widened=widened,
         logarithmic=problem.bounds.logarithmic,

@@ -27,6 +27,7 @@ def posterior_json(posterior: Posterior) -> dict[str, Any]:
         "log_evidence": posterior.log_evidence,
         "log_evidence_error": posterior.error,
         "draws": len(posterior.values),
+        "effective": posterior.effective,
         "evaluations": posterior.evaluations,
     }  # fmt: skip
 

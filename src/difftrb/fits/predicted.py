@@ -41,8 +41,8 @@ Solve = Callable[..., tuple[jax.Array, jax.Array]]
 """`conditions.stiffness`, or `conditions.with_slopes`."""
 MANY = 1024
 """More places than these are worth a program of their own."""
-BATCH = 16
-"""Most cases that one call evaluates."""
+BATCH, ROWS_BATCH = 16, 64
+"""Most cases that one call evaluates; and without slopes, where calling takes as long as a few cases."""
 ADAM = optax.adam(0.25)
 """Steps of a quarter, in coordinates."""
 
@@ -249,23 +249,25 @@ def rows_at(problem: Problem, places: np.ndarray, many: bool | None = None) -> n
     takes a quarter of the time, and seconds to compile. None: of more than `MANY`."""
     if not (len(places) > MANY if many is None else many):
         return evaluated(problem, places).beside[0]
-    return _in_parts(_rows, problem, places)[0]
+    return _in_parts(_rows, problem, places, ROWS_BATCH)[0]
 
 
-def _in_parts(program: Callable[..., tuple[jax.Array, ...]], problem: Problem, places: np.ndarray) -> list[np.ndarray]:
+def _in_parts(
+    program: Callable[..., tuple[jax.Array, ...]], problem: Problem, places: np.ndarray, batch: int = BATCH
+) -> list[np.ndarray]:
     """What a program says of all places: in parts of one size, side by side."""
     rows, laid_out = len(problem.measured), _laid_out(problem)
 
     def part(k: int) -> list[np.ndarray]:
-        own = places[k : k + BATCH]
-        padded = np.zeros((BATCH, places.shape[1]))
+        own = places[k : k + batch]
+        padded = np.zeros((batch, places.shape[1]))
         padded[: len(own)] = own
         every = (np.asarray(out)[: len(own)] for out in program(laid_out, padded, len(own)))
         return [out[:, :rows] if out.ndim > 1 else out for out in every]
 
     first = part(0)  # compiles
     with ThreadPoolExecutor(machine.cores()) as pool:
-        parts = [first, *pool.map(part, range(BATCH, len(places), BATCH))]
+        parts = [first, *pool.map(part, range(batch, len(places), batch))]
     return [np.concatenate(each) for each in zip(*parts, strict=True)]
 
 

@@ -83,7 +83,7 @@ def count_spalls(
       progress: told how many of how many parts are done.
 
     Two spalls that one roller may meet at once are left out: no law that can be fitted knows them. Raises
-    `MeasuredError`. Needs nautilus: `pip install 'difftrb[posterior]'`.
+    `MeasuredError`.
     """
     status.require_float64()
     counts, rows = tuple(counts), tuple(rows)
@@ -102,7 +102,7 @@ def count_spalls(
             found.append(None)
             continue
         of_all = None if progress is None else _part(progress, k, len(counts))
-        own = posteriors.posterior_of(problem, 1.0, live * count, draws, seed, NATS * len(names), of_all)
+        own = posteriors.posterior_of(problem, 1.0, live, draws, seed, NATS * len(names), of_all)
         evidences[k], errors[k] = own.log_evidence, own.error
         found.append(own if count == 1 else _in_order(own, len(parameters)))
     shares = np.exp(evidences - np.max(evidences))
