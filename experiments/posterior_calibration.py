@@ -27,6 +27,7 @@ from scipy import stats
 import difftrb as trb
 from difftrb.fits import fitting
 from difftrb.fits import posterior as posteriors
+from difftrb.fits.least_squares import at_shares
 from difftrb.fits.predicted import Problem, rows_at
 
 NAMES = ("length", "width", "angle")
@@ -46,7 +47,7 @@ def one(seed: int, blank: Problem) -> dict[str, Any]:
     """A set: its truth, and the rank of each value among draws from the posterior."""
     rng = np.random.default_rng([seed, 51])
     point = rng.uniform(0.0, 1.0, len(NAMES))
-    place = np.log(point / (1.0 - point))
+    place = at_shares(point)
     exact = rows_at(blank, place[None], many=True)[0]
     sigma = 0.02 * np.abs(exact) + 0.02
     own = dataclasses.replace(blank, measured=exact + sigma * rng.standard_normal(len(exact)), sigma=sigma)

@@ -185,7 +185,7 @@ def test_spalls_are_counted(rig: trb.Scene) -> None:
 def test_the_figure_shows_every_pair(tmp_path: Path) -> None:
     values = np.random.default_rng(0).normal([4.0, 7.0], [0.1, 0.2], (2000, 2))
     ranges = np.array([[0.1, 14.0], [0.1, 180.0]])
-    made = trb.Posterior(("length", "width"), ("mm", "mm"), values, ranges, 1.0, 0.1, 9.0, 9, 1.0, (True, True))
+    made = trb.Posterior(("length", "width"), ("mm", "mm"), values, ranges, 1.0, 0.1, 9.0, 9, 1.0)
     ax = corner(made, {"length": 4.0, "width": 7.0})
     panels = [each for each in ax.figure.axes if each.axison]
     assert len(panels) == 3

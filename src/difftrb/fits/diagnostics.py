@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.fits import fit_result, optimal_design, profile_intervals, suspects
+from difftrb.fits import fit_result, optimal_design, predicted, profile_intervals, suspects
 from difftrb.fits.fit_result import Alternative, Fit
 from difftrb.fits.profile_intervals import CONFIDENCE, EDGE
 from difftrb.fits.search import Scan
@@ -120,11 +120,9 @@ def _of_suspect(fit: Fit, suspect: suspects.Suspect) -> str:
 def _healthy(fit: Fit) -> str:
     """That no spall is needed, if none is."""
     losses = np.array([row.is_loss for row in fit.rows])
-    sound, conditions = fit.problem.sound, fit.problem.conditions
-    if sound is None and not losses.all():
+    if fit.problem.sound is None and not losses.all():
         return ""
-    stiff = 0.0 if sound is None else np.asarray(sound)[np.asarray(conditions.place), np.asarray(conditions.entry)]
-    off = (np.array([float(row.value) for row in fit.rows]) - np.where(losses, 0.0, stiff)) / fit.sigma
+    off = (np.array([float(row.value) for row in fit.rows]) - predicted.healthy_rows(fit.problem)) / fit.sigma
     chi2 = float(np.sum(off**2))
     if fit_result.tail(max(chi2 - fit.chi2, 0.0), len(fit.parameters)) < HEALTHY or not np.isfinite(chi2):
         return ""

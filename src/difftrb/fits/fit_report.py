@@ -47,7 +47,7 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
         figures.append(("posterior", lambda: corner(drawn, dict(zip(result.parameters, result.values, strict=True)))))
     if options.spalls is not None:
         with console.bar("counting spalls") as progress:
-            counted = count_spalls(file.scene(), rows, _counts(options.spalls), names, progress=progress)
+            counted = count_spalls(scene, rows, _counts(options.spalls), names, progress=progress)
         record["spalls"] = run_text.plain(count_json(counted))
         texts.append(count_text(counted))
     code = console.deliver(

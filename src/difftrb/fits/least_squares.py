@@ -35,6 +35,13 @@ LEAST_DAMPING = 1e-13
 """Relative: keeps the normal matrix invertible where residuals do not depend on something."""
 
 
+def at_shares(shares: np.ndarray) -> np.ndarray:
+    """Coordinates at which values, of sizes their logarithms, have gone these shares of the way from their lower to
+    their upper bound, of any one shape; shares at a bound are moved inside."""
+    inside = np.clip(shares, 1e-6, 1.0 - 1e-6)
+    return np.log(inside / (1.0 - inside))
+
+
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Bounds:
@@ -53,8 +60,7 @@ class Bounds:
     def coordinates(self, values: np.ndarray) -> np.ndarray:
         """Coordinates of values, both of shape (…, n); values at a bound or beyond are moved inside."""
         low, high = self.ends()
-        share = np.clip((self._raw(values) - low) / (high - low), 1e-6, 1.0 - 1e-6)
-        return np.log(share / (1.0 - share))
+        return at_shares((self._raw(values) - low) / (high - low))
 
     def ends(self) -> tuple[Any, Any]:
         """The bounds, of sizes their logarithms; shape (n,) each."""

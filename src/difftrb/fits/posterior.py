@@ -16,7 +16,7 @@ from difftrb.core.bad_input import number_in, shown
 from difftrb.fits import nested_sampling, predicted
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import Fit
-from difftrb.fits.least_squares import Bounds
+from difftrb.fits.least_squares import Bounds, at_shares
 from difftrb.fits.measured import MeasuredError
 from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.fits.profile_intervals import CONFIDENCE, limit_of
@@ -46,7 +46,6 @@ class Posterior:
       effective: as many independent draws would tell as much. evaluations: of the likelihood.
       widened: by what factor squares of deviations count less than sigma says, for the fit misses the rows by more;
         the evidence is as if they did, too.
-      logarithmic: which parameters are sizes.
     """
 
     parameters: tuple[str, ...]
@@ -58,7 +57,6 @@ class Posterior:
     effective: float
     evaluations: int
     widened: float
-    logarithmic: tuple[bool, ...]
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Draws of one parameter, shape (draws,)."""
@@ -137,21 +135,20 @@ def posterior_of(
     """The posterior of a problem that nothing was fitted to; see `Posterior.widened` and `nested_sampling.sampled`."""
 
     def log_likelihood(points: np.ndarray) -> np.ndarray:
-        told = predicted.rows_at(problem, _coordinates(points), many=True)
+        told = predicted.rows_at(problem, at_shares(points), many=True)
         return log_density(problem, told, widened)
 
     found = nested_sampling.sampled(log_likelihood, len(problem.parameters), live, seed, nats, progress)
     return Posterior(
         parameters=tuple(parameter.name for parameter in problem.parameters),
         units=tuple(parameter.unit for parameter in problem.parameters),
-        values=np.asarray(problem.bounds.values(_coordinates(found.drawn(draws, seed)))),
+        values=np.asarray(problem.bounds.values(at_shares(found.drawn(draws, seed)))),
         ranges=np.stack([problem.bounds.low, problem.bounds.high], axis=1),
         log_evidence=found.log_evidence,
         error=found.error,
         effective=found.effective,
         evaluations=found.evaluations,
         widened=widened,
-        logarithmic=problem.bounds.logarithmic,
     )
 
 
@@ -172,16 +169,10 @@ def _within(problem: Problem, ranges: Ranges) -> Bounds:
 
 def _nats(fit: Fit) -> float:
     """By what factor of e the fit's own answer is narrower than the prior, as a normal distribution."""
-    share = 1.0 / (1.0 + np.exp(-fit.place))
-    slope = np.maximum(share * (1.0 - share), 1e-3)  # of the cube's sides by coordinates
+    low, high = fit.problem.bounds.ends()
+    slope = np.maximum(fit.problem.bounds.slope(fit.place) / (high - low), 1e-3)  # of the cube's sides by coordinates
     spread = np.sqrt(np.linalg.det(fit.normal / np.outer(slope, slope) + np.eye(len(slope))))
     return float(np.log(spread)) - 0.5 * len(slope) * float(np.log(2.0 * np.pi * np.e))
-
-
-def _coordinates(points: np.ndarray) -> np.ndarray:
-    """Of points of the unit cube, in which priors are even."""
-    inside = np.clip(points, 1e-6, 1.0 - 1e-6)
-    return np.log(inside / (1.0 - inside))
 
 
 def log_density(problem: Problem, told: np.ndarray, widened: float = 1.0) -> np.ndarray:

@@ -90,6 +90,13 @@ def healthy_stiffness(scene: Scene, at: Conditions) -> np.ndarray | jax.Array:
     return _healthy_stiffness(scene, dataclasses.replace(at, place=none, entry=none, loss=none))
 
 
+def healthy_rows(problem: Problem) -> np.ndarray:
+    """What rows would read of a bearing without spalls, shape (rows,): no loss; of a problem whose parameters leave the
+    healthy bearing as it is, or that has losses alone."""
+    at, sound = problem.conditions, problem.sound
+    return np.where(at.loss, 0.0, 0.0 if sound is None else np.asarray(sound)[at.place, at.entry])
+
+
 @jit_quickly()
 def _healthy_stiffness(scene: Scene, at: Conditions) -> jax.Array:
     return stiffness(lambda _: (scene, lambda load: load), jnp.zeros(0), at, sound=True)[0]

@@ -92,7 +92,7 @@ def spread(parameters: Sequence[Parameter], count: int, behind: int = 0) -> np.n
     shares = np.mod(0.5 + (behind + np.arange(1, count + 1))[:, None] * steps[None, :], 1.0)
     low, high = np.array([FACTORS if parameter.multiplies else SPREAD for parameter in parameters]).T
     shares = low + (high - low) * shares
-    return np.log(shares / (1.0 - shares))
+    return least_squares.at_shares(shares)
 
 
 def thorough(problem: Problem, scan: Scan) -> tuple[Scan, Least]:

@@ -17,7 +17,7 @@ from difftrb.fits import posterior as posteriors
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.parameters import PARAMETERS, OfSpall
 from difftrb.fits.posterior import DRAWS, LIVE, Posterior
-from difftrb.fits.predicted import Problem, healthy_stiffness
+from difftrb.fits.predicted import healthy_rows
 from difftrb.law.samples import Progress
 from difftrb.scene.scene import Scene
 
@@ -98,7 +98,7 @@ def count_spalls(
         world = dataclasses.replace(ready, spalls=spalls[: max(count, 1)])
         problem, _ = fitting.problem_of(world, rows, tuple(names), "squares", None)
         if count == 0:
-            evidences[k] = float(posteriors.log_density(problem, _healthy(problem)[None])[0])
+            evidences[k] = float(posteriors.log_density(problem, healthy_rows(problem)[None])[0])
             found.append(None)
             continue
         of_all = None if progress is None else _part(progress, k, len(counts))
@@ -130,13 +130,6 @@ def _spalls(scene: Scene) -> tuple:
     """Two of them: without a second one the first, half way round."""
     first = scene.spalls[0]
     return scene.spalls[:2] if len(scene.spalls) > 1 else (first, dataclasses.replace(first, angle=first.angle + np.pi))
-
-
-def _healthy(problem: Problem) -> np.ndarray:
-    """What rows say of a bearing without spalls, shape (rows,)."""
-    at = problem.conditions
-    sound = np.asarray(healthy_stiffness(problem.scene, at) if problem.sound is None else problem.sound)
-    return np.where(at.loss, 0.0, sound[np.asarray(at.place), np.asarray(at.entry)])
 
 
 def _part(progress: Progress, k: int, of: int) -> Progress:

@@ -18,7 +18,7 @@ from scipy import special
 from difftrb.fits import fit_result, predicted, search
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import UNLIKELY, Fit
-from difftrb.fits.least_squares import Least
+from difftrb.fits.least_squares import Least, at_shares
 from difftrb.fits.measured import MeasuredError
 from difftrb.fits.parameters import PARAMETERS, Parameter
 from difftrb.fits.predicted import Problem
@@ -162,7 +162,7 @@ def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
             at[:, free] = search.spread([*parameters[:own], parameter], len(at))
         else:
             shares = np.linspace(*search.SPREAD, FEW)
-            at[:, :own], at[:, i] = np.repeat(low, FEW, axis=0), np.tile(np.log(shares / (1.0 - shares)), len(low))
+            at[:, :own], at[:, i] = np.repeat(low, FEW, axis=0), np.tile(at_shares(shares), len(low))
         at[0, :own] = fit.place
         found = search.minima(problem, search.scanned(problem, at), free, lowest=LOWEST)
         k = int(np.nanargmin(found.cost))
