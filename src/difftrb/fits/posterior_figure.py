@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from difftrb.fits.posterior import Posterior
 from difftrb.report.figure_style import HEALTHY, SPALLED
 
-BINS = 40
+BINS = 20
+"""With more of them the few hundred draws that are independent look ragged."""
 REGIONS = 0.68, 0.95
 """What the two regions of a pair hold."""
 
@@ -31,7 +32,8 @@ def corner(posterior: Posterior, fitted: dict[str, float] | None = None) -> Any:
             else:
                 _pair(posterior, k, i, marks, ax)
             ax.xaxis.set_major_locator(MaxNLocator(4))
-            ax.yaxis.set_major_locator(MaxNLocator(4))
+            if k < i:
+                ax.yaxis.set_major_locator(MaxNLocator(4))
             ax.set_xlabel(labels[k] if i == n - 1 else "")
             ax.set_ylabel(labels[i] if k == 0 and i > 0 else "")
             ax.tick_params(labelbottom=i == n - 1, labelleft=k == 0 and i > 0)
