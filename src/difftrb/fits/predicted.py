@@ -262,20 +262,29 @@ def rows_at(problem: Problem, places: np.ndarray, many: bool | None = None) -> n
 def _in_parts(
     program: Callable[..., tuple[jax.Array, ...]], problem: Problem, places: np.ndarray, batch: int = BATCH
 ) -> list[np.ndarray]:
-    """What a program says of all places: in parts of one size, side by side."""
-    rows, laid_out = len(problem.measured), _laid_out(problem)
+    """What a program says of all places: in even parts, side by side."""
+    rows, laid_out, cores = len(problem.measured), _laid_out(problem), machine.cores()
+    count = -(-len(places) // batch)
+    if len(places) > 1:
+        count = min(-(-count // cores) * cores, len(places))
 
-    def part(k: int) -> list[np.ndarray]:
-        own = places[k : k + batch]
+    def part(own: np.ndarray) -> list[np.ndarray]:
         padded = np.zeros((batch, places.shape[1]))
         padded[: len(own)] = own
         every = (np.asarray(out)[: len(own)] for out in program(laid_out, padded, len(own)))
         return [out[:, :rows] if out.ndim > 1 else out for out in every]
 
-    first = part(0)  # compiles
-    with ThreadPoolExecutor(machine.cores()) as pool:
-        parts = [first, *pool.map(part, range(batch, len(places), batch))]
-    return [np.concatenate(each) for each in zip(*parts, strict=True)]
+    parts = np.array_split(places, max(count, 1))
+    kind = (program, batch, jax.tree.structure(laid_out), *map(np.shape, jax.tree.leaves(laid_out)))
+    first = [] if kind in _compiled else [part(parts.pop(0))]
+    _compiled.add(kind)
+    with ThreadPoolExecutor(cores) as pool:
+        found = [*first, *pool.map(part, parts)]
+    return [np.concatenate(each) for each in zip(*found, strict=True)]
+
+
+_compiled: set[Any] = set()
+"""Programs by what they were compiled for: two threads would compile the same one twice."""
 
 
 def costs(problem: Problem, told: np.ndarray) -> np.ndarray:
