@@ -37,7 +37,11 @@ def corner(posterior: Posterior, fitted: dict[str, float] | None = None) -> Any:
             ax.set_xlabel(labels[k] if i == n - 1 else "")
             ax.set_ylabel(labels[i] if k == 0 and i > 0 else "")
             ax.tick_params(labelbottom=i == n - 1, labelleft=k == 0 and i > 0)
-    figure.suptitle("Posterior: 95 % intervals; 68 and 95 % regions" + ("; cross: the fit" if marks else ""))
+    if n == 1:  # narrow, and there are no regions
+        title = "Posterior: 95 % interval" + ("; red: the fit" if marks else "")
+    else:
+        title = "Posterior: 95 % intervals; 68 and 95 % regions" + ("; cross: the fit" if marks else "")
+    figure.suptitle(title)
     return grid[0, 0]
 
 
