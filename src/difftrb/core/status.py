@@ -5,6 +5,7 @@ JAX is imported by the functions that need it, so that errors can be named witho
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -108,14 +109,14 @@ class Judged:
 
 
 def worst(*codes: Any) -> Any:
-    """The status that matters most of several: the largest code that is not `CONVERGED`."""
+    """The status that matters most of several, of all rings or of each: the largest code that is not `CONVERGED`."""
     import jax.core
 
     if not any(isinstance(code, jax.core.Tracer) for code in codes):
-        return np.max(np.stack([np.asarray(code) for code in codes]), axis=0)
+        return functools.reduce(np.maximum, map(np.asarray, codes))
     import jax.numpy as jnp
 
-    return jnp.max(jnp.stack([jnp.asarray(c) for c in codes]), axis=0)
+    return functools.reduce(jnp.maximum, map(jnp.asarray, codes))
 
 
 def describe(code: int | jax.Array) -> str:

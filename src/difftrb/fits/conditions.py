@@ -24,8 +24,6 @@ from difftrb.ring.ring import Load
 from difftrb.scene import prepared, solving
 from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain, pitch_borders
 
-TOGETHER = 2
-"""Points of a rule that are in one block."""
 ROW, COLUMN = (np.array(part) for part in zip(*ENTRIES.values(), strict=True))
 """Of the stiffness matrix, of every entry that can be measured."""
 ALIKE = 1e-5
@@ -42,10 +40,10 @@ class Blocks(NamedTuple):
       means: radial and axial load [N] of the means over phases, shape (means, 2). turns: how many there are.
       still: displacement [mm] of the healthy ring there, shape (means, 3); None: rings are solved where they
         are asked for, for they have effects, or lie differently at other phases.
-      loads: radial and axial load [N] of every block, shape (blocks, 2). phases: of its rings [rad], shape (blocks,
-        rings); not used in a mean.
-      mean: of which mean over phases a block is; −1: of none. places, weights: its part of a rule, shape
-        (blocks, TOGETHER).
+      loads: radial and axial load [N] of every ring, shape (2, blocks, rings). phases: of every ring [rad], shape
+        (blocks, rings); not used in a mean.
+      mean: of which mean over phases a block is; −1: of none. places, weights: its point of a rule, shape (blocks, 1);
+        it has a ring between any two kinks.
       of: number of the condition to which each ring counts, shape (blocks, rings); behind the last one to none.
       count: how many blocks there are.
     """
@@ -146,25 +144,22 @@ def whole(count: int) -> int:
 
 
 def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> Blocks:
-    rings, none = kinks * TOGETHER, (np.zeros(TOGETHER), np.zeros(TOGETHER))
+    single, turning = ([c for c in place if (c.phase is None) == mean] for mean in (False, True))
     found: list[tuple[Any, ...]] = []
-    for load in dict.fromkeys(c[:2] for c in place if c.phase is not None):
-        single = [c for c in place if c[:2] == load and c.phase is not None]
-        for k in range(0, len(single), rings):
-            own = single[k : k + rings]
-            more = rings - len(own)
-            at = [c.phase for c in own] + [own[0].phase] * more
-            found.append((load, at, -1, *none, [place[c] for c in own] + [size] * more))
-    places, weights = gauss_legendre(points)
-    turning = [c for c in place if c.phase is None]
+    for k in range(0, len(single), kinks):
+        own = single[k : k + kinks]
+        rings = own + own[:1] * (kinks - len(own))
+        counted = [place[c] for c in own] + [size] * (kinks - len(own))
+        found.append(([c[:2] for c in rings], [c.phase for c in rings], -1, [0.0], [0.0], counted))
+    rule = list(zip(*gauss_legendre(points), strict=True))
     for number, c in enumerate(turning):
-        for k in range(0, points, TOGETHER):
-            part = slice(k, k + TOGETHER)
-            found.append((c[:2], [0.0] * rings, number, places[part], weights[part], [place[c]] * rings))
+        for at, weight in rule:
+            found.append(([c[:2]] * kinks, [0.0] * kinks, number, [at], [weight], [place[c]] * kinks))
     blank = [found[0]] * (whole(len(found)) - len(found))
     loads, phases, mean, at, weight, of = (np.array(each) for each in zip(*found, *blank, strict=True))
     means = np.zeros((whole(max(len(turning), 1)), 2))
     means[: len(turning)] = [c[:2] for c in turning] or np.zeros((0, 2))
+    loads = np.moveaxis(loads, -1, 0)
     return Blocks(means, np.array(len(turning)), None, loads, phases, mean, at, weight, of, np.array(len(found)))
 
 
@@ -224,15 +219,13 @@ def of_numbers(scene: Scene, at: Conditions) -> np.ndarray:
     found, known = np.full((at.size, len(ENTRIES)), np.nan), {at.size}  # behind the last one there is none
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
         for k in range(int(blocks.count)):
-            here = dataclasses.replace(scene, definition=definition, load=Load(*map(float, blocks.loads[k])))
-            mean = blocks.mean[k] >= 0
-            for place, phase in dict(zip(blocks.of[k], blocks.phases[k], strict=True)).items():
+            for ring, place in enumerate(blocks.of[k]):
                 if place not in known:
                     known.add(place)
-                    solved = prepared.solve_prepared(
-                        dataclasses.replace(here, phase=PitchMean() if mean else float(phase))
-                    )
-                    found[place] = np.asarray(solved.stiffness)[ROW, COLUMN]
+                    phase = PitchMean() if blocks.mean[k] >= 0 else float(blocks.phases[k, ring])
+                    load = Load(*map(float, blocks.loads[:, k, ring]))
+                    here = dataclasses.replace(scene, definition=definition, load=load, phase=phase)
+                    found[place] = np.asarray(prepared.solve_prepared(here).stiffness)[ROW, COLUMN]
     return found
 
 
@@ -281,9 +274,10 @@ def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[P
         ) -> tuple[Parts, jax.Array]:  # fmt: skip
             def block(values: Values, turn: Any) -> tuple[Any, Any]:
                 scene, loaded = of(values)
-                scene = dataclasses.replace(scene, definition=definition, load=loaded(Load(*every.loads[k])))
+                scene = dataclasses.replace(healthy(scene) if sound else scene, definition=definition)
                 turned, share = _turned(every, turn, k)
-                each, code = (_at_once if told.expands else _one_by_one)(healthy(scene) if sound else scene, turned)
+                solve = _at_once if told.expands else _one_by_one
+                each, code = solve(scene, turned, loaded(Load(*every.loads[:, k])))
                 return share[:, None] * each, xp.module_of(code).max(code)
 
             each, code = told.parts(block, tuple(part[every.mean[k]] for part in borders))
@@ -306,7 +300,7 @@ def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> Parts:
         own, _ = told.parts(borders)
         return tuple(whole.at[k].set(part) for whole, part in zip(found, own, strict=True))
 
-    blank = told.zeros(len(every.means), every.phases.shape[1] // TOGETHER + 1)
+    blank = told.zeros(len(every.means), every.phases.shape[1] + 1)
     return jax.lax.fori_loop(0, every.turns, one, blank)
 
 
@@ -319,18 +313,19 @@ def _turned(every: Blocks, borders: Any, k: jax.Array) -> tuple[Any, Any]:
     return xp.where(mean, turned, every.phases[k]), xp.where(mean, share, 1.0)
 
 
-def _at_once(scene: Scene, turned: Any) -> tuple[Any, Any]:
-    """Stiffness of a plain ring at all these phases [N/mm], shape (rings, entries), and their statuses."""
-    rest = prepared.at_phases(scene, turned)
-    found = prepared.as_defined(scene, rest)
+def _at_once(scene: Scene, turned: Any, loads: Load) -> tuple[Any, Any]:
+    """Stiffness of plain rings at all these phases [N/mm], each under its load, shape (rings, entries), and their
+    statuses."""
+    rest = prepared.at_phases(scene, turned, loads)
+    found = prepared.as_defined(dataclasses.replace(scene, load=loads), rest)
     return found[:, ROW, COLUMN], rest.status_code
 
 
-def _one_by_one(scene: Scene, turned: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """As `_at_once`, of a ring with effects."""
+def _one_by_one(scene: Scene, turned: jax.Array, loads: Load) -> tuple[jax.Array, jax.Array]:
+    """As `_at_once`, of rings with effects."""
 
-    def one(phase: jax.Array) -> tuple[jax.Array, jax.Array]:
-        at = solving.solve(dataclasses.replace(scene, phase=phase))
+    def one(phase: jax.Array, load: Load) -> tuple[jax.Array, jax.Array]:
+        at = solving.solve(dataclasses.replace(scene, phase=phase, load=load))
         return at.stiffness[ROW, COLUMN], at.status_code
 
-    return jax.vmap(one)(turned)
+    return jax.vmap(one)(turned, loads)

@@ -62,17 +62,28 @@ def tangent(normals: Any, slopes: Any) -> Any:
 
 
 def norm(force: Any) -> Any:
-    """Of a force or of moments, as a number that is not differentiated."""
+    """Of forces or of moments, shape (…, n), as numbers that are not differentiated."""
     force = xp.fixed(force)
     return xp.sqrt(xp.total(force * force))
+
+
+def aligned(force: Any, u: Any) -> Any:
+    """The force beside displacements u, shape (…, n), of one ring or of several under one load."""
+    return force.reshape((1,) * (u.ndim - force.ndim) + force.shape)
+
+
+def of_each(rings: Any, value: Any) -> Any:
+    """What is known of all rings, or of each, beside a value that begins with them."""
+    return rings.reshape(rings.shape + (1,) * (value.ndim - rings.ndim)) if np.ndim(rings) else rings
 
 
 class System(NamedTuple):
     """What is to be in balance.
 
     Attributes:
-      rollers: what pushes. force: what they push against [N], shape (3,) (with tilt (5,)).
-      start: the displacement to start from [mm], shape (…, 3). size: what forces are measured by [N].
+      rollers: what pushes. force: what they push against [N], shape (3,) (with tilt (5,)), or (…, 3) of rings under
+        loads of their own.
+      start: the displacement to start from [mm], shape (…, 3). size: what forces are measured by [N], shape () or (…).
       axial: the axial displacement [mm] if that is held.
     """
 
@@ -113,9 +124,10 @@ def _unbalanced(u: jax.Array, carried: RollerLoads, system: System) -> jax.Array
 def _linearised(u: jax.Array, carried: RollerLoads, system: System) -> tuple[jax.Array, jax.Array]:
     """The unbalanced force and its derivative by u, relative to the load."""
     (rollers, force, start, size, axial), (loads, slopes) = system, carried
-    opposed = force.reshape((1,) * (u.ndim - 1) + force.shape)
-    unbalanced = (xp.einsum("...r,...ri->...i", loads, rollers.normals) - opposed) / size  # Liu et al. 2018, eq. (5)
-    jacobian = tangent(rollers.normals, slopes) / size
+    pushed = xp.einsum("...r,...ri->...i", loads, rollers.normals)
+    unbalanced = (pushed - aligned(force, u)) / of_each(size, u)  # Liu et al. 2018, eq. (5)
+    jacobian = tangent(rollers.normals, slopes)
+    jacobian = jacobian / of_each(size, jacobian)
     if axial is None:
         return unbalanced, jacobian
     free = jnp.arange(u.size) != 2

@@ -65,15 +65,15 @@ def load_zone(ratio: Any, exponent: Any) -> LoadZone:
 
 
 def in_load_zone(healthy: Curve, force: Any, rollers: int, axial: Any) -> tuple[Any, Any]:
-    """The most loaded roller's load [N], and s, of a healthy ring under `force` [N], shape (3,); `axial`: share of a
+    """The most loaded roller's load [N], and s, of a healthy ring under `force` [N], shape (…, 3); `axial`: share of a
     roller's load along the axis."""
     radial = xp.sqrt(1.0 - axial**2)
     # less than that holds no load; thrown rollers may take it
-    push = xp.maximum(force[2], axial * norm(force))
+    push = xp.maximum(force[..., 2], axial * norm(force))
     share = push / (rollers * axial)
     at_share = load_curve.approach(healthy, share)
     load, slope = load_curve.load(healthy, at_share)
-    zone = load_zone(force[0] * axial / (radial * push), at_share * slope / load)
+    zone = load_zone(force[..., 0] * axial / (radial * push), at_share * slope / load)
     return share * zone.largest, zone.narrowness
 
 

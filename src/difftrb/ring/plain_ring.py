@@ -28,13 +28,17 @@ def equilibrium(
     bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], law: Law, phase: Any,
     laws_status: Any = status.CONVERGED,
 ) -> Equilibrium:  # fmt: skip
-    """See `ring.equilibrium`; `phase` may have any shape, which is then in front of all else. `laws_status` is
-    the status of what else is known of the scene; the worst is returned."""
+    """See `ring.equilibrium`; `phase` may have any shape, which is then in front of all else. So may the load's parts:
+    each ring is then judged by itself. `laws_status` is the status of what else is known of the scene; the worst is
+    returned."""
     at = xp.fixed((bearing, load, spalls, phase))
-    valid = _all(ring.is_valid(*at[1:]))
-    held = _all(ring.is_enough(at[1].axial, ring.needed_axial(at[0], at[1].radial, at[3])))
-    force = xp.stack([xp.asarray(load.radial), 0.0, xp.asarray(load.axial)])
-    force = xp.where(valid & held, force, np.array([0.0, 0.0, 1.0]))
+    valid, held = ring.is_valid(*at[1:]), ring.is_enough(at[1].axial, ring.needed_axial(at[0], at[1].radial, at[3]))
+    if not np.ndim(xp.value(load.radial)):
+        valid, held = _all(valid), _all(held)
+    radial, axial = xp.asarray(load.radial), xp.asarray(load.axial)
+    force = xp.stack([radial, xp.zeros_like(radial), axial], axis=-1)
+    usable, unit = valid & held, np.array([0.0, 0.0, 1.0])
+    force = xp.where(usable[..., None], force, unit.reshape(*[1] * np.ndim(usable), 3))
     angles = roller_places.roller_angles(bearing, phase)
     away, normals = roller_places.distances(bearing, spalls, angles), roller_places.directions(bearing, angles)
     still = xp.fixed(law)
@@ -43,7 +47,7 @@ def equilibrium(
     start = _start(xp.fixed(normals), xp.fixed(curves), healthy, xp.fixed(force))
     system = System(Rollers(xp.values(normals), None, xp.values(curves)), xp.values(force), start, newton.norm(force))
     u, _, (residual, iterations, _) = newton.found(system)
-    parts = _expanded(normals, curves, force / system.size, system.size, u)
+    parts = _expanded(normals, curves, force, system.size, u)
     rest = Equilibrium(*parts, residual, iterations, np.asarray(status.CONVERGED))
     state = Rest(geometry.equivalent_radius(at[0], "outer"), xp.fixed(rest.approach), xp.fixed(rest.loads))
     laws_status = status.worst(laws_status, still.judge(at[2], xp.fixed(away), state))
@@ -67,18 +71,19 @@ def _start(normals: Any, curves: RollerCurves, healthy: RollerCurves, force: Any
 
 def _expanded(normals: Any, curves: RollerCurves, force: Any, size: Any, u: Any) -> tuple[Any, Any, Any, Any]:
     """Displacement, approach, loads and tangent stiffness with derivatives: the conditions of rest are linearised
-    (implicit function theorem). `force` is by `size`."""
+    (implicit function theorem)."""
     approach = _approach(normals, u)  # as parameters move, at this displacement
     loads = edge_ramp.expanded_loads(curves, approach)
     # the last parameter is the approach itself; without others there is nothing to follow
     (by, slope), (slope_by, bend) = ((part[:-1], part[-1]) for part in (loads.by, loads.mixed))
     if not len(by):
         by = slope_by = None
-    opposed = force.reshape(*[1] * (u.ndim - 1), 3)
-    unbalanced = xp.einsum("...r,...ri->...i", Taylor(loads.value, by), normals) / size - opposed
+    pushed = xp.einsum("...r,...ri->...i", Taylor(loads.value, by), normals)
+    unbalanced = (pushed - newton.aligned(force, u)) / newton.of_each(size, u)
     moved = Taylor(u)
     if xp.by(unbalanced) is not None:
-        jacobian = newton.tangent(xp.value(normals), slope) / size
+        jacobian = newton.tangent(xp.value(normals), slope)
+        jacobian = jacobian / newton.of_each(size, jacobian)
         moved = Taylor(u, by=-newton.solve(jacobian[None], unbalanced.by))
     # and as the displacement follows
     further = _approach(xp.value(normals), moved).by

@@ -289,8 +289,9 @@ def judged(
     code = of.where(held, code, status.NO_EQUILIBRIUM)
     code = of.where(valid, code, status.BAD_INPUT)
     code = status.worst(code, of.asarray(law.status_code).astype(int))
-    numbers = rest.displacement, rest.approach, rest.loads, rest.tangent, rest.residual
-    u, approach, loads, tangent, residual = (xp.where(usable, value, np.nan) for value in numbers)
+    numbers = rest.displacement, rest.approach, rest.loads, rest.tangent
+    u, approach, loads, tangent = (xp.where(newton.of_each(usable, value), value, np.nan) for value in numbers)
+    residual = xp.where(of.all(usable), rest.residual, np.nan)
     return Equilibrium(u, approach, loads, tangent, residual, rest.iterations, code)
 
 

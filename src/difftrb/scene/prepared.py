@@ -200,11 +200,11 @@ def at_phase(scene: Scene, phase: Real) -> tuple[ring.Equilibrium, Results]:
     return rest, effects.results(scene.effects, rest, terms, here)
 
 
-def at_phases(scene: Scene, each: Any) -> ring.Equilibrium:
+def at_phases(scene: Scene, each: Any, loads: Load | None = None) -> ring.Equilibrium:
     """The plain ring of a prepared scene at all cage phases `each` [rad], shape (phases,), in any arithmetic: what it
-    has is of shape (phases, …)."""
-    within = checks.code(xp.fixed(scene))
-    return plain_ring.equilibrium(scene.bearing, scene.load, scene.spalls, outer_law(scene), each, within)
+    has is of shape (phases, …). `loads`: at every phase its own, both of shape (phases,), in place of the scene's."""
+    within, load = checks.code(xp.fixed(scene)), loads or scene.load
+    return plain_ring.equilibrium(scene.bearing, load, scene.spalls, outer_law(scene), each, within)
 
 
 def with_sizes_expanded(scene: Scene) -> Scene:
