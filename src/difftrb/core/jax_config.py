@@ -13,13 +13,19 @@ from typing import Any, TypeVar, cast
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-OPTIONS: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
+OPTIONS: dict[str, Any] = {
+    "xla_cpu_use_fusion_emitters": False,
+    "xla_backend_optimization_level": 1,
+    "xla_cpu_experimental_ynn_fusion_type": "",
+}
 """What helps where it is known. CPU seconds to compile strips, strips' slopes, cells, cells' slopes at 1e-3:
 
 jax 0.10.1: neither 6.0, 17.5, 3.8, 9.9; older emitters 3.4, 9.3, 2.5, 6.0; and level 1 2.9, 8.5, 1.9, 4.7.
 jax 0.12.0: neither 7.6, 12.0, 3.2, 8.1; level 1 5.5, 12.0, 3.3, 7.2. There are no older emitters from jax 0.11 on.
 
-Programs run as fast with them as without. JAX takes options at the outermost `jit` only.
+Programs run as fast with these two as without. The last keeps sums over rollers out of the library YNNPACK, for which
+jax 0.11 cuts loops apart: a ring by the table with slopes takes 11 … 13 µs there without it and 40 with it (jax issue
+37465). JAX takes options at the outermost `jit` only.
 """
 
 
