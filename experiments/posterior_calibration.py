@@ -32,7 +32,7 @@ from difftrb.fits.predicted import Problem, rows_at
 
 NAMES = ("length", "width", "angle")
 LOADS, PHASES, QUANTITIES = ((9000.0, 4500.0), (3000.0, 4500.0)), (0.0, 0.09, 0.18), ("radial_loss", "axial_loss")
-DRAWS, LIVE = 199, 100
+DRAWS, LIVE = 199, 200
 
 
 def problem() -> Problem:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import collections
 import csv
+import ctypes
 import resource
 import subprocess
 import sys
@@ -42,8 +43,6 @@ second], from NVIDIA's data sheets of the SXM cards."""
 OPERATIONS = {"dfma": 2, "dadd": 1, "dmul": 1}
 COUNTERS = [f"smsp__sass_thread_inst_executed_op_{op}_pred_on.sum" for op in OPERATIONS]
 TRAFFIC, DURATION = ["dram__bytes_read.sum", "dram__bytes_write.sum"], "gpu__time_duration.sum"
-CALLS = 3
-"""Calls of the program under ncu."""
 
 
 def device() -> Any:
@@ -72,7 +71,7 @@ def same(law: str) -> None:
             print(f"  states that differ: {int(np.sum(values != other[name]))} of {len(values)}; not converged "
                   f"{int(np.sum(values != status.CONVERGED))}")  # fmt: skip
             continue
-        apart = np.abs(values - other[name]) / np.nanmax(np.abs(values))
+        apart = np.abs(values - other[name]) / max(np.nanmax(np.abs(values)), 1e-300)
         print(f"  {name}: apart by {np.nanmax(apart):.1e} of the largest, median {np.nanmedian(apart):.1e}; "
               f"NaN in {int(np.isnan(values).sum())} and {int(np.isnan(other[name]).sum())}", flush=True)  # fmt: skip
 
@@ -116,20 +115,26 @@ def whole(law: str, members: int) -> None:
               f"{ended.failed:,} without a solution; peak {peak:.0f} MB", flush=True)  # fmt: skip
 
 
-def calls(law: str) -> int:
-    """What `roofline` counts: some calls of the program; members of all."""
-    made = plan(int(1e7), law)
+def call(law: str) -> int:
+    """What `roofline` counts: one call of the program, after a first one; its members."""
+    made, driver = plan(int(1e7), law), ctypes.CDLL("libcuda.so.1")
     program = Program(made, [device()])
-    program.calls([0] * CALLS)
-    return CALLS * made.call * made.blocks.size
+    program.calls([0])
+    driver.cuProfilerStart()
+    program.calls([made.call])
+    driver.cuProfilerStop()
+    return made.call * made.blocks.size
 
 
 def roofline(law: str) -> None:
     """Operations, bytes and time of a member, beside the peak."""
-    asked = ["ncu", "--csv", "--clock-control", "none", "--metrics", ",".join([*COUNTERS, *TRAFFIC, DURATION])]
-    ran = subprocess.run([*asked, sys.executable, "-m", "experiments.sweep_on_gpu", "calls", law], check=True,
+    asked = ["ncu", "--csv", "--profile-from-start", "off", "--clock-control", "none", "--metrics",
+             ",".join([*COUNTERS, *TRAFFIC, DURATION])]  # fmt: skip
+    ran = subprocess.run([*asked, sys.executable, "-m", "experiments.sweep_on_gpu", "call", law],
                          capture_output=True, text=True)  # fmt: skip
     lines = ran.stdout.splitlines()
+    if ran.returncode:
+        sys.exit("\n".join([*lines[-10:], *ran.stderr.splitlines()[-10:]]))
     members = int(next(line for line in lines if line.startswith("members ")).split()[1])
     table = lines[next(i for i, line in enumerate(lines) if line.startswith('"ID"')) :]
     scale = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "usecond": 1e-6, "nsecond": 1e-9, "msecond": 1e-3, "byte": 1.0,
@@ -147,7 +152,7 @@ def roofline(law: str) -> None:
     kind = device().device_kind
     flops, memory = next((peak for name, peak in PEAK.items() if kind.startswith(name)), (float("nan"),) * 2)
     print(f"{law} on {kind}: {work:.0f} operations and {moved:.0f} bytes a member in {1e9 * seconds:.2f} ns of "
-          f"{len(kernels) / CALLS:.0f} kernels a call; {work / seconds / 1e12:.2f} of {flops} · 10¹² operations and "
+          f"{len(kernels)} kernels a call; {work / seconds / 1e12:.2f} of {flops} · 10¹² operations and "
           f"{moved / seconds / 1e12:.2f} of {memory} · 10¹² bytes a second; at best "
           f"{1e9 * max(work / flops, moved / memory) / 1e12:.2f} ns")  # fmt: skip
     for name, own in of_kernel.most_common(8):
@@ -157,12 +162,12 @@ def roofline(law: str) -> None:
 def main() -> None:
     """Measure what the command line asks for, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("same", "batch", "whole", "roofline", "calls"))
+    parser.add_argument("what", choices=("same", "batch", "whole", "roofline", "call"))
     parser.add_argument("laws", nargs="*", default=LAWS)
     parser.add_argument("--members", type=float, default=1e7)
     options = parser.parse_args()
-    if options.what == "calls":
-        print("members", calls(options.laws[0]))
+    if options.what == "call":
+        print("members", call(options.laws[0]))
         return
     for law in options.laws:
         if options.what == "whole":

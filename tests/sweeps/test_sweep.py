@@ -168,7 +168,7 @@ def test_what_does_not_fit_is_not_begun(plan: Plan, tmp_path: Path, monkeypatch:
         with pytest.raises(trb.SweepError, match=words):
             trb.write_sweep("loads", plan.base, given, tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    with pytest.raises(trb.SweepError, match="batch = 1000000000: must be a whole number in 1 … 131072"):
+    with pytest.raises(trb.SweepError, match="batch = 1000000000: must be a whole number in 1 … 262144"):
         trb.sweep("loads", plan.base, given, batch=10**9)
 
 

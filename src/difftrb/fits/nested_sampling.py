@@ -1,10 +1,12 @@
 """Nested sampling over the unit cube: the evidence of data, and weighted points of what they leave of the prior.
 
-A quarter of the points, the lowest ones, die together; others that live move in their place, along slices of what lies
-above the highest of the dead (Skilling 2006; Handley, Hobson and Lasenby 2015). All slices of a round ask for one point
-each at a time, and these are computed at once. It takes long, but never longer than that: where posteriors are ridges
-with kinks, nautilus drew points from its networks for minutes without one that it could use, and where they are level
-dynesty from its ellipsoids.
+First many points are drawn from the prior and the lowest of them die, until those are left that go on: whatever has a
+share of the prior is among them, however many answers there are. Then a quarter of the points, the lowest ones, die
+together; others that live move in their place, along slices of what lies above the highest of the dead (Skilling 2006;
+Handley, Hobson and Lasenby 2015). Slices are as long as the points around spread, so that narrow answers are crossed
+like wide ones, and all that are under way ask for one point each at a time, which are computed at once. It takes long,
+but never longer than that: where posteriors are ridges with kinks, nautilus drew points from its networks for minutes
+without one that it could use, and where they are level dynesty from its ellipsoids.
 """
 
 from __future__ import annotations
@@ -19,16 +21,21 @@ from difftrb.law.samples import Progress
 TIE = 1e-6
 """Slope of the logarithm of the likelihood that is added along every side of the cube. Where data do not depend on the
 parameters all points are equal, and how much of the prior lies below one could not be told."""
-SLICES = 2
+FIRST = 100
+"""So many times the living points are drawn from the prior first: these cost an evaluation each, later ones dozens."""
+SLICES = 3
 """Of every new point, for each dimension."""
 DYING = 4
 """One in so many points dies in a round. With every other one the evidence scatters by half as much again."""
 LEFT = 0.01
 """Share of the evidence that living points may still add in the end."""
-OUT = 6
-"""Times that a slice is lengthened at either end, at most."""
+AROUND = 8
+"""One in so many points that live are those around a point, at least `LEAST_AROUND` for each dimension."""
+LEAST_AROUND = 4
+LONG = 5.0
+"""Length of a slice by the standard deviation of the points around: a ball is 4 … 5 across."""
 LEAST = 1e-12
-"""A slice as short as this, of what is living, has found nothing but the point where it began."""
+"""A slice as short as this, of what is around, has found nothing but the point where it began."""
 BEHIND = 5.0
 """About how far the prior shrinks beyond the width of the likelihood, by factors of e: for the bar."""
 
@@ -68,31 +75,31 @@ def sampled(
     `progress` is told how many of about how many points are dead, if the data shrink the prior by `nats`.
     """
     rng, ramp, computed = np.random.default_rng(seed), TIE * (np.arange(dimensions) + 1.0), 0
-    about = int(live * (nats + BEHIND))
+    about = max(int(live * (nats + BEHIND - np.log(FIRST))), live)
 
     def tilted(points: np.ndarray) -> np.ndarray:
         nonlocal computed
         computed += len(points)
         return log_likelihood(points) + points @ ramp
 
-    points = rng.random((live, dimensions))
+    points = rng.random((FIRST * live, dimensions))
     logs = tilted(points)
-    dying, volume, evidence = live // DYING, 0.0, -np.inf
-    shrinking = -1.0 / np.arange(live, live - dying, -1.0)  # of the prior's logarithm, one point after the other
-    before = np.concatenate([[0.0], np.cumsum(shrinking)[:-1]]) + np.log(-np.expm1(shrinking))
-    dead: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    order = np.argsort(logs, kind="stable")
+    weight, volume = _dying(len(points), len(points) - live)
+    dead = [(points[order[:-live]], logs[order[:-live]], weight)]
+    evidence = float(np.logaddexp.reduce(logs[order[:-live]] + weight))
+    points, logs = points[order[-live:]], logs[order[-live:]]
+    dying = live // DYING
+    own, shrunk = _dying(live, dying)
     while not np.logaddexp.reduce(logs) - np.log(live) + volume < evidence + np.log(LEFT):
         order = np.argsort(logs, kind="stable")
         low, high = order[:dying], order[dying:]
-        dead.append((points[low], logs[low], volume + before))
-        evidence = float(np.logaddexp(evidence, np.logaddexp.reduce(logs[low] + volume + before)))
-        volume += float(np.sum(shrinking))
-        axes = np.linalg.cholesky(np.cov(points, rowvar=False).reshape(dimensions, -1) + 1e-14 * np.eye(dimensions))
-        starts, least = rng.choice(high, dying), float(logs[low[-1]])
-        moved, told = points[starts], logs[starts]
-        for _ in range(SLICES * dimensions):
-            moved, told = _moved(tilted, moved, told, least, axes, rng)
-        points[low], logs[low] = moved, told
+        dead.append((points[low], logs[low], volume + own))
+        evidence = float(np.logaddexp(evidence, np.logaddexp.reduce(logs[low] + volume + own)))
+        volume += shrunk
+        starts = rng.choice(high, dying, replace=False)  # answers keep their numbers better
+        axes = _around(points[starts], points[high])
+        points[low], logs[low] = _moved(tilted, points[starts], logs[starts], float(logs[low[-1]]), axes, rng)
         if progress is not None:
             progress(min(dying * len(dead), about - 1), about)
     if progress is not None:
@@ -101,42 +108,55 @@ def sampled(
     every, of_every, volumes = (np.concatenate(each) for each in zip(*dead, strict=True))
     log_evidence = float(np.logaddexp.reduce(of_every + volumes))
     shares = np.exp(of_every + volumes - log_evidence)
-    narrower = max(float(shares @ of_every) - log_evidence, 1.0)
+    narrower = max(float(shares @ of_every) - log_evidence - np.log(FIRST), 1.0)  # than the first points tell well
     # Skilling 2006, of points that die one by one 1/live
-    scatter = float(np.sum(shrinking**2) / -np.sum(shrinking))
+    scatter = float(np.sum(1.0 / np.arange(live, live - dying, -1.0) ** 2) / -shrunk)
     return Sampled(every, shares, log_evidence, float(np.sqrt(narrower * scatter)), computed)
+
+
+def _dying(living: int, count: int) -> tuple[np.ndarray, float]:
+    """Of the lowest `count` points of so many that live: logarithms of the shares of the prior that each stands for;
+    and by how much the logarithm of what is left shrinks."""
+    steps = -1.0 / np.arange(living, living - count, -1.0)
+    return np.concatenate([[0.0], np.cumsum(steps)[:-1]]) + np.log(-np.expm1(steps)), float(np.sum(steps))
+
+
+def _around(starts: np.ndarray, living: np.ndarray) -> np.ndarray:
+    """How the living points around each start spread: roots of their covariance, shape (starts, dimensions,
+    dimensions)."""
+    dimensions = starts.shape[1]
+    count = min(max(len(living) // AROUND, LEAST_AROUND * dimensions), len(living))
+    far = np.sum((starts[:, None] - living) ** 2, axis=-1)
+    near = living[np.argpartition(far, count - 1, axis=1)[:, :count]]
+    off = near - near.mean(axis=1, keepdims=True)
+    return np.linalg.cholesky(np.einsum("spi,spj->sij", off, off) / (count - 1) + 1e-14 * np.eye(dimensions))
 
 
 def _moved(
     log_likelihood: LogLikelihood, points: np.ndarray, logs: np.ndarray, least: float, axes: np.ndarray,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Each point moved along a slice of its own, in a random direction, to where the likelihood is above `least`; and
-    the likelihoods there."""
-    turns = rng.standard_normal(points.shape)
-    ways = 2.0 * (turns / np.linalg.norm(turns, axis=1, keepdims=True)) @ axes.T
-
-    def at(each: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of these points so far along their ways."""
-        tried = points[each] + far[:, None] * ways[each]
+    """Each point moved along slices of its own, one after the other in random directions, to where the likelihood is
+    above `least` (Neal 2003, of slices that only shrink); and the likelihoods there."""
+    moved, told, count = points.copy(), logs.copy(), len(points)
+    ways, low, high = np.empty_like(points), np.empty(count), np.empty(count)
+    left = np.full(count, SLICES * points.shape[1] + 1)
+    new = np.arange(count)
+    while True:
+        turns = rng.standard_normal((len(new), points.shape[1]))
+        turns *= LONG / np.linalg.norm(turns, axis=1, keepdims=True)
+        ways[new], low[new] = np.einsum("sij,sj->si", axes[new], turns), -rng.random(len(new))
+        high[new] = low[new] + 1.0
+        left[new] -= 1
+        each = np.flatnonzero(left)
+        if not len(each):
+            return moved, told
+        far = low[each] + rng.random(len(each)) * (high - low)[each]
+        tried = moved[each] + far[:, None] * ways[each]
         found, inside = np.full(len(each), -np.inf), np.all((tried > 0.0) & (tried < 1.0), axis=1)
         if inside.any():
             found[inside] = log_likelihood(tried[inside])
-        return found, tried
-
-    low = -rng.random(len(points))
-    high = low + 1.0
-    for end, step in ((low, -1.0), (high, 1.0)):
-        each = np.arange(len(points))
-        for _ in range(OUT):
-            each = each[at(each, end[each])[0] > least]
-            end[each] += step
-    moved, told, each = points.copy(), logs.copy(), np.arange(len(points))
-    while len(each):
-        far = low[each] + rng.random(len(each)) * (high - low)[each]
-        found, tried = at(each, far)
         good = found > least
         moved[each[good]], told[each[good]] = tried[good], found[good]
         low[each], high[each] = np.where(far < 0.0, far, low[each]), np.where(far < 0.0, high[each], far)
-        each = each[~good & ((high - low)[each] > LEAST)]
-    return moved, told
+        new = each[good | ((high - low)[each] <= LEAST)]

@@ -25,7 +25,7 @@ from difftrb.law.samples import Progress
 if TYPE_CHECKING:
     import xarray
 
-LIVE = 100
+LIVE = 200
 """Points of nested sampling: with more there are more that are independent, answers that are farther apart or narrower
 are found, and it takes as much longer."""
 DRAWS = 1000

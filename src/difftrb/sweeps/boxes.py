@@ -11,12 +11,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core.machine import accelerator
 from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import Axis
 
-BLOCK = {"cpu": 1024, "gpu": 65536}
-"""Members computed at once: on a busy CPU 240 to 4000 took the same time within noise (experiments/sweep_at_scale.py
-batch); a GPU wants more, how many was not measured."""
+BLOCK = 1024
+"""Members computed at once on a CPU: 240 to 4000 take the same time within noise (experiments/sweep_at_scale.py
+batch)."""
+BLOCK_OF_GPU = 2**18
+"""The same on a GPU, if its memory holds them: an H200 takes 0.02 (liu2018) and 0.06 µs (table) a member, 0.04 and 0.10
+with 40 000 at once, 1.1 and 2.6 with 1000 (experiments/sweep_on_gpu.py batch)."""
+MEMBER = 2**15
+"""Bytes of a GPU's memory for each of them: measured were 2 … 9 thousand."""
 BLOCK_OF_CONTACTS = 128
 """The same on a CPU where the contact itself is swept: each member reads the atlas for itself, which a core's cache has
 to hold (2.2 times as long with 1024)."""
@@ -36,12 +42,15 @@ def of_block(axes: Sequence[Axis], batch: int | None) -> int:
     """Members of a block: small sweeps have small ones, so that there are enough to share among devices."""
     if batch is None:
         members = math.prod(axis.count for axis in axes)
-        most = BLOCK.get(jax.default_backend(), BLOCK["gpu"])
-        if most == BLOCK["cpu"] and any(key.startswith(("bearing.", "contact.")) for axis in axes for key in axis.keys):
-            most = BLOCK_OF_CONTACTS
+        if (other := accelerator()) is not None:
+            memory = (other.memory_stats() or {}).get("bytes_limit", math.inf)
+            most = int(min(BLOCK_OF_GPU, max(memory // MEMBER, BLOCK)))
+        else:
+            contacts = any(key.startswith(("bearing.", "contact.")) for axis in axes for key in axis.keys)
+            most = BLOCK_OF_CONTACTS if contacts else BLOCK
         return min(most, max(1, members // CHUNKS))
-    if not isinstance(batch, int) or not 1 <= batch <= LARGEST_CHUNK:
-        raise SweepError(f"batch = {batch!r}: must be a whole number in 1 … {LARGEST_CHUNK}")
+    if not isinstance(batch, int) or not 1 <= batch <= BLOCK_OF_GPU:
+        raise SweepError(f"batch = {batch!r}: must be a whole number in 1 … {BLOCK_OF_GPU}")
     return batch
 
 

@@ -133,7 +133,8 @@ def _taken(program: Program, store: Npz | Zarr, chunk: int, read: bool = True) -
     if not read and store.has(chunk):
         return chunk, Counter(), THERE
     found, what = _had(program, store, chunk)
-    return chunk, Counter(found[STATUS].tolist()), what
+    codes, members = np.unique(found[STATUS], return_counts=True)
+    return chunk, Counter(dict(zip(codes.tolist(), members.tolist(), strict=True))), what
 
 
 def _order(done: np.ndarray, own: range, met: threading.Event) -> Iterator[int]:
