@@ -14,7 +14,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.fits import fit_report, predicted
 from difftrb.fits import posterior as posteriors
-from difftrb.fits.nested_sampling import sampled
+from difftrb.fits.nested_sampling import Sampled, sampled
 from difftrb.fits.posterior_figure import corner
 from difftrb.fits.spall_count import count_spalls
 from difftrb.report import figure_style
@@ -100,6 +100,42 @@ def test_evidence_where_most_of_the_prior_is_level() -> None:
     found = sampled(lambda points: np.where(points[:, 0] < 0.9, 0.0, np.log(peak)), 2, 1000, 0)
     assert found.log_evidence == pytest.approx(np.log(0.9 + 0.1 * peak), abs=0.1)
     assert np.sum(found.shares[found.points[:, 0] > 0.9]) == pytest.approx(0.1 * peak / (0.9 + 0.1 * peak), abs=0.01)
+
+
+def test_narrow_answers_far_apart_are_all_found() -> None:
+    """Three that a hundred-thousandth of the cube holds each, beside a wide one; all weigh the same."""
+    middle = np.array([[0.2, 0.3, 0.7], [0.8, 0.6, 0.3], [0.4, 0.9, 0.1], [0.5, 0.5, 0.5]])
+    spread = np.array([0.004, 0.006, 0.005, 0.1])
+
+    def log_likelihood(points: np.ndarray) -> np.ndarray:
+        far = np.sum((points[:, None] - middle[None]) ** 2, axis=-1) / spread[None] ** 2
+        return np.logaddexp.reduce(-0.5 * far - 3.0 * np.log(np.sqrt(2.0 * np.pi) * spread)[None], axis=1) - np.log(4.0)
+
+    shares = []
+    for seed in range(6):
+        found = sampled(log_likelihood, 3, 200, seed)
+        assert abs(found.log_evidence) < 1.0
+        nearest = np.argmin(np.linalg.norm(found.points[:, None] - middle[None], axis=-1) / spread[None], axis=1)
+        shares.append(np.bincount(nearest, found.shares, 4))
+    assert np.min(shares) > 0.02
+    np.testing.assert_allclose(np.mean(shares, axis=0), 0.25, atol=0.12)
+
+
+def test_points_that_miss_what_is_known_are_taken_again_and_then_refused(
+    fitted: trb.Fit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def missing(likelihood: object, dimensions: int, live: int, *_: object) -> Sampled:
+        asked.append(live)
+        return Sampled(np.full((1, dimensions), 0.5), np.ones(1), 0.0, 0.1, -3.0, 1)
+
+    monkeypatch.setattr(posteriors.nested_sampling, "sampled", missing)
+    arguments = fitted.problem, 1.0, 50, 100, 0, 5.0, None
+    assert posteriors.posterior_of(*arguments, known=1.0).effective == 1.0
+    with pytest.raises(trb.MeasuredError, match="live = 50: too few points .* 6 above .*; give more than 200"):
+        posteriors.posterior_of(*arguments, known=3.0)
+    assert asked == [50, 50, 200]
 
 
 @pytest.mark.slow

@@ -3,8 +3,8 @@
 First many points are drawn from the prior and the lowest of them die, until those are left that go on: whatever has a
 share of the prior is among them, however many answers there are. Then a quarter of the points, the lowest ones, die
 together; others that live move in their place, along slices of what lies above the highest of the dead (Skilling 2006;
-Handley, Hobson and Lasenby 2015). Slices are as long as the points around spread, so that narrow answers are crossed
-like wide ones, and all that are under way ask for one point each at a time, which are computed at once. It takes long,
+Handley, Hobson and Lasenby 2015). Slices go whither two other points lie apart, and as far: within a narrow answer as
+along a ridge. All that are under way ask for one point each at a time, and these are computed at once. It takes long,
 but never longer than that: where posteriors are ridges with kinks, nautilus drew points from its networks for minutes
 without one that it could use, and where they are level dynesty from its ellipsoids.
 """
@@ -21,21 +21,20 @@ from difftrb.law.samples import Progress
 TIE = 1e-6
 """Slope of the logarithm of the likelihood that is added along every side of the cube. Where data do not depend on the
 parameters all points are equal, and how much of the prior lies below one could not be told."""
-FIRST = 100
+FIRST = 300
 """So many times the living points are drawn from the prior first: these cost an evaluation each, later ones dozens."""
+PARTS = 20
+"""In which these are computed: for the bar."""
 SLICES = 3
 """Of every new point, for each dimension."""
 DYING = 4
 """One in so many points dies in a round. With every other one the evidence scatters by half as much again."""
 LEFT = 0.01
 """Share of the evidence that living points may still add in the end."""
-AROUND = 8
-"""One in so many points that live are those around a point, at least `LEAST_AROUND` for each dimension."""
-LEAST_AROUND = 4
 LONG = 5.0
-"""Length of a slice by the standard deviation of the points around: a ball is 4 … 5 across."""
+"""Length of a slice by the standard deviation of points: a ball is 4 … 5 across."""
 LEAST = 1e-12
-"""A slice as short as this, of what is around, has found nothing but the point where it began."""
+"""A slice as short as this has found nothing but the point where it began."""
 BEHIND = 5.0
 """About how far the prior shrinks beyond the width of the likelihood, by factors of e: for the bar."""
 
@@ -45,12 +44,13 @@ LogLikelihood = Callable[[np.ndarray], np.ndarray]
 
 class Sampled(NamedTuple):
     """Points of the cube, shape (points, dimensions), and each one's share of the evidence, shape (points,); the
-    logarithm of the evidence and its standard error; how many points were computed."""
+    logarithm of the evidence and its standard error; the highest logarithm of a likelihood; how many were computed."""
 
     points: np.ndarray
     shares: np.ndarray
     log_evidence: float
     error: float
+    highest: float
     evaluations: int
 
     @property
@@ -72,10 +72,10 @@ def sampled(
 ) -> Sampled:  # fmt: skip
     """By `live` points, until those that live add less than `LEFT` of the evidence.
 
-    `progress` is told how many of about how many points are dead, if the data shrink the prior by `nats`.
+    `progress` is told how many of about how many parts are done, if the data shrink the prior by `nats`.
     """
     rng, ramp, computed = np.random.default_rng(seed), TIE * (np.arange(dimensions) + 1.0), 0
-    about = max(int(live * (nats + BEHIND - np.log(FIRST))), live)
+    about = PARTS + max(int(DYING * (nats + BEHIND - np.log(FIRST))), 1)
 
     def tilted(points: np.ndarray) -> np.ndarray:
         nonlocal computed
@@ -83,7 +83,12 @@ def sampled(
         return log_likelihood(points) + points @ ramp
 
     points = rng.random((FIRST * live, dimensions))
-    logs = tilted(points)
+    parts = []
+    for k, part in enumerate(np.array_split(points, PARTS)):
+        parts.append(tilted(part))
+        if progress is not None:
+            progress(k + 1, about)
+    logs = np.concatenate(parts)
     order = np.argsort(logs, kind="stable")
     weight, volume = _dying(len(points), len(points) - live)
     dead = [(points[order[:-live]], logs[order[:-live]], weight)]
@@ -98,20 +103,20 @@ def sampled(
         evidence = float(np.logaddexp(evidence, np.logaddexp.reduce(logs[low] + volume + own)))
         volume += shrunk
         starts = rng.choice(high, dying, replace=False)  # answers keep their numbers better
-        axes = _around(points[starts], points[high])
-        points[low], logs[low] = _moved(tilted, points[starts], logs[starts], float(logs[low[-1]]), axes, rng)
+        points[low], logs[low] = _moved(tilted, points[starts], logs[starts], float(logs[low[-1]]), points[high], rng)
         if progress is not None:
-            progress(min(dying * len(dead), about - 1), about)
+            progress(min(PARTS + len(dead) - 1, about - 1), about)
     if progress is not None:
         progress(about, about)
     dead.append((points, logs, np.full(live, volume - np.log(live))))
     every, of_every, volumes = (np.concatenate(each) for each in zip(*dead, strict=True))
     log_evidence = float(np.logaddexp.reduce(of_every + volumes))
     shares = np.exp(of_every + volumes - log_evidence)
-    narrower = max(float(shares @ of_every) - log_evidence - np.log(FIRST), 1.0)  # than the first points tell well
-    # Skilling 2006, of points that die one by one 1/live
-    scatter = float(np.sum(1.0 / np.arange(live, live - dying, -1.0) ** 2) / -shrunk)
-    return Sampled(every, shares, log_evidence, float(np.sqrt(narrower * scatter)), computed)
+    # of points that die one by one 1/live (Skilling 2006), and of how many of the first are where the evidence is
+    information, told = float(shares @ of_every) - log_evidence, float(np.log(FIRST))
+    variance = float(np.sum(1.0 / np.arange(live, live - dying, -1.0) ** 2) / -shrunk) * max(information - told, 0.0)
+    error = float(np.sqrt(variance + np.exp(min(information, told)) / (FIRST * live)))
+    return Sampled(every, shares, log_evidence, error, float(np.max(of_every)), computed)
 
 
 def _dying(living: int, count: int) -> tuple[np.ndarray, float]:
@@ -121,31 +126,21 @@ def _dying(living: int, count: int) -> tuple[np.ndarray, float]:
     return np.concatenate([[0.0], np.cumsum(steps)[:-1]]) + np.log(-np.expm1(steps)), float(np.sum(steps))
 
 
-def _around(starts: np.ndarray, living: np.ndarray) -> np.ndarray:
-    """How the living points around each start spread: roots of their covariance, shape (starts, dimensions,
-    dimensions)."""
-    dimensions = starts.shape[1]
-    count = min(max(len(living) // AROUND, LEAST_AROUND * dimensions), len(living))
-    far = np.sum((starts[:, None] - living) ** 2, axis=-1)
-    near = living[np.argpartition(far, count - 1, axis=1)[:, :count]]
-    off = near - near.mean(axis=1, keepdims=True)
-    return np.linalg.cholesky(np.einsum("spi,spj->sij", off, off) / (count - 1) + 1e-14 * np.eye(dimensions))
-
-
 def _moved(
-    log_likelihood: LogLikelihood, points: np.ndarray, logs: np.ndarray, least: float, axes: np.ndarray,
+    log_likelihood: LogLikelihood, points: np.ndarray, logs: np.ndarray, least: float, living: np.ndarray,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Each point moved along slices of its own, one after the other in random directions, to where the likelihood is
-    above `least` (Neal 2003, of slices that only shrink); and the likelihoods there."""
-    moved, told, count = points.copy(), logs.copy(), len(points)
+    """Each point moved along slices of its own, one after the other, to where the likelihood is above `least` (Neal
+    2003, of slices that only shrink); and the likelihoods there. Ways are those between two points that live."""
+    moved, told, (count, dimensions) = points.copy(), logs.copy(), points.shape
     ways, low, high = np.empty_like(points), np.empty(count), np.empty(count)
-    left = np.full(count, SLICES * points.shape[1] + 1)
+    left = np.full(count, SLICES * dimensions + 1)
     new = np.arange(count)
     while True:
-        turns = rng.standard_normal((len(new), points.shape[1]))
-        turns *= LONG / np.linalg.norm(turns, axis=1, keepdims=True)
-        ways[new], low[new] = np.einsum("sij,sj->si", axes[new], turns), -rng.random(len(new))
+        first = rng.integers(len(living), size=len(new))
+        other = (first + rng.integers(1, len(living), size=len(new))) % len(living)
+        ways[new] = LONG / np.sqrt(2.0 * dimensions) * (living[first] - living[other])
+        low[new] = -rng.random(len(new))
         high[new] = low[new] + 1.0
         left[new] -= 1
         each = np.flatnonzero(left)

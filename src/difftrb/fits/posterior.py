@@ -29,6 +29,10 @@ LIVE = 200
 """Points of nested sampling: with more there are more that are independent, answers that are farther apart or narrower
 are found, and it takes as much longer."""
 DRAWS = 1000
+MISSED = 5.0
+"""By so much less than that of the fit's answer the logarithms of all likelihoods have missed it."""
+AGAIN = 4
+"""Times as many points are taken where they have."""
 Ranges = Mapping[str, tuple[float, float]]
 """Of priors, by parameter, in its unit."""
 
@@ -126,19 +130,32 @@ def posterior(
     more = [name for name in nuisances if name not in fit.parameters]
     problem = predicted.with_more(fit.problem, fit_parameters.named(more) if more else (), fit.rows)
     problem = dataclasses.replace(problem, bounds=_within(problem, ranges or {}))
-    return posterior_of(problem, fit.limit / limit_of(None), live, draws, seed, _nats(fit), progress)
+    widened, known, own = fit.limit / limit_of(None), -np.inf, slice(len(fit.values))
+    if np.all((problem.bounds.low[own] <= fit.values) & (fit.values <= problem.bounds.high[own])):
+        known = float(log_density(fit.problem, fit.predicted[None], widened)[0])
+    return posterior_of(problem, widened, live, draws, seed, _nats(fit), progress, known)
 
 
 def posterior_of(
-    problem: Problem, widened: float, live: int, draws: int, seed: int, nats: float, progress: Progress | None
-) -> Posterior:
-    """The posterior of a problem that nothing was fitted to; see `Posterior.widened` and `nested_sampling.sampled`."""
+    problem: Problem, widened: float, live: int, draws: int, seed: int, nats: float, progress: Progress | None,
+    known: float = -np.inf,
+) -> Posterior:  # fmt: skip
+    """The posterior of a problem that nothing was fitted to, or of one of whose likelihoods the logarithm is `known`:
+    points that all miss it are taken again, more of them. See `Posterior.widened` and `nested_sampling.sampled`."""
 
     def log_likelihood(points: np.ndarray) -> np.ndarray:
         told = predicted.rows_at(problem, at_shares(points), many=True)
         return log_density(problem, told, widened)
 
-    found = nested_sampling.sampled(log_likelihood, len(problem.parameters), live, seed, nats, progress)
+    for many in (live, AGAIN * live):
+        found = nested_sampling.sampled(log_likelihood, len(problem.parameters), many, seed, nats, progress)
+        if found.highest > known - MISSED:
+            break
+    else:
+        raise MeasuredError(
+            f"live = {live}: too few points to find the fit's own answer, {known - found.highest:.3g} above all others "
+            f"in the logarithm of the likelihood; give more than {AGAIN * live}"
+        )
     return Posterior(
         parameters=tuple(parameter.name for parameter in problem.parameters),
         units=tuple(parameter.unit for parameter in problem.parameters),
