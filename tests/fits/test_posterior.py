@@ -133,7 +133,7 @@ def test_points_that_miss_what_is_known_are_taken_again_and_then_refused(
     monkeypatch.setattr(posteriors.nested_sampling, "sampled", missing)
     arguments = fitted.problem, 1.0, 50, 100, 0, 5.0, None
     assert posteriors.posterior_of(*arguments, known=1.0).effective == 1.0
-    with pytest.raises(trb.MeasuredError, match="live = 50: too few points .* 6 above .*; give more than 200"):
+    with pytest.raises(trb.MeasuredError, match=r"live = 50: too few points .* 6 above .*; give more than 200"):
         posteriors.posterior_of(*arguments, known=3.0)
     assert asked == [50, 50, 200]
 

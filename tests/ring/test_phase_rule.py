@@ -136,6 +136,22 @@ def test_a_healthy_mean_is_its_mirror_image(bearing) -> None:
     np.testing.assert_allclose(loads, loads[-1 - np.arange(loads.size)], atol=1e-4 * loads.max())
 
 
+def test_rings_with_loads_of_their_own_are_those_of_one_load_each(bearing) -> None:
+    """Each is judged by itself, too: what cannot hold its load spoils no other."""
+    scene = xp.numbers(trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 5.0),), "table")))
+    radial, axial = np.array([9000.0, 3000.0, 9000.0, 0.0]), np.array([4500.0, 4500.0, 100.0, 3000.0])
+    at = np.array([0.0, 0.1, 0.0, 0.2])
+    with np.errstate(all="ignore"):
+        every = xp.values(prepared.at_phases(scene, at, trb.Load(radial, axial)))
+        assert every.status_code.tolist() == [0, 0, 3, 0]
+        for k in (0, 1, 3):
+            one = dataclasses.replace(scene, load=trb.Load(float(radial[k]), float(axial[k])))
+            alone = xp.values(prepared.at_phases(one, at[k : k + 1]))
+            np.testing.assert_allclose(every.loads[k], alone.loads[0], atol=1e-9 * alone.loads.max())
+            np.testing.assert_allclose(every.tangent[k], alone.tangent[0], atol=1e-9 * alone.tangent.max())
+    assert np.isnan(every.loads[2]).all()
+
+
 def test_a_secant_across_a_pole_has_no_mean(bearing) -> None:
     """Within the pitch the ring's axial displacement runs through 0, and F/u to infinity on either side."""
     scene = fewer(bearing, 6, 2700.0, definition="secant")
