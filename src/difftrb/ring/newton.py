@@ -69,7 +69,7 @@ def norm(force: Any) -> Any:
 
 def aligned(force: Any, u: Any) -> Any:
     """The force beside displacements u, shape (…, n), of one ring or of several under one load."""
-    return force.reshape((1,) * (u.ndim - force.ndim) + force.shape)
+    return force.reshape(*(1,) * (u.ndim - force.ndim), *force.shape)
 
 
 def of_each(rings: Any, value: Any) -> Any:

@@ -49,7 +49,11 @@ def equilibrium(
     u, _, (residual, iterations, _) = newton.found(system)
     parts = _expanded(normals, curves, force, system.size, u)
     rest = Equilibrium(*parts, residual, iterations, np.asarray(status.CONVERGED))
-    state = Rest(geometry.equivalent_radius(at[0], "outer"), xp.fixed(rest.approach), xp.fixed(rest.loads))
+    # a ring that nothing stands for carries nothing, and is no reason to refuse others
+    approach, loads = (
+        xp.where(newton.of_each(usable, each), each, 0.0) for each in xp.fixed((rest.approach, rest.loads))
+    )
+    state = Rest(geometry.equivalent_radius(at[0], "outer"), approach, loads)
     laws_status = status.worst(laws_status, still.judge(at[2], xp.fixed(away), state))
     return ring.judged(rest, valid, held, laws_status, still)
 
