@@ -26,7 +26,7 @@ import numpy as np
 
 from difftrb.core import status
 from difftrb.core.machine import accelerator
-from difftrb.sweeps import boxes, chunks
+from difftrb.sweeps import chunks
 from difftrb.sweeps.outputs import STATUS
 from difftrb.sweeps.plan import Plan, Program
 from experiments.sweep_at_scale import plan
@@ -81,8 +81,7 @@ def a_member(made: Plan, lane: Any, times: int = 3) -> tuple[float, float]:
 
 def batches(law: str) -> None:
     """By members computed at once."""
-    for power in (10, 12, 14, 16, 18, 20):
-        boxes.LARGEST_CHUNK = max(boxes.LARGEST_CHUNK, 2**power)
+    for power in (10, 12, 14, 16, 18):
         made = plan(16 * 2**power, law, 2**power)
         micro, needed = a_member(made, device())
         print(f"{law}: {made.blocks.size:7d} at once, {made.call} blocks a call: {micro:.4f} µs and {needed:.0f} bytes "

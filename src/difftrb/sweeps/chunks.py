@@ -22,7 +22,7 @@ from difftrb.sweeps import sweeping
 from difftrb.sweeps.outputs import STATUS
 from difftrb.sweeps.plan import Plan, Program, in_turn
 from difftrb.sweeps.store import INSTALL, RESUME, Npz, Zarr, done_in, store_of, swept_in
-from difftrb.sweeps.swept import Swept, check_names, coordinates_of, counted, front, manifest_of
+from difftrb.sweeps.swept import Swept, by_code, check_names, coordinates_of, counted, front, manifest_of
 
 KEPT = 4
 """Programs that a process keeps, at most."""
@@ -133,8 +133,7 @@ def _taken(program: Program, store: Npz | Zarr, chunk: int, read: bool = True) -
     if not read and store.has(chunk):
         return chunk, Counter(), THERE
     found, what = _had(program, store, chunk)
-    codes, members = np.unique(found[STATUS], return_counts=True)
-    return chunk, Counter(dict(zip(codes.tolist(), members.tolist(), strict=True))), what
+    return chunk, by_code(found[STATUS]), what
 
 
 def _order(done: np.ndarray, own: range, met: threading.Event) -> Iterator[int]:

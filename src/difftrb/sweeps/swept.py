@@ -65,7 +65,7 @@ class Swept:
     @property
     def counts(self) -> dict[str, int]:
         """How many members ended with which status, by its sentence."""
-        return counted(Counter(self.status_code.ravel().tolist()))
+        return counted(by_code(self.status_code))
 
     def to_xarray(self) -> Any:
         """An `xarray.Dataset`, as `xarray.open_zarr` gives it. Needs xarray: `pip install 'difftrb[io]'`."""
@@ -117,6 +117,12 @@ def labels(about: Mapping[str, Any]) -> tuple[dict[str, tuple[str, ...]], dict[s
         attributes[name] = {"units": units.get(name, ""), "long_name": label_of(of) + (f" by {by}" if by else "")}
     codes = "; ".join(f"{code}: {text}" for code, text in about["statuses"].items())
     return dims, attributes | {STATUS: {"long_name": codes}}
+
+
+def by_code(codes: np.ndarray) -> Counter[int]:
+    """How many members have which status, of any shape."""
+    each, members = np.unique(codes, return_counts=True)
+    return Counter(dict(zip(each.tolist(), members.tolist(), strict=True)))
 
 
 def counted(codes: Counter[int]) -> dict[str, int]:
