@@ -91,7 +91,7 @@ def compared(law: str, repeats: int) -> dict[str, float]:
     found: list[tuple[predicted.Problem, list[trb.Measurement]]] = []
     first = timed(lambda: found.append(problem_of(scene)))
     problem, rows = found[0]
-    starts = search.places(problem.parameters, problem.bounds, scene, STARTS)
+    starts = search.places(problem, STARTS)
     theirs_first = timed(lambda: compiled(problem)(starts[0]))
     ways = {
         "a fit with its intervals": lambda: trb.fit(scene, rows, model_error=0.0),

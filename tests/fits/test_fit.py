@@ -107,7 +107,7 @@ def test_a_fit_prints_on_a_few_lines(noisy_fit: trb.Fit) -> None:
 
 def test_it_is_the_least_squares_of_scipy(noisy_fit: trb.Fit) -> None:
     problem = noisy_fit.problem
-    starts = search.places(problem.parameters, problem.bounds, noisy_fit.scene, 16)
+    starts = search.places(problem, 16)
     theirs = scipys(problem, starts, lambda u: evaluated(problem, u[None]).residual[0])
     np.testing.assert_allclose(ours(problem, starts), theirs, rtol=1e-6)
     np.testing.assert_allclose(noisy_fit.values, theirs, rtol=1e-6)

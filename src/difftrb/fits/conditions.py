@@ -124,6 +124,13 @@ def _kinks(scene: Scene) -> int:
     return jax.eval_shape(lambda: pitch_borders(at)).size - 1
 
 
+def phases(at: Conditions) -> np.ndarray:
+    """Angles of roller 0 [rad] at which rows were measured that are no means, each once, shape (phases,)."""
+    own = [np.asarray(blocks.phases)[(np.asarray(blocks.mean) < 0)[:, None] & (np.asarray(blocks.of) < at.size)]
+           for blocks in at.blocks]  # fmt: skip
+    return np.unique(np.concatenate(own))
+
+
 def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_rule.POINTS_IN_FITS) -> list[Conditions]:
     """Those of `rows` in parts, as few as have each the smallest layout: the program that a fit has is theirs, too."""
     kinks, parts, first = _kinks(scene), list[Conditions](), 0
@@ -169,19 +176,20 @@ def _with_still(scene: Scene, at: Conditions) -> Conditions:
     return dataclasses.replace(at, blocks=tuple(known))
 
 
+@np.errstate(all="ignore")
 def _still(scene: Scene, means: np.ndarray, count: int) -> np.ndarray | None:
     """See `Blocks.still`, of the first `count` of these means; None, too, where rings lie differently at other
     phases."""
     if not is_plain(scene):
         return None
-    still, phases = np.zeros((len(means), 3)), np.arange(4) / 4.0 * float(geometry.roller_pitch(scene.bearing))
-    for k in range(count):
-        at = xp.numbers(dataclasses.replace(healthy(scene), load=Load(*means[k])))
-        with np.errstate(all="ignore"):
-            found = xp.values(prepared.at_phases(at, phases)).displacement
-        if not np.ptp(found, axis=0).max() <= ALIKE * np.abs(found).max():
+    still, turned = np.zeros((len(means), 3)), np.arange(4) / 4.0 * float(geometry.roller_pitch(scene.bearing))
+    if count:
+        loads = Load(*np.repeat(means[:count], len(turned), axis=0).T)
+        rest = prepared.at_phases(xp.numbers(healthy(scene)), np.tile(turned, count), loads)
+        found = xp.values(rest.displacement).reshape(count, len(turned), 3)
+        if not np.all(np.ptp(found, axis=1).max(axis=1) <= ALIKE * np.abs(found).max(axis=(1, 2))):
             return None
-        still[k] = found[0]
+        still[:count] = found[:, 0]
     return still
 
 
@@ -213,19 +221,41 @@ def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) 
     return found + slopes @ (values - here), code
 
 
+@np.errstate(all="ignore")
 def of_numbers(scene: Scene, at: Conditions) -> np.ndarray:
-    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of a plain ring of numbers: at once,
-    and in means by a rule of more points."""
-    found, known = np.full((at.size, len(ENTRIES)), np.nan), {at.size}  # behind the last one there is none
+    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of a plain ring of numbers: all rings at
+    once, and means by a rule of more points."""
+    found, scene = np.full((at.size, len(ENTRIES)), np.nan), xp.numbers(scene)
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
-        for k in range(int(blocks.count)):
-            for ring, place in enumerate(blocks.of[k]):
-                if place not in known:
-                    known.add(place)
-                    phase = PitchMean() if blocks.mean[k] >= 0 else float(blocks.phases[k, ring])
-                    load = Load(*map(float, blocks.loads[:, k, ring]))
-                    here = dataclasses.replace(scene, definition=definition, load=load, phase=phase)
-                    found[place] = np.asarray(prepared.solve_prepared(here).stiffness)[ROW, COLUMN]
+        here = dataclasses.replace(scene, definition=definition)
+        places, turned = _distinct(at, blocks), list[tuple[Any, Any]]()
+        for k, ring in places.values():
+            mean, load = int(blocks.mean[k]), Load(*blocks.loads[:, k, ring])
+            if mean < 0:
+                turned.append((blocks.phases[k, ring : ring + 1], np.ones(1)))
+                continue
+            still = None if blocks.still is None else np.asarray(blocks.still)[mean]
+            borders = pitch_borders(dataclasses.replace(here, load=load, phase=PitchMean()), still)
+            turned.append(xp.values(phase_rule.between(borders)))
+        each = [len(phases) for phases, _ in turned]
+        own = [np.repeat([blocks.loads[part, k, ring] for k, ring in places.values()], each) for part in (0, 1)]
+        loaded = dataclasses.replace(here, load=Load(*own))
+        rest = prepared.at_phases(here, np.concatenate([phases for phases, _ in turned]), loaded.load)
+        stiffness, ends = xp.values(prepared.as_defined(loaded, rest)), np.cumsum(each)[:-1]
+        parts = zip(np.split(stiffness, ends), np.split(xp.values(rest.displacement), ends), strict=True)
+        for (place, (k, _)), (_, weights), (own, u) in zip(places.items(), turned, parts, strict=True):
+            own = prepared.without_poles(here, u, own) if blocks.mean[k] >= 0 else own
+            found[place] = np.einsum("p,pe->e", weights, own[:, ROW, COLUMN])
+    return found
+
+
+def _distinct(at: Conditions, blocks: Blocks) -> dict[int, tuple[int, int]]:
+    """Block and ring of every condition, the first of those that count to it."""
+    found: dict[int, tuple[int, int]] = {}
+    for k in range(int(blocks.count)):
+        for ring, place in enumerate(np.asarray(blocks.of)[k]):
+            if place < at.size:
+                found.setdefault(int(place), (k, ring))
     return found
 
 

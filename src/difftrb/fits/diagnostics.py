@@ -8,6 +8,7 @@ import numpy as np
 
 from difftrb.fits import fit_result, optimal_design, predicted, profile_intervals, suspects
 from difftrb.fits.fit_result import Alternative, Fit
+from difftrb.fits.measured import Measurement
 from difftrb.fits.profile_intervals import CONFIDENCE, EDGE
 from difftrb.fits.search import Scan
 from difftrb.ring import effects
@@ -41,7 +42,7 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
         remarks.append(healthy)
     elif unclear.any():
         remarks.append(_unclear(fit, np.nonzero(unclear)[0].tolist()))
-    remarks += [_of_alternative(fit, other) for other in fit.alternatives[:TOLD]]
+    remarks += _of_alternatives(fit)
     if len(fit.alternatives) > TOLD:
         remarks.append(f"{len(fit.alternatives) - TOLD} more answers are not ruled out")
     if fit.sigma_estimated:
@@ -204,10 +205,17 @@ def _product(powers: dict[str, float]) -> str:
     return " × ".join(factors)
 
 
-def _of_alternative(fit: Fit, other: Alternative) -> str:
-    """Another answer, and which measurement would tell it from the fit's."""
+def _of_alternatives(fit: Fit) -> list[str]:
+    """The first other answers, and which measurement would tell each from the fit's."""
+    told = fit.alternatives[:TOLD]
+    if not told:
+        return []
+    telling = optimal_design.telling(fit, np.array([other.values for other in told]))
+    return [_of_alternative(fit, other, *best) for other, best in zip(told, telling, strict=True)]
+
+
+def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float) -> str:
     answer = ", ".join(f"{n} {v:.4g} {u}" for n, v, u in zip(fit.parameters, other.values, fit.units, strict=True))
-    row, apart = optimal_design.telling(fit, other.values)
     advice = f"measure {optimal_design.in_words(row)}, where they differ by {apart:.2g} sigma"
     if apart < TOLD_APART:
         advice = "no load and phase like those measured tells them apart"

@@ -108,16 +108,17 @@ def fit(
     scene = prepare_fit(scene, rows, progress)
     measured.check_loads(scene, rows)
     problem, estimate = problem_of(scene, rows, tuple(parameters), robust, model_error)
-    scan = search.scanned(problem, search.places(problem.parameters, problem.bounds, scene, starts))
+    scan = search.scanned(problem, search.places(problem, starts))
     _check_effects(problem.parameters, scan.slope)
     freedom = len(rows) - len(parameters)
     if estimate:
         problem, found = _with_sigma(problem, scan, freedom)
     else:
-        found = search.minima(problem, scan)
+        found = search.with_edges_moved(problem, search.minima(problem, scan))
         if freedom > 0 and fit_result.tail(2.0 * float(np.nanmin(found.cost)), freedom) < fit_result.UNLIKELY:
             scan, more = search.thorough(problem, scan)
-            found = more if np.nanmin(more.cost) < np.nanmin(found.cost) else found
+            if np.nanmin(more.cost) < np.nanmin(found.cost):
+                found = search.with_edges_moved(problem, more)
     if any(row.load_sigma > 0.0 for row in rows):
         problem = _with_loads(problem, rows, found.place[int(np.nanargmin(found.cost))])
         found = _from(problem, found.place)

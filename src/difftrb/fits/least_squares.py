@@ -94,6 +94,13 @@ class Least(NamedTuple):
     converged: np.ndarray
 
 
+def both(first: Least, second: Least) -> Least:
+    """The cases of the first, and behind them those of the second."""
+    beside = tuple(np.concatenate(pair) for pair in zip(first.beside, second.beside, strict=True))
+    return Least(*(beside if name == "beside" else np.concatenate([getattr(first, name), getattr(second, name)])
+                   for name in Least._fields))  # fmt: skip
+
+
 class Evaluated(NamedTuple):
     """Residuals, shape (cases, m), their Jacobians, shape (cases, m, n), and whatever else there is, shapes
     (cases, …)."""
@@ -113,7 +120,7 @@ class First(NamedTuple):
 
 
 class Alone(NamedTuple):
-    """Coordinates that move alone at first, shape (n,), and for how many steps."""
+    """Coordinates that move alone at first, shape (n,), however far, and for how many steps."""
 
     moves: np.ndarray
     steps: int
@@ -138,7 +145,7 @@ class Enough(NamedTuple):
 def minimum(
     evaluate: Callable[[np.ndarray], Evaluated], start: np.ndarray, free: np.ndarray, steps: int,
     first: First | None = None, enough: Enough = Enough(), longest: np.ndarray | float = LONGEST,  # noqa: B008
-    alone: Alone | None = None,
+    alone: Alone | None = None, room: np.ndarray | float = np.inf,
 ) -> Least:  # fmt: skip
     """Least squares of what `evaluate` says of places, shape (some cases, n).
 
@@ -147,12 +154,17 @@ def minimum(
       steps: at most. With none it evaluates the start.
       first: what goes before, if anything. alone: what comes between that and the `steps`.
       longest: step of every coordinate, shape (n,); how far the residual is about straight.
+      room: the same of the first step; from there it grows as long as steps are good ones.
     """
-    cases, led, memory = _Cases(start, free, np.broadcast_to(longest, start.shape[1:])), 0, None
+    cases, led, memory = _Cases(start, free, np.broadcast_to(longest, start.shape[1:]), room), 0, None
     if first is not None:
         led, memory = first.steps, first.memory
     before = led + (alone.steps if alone is not None else 0)
+    if alone is not None:
+        cases.room[:, alone.moves] = LONGEST
     for k in range(before + steps + 1):
+        if k == before:
+            cases.room = np.minimum(cases.room, cases.longest)
         at = np.nonzero(~cases.done)[0]
         cases.update(at, evaluate(cases.place[at] + cases.move[at]), k, led)
         if first is not None and k < led:
@@ -172,9 +184,9 @@ def minimum(
 class _Cases:
     """Where all cases are, shape (cases, …) each, and the step that each tries next, within a box of its own."""
 
-    def __init__(self, start: np.ndarray, free: np.ndarray, longest: np.ndarray) -> None:
+    def __init__(self, start: np.ndarray, free: np.ndarray, longest: np.ndarray, room: np.ndarray | float) -> None:
         cases, n = start.shape
-        self.free, self.longest, self.room = free, longest, np.tile(longest, (cases, 1))
+        self.free, self.longest, self.room = free, longest, np.tile(np.minimum(longest, room), (cases, 1))
         self.place, self.cost = start.copy(), np.full(cases, np.inf)
         self.gradient, self.normal = np.zeros((cases, n)), np.zeros((cases, n, n))
         self.move, self.linear, self.expected = np.zeros((cases, n)), np.zeros(cases), np.zeros(cases)

@@ -103,15 +103,15 @@ def next_measurements(
     return tuple(chosen)
 
 
-def telling(fit: Fit, values: np.ndarray) -> tuple[Measurement, float]:
-    """The measurement among `candidates` that tells the fitted values best from other ones, shape (parameters,), and by
-    how many sigma it would differ."""
+def telling(fit: Fit, others: np.ndarray) -> list[tuple[Measurement, float]]:
+    """The measurement among `candidates` that tells the fitted values best from each other answer, shape (answers,
+    parameters), and by how many sigma it would differ."""
     among = candidates(fit)
-    other = fit.problem.bounds.coordinates(values)
-    here, there = _told(fit, among, np.stack([fit.place, other]))[0]
+    places = np.concatenate([fit.place[None], fit.problem.bounds.coordinates(others)])
+    here, *there = _told(fit, among, places)[0]
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, here, strict=True)])
-    apart = np.nan_to_num(np.abs(there - here) / sigma)
-    return among[int(np.argmax(apart))], float(np.max(apart))
+    apart = [np.nan_to_num(np.abs(other - here) / sigma) for other in there]
+    return [(among[int(np.argmax(each))], float(np.max(each))) for each in apart]
 
 
 def _told(fit: Fit, among: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import jax
@@ -183,15 +183,16 @@ def counted(problem: Problem, values: jax.Array) -> jax.Array:
 def solved(
     problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int,
     enough: Enough = Enough(), ratios: bool = False, alone: Alone | None = None,  # noqa: B008
+    room: np.ndarray | float = np.inf,
 ) -> Least:  # fmt: skip
     """Least squares from `places`, shape (cases, parameters), moving those coordinates that are `free`, same shape:
     first `search` steps of Adam, then those of `alone`, then `steps` of Levenberg–Marquardt at most. With `ratios`
-    deviations are as in `by_ratios`.
+    deviations are as in `by_ratios`. `room`: how far the first step may go, shape (parameters,).
     """
     first = least_squares.First(_adam, _rest(places), search) if search else None
     evaluate = partial(by_ratios if ratios else evaluated, problem)
     longest = np.minimum(scales(problem), least_squares.LONGEST)
-    return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, longest, alone)
+    return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, longest, alone, room)
 
 
 def scales(problem: Problem) -> np.ndarray:
@@ -253,8 +254,10 @@ def _plainly(problem: Problem, places: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def rows_at(problem: Problem, places: np.ndarray, many: bool | None = None) -> np.ndarray:
     """What the model says of the rows at `places`, shape (cases, rows). Of `many` by a program without slopes, which
-    takes a quarter of the time, and seconds to compile. None: of more than `MANY`."""
-    if not (len(places) > MANY if many is None else many):
+    takes a quarter of the time, and seconds to compile. None: of more than `MANY`, or if it is compiled."""
+    if many is None:
+        many = len(places) > MANY or _kind(_rows, _laid_out(problem), ROWS_BATCH) in _compiled
+    if not many:
         return evaluated(problem, places).beside[0]
     return _in_parts(_rows, problem, places, ROWS_BATCH)[0]
 
@@ -275,12 +278,21 @@ def _in_parts(
         return [out[:, :rows] if out.ndim > 1 else out for out in every]
 
     parts = np.array_split(places, max(count, 1))
-    kind = (program, batch, jax.tree.structure(laid_out), *map(np.shape, jax.tree.leaves(laid_out)))
+    kind = _kind(program, laid_out, batch)
     first = [] if kind in _compiled else [part(parts.pop(0))]
     _compiled.add(kind)
-    with ThreadPoolExecutor(cores) as pool:
-        found = [*first, *pool.map(part, parts)]
+    found = [*first, *_pool(cores).map(part, parts)]
     return [np.concatenate(each) for each in zip(*found, strict=True)]
+
+
+@cache
+def _pool(cores: int) -> ThreadPoolExecutor:
+    """Threads that stay: a fit asks them hundreds of times."""
+    return ThreadPoolExecutor(cores)
+
+
+def _kind(program: Callable[..., Any], laid_out: Problem, batch: int) -> Any:
+    return program, batch, jax.tree.structure(laid_out), *map(np.shape, jax.tree.leaves(laid_out))
 
 
 _compiled: set[Any] = set()

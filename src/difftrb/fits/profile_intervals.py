@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from difftrb.fits import predicted
+from difftrb.fits import edges_at_rollers, predicted
 from difftrb.fits.least_squares import FARTHEST, Enough
 from difftrb.fits.predicted import Problem
 
@@ -85,18 +85,22 @@ def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.where(both, inverted / np.outer(size, size), 0.0)
 
 
-def held(problem: Problem, free: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def held(
+    problem: Problem, free: np.ndarray, starts: Sequence[Sequence[np.ndarray]], at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Least costs, shape (cases,), and their places, shape (cases, parameters), moving those parameters that are
-    `free`, same shape, from the better of several `starts`, shape (ways, cases, parameters), where the others are."""
+    `free`, same shape, from the best of several `starts` of each case, shape (parameters,) each; the others are where
+    `at`, same shape, has them."""
     if not free.any():  # then all starts are one
-        starts = starts[:1]
-    ways, cases, count = starts.shape
+        starts = [own[:1] for own in starts]
+    of = np.repeat(np.arange(len(free)), [len(own) for own in starts])
+    places = np.where(free[of], np.concatenate([np.stack(own) for own in starts]), at[of])
     enough = Enough(ENOUGH, BEHIND, MARGIN, MEET * predicted.scales(problem))
-    steps = STEPS if free.any() else 0
-    found = predicted.solved(problem, starts.reshape(-1, count), np.tile(free, (ways, 1)), 0, steps, enough)
-    cost = np.where(np.isfinite(found.cost), found.cost, np.inf).reshape(ways, cases)
-    better, each = np.argmin(cost, axis=0), np.arange(cases)
-    return cost[better, each], found.place.reshape(starts.shape)[better, each]
+    found = predicted.solved(problem, places, free[of], 0, STEPS if free.any() else 0, enough)
+    cost = np.where(np.isfinite(found.cost), found.cost, np.inf)
+    order = np.lexsort((cost, of))
+    best = order[np.searchsorted(of[order], np.arange(len(free)))]
+    return cost[best], found.place[best]
 
 
 def both_starts(u: np.ndarray, normal: np.ndarray, known: Known, free: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -147,9 +151,15 @@ def profiles(
     places = _places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0).reshape(len(own), -1)
     of, at = np.repeat(np.arange(len(own)), places.shape[1]), places.ravel()
     free = own[of][:, None] != np.arange(len(u))
-    starts = both_starts(u, normal, known, free, np.where(free, u, at[:, None]))
+    starts = both_starts(u, normal, known, free, np.where(free, u, at[:, None])).swapaxes(0, 1)
+    wanted: list[Any] = [(number, value, (u, *two)) for number, value, two in zip(of, at, starts, strict=True)]
+    edges = edges_at_rollers.sought(problem)
     for k in range(ROUNDS + 1):
-        costs, where = held(problem, free, starts)
+        of, at = (np.array(each) for each in list(zip(*wanted, strict=True))[:2])
+        free = own[of][:, None] != np.arange(len(u))
+        starts = [(*ways, *edges_at_rollers.kept(problem, edges, ways[0], own[number], value))
+                  for number, value, ways in wanted]  # fmt: skip
+        costs, where = held(problem, free, starts, np.where(free, u, at[:, None]))
         for number, value, rise, place in zip(of, at, 2.0 * (costs - cost), where, strict=True):
             _put(sides[number], Held(value, rise, place))
         wanted = [
@@ -159,9 +169,6 @@ def profiles(
         ]
         if not wanted:
             break
-        of, at, starts = (np.array(each) for each in zip(*wanted, strict=True))
-        free = own[of][:, None] != np.arange(len(u))
-        starts = np.where(free, starts.transpose(1, 0, 2), at[:, None])
     every = [one for side in sides for one in side]
     lowest = min(every, key=lambda one: one.rise)
     ends = np.array([_end(side, limits) for side in sides]).reshape(-1, 2)
@@ -190,7 +197,8 @@ def _put(side: Side, new: Held) -> None:
 
 
 Wanted = Iterator[tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]]
-"""At which coordinates to hold a parameter, each with three places to start from."""
+"""At which coordinates to hold a parameter, each with three places to start from, first the one that is known to be
+low: with a spall's edges where they are there, it starts, too."""
 
 
 def _again(side: Side, limit: float, tried: set[tuple[float, ...]]) -> Wanted:
@@ -213,7 +221,7 @@ def _between(side: Side, limit: float, k: int) -> Wanted:
     if k == 0 or (root[behind] > STEEP * np.sqrt(limit) and not near):
         for share in np.arange(1, WITHIN + 1) / (WITHIN + 1):
             between = low.where + share * (high.where - low.where)
-            yield low.at + share * (high.at - low.at), (between, low.where, high.where)
+            yield low.at + share * (high.at - low.at), (low.where, between, high.where)
 
 
 def _levelling(side: Side, limits: Limits, k: int) -> Wanted:

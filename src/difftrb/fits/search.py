@@ -13,11 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from difftrb.fits import least_squares, predicted
-from difftrb.fits.least_squares import Alone, Bounds, Enough, Least
+from difftrb.fits import edges_at_rollers, least_squares, predicted
+from difftrb.fits.least_squares import Alone, Enough, Least
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import Problem
-from difftrb.scene.scene import Scene
 
 SCANNED = 64, 512, 4096, 8192
 """Points that are scanned for one, two, three and more parameters."""
@@ -44,6 +43,12 @@ SPREAD, FACTORS = (0.05, 0.95), (0.6, 0.8)
 """Between which shares of a parameter's range points lie, and of one that multiplies losses."""
 ALONE = 2
 """Steps in which those that multiply losses move alone."""
+MOVED = 12, 128
+"""Of how many minima edges are moved, and from how many places least squares then go down."""
+ALIKE = 0.02
+"""Of those, which are closer than this are one."""
+MOVES, GAIN = 3, 1e-3
+"""How often at most, and by how much half of χ² has to come lower to go on."""
 THOROUGH = 8, 16
 """`ROUNDS` where nothing that was found explains the data."""
 MORE = 2
@@ -66,15 +71,19 @@ def scanned(problem: Problem, places: np.ndarray) -> Scan:
     return Scan(places, predicted.rows_at(rough, places), np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
 
 
-def places(parameters: Sequence[Parameter], bounds: Bounds, scene: Scene, count: int | None) -> np.ndarray:
-    """Coordinates of the points, shape (count, parameters): the scene's own values, then an even spread of the range.
+def places(problem: Problem, count: int | None = None) -> np.ndarray:
+    """Coordinates of the points, shape (count, parameters): the scene's own values, then an even spread of the range,
+    of which up to one half have `edges_at_rollers`.
 
     None: as many as so many parameters call for.
     """
-    n = len(parameters)
-    count = points(n) if count is None else count
-    own = bounds.coordinates(np.array([[parameter.start(scene) for parameter in parameters]], float))
-    return np.concatenate([np.clip(own, -4.0, 4.0), spread(parameters, count - 1)])
+    parameters = problem.parameters
+    count = points(len(parameters)) if count is None else count
+    own = problem.bounds.coordinates(np.array([[parameter.start(problem.scene) for parameter in parameters]], float))
+    every = np.concatenate([np.clip(own, -4.0, 4.0), spread(parameters, count - 1)])
+    half = slice(1, 1 + count // 2)
+    every[half] = edges_at_rollers.moved(problem, every[half])
+    return every
 
 
 def points(n: int) -> int:
@@ -113,14 +122,16 @@ def minima(
     `free`: which parameters move, shape (parameters,). None: all. `lowest`: as `LOWEST`.
     """
     most, fewest = lowest
-    place, cost, scale, rough = scan.place, _alike(problem, scan), predicted.scales(problem), _rough(problem)
-    enough = _enough(problem)
+    place, cost, scale, rough = scan.place, _alike(problem, scan.told), predicted.scales(problem), _rough(problem)
+    enough, room = _enough(problem), edges_at_rollers.room(problem)
     multiply = np.array([parameter.multiplies for parameter in problem.parameters]) & (True if free is None else free)
     alone = Alone(multiply, ALONE) if multiply.any() and not multiply.all() else None
     for k, steps in enumerate(rounds):
         place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, fewest, most))]
         first = alone if k == 0 else None
-        found = predicted.solved(rough, place, _moving(place, free), 0, steps, enough, ratios=True, alone=first)
+        found = predicted.solved(
+            rough, place, _moving(place, free), 0, steps, enough, ratios=True, alone=first, room=room
+        )
         place, cost = found.place, found.cost
     # the scene's own, too
     return minima_from(problem, np.concatenate([place[_lower(place / scale, cost, fewest)], scan.place[:1]]), free)
@@ -135,6 +146,27 @@ def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = N
     return predicted.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, enough)
 
 
+def with_edges_moved(problem: Problem, found: Least) -> Least:
+    """What was found, and where least squares end from the lowest of these with edges moved (`edges_at_rollers`), as
+    long as that comes lower."""
+    rough, room, told = _rough(problem), edges_at_rollers.room(problem), set[int]()
+    for _ in range(MOVES):
+        from_here = [k for k in distinct(problem, found)[: MOVED[0]] if k not in told]
+        told.update(from_here)
+        more = edges_at_rollers.beside(problem, found.place[from_here])
+        if not len(more):
+            break
+        cost = _alike(problem, predicted.rows_at(rough, more))
+        more = more[_lower(more / predicted.scales(problem), cost, MOVED[1], ALIKE)]
+        near = predicted.solved(rough, more, _moving(more, None), 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
+        ended = minima_from(problem, near.place[distinct(problem, near)[: LOWEST[1]]])
+        lower = np.nanmin(ended.cost) < np.nanmin(found.cost) - GAIN
+        found = least_squares.both(found, ended)
+        if not lower:
+            break
+    return found
+
+
 def _enough(problem: Problem) -> Enough:
     return Enough(behind=BEHIND, meet=MEET * predicted.scales(problem))
 
@@ -144,11 +176,12 @@ def _moving(place: np.ndarray, free: np.ndarray | None) -> np.ndarray:
     return np.ones_like(place, bool) if free is None else np.tile(free, (len(place), 1))
 
 
-def _alike(problem: Problem, scan: Scan) -> np.ndarray:
-    """What costs would be with the best factor on all losses, shape (points,): about what a longer or shorter spall at
-    the same place would have, which least squares find from far away. Other places they do not."""
+def _alike(problem: Problem, told: np.ndarray) -> np.ndarray:
+    """What costs would be with the best factor on all losses, shape (points,), of what the model has `told` of the
+    rows, shape (points, rows): about what a longer or shorter spall at the same place would have, which least squares
+    find from far away. Other places they do not."""
     loss, sigma, rows = (np.asarray(x) for x in (problem.conditions.loss, problem.sigma, problem.measured))
-    told, seen = scan.told / sigma, rows / sigma
+    told, seen = told / sigma, rows / sigma
     own = np.nan_to_num(told * loss)
     factor = np.clip((own @ seen) / np.maximum(np.sum(own**2, axis=1), 1e-300), 1.0 / FACTOR, FACTOR)
     return 0.5 * np.sum((np.where(loss, factor[:, None], 1.0) * told - seen) ** 2, axis=1)
@@ -159,13 +192,13 @@ def _rough(problem: Problem) -> Problem:
     return problem if problem.rough is None else dataclasses.replace(problem, conditions=problem.rough)
 
 
-def _lower(place: np.ndarray, cost: np.ndarray, most: int) -> list[int]:
-    """The lowest places of which no two are one: closer than `NEAR`."""
+def _lower(place: np.ndarray, cost: np.ndarray, most: int, near: float = NEAR) -> list[int]:
+    """The lowest places of which no two are one: closer than `near`."""
     kept: list[int] = []
     for k in np.argsort(cost, kind="stable"):
         if len(kept) == most or not np.isfinite(cost[k]):
             break
-        if not kept or np.min(np.max(np.abs(place[kept] - place[k]), axis=1)) >= NEAR:
+        if not kept or np.min(np.max(np.abs(place[kept] - place[k]), axis=1)) >= near:
             kept.append(int(k))
     return kept
 

@@ -139,7 +139,7 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
 
     if isinstance(scene.phase, PitchMean):
         middle: Any = 0.5 * geometry.roller_pitch(scene.bearing)
-        of_every, stiffness = mean, _without_poles(scene, every, stiffness)
+        of_every, stiffness = mean, without_poles(scene, every.displacement, stiffness)
     else:
         middle = scene.phase
         of_every = operator.itemgetter(0)
@@ -163,12 +163,12 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
     )
 
 
-def _without_poles(scene: Scene, every: ring.Equilibrium, stiffness: Any) -> Any:
-    """NaN for a secant F/u whose displacement changes its sign within the pitch: it runs to infinity, and has no
-    mean."""
+def without_poles(scene: Scene, displacement: Any, stiffness: Any) -> Any:
+    """Stiffness [N/mm] of the rings of a mean, shape (phases, n, n), at their displacements [mm], shape (phases, n); NaN
+    for a secant F/u whose displacement changes its sign within the pitch: it runs to infinity, and has no mean."""
     if scene.definition == "tangent":
         return stiffness
-    u, values = xp.value(every.displacement), xp.value(stiffness)
+    u, values = xp.value(displacement), xp.value(stiffness)
     of = xp.module_of(u)
     turns = of.any(u > 0.0, axis=0) & of.any(u < 0.0, axis=0)
     poles = turns[:, None] & np.eye(turns.size, dtype=bool) & of.any(values != 0.0, axis=0)
