@@ -223,8 +223,8 @@ def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) 
 
 @np.errstate(all="ignore")
 def of_numbers(scene: Scene, at: Conditions) -> np.ndarray:
-    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of a plain ring of numbers: all rings at
-    once, and means by a rule of more points."""
+    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of a plain ring of numbers: all rings
+    at once, and means by a rule of more points."""
     found, scene = np.full((at.size, len(ENTRIES)), np.nan), xp.numbers(scene)
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
         here = dataclasses.replace(scene, definition=definition)

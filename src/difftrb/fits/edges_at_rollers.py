@@ -72,9 +72,7 @@ def beside(problem: Problem, places: np.ndarray) -> np.ndarray:
     found = [np.zeros((0, places.shape[1]))]
     for edges in sought(problem):
         for values in problem.bounds.values(places):
-            cases = _moves(
-                edges, *(float(values[edges.own[f]]) if f in edges.own else getattr(edges, f) for f in FIELDS)
-            )
+            cases = _moves(edges, *_size(edges, values))
             more = np.tile(values, (len(cases), 1))
             for field, i in edges.own.items():
                 more[:, i] = cases[:, FIELDS.index(field)]
@@ -84,8 +82,8 @@ def beside(problem: Problem, places: np.ndarray) -> np.ndarray:
 
 def kept(problem: Problem, every: Sequence[Edges], place: np.ndarray, i: int, at: float) -> np.ndarray:
     """The place, coordinates of shape (parameters,), with the i-th parameter `at` another coordinate and either edge of
-    the spall where it is, shape (2, parameters). None of a parameter that is no width or angle of `every` spall of which
-    both are sought: shape (0, parameters)."""
+    the spall where it is, shape (2, parameters). Of a parameter that is no width or angle of a spall of which both are
+    sought: none, shape (0, parameters)."""
     found = np.zeros((0, len(place)))
     for edges in every:
         if len(edges.own) == 2 and i in edges.own.values():
@@ -145,7 +143,7 @@ def sought(problem: Problem) -> list[Edges]:
 def _ramp(problem: Problem, number: int) -> tuple[float, float]:
     """Of the most loaded roller: see `Edges`."""
     scene = problem.scene
-    law = law_in_effect(scene, outer_law(scene))
+    law = xp.fixed(law_in_effect(scene, outer_law(scene)))
     healthy = load_curve.one_of(law.curves((), np.zeros((0, 1))).each, 0)
     approach = load_curve.approach(healthy, xp.asarray(largest_load(scene.bearing, scene.load)))
     low, high = law.ramp(number, scene.spalls[number], approach)
@@ -168,10 +166,17 @@ def _cases(edges: Edges) -> np.ndarray:
         width = np.full(len(angle), edges.width)
     else:
         away = [side * geometry.turned(places - edges.angle) for side, places in ((-1.0, begins), (1.0, ends))]
-        width = 2.0 * edges.radius * np.abs(np.concatenate(away))
+        width = 2.0 * edges.radius * np.concatenate(away)
+        width = width[(width > 0.0) & (width <= WIDEST * edges.pitch * edges.radius)]
         angle = np.full(len(width), edges.angle)
     angle = geometry.turned(angle)
     return np.stack([width, angle], axis=1)[np.argsort(np.abs(angle), kind="stable")]
+
+
+def _size(edges: Edges, values: np.ndarray) -> tuple[float, float]:
+    """Width [mm] and angle [rad] at these values of the parameters."""
+    width, angle = (float(values[edges.own[f]]) if f in edges.own else getattr(edges, f) for f in FIELDS)
+    return width, angle
 
 
 def _moves(edges: Edges, width: float, angle: float) -> np.ndarray:

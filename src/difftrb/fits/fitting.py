@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from difftrb.core import status
@@ -27,10 +28,11 @@ from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import Alternative, Fit, History
 from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
-from difftrb.fits.parameters import Parameter
+from difftrb.fits.parameters import OfSpall, Parameter
 from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.fits.profile_intervals import Known, Limits, Profiles
 from difftrb.fits.search import Scan
+from difftrb.law.atlas import AtlasLaw
 from difftrb.law.samples import Progress
 from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
 from difftrb.ring.ring import Load, largest_load
@@ -46,6 +48,8 @@ LEAST_SIGMA = 1e-7
 """Estimates of a relative error below this are rounding."""
 ROUNDS = 3
 """Of estimating sigma beside a robust fit."""
+NEARLY = 1.05
+"""Widths within this factor of the least one that is searched are at it."""
 DEEPER = 3
 """Most times that a fit goes on from a profile that has found a lower place."""
 
@@ -98,6 +102,8 @@ def fit(
 
     Rows without sigma: its size, relative to each value, is estimated from how the fit misses them. Raises
     `MeasuredError` for what cannot be fitted; what the data do not determine is said in `remarks`.
+    Spalls narrower than that a roller may meet both edges are looked for where nothing wider ends the interval of a
+    width: that takes a program of its own.
     """
     status.require_float64()
     if model_error is not None and not 0.0 <= model_error < np.inf:
@@ -107,7 +113,34 @@ def fit(
     rows = tuple(rows)
     scene = prepare_fit(scene, rows, progress)
     measured.check_loads(scene, rows)
-    problem, estimate = problem_of(scene, rows, tuple(parameters), robust, model_error)
+    found = _fit(scene, rows, tuple(parameters), robust, starts, model_error)
+    any_width = with_any_width(scene)
+    if any_width is not None and _may_be_narrower(found):
+        return _fit(any_width, rows, tuple(parameters), robust, starts, model_error)
+    return found
+
+
+def with_any_width(scene: Scene) -> Scene | None:
+    """A prepared scene with laws that know narrow spalls, too; None if there are none that do not."""
+    more = jax.tree.map(lambda part: part.of_any_width() if isinstance(part, AtlasLaw) else part, scene,
+                        is_leaf=lambda part: isinstance(part, AtlasLaw))  # fmt: skip
+    return None if jax.tree.structure(more) == jax.tree.structure(scene) else more
+
+
+def _may_be_narrower(fit: Fit) -> bool:
+    """Whether the data leave a width open at its low end, or an answer is there."""
+    widths = [i for i, p in enumerate(fit.problem.parameters) if isinstance(p, OfSpall) and p.field == "width"]
+    least = np.asarray(fit.problem.bounds.low) * NEARLY
+    others = [fit.values, *(other.values for other in fit.alternatives)]
+    return any(fit.open[i, 0] or min(values[i] for values in others) < least[i] for i in widths)
+
+
+def _fit(
+    scene: Scene, rows: tuple[Measurement, ...], parameters: tuple[str, ...], robust: str, starts: int | None,
+    model_error: float | None,
+) -> Fit:  # fmt: skip
+    """`fit` with a prepared scene."""
+    problem, estimate = problem_of(scene, rows, parameters, robust, model_error)
     scan = search.scanned(problem, search.places(problem, starts))
     _check_effects(problem.parameters, scan.slope)
     freedom = len(rows) - len(parameters)

@@ -96,9 +96,7 @@ class Least(NamedTuple):
 
 def both(first: Least, second: Least) -> Least:
     """The cases of the first, and behind them those of the second."""
-    beside = tuple(np.concatenate(pair) for pair in zip(first.beside, second.beside, strict=True))
-    return Least(*(beside if name == "beside" else np.concatenate([getattr(first, name), getattr(second, name)])
-                   for name in Least._fields))  # fmt: skip
+    return jax.tree.map(lambda *pair: np.concatenate(pair), first, second)
 
 
 class Evaluated(NamedTuple):

@@ -157,7 +157,7 @@ def profiles(
     for k in range(ROUNDS + 1):
         of, at = (np.array(each) for each in list(zip(*wanted, strict=True))[:2])
         free = own[of][:, None] != np.arange(len(u))
-        starts = [(*ways, *edges_at_rollers.kept(problem, edges, ways[0], own[number], value))
+        starts = [(*ways, *edges_at_rollers.kept(problem, edges, ways[0], int(own[number]), value))
                   for number, value, ways in wanted]  # fmt: skip
         costs, where = held(problem, free, starts, np.where(free, u, at[:, None]))
         for number, value, rise, place in zip(of, at, 2.0 * (costs - cost), where, strict=True):

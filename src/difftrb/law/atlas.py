@@ -160,6 +160,11 @@ class AtlasLaw:
                 code = status.worst(code, of.where(of.all(wide), status.CONVERGED, status.NARROW))
         return code
 
+    def of_any_width(self) -> AtlasLaw:
+        """The same for narrow spalls, too."""
+        error = max(float(self.error), float(self.atlas.narrow_error))
+        return dataclasses.replace(self, error=error, narrow=True)
+
     def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:
         """See `Law`."""
         low, high = edge_ramp.extent(edge_ramp.spread(self.beside(spall), np.ndim(approach)), approach)

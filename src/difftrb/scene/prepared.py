@@ -164,8 +164,8 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
 
 
 def without_poles(scene: Scene, displacement: Any, stiffness: Any) -> Any:
-    """Stiffness [N/mm] of the rings of a mean, shape (phases, n, n), at their displacements [mm], shape (phases, n); NaN
-    for a secant F/u whose displacement changes its sign within the pitch: it runs to infinity, and has no mean."""
+    """Stiffness [N/mm] of the rings of a mean, shape (phases, n, n), at their displacements [mm], shape (phases, n);
+    NaN for a secant F/u whose displacement changes its sign within the pitch: it runs to infinity, and has no mean."""
     if scene.definition == "tangent":
         return stiffness
     u, values = xp.value(displacement), xp.value(stiffness)
