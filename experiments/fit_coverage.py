@@ -1,8 +1,10 @@
 """Whether the answers of a fit can be trusted: many spalls, measured by a finer model than the one that fits.
 
-python -m experiments.fit_coverage [SETS] [FOLDER] [k/n] [LAW]   (default 300 out 0/1 direct)
+python -m experiments.fit_coverage [SETS] [FOLDER] [k/n] [LAW] [DESIGN]   (default 300 out 0/1 direct asked)
 
 Of n processes the k-th takes every n-th set. With the law "auto" the truth is the fit's own law: a tenth of the time.
+With the design "phases" there are twelve rows, at three phases of the cage, no more are asked for, and no set has both
+raceways: a spall's edges are then told by rollers that stand on them, and by nothing else.
 
 Every set has a spall of its own, drawn at random: length, width and angle, the other sizes as in the default scene;
 every other one has both raceways in series. The truth is the law "direct": contact solves for exactly the states in
@@ -10,7 +12,7 @@ which the rollers are. First two loads are measured in both directions, with a r
 phases; then, twice, the three measurements that the fit asks for next. Noise is 1 % of every value. Length, width and
 angle are fitted, by the default law.
 
-Prints and keeps (FOLDER/fit_coverage_LAW.jsonl, a line a set): how often 95 % intervals hold the truth, how many sets
+Prints and keeps (FOLDER/fit_coverage_LAW_DESIGN.jsonl, a line a set): how often 95 % intervals hold the truth, how many sets
 are called determined, and which of those are wrong by more than twice the interval. A set that is there is not computed
 again.
 """
@@ -32,13 +34,13 @@ import numpy as np
 import difftrb as trb
 
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))
-PHASES = (0.0, "mean")
+PHASES = {"asked": (0.0, "mean"), "phases": (0.0, 0.09, 0.18)}
 NOISE = 0.01
 ACCURACY = {"direct": 1e-4, "auto": 1e-3}
 """Of the truth by its law: a tenth of the noise, or less."""
 NAMES = ("length", "width", "angle")
 RANGES = {"length": (1.5, 7.0), "width": (2.0, 9.0), "angle": (-0.5, 0.5)}
-ROUNDS, ASKED = 2, 3
+ROUNDS, ASKED = {"asked": 2, "phases": 0}, 3
 
 
 def measured(scene: trb.Scene, row: trb.Measurement, known: dict[tuple, np.ndarray]) -> float:
@@ -51,11 +53,11 @@ def measured(scene: trb.Scene, row: trb.Measurement, known: dict[tuple, np.ndarr
     return float(known[key][0 if row.quantity.startswith("radial") else 1])
 
 
-def one(seed: int, law: str = "direct") -> dict[str, Any]:
+def one(seed: int, law: str = "direct", design: str = "asked") -> dict[str, Any]:
     """A set: its truth, the fit of its first rows and of all."""
     rng = np.random.default_rng([seed, 33])
     truth = {name: float(rng.uniform(*RANGES[name])) for name in NAMES}
-    effects = (trb.effects.Raceways(),) if seed % 2 else ()
+    effects = (trb.effects.Raceways(),) if seed % 2 and design == "asked" else ()
     spall = trb.Spall(truth["length"], truth["width"], angle=truth["angle"])
     world = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (spall,), law, accuracy=ACCURACY[law],
                       effects=effects)  # fmt: skip
@@ -68,15 +70,15 @@ def one(seed: int, law: str = "direct") -> dict[str, Any]:
                                row.definition, row.phase)  # fmt: skip
 
     blank = [trb.Measurement(*load, quantity, 1.0, 1.0, None, phase)  # type: ignore[arg-type]
-             for load in LOADS for phase in PHASES for quantity in ("radial_loss", "axial_loss")]  # fmt: skip
+             for load in LOADS for phase in PHASES[design] for quantity in ("radial_loss", "axial_loss")]  # fmt: skip
     rows = [read(row) for row in blank]
     guess = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (trb.Spall(3.0, 5.0),), effects=effects)
     record: dict[str, Any] = {"seed": seed, "truth": truth, "raceways": bool(effects), "fits": []}
-    for step in range(ROUNDS + 1):
+    for step in range(ROUNDS[design] + 1):
         began = time.perf_counter()
         fit = trb.fit(guess, rows, NAMES)
         record["fits"].append(told(fit) | {"seconds": time.perf_counter() - began})
-        if step < ROUNDS:
+        if step < ROUNDS[design]:
             asked = trb.next_measurements(fit, count=ASKED)
             rows += [read(suggestion.row) for suggestion in asked]
     return record
@@ -149,23 +151,23 @@ def main() -> None:
     sets = int(sys.argv[1]) if len(sys.argv) > 1 else 300
     folder = Path(sys.argv[2] if len(sys.argv) > 2 else "out")
     part, parts = map(int, sys.argv[3].split("/")) if len(sys.argv) > 3 else (0, 1)
-    law = sys.argv[4] if len(sys.argv) > 4 else "direct"
+    law, design = (*sys.argv[4:6], *("direct", "asked")[len(sys.argv[4:6]) :])
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"fit_coverage_{law}.jsonl"
+    file = folder / f"fit_coverage_{law}_{design}.jsonl"
 
     def kept() -> list[dict[str, Any]]:
         return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
 
     for seed in range(part, sets, parts):
         if seed not in {record["seed"] for record in kept()}:
-            record = one(seed, law)
+            record = one(seed, law, design)
             with file.open("a", encoding="utf-8") as out:
                 out.write(json.dumps(record) + "\n")
             last = record["fits"][-1]
             print(seed, [round(v, 3) for v in record["truth"].values()], np.round(last["values"], 3),
                   np.round(last["intervals"], 3).tolist(), last["determined"], flush=True)  # fmt: skip
     records = sorted(kept(), key=lambda record: record["seed"])
-    for step in range(ROUNDS + 1):
+    for step in range(ROUNDS[design] + 1):
         print(json.dumps(summary(records, step), indent=1))
 
 
