@@ -12,9 +12,9 @@ which the rollers are. First two loads are measured in both directions, with a r
 phases; then, twice, the three measurements that the fit asks for next. Noise is 1 % of every value. Length, width and
 angle are fitted, by the default law.
 
-Prints and keeps (FOLDER/fit_coverage_LAW_DESIGN.jsonl, a line a set): how often 95 % intervals hold the truth, how many sets
-are called determined, and which of those are wrong by more than twice the interval. A set that is there is not computed
-again.
+Prints and keeps (FOLDER/fit_coverage_LAW_DESIGN.jsonl, a line a set): how often 95 % intervals hold the truth, how many
+sets are called determined, and which of those are wrong by more than twice the interval. A set that is there is not
+computed again.
 """
 
 from __future__ import annotations

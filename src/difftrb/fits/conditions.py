@@ -7,21 +7,19 @@ there are. So one program does for any rows, and for rules of any number of poin
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import geometry, status
+from difftrb.core import geometry
 from difftrb.core.numeric import gauss_legendre
-from difftrb.core.taylor import Taylor
 from difftrb.fits.measured import ENTRIES, Measurement
 from difftrb.ring import phase_rule
 from difftrb.ring.ring import Load
-from difftrb.scene import prepared, solving
+from difftrb.scene import prepared
 from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain, pitch_borders
 
 ROW, COLUMN = (np.array(part) for part in zip(*ENTRIES.values(), strict=True))
@@ -196,166 +194,3 @@ def _still(scene: Scene, means: np.ndarray, count: int) -> np.ndarray | None:
 def of_changing(at: Conditions) -> Conditions:
     """The same of healthy rings that values of parameters change."""
     return dataclasses.replace(at, blocks=tuple(blocks._replace(still=None) for blocks in at.blocks))
-
-
-Values = Any
-"""Of parameters, shape (parameters,): an array, or an expansion by themselves."""
-Of = Callable[[Values], tuple[Scene, Callable[[Load], Load]]]
-"""Of values of parameters the prepared scene and what bearings carry at a load."""
-Parts = tuple[Any, ...]
-"""What a function of the values is: its value, or that and its slopes by them, shape (…, parameters)."""
-
-
-def stiffness(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
-    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), and the worst status; `sound`: without
-    the scene's spalls, which say where the phases of means are anyway."""
-    (found,), code = _summed(of, at, sound, ValueOrSlopes(values, slopes=False, expands=False))
-    return found, code
-
-
-def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
-    """`stiffness` that is differentiable by `values` alone, and once: its slopes are solved beside it, block by block,
-    for to differentiate a loop takes several times as long to trace."""
-    here = jax.lax.stop_gradient(values)
-    (found, slopes), code = _summed(of, at, sound, ValueOrSlopes(here, slopes=True, expands=is_plain(of(here)[0])))
-    return found + slopes @ (values - here), code
-
-
-@np.errstate(all="ignore")
-def of_numbers(scene: Scene, at: Conditions) -> np.ndarray:
-    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of a plain ring of numbers: all rings
-    at once, and means by a rule of more points."""
-    found, scene = np.full((at.size, len(ENTRIES)), np.nan), xp.numbers(scene)
-    for definition, blocks in zip(at.definitions, at.blocks, strict=True):
-        here = dataclasses.replace(scene, definition=definition)
-        places, turned = _distinct(at, blocks), list[tuple[Any, Any]]()
-        for k, ring in places.values():
-            mean, load = int(blocks.mean[k]), Load(*blocks.loads[:, k, ring])
-            if mean < 0:
-                turned.append((blocks.phases[k, ring : ring + 1], np.ones(1)))
-                continue
-            still = None if blocks.still is None else np.asarray(blocks.still)[mean]
-            borders = pitch_borders(dataclasses.replace(here, load=load, phase=PitchMean()), still)
-            turned.append(xp.values(phase_rule.between(borders)))
-        each = [len(phases) for phases, _ in turned]
-        own = [np.repeat([blocks.loads[part, k, ring] for k, ring in places.values()], each) for part in (0, 1)]
-        loaded = dataclasses.replace(here, load=Load(*own))
-        rest = prepared.at_phases(here, np.concatenate([phases for phases, _ in turned]), loaded.load)
-        stiffness, ends = xp.values(prepared.as_defined(loaded, rest)), np.cumsum(each)[:-1]
-        parts = zip(np.split(stiffness, ends), np.split(xp.values(rest.displacement), ends), strict=True)
-        for (place, (k, _)), (_, weights), (own, u) in zip(places.items(), turned, parts, strict=True):
-            own = prepared.without_poles(here, u, own) if blocks.mean[k] >= 0 else own
-            found[place] = np.einsum("p,pe->e", weights, own[:, ROW, COLUMN])
-    return found
-
-
-def _distinct(at: Conditions, blocks: Blocks) -> dict[int, tuple[int, int]]:
-    """Block and ring of every condition, the first of those that count to it."""
-    found: dict[int, tuple[int, int]] = {}
-    for k in range(int(blocks.count)):
-        for ring, place in enumerate(np.asarray(blocks.of)[k]):
-            if place < at.size:
-                found.setdefault(int(place), (k, ring))
-    return found
-
-
-class ValueOrSlopes(NamedTuple):
-    """How functions of `values`, shape (parameters,), are told: by what they are there, or by that and their slopes: of
-    one expansion, if all in them `expands`, which is traced in a third of the time; else by JAX."""
-
-    values: jax.Array
-    slopes: bool
-    expands: bool
-
-    def parts(self, function: Callable[..., tuple[Any, Any]], *given: Parts) -> tuple[Parts, Any]:
-        """Parts of the first thing that `function(values, …)` returns, and the other; what else it takes, by parts."""
-        if not self.slopes:
-            own, beside = function(self.values, *(part for (part,) in given))
-            return (own,), beside
-        if self.expands:
-            turned = (Taylor(part, jnp.moveaxis(slopes, -1, 0)) for part, slopes in given)
-            own, beside = function(Taylor(self.values, jnp.eye(len(self.values))), *turned)
-            value, slopes = xp.value(own), xp.by(own)
-            none = jnp.zeros((*value.shape, len(self.values)))
-            return (value, none if slopes is None else jnp.moveaxis(slopes, 0, -1)), xp.values(beside)
-
-        def twice(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, Any]]:
-            own, beside = function(values, *(part + slopes @ (values - self.values) for part, slopes in given))
-            return own, (own, beside)
-
-        slopes, (own, beside) = jax.jacfwd(twice, has_aux=True)(self.values)
-        return (own, slopes), beside
-
-    def zeros(self, *shape: int) -> Parts:
-        """Of what has this shape."""
-        return (jnp.zeros(shape), jnp.zeros((*shape, len(self.values))))[: 2 if self.slopes else 1]
-
-
-def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[Parts, jax.Array]:
-    """What the rings of all blocks add to the conditions to which they count, as it is told, and the worst status."""
-    found, code = told.zeros(at.size + 1, len(ENTRIES)), jnp.asarray(status.CONVERGED)
-    for definition, blocks in zip(at.definitions, at.blocks, strict=True):
-        every: Blocks = jax.tree.map(jnp.asarray, blocks)
-        borders = _borders(of, every, told)
-
-        def more(
-            k: jax.Array, state: tuple[Parts, jax.Array], definition: Definition = definition, every: Blocks = every,
-            borders: Parts = borders,
-        ) -> tuple[Parts, jax.Array]:  # fmt: skip
-            def block(values: Values, turn: Any) -> tuple[Any, Any]:
-                scene, loaded = of(values)
-                scene = dataclasses.replace(healthy(scene) if sound else scene, definition=definition)
-                turned, share = _turned(every, turn, k)
-                solve = _at_once if told.expands else _one_by_one
-                each, code = solve(scene, turned, loaded(Load(*every.loads[:, k])))
-                return share[:, None] * each, xp.module_of(code).max(code)
-
-            each, code = told.parts(block, tuple(part[every.mean[k]] for part in borders))
-            added = tuple(s.at[every.of[k]].add(e) for s, e in zip(state[0], each, strict=True))
-            return added, status.worst(state[1], code)
-
-        found, code = jax.lax.fori_loop(0, every.count, more, (found, code))
-    return tuple(part[:-1] for part in found), code
-
-
-def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> Parts:
-    """Between which phases [rad] there is no kink, of every mean, shape (means, borders), as it is told."""
-
-    def one(k: jax.Array, found: Parts) -> Parts:
-        def borders(values: Values) -> tuple[Any, None]:
-            scene, loaded = of(values)
-            scene = dataclasses.replace(scene, load=loaded(Load(*every.means[k])), phase=PitchMean())
-            return pitch_borders(scene, None if every.still is None else every.still[k]), None
-
-        own, _ = told.parts(borders)
-        return tuple(whole.at[k].set(part) for whole, part in zip(found, own, strict=True))
-
-    blank = told.zeros(len(every.means), every.phases.shape[1] + 1)
-    return jax.lax.fori_loop(0, every.turns, one, blank)
-
-
-def _turned(every: Blocks, borders: Any, k: jax.Array) -> tuple[Any, Any]:
-    """Phases of a block's rings [rad] and by how much they count, shape (rings,); `borders` of its mean, if it is of
-    one."""
-    mean = every.mean[k] >= 0
-    blank = jnp.linspace(0.0, 1.0, len(borders))  # without a mean there may be no borders
-    turned, share = phase_rule.between(xp.where(mean, borders, blank), (every.places[k], every.weights[k]))
-    return xp.where(mean, turned, every.phases[k]), xp.where(mean, share, 1.0)
-
-
-def _at_once(scene: Scene, turned: Any, loads: Load) -> tuple[Any, Any]:
-    """Stiffness of plain rings at all these phases [N/mm], each under its load, shape (rings, entries), and their
-    statuses."""
-    rest = prepared.at_phases(scene, turned, loads)
-    found = prepared.as_defined(dataclasses.replace(scene, load=loads), rest)
-    return found[:, ROW, COLUMN], rest.status_code
-
-
-def _one_by_one(scene: Scene, turned: jax.Array, loads: Load) -> tuple[jax.Array, jax.Array]:
-    """As `_at_once`, of rings with effects."""
-
-    def one(phase: jax.Array, load: Load) -> tuple[jax.Array, jax.Array]:
-        at = solving.solve(dataclasses.replace(scene, phase=phase, load=load))
-        return at.stiffness[ROW, COLUMN], at.status_code
-
-    return jax.vmap(one)(turned, loads)

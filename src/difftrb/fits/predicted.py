@@ -19,12 +19,13 @@ import optax
 from difftrb.core import machine, status
 from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
-from difftrb.fits import conditions, least_squares
+from difftrb.fits import conditions, least_squares, rings_of_rows
 from difftrb.fits import parameters as fit_parameters
-from difftrb.fits.conditions import COLUMN, ROW, Conditions, Values, stiffness, whole, with_slopes
+from difftrb.fits.conditions import COLUMN, ROW, Conditions, whole
 from difftrb.fits.least_squares import Alone, Bounds, Enough, Least
 from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
+from difftrb.fits.rings_of_rows import Values, stiffness, with_slopes
 from difftrb.ring.ring import Load
 from difftrb.scene.scene import Scene, healthy, is_plain
 
@@ -38,7 +39,7 @@ LEAST_SHARE = 0.05
 LOST = 1e3
 """Deviation [sigma] of a row that the model has no solution for."""
 Solve = Callable[..., tuple[jax.Array, jax.Array]]
-"""`conditions.stiffness`, or `conditions.with_slopes`."""
+"""`rings_of_rows.stiffness`, or `rings_of_rows.with_slopes`."""
 MANY = 1024
 """More places than these are worth a program of their own."""
 BATCH, ROWS_BATCH = 16, 64
@@ -54,7 +55,7 @@ def predicted(
     """What the model says of every row [% or N/mm], shape (rows,), and the worst status of all solves.
 
     `scene` is prepared; `values` of shape (parameters,); `sound` is `healthy_stiffness` where no parameter changes it.
-    `solve`: `conditions.with_slopes` where nothing but first derivatives by `values` are wanted.
+    `solve`: `rings_of_rows.with_slopes` where nothing but first derivatives by `values` are wanted.
     """
 
     def of(values: Values) -> tuple[Scene, Callable[[Load], Load]]:
@@ -85,7 +86,7 @@ def predicted(
 def healthy_stiffness(scene: Scene, at: Conditions) -> np.ndarray | jax.Array:
     """Of the prepared scene without spalls, of every condition [N/mm], by `ENTRIES`, shape (size, entries)."""
     if is_plain(scene):
-        return conditions.of_numbers(healthy(scene), at)
+        return rings_of_rows.of_numbers(healthy(scene), at)
     none = np.zeros(0, int)  # it does not know the rows: one program for any number of them
     return _healthy_stiffness(scene, dataclasses.replace(at, place=none, entry=none, loss=none))
 
