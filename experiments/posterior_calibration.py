@@ -25,7 +25,7 @@ import numpy as np
 from scipy import stats
 
 import difftrb as trb
-from difftrb.fits import fitting
+from difftrb.fits import fit_problem
 from difftrb.fits import posterior as posteriors
 from difftrb.fits.least_squares import at_shares
 from difftrb.fits.predicted import Problem, rows_at
@@ -40,7 +40,7 @@ def problem() -> Problem:
     rows = [trb.Measurement(*load, quantity, 1.0, 1.0, None, phase)  # type: ignore[arg-type]
             for load in LOADS for phase in PHASES for quantity in QUANTITIES]  # fmt: skip
     scene = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (trb.Spall(3.0, 5.0),))
-    return fitting.problem_of(fitting.prepare_fit(scene, rows), tuple(rows), NAMES, "squares", 0.0)[0]
+    return fit_problem.problem_of(fit_problem.prepare_fit(scene, rows), tuple(rows), NAMES, "squares", 0.0)[0]
 
 
 def one(seed: int, blank: Problem) -> dict[str, Any]:

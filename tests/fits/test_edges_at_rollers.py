@@ -8,7 +8,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.core import geometry
-from difftrb.fits import edges_at_rollers, fitting
+from difftrb.fits import edges_at_rollers, fit_problem
 from difftrb.fits.measured import Measurement
 from difftrb.fits.predicted import Problem
 from difftrb.law.atlas import AtlasLaw
@@ -33,7 +33,7 @@ def guess(bearing: trb.TaperedBearing) -> trb.Scene:
 
 def problem(bearing: trb.TaperedBearing, names: tuple[str, ...], phases: Sequence[float | str] = PHASES) -> Problem:
     rows = blank(phases)
-    return fitting.problem_of(fitting.prepare_fit(guess(bearing), rows), tuple(rows), names, "squares", None)[0]
+    return fit_problem.problem_of(fit_problem.prepare_fit(guess(bearing), rows), tuple(rows), names, "squares", None)[0]
 
 
 @pytest.fixture(scope="module")
@@ -120,14 +120,14 @@ def test_means_have_no_edges(bearing: trb.TaperedBearing) -> None:
 
 
 def test_laws_that_know_any_width(bearing: trb.TaperedBearing) -> None:
-    scene = fitting.prepare_fit(guess(bearing), blank())
+    scene = fit_problem.prepare_fit(guess(bearing), blank())
     assert isinstance(scene.law, AtlasLaw)
     assert not scene.law.narrow
-    more = fitting.with_any_width(scene)
+    more = fit_problem.with_any_width(scene)
     assert more is not None
     assert more.law.narrow
     assert more.law.error > scene.law.error
-    assert fitting.with_any_width(more) is None
+    assert fit_problem.with_any_width(more) is None
 
 
 def read(bearing: trb.TaperedBearing, values: Sequence[float], seed: int) -> list[Measurement]:

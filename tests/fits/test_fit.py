@@ -22,7 +22,8 @@ from difftrb.fits import (
     suspects,
 )
 from difftrb.fits.conditions import conditions
-from difftrb.fits.fitting import fit, problem_of
+from difftrb.fits.fit_problem import problem_of
+from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.measured_table import example, parse
 from difftrb.fits.predicted import evaluated, solved

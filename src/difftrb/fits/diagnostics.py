@@ -8,8 +8,9 @@ import numpy as np
 
 from difftrb.fits import fit_result, optimal_design, predicted, profile_intervals, suspects
 from difftrb.fits.fit_result import Alternative, Fit
+from difftrb.fits.least_squares import EDGE
 from difftrb.fits.measured import Measurement
-from difftrb.fits.profile_intervals import CONFIDENCE, EDGE
+from difftrb.fits.profile_intervals import CONFIDENCE
 from difftrb.fits.search import Scan
 from difftrb.ring import effects
 

@@ -11,8 +11,9 @@ from rich.text import Text
 
 from difftrb.fits import measured, measured_table
 from difftrb.fits.fit_figure import PERCENT, fit_panels
+from difftrb.fits.fit_problem import prepare_fit
 from difftrb.fits.fit_result import Fit
-from difftrb.fits.fitting import fit, prepare_fit
+from difftrb.fits.fitting import fit
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
 from difftrb.fits.posterior import posterior
 from difftrb.fits.posterior_figure import corner

@@ -9,11 +9,9 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from difftrb.fits import edges_at_rollers, predicted
-from difftrb.fits.least_squares import FARTHEST, Enough
+from difftrb.fits.least_squares import EDGE, FARTHEST, Enough
 from difftrb.fits.predicted import Problem
 
-EDGE = 7.0
-"""Coordinates beyond ± this, the outer thousandth of the range, count as the bound."""
 NEAR = np.array([0.75, 1.5, 2.25, 3.25])
 """Places of a profile on either side, in standard errors."""
 FAR = np.array([0.15, 0.45, 1.0])

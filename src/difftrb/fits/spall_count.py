@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from difftrb.core import status
-from difftrb.fits import fitting, measured
+from difftrb.fits import measured
 from difftrb.fits import posterior as posteriors
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.parameters import PARAMETERS, OfSpall
@@ -88,7 +88,7 @@ def count_spalls(
     status.require_float64()
     counts, rows = tuple(counts), tuple(rows)
     _check(scene, rows, counts, parameters)
-    ready = fitting.prepare_fit(dataclasses.replace(scene, spalls=scene.spalls[:1]), rows)
+    ready = fit_problem.prepare_fit(dataclasses.replace(scene, spalls=scene.spalls[:1]), rows)
     measured.check_loads(ready, rows)
     spalls = _spalls(scene)
     found: list[Posterior | None] = []
@@ -96,7 +96,7 @@ def count_spalls(
     for k, count in enumerate(counts):
         names = [*parameters, *(f"{name}_2" for name in parameters)][: max(count, 1) * len(parameters)]
         world = dataclasses.replace(ready, spalls=spalls[: max(count, 1)])
-        problem, _ = fitting.problem_of(world, rows, tuple(names), "squares", None)
+        problem, _ = fit_problem.problem_of(world, rows, tuple(names), "squares", None)
         if count == 0:
             evidences[k] = float(posteriors.log_density(problem, healthy_rows(problem)[None])[0])
             found.append(None)

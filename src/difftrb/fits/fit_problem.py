@@ -1,0 +1,97 @@
+"""What a fit is to solve: the scene prepared for all its rows, their conditions, parameters with bounds, and sigma."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+
+from difftrb.fits import conditions, measured, predicted
+from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.measured import MeasuredError, Measurement
+from difftrb.fits.predicted import ROBUST, Problem
+from difftrb.law.atlas import AtlasLaw
+from difftrb.law.samples import Progress
+from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
+from difftrb.ring.ring import Load, largest_load
+from difftrb.scene.auto_law import by_table
+from difftrb.scene.scene import LawName, Scene, is_auto
+from difftrb.scene.solving import prepare
+
+FLOOR = 0.1
+"""Measurements without sigma count by their own size, but at least by this share of the middle one of their kind."""
+
+
+def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | None = None) -> Scene:
+    """The scene with its law built for all loads of `rows`, so that fitting again costs no contact solves.
+
+    "auto" is "table".
+    """
+    if not rows:
+        raise MeasuredError("measurements: there are no rows to fit")
+    for k, row in enumerate(rows, 1):
+        measured.check(row, f"measurements: row {k}")
+    if isinstance(scene.law, LawName):
+        if scene.law.name == "direct":
+            raise MeasuredError("contact.law = 'direct' holds for one spall; fit with contact.law = 'table'")
+        loads = [Load(float(row.radial), float(row.axial)) for row in rows]
+        loads.sort(key=lambda load: float(largest_load(scene.bearing, load)))
+        scene = dataclasses.replace(scene, load=loads[-1])
+        if is_auto(scene):
+            return by_table(scene)
+    return prepare(scene, progress)
+
+
+def with_any_width(scene: Scene) -> Scene | None:
+    """A prepared scene with laws that know narrow spalls, too; None if there are none that do not."""
+    more = jax.tree.map(lambda part: part.of_any_width() if isinstance(part, AtlasLaw) else part, scene,
+                        is_leaf=lambda part: isinstance(part, AtlasLaw))  # fmt: skip
+    return None if jax.tree.structure(more) == jax.tree.structure(scene) else more
+
+
+def problem_of(
+    scene: Scene, rows: tuple[Measurement, ...], names: tuple[str, ...], robust: str, model_error: float | None
+) -> tuple[Problem, bool]:
+    """What is to be solved, and whether sigma is to be estimated, of which there is only the relative size then."""
+    parameters = fit_parameters.named(names)
+    bounds = fit_parameters.bounds(parameters, scene, rows)
+    given = [row.sigma is not None for row in rows]
+    if any(given) != all(given):
+        k = given.index(False) + 1
+        raise MeasuredError(f"measurements: row {k}: sigma is empty: give it in all rows or in none")
+    estimate = not all(given)
+    if estimate and len(rows) <= len(names):
+        raise MeasuredError(
+            f"measurements: {len(rows)} {'row' if len(rows) == 1 else 'rows'} cannot give {len(names)} parameters and "
+            "their own error: give sigma, more rows, or fewer parameters"
+        )
+    at, rough = (conditions.conditions(scene, rows, points) for points in (POINTS_IN_FITS, ROUGH_POINTS))
+    own_error = float(scene.law.error)  # type: ignore[union-attr]  # it is prepared
+    return Problem(
+        parameters=parameters,
+        bounds=bounds,
+        scene=scene,
+        conditions=at,
+        rough=rough,
+        measured=np.array([float(row.value) for row in rows]),
+        sigma=np.array(_own_size(rows) if estimate else [float(row.sigma) for row in rows]),  # type: ignore[arg-type]
+        sound=None if any(p.changes_healthy for p in parameters) else predicted.healthy_stiffness(scene, at),
+        common=model_error if model_error is not None else own_error if np.isfinite(own_error) else 0.0,
+        robust=ROBUST.index(robust),
+    ), estimate
+
+
+def _own_size(rows: Sequence[Measurement]) -> np.ndarray:
+    """What stands for sigma where none is given, up to a factor: a measurement's own size."""
+    size = np.abs([float(row.value) for row in rows])
+    sigma = np.empty_like(size)
+    for loss in (True, False):
+        kind = np.array([row.is_loss == loss for row in rows])
+        if kind.any():
+            sigma[kind] = np.maximum(size[kind], FLOOR * np.median(size[kind]))
+    if not (sigma > 0.0).all():
+        raise MeasuredError("measurements: most values are 0 and no sigma is given, so nothing says what 0 means: "
+                            "give sigma")  # fmt: skip
+    return sigma
