@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from difftrb.core import status
-from difftrb.fits import measured
+from difftrb.fits import fit_problem, measured
 from difftrb.fits import posterior as posteriors
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.parameters import PARAMETERS, OfSpall
