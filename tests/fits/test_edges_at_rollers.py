@@ -145,9 +145,7 @@ def read(bearing: trb.TaperedBearing, values: Sequence[float], seed: int) -> lis
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("compiled_as_for_users")
-@pytest.mark.parametrize(
-    "values", [(4.861, 8.133, -0.045), (6.849, 5.488, -0.279), (1.791, 4.327, -0.07), (3.987, 8.552, -0.327)]
-)
+@pytest.mark.parametrize("values", [(4.861, 8.133, -0.045), (6.849, 5.488, -0.279), (3.987, 8.552, -0.327)])
 def test_rows_at_three_phases_do_not_make_sure_of_what_is_wrong(
     bearing: trb.TaperedBearing, values: tuple[float, ...]
 ) -> None:

@@ -385,7 +385,7 @@ def test_cases_far_behind_end_early() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("length", "width", "angle"), [(5.86, 7.67, 0.17), (5.95, 3.17, -0.44), (6.0, 7.79, 0.15)])
+@pytest.mark.parametrize(("length", "width", "angle"), [(5.86, 7.67, 0.17), (5.95, 3.17, -0.44)])
 def test_narrow_basins_are_found(bearing: trb.TaperedBearing, length: float, width: float, angle: float) -> None:
     """Rows at several phases tell the angle to a milliradian. Least squares that compared losses by their difference
     ended 20 … 3000 above the truth's χ², though a point of the scan stood beside it."""

@@ -25,9 +25,9 @@ from difftrb.scene.scene import law_in_effect, outer_law
 
 FIELDS = "width", "angle"
 WIDEST = 2.5
-"""Spalls up to this wide, of what parts two rollers; wider ones are of a damage that nobody has to look for."""
-NARROW = 0.3, 0.6, 1.2
-"""Widths [mm] of spalls in the middle of a roller's contact, which no other roller need meet."""
+"""Spalls up to this wide, of what parts two rollers; wider ones are left to points that are spread over the range."""
+NARROW = 1.2, 2.5, 5.0
+"""Widths, of a ramp's length, of spalls in the middle of a roller's contact, which no other roller need meet."""
 ON_RAMP = np.array([0.02, 0.15, 0.3, 0.5, 0.7, 0.85, 0.98])
 """Where on a ramp, of its length, an edge that is moved is tried."""
 AWAY = 0.6
@@ -89,14 +89,14 @@ def kept(problem: Problem, every: Sequence[Edges], place: np.ndarray, i: int, at
         if len(edges.own) == 2 and i in edges.own.values():
             found = np.stack([place, place])
             found[:, i] = at
-            values, moved = problem.bounds.values(place), problem.bounds.values(found[0])
+            values, there = problem.bounds.values(place), problem.bounds.values(found[0])
             width, angle = (edges.own[field] for field in FIELDS)
             for side, to in zip((-1.0, 1.0), found, strict=True):
-                here = moved.copy()
+                here = there.copy()
                 if i == width:
-                    here[angle] = values[angle] + side * 0.5 * (values[width] - moved[width]) / edges.radius
+                    here[angle] = values[angle] + side * 0.5 * (values[width] - there[width]) / edges.radius
                 else:
-                    here[width] = values[width] + side * 2.0 * (values[angle] - moved[angle]) * edges.radius
+                    here[width] = values[width] + side * 2.0 * (values[angle] - there[angle]) * edges.radius
                 to[:] = _coordinates(problem, here)
                 to[i] = at
     return found
@@ -157,7 +157,8 @@ def _cases(edges: Edges) -> np.ndarray:
         begins, ends = np.meshgrid(begins, ends, indexing="ij")
         apart = np.mod(ends - begins, 2.0 * np.pi)
         near = (apart > 0.0) & (apart <= WIDEST * edges.pitch)
-        narrow, at = (each.ravel() for each in np.meshgrid(NARROW, edges.rollers))
+        widths = (edges.ramp[1] - edges.ramp[0]) * np.array(NARROW)
+        narrow, at = (each.ravel() for each in np.meshgrid(widths, edges.rollers))
         width = np.concatenate([edges.radius * apart[near], narrow])
         angle = np.concatenate([(begins + 0.5 * apart)[near], at])
     elif "angle" in edges.own:

@@ -150,13 +150,13 @@ def profiles(
     of, at = np.repeat(np.arange(len(own)), places.shape[1]), places.ravel()
     free = own[of][:, None] != np.arange(len(u))
     starts = both_starts(u, normal, known, free, np.where(free, u, at[:, None])).swapaxes(0, 1)
-    wanted: list[Any] = [(number, value, (u, *two)) for number, value, two in zip(of, at, starts, strict=True)]
+    wanted: list[Any] = [(number, value, u, two) for number, value, two in zip(of, at, starts, strict=True)]
     edges = edges_at_rollers.sought(problem)
     for k in range(ROUNDS + 1):
         of, at = (np.array(each) for each in list(zip(*wanted, strict=True))[:2])
         free = own[of][:, None] != np.arange(len(u))
-        starts = [(*ways, *edges_at_rollers.kept(problem, edges, ways[0], int(own[number]), value))
-                  for number, value, ways in wanted]  # fmt: skip
+        starts = [(*ways, *edges_at_rollers.kept(problem, edges, low, int(own[number]), value))
+                  for number, value, low, ways in wanted]  # fmt: skip
         costs, where = held(problem, free, starts, np.where(free, u, at[:, None]))
         for number, value, rise, place in zip(of, at, 2.0 * (costs - cost), where, strict=True):
             _put(sides[number], Held(value, rise, place))
@@ -194,9 +194,9 @@ def _put(side: Side, new: Held) -> None:
         side[k] = new
 
 
-Wanted = Iterator[tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]]
-"""At which coordinates to hold a parameter, each with three places to start from, first the one that is known to be
-low: with a spall's edges where they are there, it starts, too."""
+Wanted = Iterator[tuple[float, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]]
+"""At which coordinates to hold a parameter, each with a place that is known to be low, whose edges of the spall may be
+kept, and three places to start from."""
 
 
 def _again(side: Side, limit: float, tried: set[tuple[float, ...]]) -> Wanted:
@@ -206,7 +206,7 @@ def _again(side: Side, limit: float, tried: set[tuple[float, ...]]) -> Wanted:
         attempt = one.at, lower.at, lower.rise
         if FLAT * limit < one.rise and lower.rise < min(one.rise, STEEP**2 * limit) - ENOUGH and attempt not in tried:
             tried.add(attempt)
-            yield one.at, (lower.where, one.where, side[k + 1].where)
+            yield one.at, lower.where, (lower.where, one.where, side[k + 1].where)
 
 
 def _between(side: Side, limit: float, k: int) -> Wanted:
@@ -219,7 +219,7 @@ def _between(side: Side, limit: float, k: int) -> Wanted:
     if k == 0 or (root[behind] > STEEP * np.sqrt(limit) and not near):
         for share in np.arange(1, WITHIN + 1) / (WITHIN + 1):
             between = low.where + share * (high.where - low.where)
-            yield low.at + share * (high.at - low.at), (low.where, between, high.where)
+            yield low.at + share * (high.at - low.at), low.where, (between, low.where, high.where)
 
 
 def _levelling(side: Side, limits: Limits, k: int) -> Wanted:
