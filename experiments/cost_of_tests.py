@@ -43,8 +43,10 @@ def pytest_runtest_logstart() -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item) -> Iterator[None]:
-    yield
-    item.user_properties.append(("cost", (spent() - began[0], len(programs))))  # type: ignore[arg-type]
+    try:
+        yield
+    finally:  # also of one that fails
+        item.user_properties.append(("cost", (spent() - began[0], len(programs))))  # type: ignore[arg-type]
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
