@@ -758,7 +758,7 @@ def test_workers_of_dask_make_the_same_files(whole: Path, plan: Plan, tmp_path: 
     sent = cloudpickle.dumps(plan)
     assert cloudpickle.loads(sent) is cloudpickle.loads(sent)  # compiled once
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0"
     ) as cluster:
         ended = chunks.run(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
         store, _ = chunks._begun(plan, tmp_path / "gone", False)
