@@ -22,7 +22,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import jax
@@ -32,6 +32,7 @@ jax.config.update("jax_enable_x64", True)
 import numpy as np
 
 import difftrb as trb
+from experiments.random_sets import computed
 
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))
 PHASES = {"asked": (0.0, "mean"), "phases": (0.0, 0.09, 0.18)}
@@ -148,25 +149,14 @@ def shares(those: np.ndarray, among: np.ndarray | None = None) -> dict[str, floa
 
 def main() -> None:
     """Measure, keep, print."""
-    sets = int(sys.argv[1]) if len(sys.argv) > 1 else 300
-    folder = Path(sys.argv[2] if len(sys.argv) > 2 else "out")
-    part, parts = map(int, sys.argv[3].split("/")) if len(sys.argv) > 3 else (0, 1)
     law, design = (*sys.argv[4:6], *("direct", "asked")[len(sys.argv[4:6]) :])
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"fit_coverage_{law}_{design}.jsonl"
 
-    def kept() -> list[dict[str, Any]]:
-        return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
+    def say(record: dict[str, Any]) -> str:
+        last, truth = record["fits"][-1], [round(value, 3) for value in record["truth"].values()]
+        found = np.round(last["values"], 3), np.round(last["intervals"], 3).tolist(), last["determined"]
+        return " ".join(map(str, (record["seed"], truth, *found)))
 
-    for seed in range(part, sets, parts):
-        if seed not in {record["seed"] for record in kept()}:
-            record = one(seed, law, design)
-            with file.open("a", encoding="utf-8") as out:
-                out.write(json.dumps(record) + "\n")
-            last = record["fits"][-1]
-            print(seed, [round(v, 3) for v in record["truth"].values()], np.round(last["values"], 3),
-                  np.round(last["intervals"], 3).tolist(), last["determined"], flush=True)  # fmt: skip
-    records = sorted(kept(), key=lambda record: record["seed"])
+    records = computed(f"fit_coverage_{law}_{design}", 300, partial(one, law=law, design=design), say)
     for step in range(ROUNDS[design] + 1):
         print(json.dumps(summary(records, step), indent=1))
 

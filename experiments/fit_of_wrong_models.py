@@ -15,9 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -28,6 +26,7 @@ import numpy as np
 
 import difftrb as trb
 from experiments.fit_coverage import LOADS, NAMES, NOISE, RANGES, answered, inside, told, wrong
+from experiments.random_sets import computed
 
 PHASES = (0.0, 0.09, 0.18, "mean")
 WRONG = ("crown", "axial load", "outlier", "two spalls", "housing", "heavy tails")
@@ -94,21 +93,13 @@ def summary(records: list[dict[str, Any]]) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, keep, print."""
-    sets = int(sys.argv[1]) if len(sys.argv) > 1 else 120
-    folder = Path(sys.argv[2] if len(sys.argv) > 2 else "out")
-    part, parts = map(int, sys.argv[3].split("/")) if len(sys.argv) > 3 else (0, 1)
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / "fit_of_wrong_models.jsonl"
-    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    done = {record["seed"]: record for record in map(json.loads, lines)}
-    for seed in range(part, sets, parts):
-        if seed not in done:
-            done[seed] = one(seed)
-            with file.open("a", encoding="utf-8") as out:
-                out.write(json.dumps(done[seed]) + "\n")
-            print(seed, done[seed]["wrong"], done[seed]["fit"]["determined"], done[seed]["explained"], flush=True)
+
+    def say(record: dict[str, Any]) -> str:
+        return f"{record['seed']} {record['wrong']} {record['fit']['determined']} {record['explained']}"
+
+    records = computed("fit_of_wrong_models", 120, one, say)
     for kind in WRONG:
-        print(kind, json.dumps(summary([record for record in done.values() if record["wrong"] == kind])))
+        print(kind, json.dumps(summary([record for record in records if record["wrong"] == kind])))
 
 
 if __name__ == "__main__":

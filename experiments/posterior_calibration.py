@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 import time
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import jax
@@ -29,6 +28,7 @@ from difftrb.fits import fit_problem
 from difftrb.fits import posterior as posteriors
 from difftrb.fits.least_squares import at_shares
 from difftrb.fits.predicted import Problem, rows_at
+from experiments.random_sets import computed
 
 NAMES = ("length", "width", "angle")
 LOADS, PHASES, QUANTITIES = ((9000.0, 4500.0), (3000.0, 4500.0)), (0.0, 0.09, 0.18), ("radial_loss", "axial_loss")
@@ -81,21 +81,7 @@ def summary(records: list[dict[str, Any]]) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, keep, print."""
-    sets = int(sys.argv[1]) if len(sys.argv) > 1 else 500
-    folder = Path(sys.argv[2] if len(sys.argv) > 2 else "out")
-    part, parts = map(int, sys.argv[3].split("/")) if len(sys.argv) > 3 else (0, 1)
-    folder.mkdir(parents=True, exist_ok=True)
-    file, blank = folder / "posterior_calibration.jsonl", problem()
-
-    def kept() -> list[dict[str, Any]]:
-        return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
-
-    done = {record["seed"] for record in kept()}
-    for seed in range(part, sets, parts):
-        if seed not in done:
-            with file.open("a", encoding="utf-8") as out:
-                out.write(json.dumps(one(seed, blank)) + "\n")
-    print(json.dumps(summary(kept()), indent=1))
+    print(json.dumps(summary(computed("posterior_calibration", 500, partial(one, blank=problem()))), indent=1))
 
 
 if __name__ == "__main__":

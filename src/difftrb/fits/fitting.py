@@ -37,7 +37,7 @@ from difftrb.scene.scene import Scene
 
 LOAD_STEP = 0.01
 """Relative step of the loads by which it is told how rows follow them."""
-ALIKE = 0.01
+PLATEAU = 0.01
 """Answers that differ by less in every row [sigma] are one to these rows."""
 LEAST_SIGMA = 1e-7
 """Estimates of a relative error below this are rounding."""
@@ -248,7 +248,12 @@ def _alternatives(problem: Problem, tried: Tried, values: np.ndarray, intervals:
     within = 2.0 * (found.cost - found.cost[best]) < tried.limits.sure
     cases = [best]
     for k in search.distinct(problem, found):
-        if k != best and outside[k] and within[k] and not any(_alike(problem, found, k, other) for other in cases[1:]):
+        if (
+            k != best
+            and outside[k]
+            and within[k]
+            and not any(_on_one_plateau(problem, found, k, other) for other in cases[1:])
+        ):
             cases.append(k)
     weight = fit_result.weights(problem, found, cases, tried.scale, predicted.scales(problem))
     return tuple(
@@ -257,9 +262,9 @@ def _alternatives(problem: Problem, tried: Tried, values: np.ndarray, intervals:
     )
 
 
-def _alike(problem: Problem, found: Least, one: int, other: int) -> bool:
+def _on_one_plateau(problem: Problem, found: Least, one: int, other: int) -> bool:
     """Whether two minima lie on one plateau: the model says the same of all rows there, and they are no farther apart
     than basins are."""
     told = np.abs(found.beside[0][one] - found.beside[0][other]) / np.asarray(problem.sigma)
     away = np.abs(np.diff(np.clip(found.place[[one, other]], -EDGE, EDGE), axis=0)) / predicted.scales(problem)
-    return bool(told.max() < ALIKE and away.max() < 1.0)
+    return bool(told.max() < PLATEAU and away.max() < 1.0)
