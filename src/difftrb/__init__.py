@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from difftrb.sweeps.sweep_file import load_plan
     from difftrb.sweeps.sweeping import plan_sweep, sweep
     from difftrb.sweeps.swept import Swept
-    from difftrb.turning import ross
+    from difftrb.turning import fmu, ross
     from difftrb.turning.cage_turn import CageTurn, stiffness
     from difftrb.turning.defect_frequencies import DefectFrequencies, defect_frequencies
 
@@ -80,7 +80,7 @@ _HOMES = {
     "turning.cage_turn": ("CageTurn", "stiffness"),
     "turning.defect_frequencies": ("DefectFrequencies", "defect_frequencies"),
 }
-_MODULES = {"effects": "ring.effects", "ross": "turning.ross"}
+_MODULES = {"effects": "ring.effects", "fmu": "turning.fmu", "ross": "turning.ross"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = sorted([*_HOME_OF, *_MODULES])  # pyright: ignore[reportUnsupportedDunderAll]

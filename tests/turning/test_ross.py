@@ -28,7 +28,7 @@ def rotor(elements: list) -> rs.Rotor:
 
 
 def natural(one: rs.Rotor) -> np.ndarray:
-    return one.run_modal(speed=SPEED, num_modes=24).wn[:8]
+    return one.run_modal(speed=SPEED, num_modes=24, sparse=False).wn[:8]
 
 
 def test_axes_and_signs(turn: CageTurn) -> None:

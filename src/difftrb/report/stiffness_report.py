@@ -1,4 +1,5 @@
-"""What `difftrb stiffness` says, and writes to a file: CSV, JSON or NPZ, in N and mm or in SI, axes and units named."""
+"""What `difftrb stiffness` says, and writes to a file: CSV, JSON or NPZ, in N and mm or in SI, axes and units named; or
+an FMU."""
 
 from __future__ import annotations
 
@@ -16,12 +17,13 @@ from difftrb.core.bad_input import named
 from difftrb.core.status import SceneError
 from difftrb.report import console, run_text
 from difftrb.scene import scene_file, solution
+from difftrb.turning import fmu
 from difftrb.turning.cage_turn import CageTurn, stiffness
 from difftrb.turning.defect_frequencies import DefectFrequencies, defect_frequencies
 
 Units = Literal["mm", "si"]
 UNITS = "mm", "si"
-KINDS = ".csv", ".json", ".npz"
+KINDS = ".csv", ".json", ".npz", ".fmu"
 SHOWN = 3
 """Axes whose own stiffness is shown: radial, lateral, axial."""
 LONG = 1e8
@@ -131,7 +133,7 @@ def in_units(turn: CageTurn, units: Units = "mm", speed_rpm: float | None = None
 
 
 def write(turn: CageTurn, path: str | Path, units: Units = "mm", speed_rpm: float | None = None) -> None:
-    """Write a cage's turn to a file that ends with .csv, .json or .npz, whole or not at all.
+    """Write a cage's turn to a file that ends with .csv, .json, .npz or .fmu (see `fmu`), whole or not at all.
 
     `units`: "mm" (N/mm, mm, N mm/rad) or "si" (N/m, m, N m/rad). At a speed [rev/min] there are times [s], and the
     defect frequencies [Hz] in JSON and NPZ. Orders are in JSON (real and imaginary part) and NPZ. Raises `SceneError`
@@ -141,6 +143,9 @@ def write(turn: CageTurn, path: str | Path, units: Units = "mm", speed_rpm: floa
     if path.suffix not in KINDS:
         wrong = "is a folder" if path.is_dir() else "cannot be written"
         raise SceneError(f"{named(path)}: {wrong}; name a file that ends with {' or '.join(KINDS)}")
+    if path.suffix == ".fmu":
+        fmu.write(turn, path, speed_rpm or 0.0)
+        return
     found = in_units(turn, units, speed_rpm)
     with storage.replacing(path) as scratch:
         if path.suffix == ".npz":

@@ -49,6 +49,19 @@ def axes(load_angle: float = DOWN, axial: Axial = 1) -> np.ndarray:
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, axial]])
 
 
+def over_axes(turn: CageTurn, load_angle: float = DOWN, axial: Axial = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness [N/m], shape (phases, 3, 3), and waveform [m], shape (phases, 3), over x, y, z. Raises `SceneError` if
+    a phase has no solution, or nothing repeats."""
+    turn.check()
+    if turn.repeats == "never":
+        raise SceneError(
+            "nothing repeats over this span of the cage's angle: leave span out, and spalls on other surfaces"
+        )
+    across = axes(load_angle, axial)
+    stiff = PER_METRE * np.einsum("ai,pij,bj->pab", across, np.asarray(turn.stiffness)[:, :3, :3], across)
+    return stiff, np.einsum("ai,pi->pa", across, np.asarray(turn.waveform)[:, :3]) / PER_METRE
+
+
 def bearing_element(
     solution: Any, n: int, cxx: float = 0.0, load_angle: float = DOWN, axial: Axial = 1, coupled: bool = True,
     **options: Any,
@@ -79,14 +92,9 @@ def passage_force(
     under the constant load at cage angle φ: `turn` interpolated, of which φ runs with the cage at `speed` [rad/s], the
     outer ring at rest. `t` are the response's times [s]. Forces in N, shape (rotor.ndof,).
     """
-    turn.check()
-    if turn.repeats == "never":
-        raise SceneError("passage_force: over this span of the cage's angle nothing repeats; leave span out")
-    across, span = axes(load_angle, axial), float(turn.span)
-    stiff = PER_METRE * np.einsum("ai,pij,bj->pab", across, np.asarray(turn.stiffness)[:, :3, :3], across)
-    moved = np.einsum("ai,pi->pa", across, np.asarray(turn.waveform)[:, :3]) / PER_METRE
+    stiff, moved = over_axes(turn, load_angle, axial)
     mean, count = stiff.mean(axis=0), len(stiff)
-    place = np.asarray(t, float) * float(cage_rate(turn.bearing, speed * RPM)) / span * count
+    place = np.asarray(t, float) * float(cage_rate(turn.bearing, speed * RPM)) / float(turn.span) * count
     first = rotor.number_dof * n
 
     def force(step: int, disp_resp: Any, **_: Any) -> np.ndarray:
@@ -116,8 +124,8 @@ def _coupled() -> type:
 
         cross = np.zeros(2)
 
-        def K(self, frequency: float) -> np.ndarray:
-            K = np.array(super().K(frequency), float)  # of the node, or of both nodes
+        def K(self, *speeds: Any, **named: Any) -> np.ndarray:  # of whirl, and from ROSS 3 on of the rotor
+            K = np.array(super().K(*speeds, **named), float)  # of the node, or of both nodes
             for row in range(0, len(K), 3):
                 for column in range(0, len(K), 3):
                     sign = 1.0 if row == column else -1.0
