@@ -459,3 +459,5 @@ def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
     assert str(remarks.light_measured_load(file.bearing, [rows[0], *in_kn])).startswith(
         "row 5: radial = 3 N, axial = 4.5 N: "
     )
+    assert not remarks.all_in_kn(file.bearing, [rows[0], *in_kn])
+    assert remarks.all_in_kn(file.bearing, in_kn)

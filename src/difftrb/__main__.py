@@ -198,7 +198,7 @@ OUTPUT = (
         "--out",
         metavar="DIR",
         type=Path,
-        help="also write figures (PNG and SVG) and result.json there; of run, report.html, too",
+        help="also write figures (PNG and SVG) and result.json there; difftrb run also report.html",
     ),
 )
 COMMANDS = (

@@ -63,7 +63,8 @@ def test_bad_tables_get_one_sentence(name: str) -> None:
 
 
 def test_tables_without_rows() -> None:
-    for text, named in (("", "no rows"), ("radial,axial,quantity,value\n", "no rows"), ("radial;axial\n1;2", "commas")):
+    empty = {"": "no rows", "radial,axial,quantity,value\n": "no rows", "radial;axial\n1;2": "quantity is missing"}
+    for text, named in empty.items():
         with pytest.raises(MeasuredError, match=named):
             parse(text, "m.csv")
 
@@ -91,6 +92,15 @@ def test_a_wide_table_in_other_units_is_read() -> None:
     assert (second.quantity, second.value, second.sigma, second.phase) == ("axial_loss", 1.2, None, None)
 
 
+@pytest.mark.parametrize("between", [";", "\t"])
+@pytest.mark.parametrize("comma", [",", "."])
+def test_a_table_of_a_spreadsheet_may_have_decimal_commas(between: str, comma: str) -> None:
+    text = "radial [kN]; axial; radial_loss; radial_loss_sigma\n9; 4,5e3; 1,25; 0,02\n9; 4500; -0,25; 0,02"
+    first, second = parse(text.replace(",", comma).replace(";", between))
+    assert (first.radial, first.axial, first.value, first.sigma) == (9000.0, 4500.0, 1.25, 0.02)
+    assert second.value == -0.25
+
+
 def test_a_matrix_is_read() -> None:
     """Stiffness beside the diagonal may be negative."""
     names = ("radial", "axial", *(f"{entry}_stiffness [MN/m]" for entry in ("radial", "lateral", "radial_lateral")))
@@ -114,7 +124,17 @@ def test_a_matrix_is_read() -> None:
         ("radial,axial,radial_loss,axial_loss", "1,2,,", "row 1 .line 2.: holds no value"),
         ("radial,axial,radial_loss,load_sigma", "1,2,3,2", "load_sigma = 2: sigma is empty"),
         ("radial,quantity [N]", "1,2", r"column quantity: unit \[N\] is not known; it has none"),
-        ("radial [kN],axial,radial_loss", "1e5,2,3", "row 1 .line 2.: radial_loss: radial = 100000.0 kN: must be"),
+        (
+            "radial [kN],axial,radial_loss",
+            "1e5,2,3",
+            r"row 1 .line 2.: radial_loss: radial = 100000.0 \[kN\]: must be",
+        ),
+        ("radial;axial;radial_loss", "9000;4.500,0;1,2", "a comma and a point, as 4.500,0: write decimals one way"),
+        ("radial;axial;radial_loss", "9000;4.500;1,2", "a comma and a point, as 4.500: write decimals one way"),
+        ("radial,axial,radial_loss", '9000,4500,"1,2"', "value = '1,2': .* write a number alone, with a decimal point"),
+        ("radial,axial,radial_loss", "9000,4500,1.6 %", "value = '1.6 %': .* a unit goes into the first line"),
+        ("radial,axial,radial_loss,phase", "9000,4500,1.6,10.6", r"phase = 10.6: .*; in degrees .* phase \[deg\]"),
+        ("Radiallast [N],axial,radial_loss", "9000,4500,1.6", "'Radiallast' is not known; known here: radial, axial"),
     ],
 )
 def test_wide_tables_get_one_sentence(header: str, cells: str, named: str) -> None:

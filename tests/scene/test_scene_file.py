@@ -194,8 +194,10 @@ OWN = scene_file.example("other_bearing")
         (
             "outer_angle = 0.2793",
             "outer_angle = 16.0",
-            "bearing.outer_angle = 16.0: must be a number in 0.01 … 1.5 rad",
+            "bearing.outer_angle = 16.0: must be a number in 0.01 … 1.5 rad; in degrees? 16° are 0.2793 rad",
         ),
+        ("modulus = 2.08e5", "modulus = '2.08e5'", "N/mm²; write it without quotes"),
+        ("modulus = 2.08e5", "modulus = 2,08e5", "write decimals with a point"),
         ("outer_angle = 0.2793", "outer_angle = 0.35", "must be inner_angle + 2 roller_angle"),
         ("roller_large_diameter = 10.3", "roller_large_diameter = 9.0", "must be larger than"),
         ("roller_large_diameter = 10.3", "roller_large_diameter = 11.3", "does not fit the roller's diameters"),

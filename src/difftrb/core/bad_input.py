@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 import difflib
 import io
+import math
 import os
 import re
 import stat
@@ -116,12 +117,12 @@ def _cut(text: str) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
-def did_you_mean(name: str, names: Iterable[str], more: str = "", before: str = "") -> str:
-    """The end of a sentence on a `name` that is none of `names`: the one that was meant, behind what stands `before`
-    it, or all of them and `more`."""
+def did_you_mean(name: str, names: Iterable[str], more: str = "", before: str = "", close: float = 0.6) -> str:
+    """The end of a sentence on a `name` that is none of `names`: the one that was meant, if it is so `close` (0 … 1),
+    behind what stands `before` it, or all of them and `more`."""
     names = list(names)
-    close = difflib.get_close_matches(name.lower(), names, n=1)
-    return f"did you mean {before}{close[0]}?" if close else f"known here: {', '.join(names)}{more}"
+    meant = difflib.get_close_matches(name.lower(), names, n=1, cutoff=close)
+    return f"did you mean {before}{meant[0]}?" if meant else f"known here: {', '.join(names)}{more}"
 
 
 # ------------------------------------------------------------------------------------------------ what a key takes
@@ -144,7 +145,19 @@ def in_one_sentence(error: Any, root: type, takes: Mapping[str, str]) -> str:
         return f"{key} is missing: give {wanted}"
     if where[0] == "spall" and len(where) < 3:
         return f"{key} = {value}: spalls are tables, each under a heading [[spall]]"
-    return f"{key} = {value}: must be {wanted}"
+    return must_be(key, error["input"], wanted)
+
+
+def must_be(key: str, value: Any, wanted: str) -> str:
+    """The sentence on a value that is not what is wanted, with what was most likely meant if that can be seen."""
+    sentence = f"{key} = {shown(value)}: must be {wanted}"
+    if isinstance(value, str) and "number" in wanted and re.fullmatch(r"\s*[+-]?\d[\d.,eE+-]*\s*", value):
+        return f"{sentence}; write it without quotes"
+    if wanted.endswith(" rad") and isinstance(value, int | float) and abs(value) <= 360.0:
+        return f"{sentence}; in degrees? {value:g}° are {math.radians(value):.4g} rad"
+    if wanted == "a table" and value is True:
+        return f"{sentence}: write {{ }}, or a heading in brackets, for its defaults"
+    return sentence
 
 
 def _owner(root: type, where: Iterable[str | int]) -> Any:

@@ -22,7 +22,7 @@ from annotated_types import Interval, Unit
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
 from difftrb.core import arrays as xp
-from difftrb.core.bad_input import allowed, number_in, shown
+from difftrb.core.bad_input import allowed, must_be, number_in, shown
 
 Class = TypeVar("Class", bound=type)
 
@@ -177,11 +177,11 @@ def _of_number(field: Field, value: Any, key: str, not_finite: bool) -> str | No
     whole = _is_whole(value)
     real = whole or (isinstance(value, float | np.floating | np.ndarray | jax.Array) and _kind(value) in "iuf")
     if math.isnan(field.low) or not real or (field.whole and not whole):
-        return f"{key} = {shown(value)}: must be {takes}"
+        return must_be(key, value, takes)
     number = value if isinstance(value, int) else float(value)
     if field.low <= number <= field.high or (not_finite and not -math.inf < number < math.inf):
         return None
-    return f"{key} = {shown(number)}: must be {takes}"
+    return must_be(key, number, takes)
 
 
 def _kind(value: Any) -> str:

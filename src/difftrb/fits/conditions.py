@@ -91,10 +91,16 @@ def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_ru
     return _with_still(scene, _laid_out(scene, rows, points, _kinks(scene)))
 
 
+def row_conditions(scene: Scene, rows: Sequence[Measurement]) -> tuple[list[int], list[Condition]]:
+    """The place of every row among the conditions, and these."""
+    every = [_condition(scene, row) for row in rows]
+    place = {condition: k for k, condition in enumerate(dict.fromkeys(every))}
+    return [place[condition] for condition in every], list(place)
+
+
 def _laid_out(scene: Scene, rows: Sequence[Measurement], points: int, kinks: int) -> Conditions:
-    place: dict[Condition, int] = {}
-    for row in rows:
-        place.setdefault(_condition(scene, row), len(place))
+    own_place, every = row_conditions(scene, rows)
+    place = {condition: k for k, condition in enumerate(every)}
     definitions: tuple[Definition, ...] = tuple({condition.definition: None for condition in place})
     size = whole(len(place))
     own = [{c: k for c, k in place.items() if c.definition == definition} for definition in definitions]
@@ -102,7 +108,7 @@ def _laid_out(scene: Scene, rows: Sequence[Measurement], points: int, kinks: int
         definitions=definitions,
         size=size,
         blocks=tuple(_blocks(each, kinks, size, points) for each in own),
-        place=np.array([place[_condition(scene, row)] for row in rows]),
+        place=np.array(own_place),
         entry=np.array([list(ENTRIES).index(row.entry) for row in rows]),
         loss=np.array([row.is_loss for row in rows]),
     )

@@ -27,7 +27,7 @@ TOLD = 3
 
 
 def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
-    """Fields `remarks` and `determined_each` of a fit."""
+    """Fields `remarks`, `doubts` and `determined_each` of a fit."""
     remarks = [
         *effects.remarks(fit.scene.effects, fit.scene.spalls),
         *_about_rows(fit),
@@ -36,7 +36,8 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
         *_bounds(fit),
     ]
     wrong = suspects.named(fit, scan) if suspects.wanted(fit) else []
-    remarks += [_of_suspect(fit, one) for one in wrong]
+    doubts = tuple(_of_suspect(fit, one) for one in wrong)
+    remarks += doubts
     unclear = np.array([_is_open(fit, i) for i in range(len(fit.parameters))])
     healthy = _healthy(fit)
     if healthy:
@@ -55,7 +56,7 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
     clear = ~unclear & fit.explained & (not wrong) & (not healthy)
     for other in fit.alternatives:
         clear &= ~fit_result.outside(other.values, fit.values, fit.intervals)
-    return {"remarks": tuple(remarks), "determined_each": clear}
+    return {"remarks": tuple(remarks), "doubts": doubts, "determined_each": clear}
 
 
 def _is_open(fit: Fit, i: int) -> bool:

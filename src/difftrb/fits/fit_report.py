@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from difftrb.fits import measured, measured_table
+from difftrb.fits import estimated_bearing, measured, measured_table
 from difftrb.fits.fit_figure import PERCENT, fit_panels
 from difftrb.fits.fit_problem import prepare_fit
 from difftrb.fits.fit_result import Fit
@@ -20,6 +20,9 @@ from difftrb.fits.posterior_figure import corner
 from difftrb.fits.posterior_report import count_json, count_text, posterior_json, posterior_text
 from difftrb.fits.spall_count import count_spalls
 from difftrb.report import console, remarks, run_text
+from difftrb.ring import effect_base
+from difftrb.ring.effects import Raceways
+from difftrb.ring.ring import Load, largest_load
 from difftrb.scene import scene_file
 
 LIKELY = f"{PERCENT} interval"
@@ -29,7 +32,10 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     """Fit what `options` name to their measurements, print it and write it where they ask; the exit code."""
     scene_file.check_ring(file, path)
     rows = measured_table.load_measured(options.measured)
-    console.remark(remarks.light_measured_load(file.bearing, rows), options.measured)
+    light = remarks.light_measured_load(file.bearing, rows)
+    if light is not None and remarks.all_in_kn(file.bearing, rows):
+        raise measured.MeasuredError(f"{options.measured}: {light}: name the columns radial [kN] and axial [kN]")
+    console.remark(light, options.measured)
     started = time.perf_counter()
     with console.bar("solving contacts for the roller law") as progress:
         scene = prepare_fit(file.scene(), rows, progress)
@@ -37,9 +43,14 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     names = [name.strip() for name in options.parameters.split(",")]
     with console.busy("fitting"):
         result = fit(scene, rows, names, options.robust)
-        suggestions = next_measurements(result) if bool(result.converged) else ()
+        suggestions = next_measurements(result) if bool(result.converged) and result.reliable else ()
     record = fit_json(result, suggestions, time.perf_counter() - started)
     texts, figures = [fit_text(result, suggestions)], [("fit", lambda: fit_panels(result))]
+    if file.catalogue is not None and bool(result.converged):
+        with console.busy("asking other bearings of this catalogue line"):
+            about = estimated_bearing.uncertainty(result, file.catalogue)
+        record["catalogue"] = run_text.plain(dict(zip(result.parameters, about, strict=True)))
+        texts.append(Text(estimated_bearing.sentence(result, about)))
     if options.posterior and bool(result.converged):
         with console.bar("sampling the posterior") as progress:
             drawn = posterior(result, progress=progress)
@@ -54,10 +65,9 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     code = console.deliver(
         options, path, record, lambda: Group(*texts), lambda: ((name, drawn()) for name, drawn in figures)
     )
-    if code == console.EXIT_OK and not result.explained:
-        return console.refuse(
-            f"{options.measured}: the model does not explain the data: see the remarks", console.EXIT_NO_SOLUTION
-        )
+    if code == console.EXIT_OK and not result.reliable:
+        what = "something explains the data much better" if result.explained else "the model does not explain the data"
+        return console.refuse(f"{options.measured}: {what}: see the remarks", console.EXIT_NO_SOLUTION)
     return code
 
 
@@ -100,6 +110,7 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
             for other in fit.alternatives
         ],
         "remarks": fit.remarks,
+        "doubts": fit.doubts,
         "chi2": fit.chi2,
         "degrees_of_freedom": fit.freedom,
         "sigma_estimated": fit.sigma_estimated,
@@ -144,6 +155,13 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
     for s in suggestions:
         errors = ", ".join(f"{name} {error:.2g}" for name, error in s.errors.items())
         lines.append(f"next: measure {in_words(s.row)} (standard errors then: {errors})")
+    if effect_base.among(fit.scene.effects, Raceways) is None:
+        heaviest = max(float(largest_load(fit.scene.bearing, Load(row.radial, row.axial))) for row in fit.rows)
+        lines.append(
+            "the model is the contacts with the outer raceway alone, as in the paper; of a real bearing, in which both "
+            f"raceways give way, a spall takes about {run_text.outer_share(fit.scene, heaviest):.2f} of that: name "
+            "effects.raceways for rows that were measured"
+        )
     lines.append(f"{fit.status}; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom")
     return Group(table, rows, *(Text(line) for line in lines))
 

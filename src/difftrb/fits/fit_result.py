@@ -54,7 +54,7 @@ class Fit(status.Judged):
       rows: the measurements. predicted: what the model says of them [% or N/mm], shape (rows,). sigma: that they were
         weighed by, shape (rows,); `sigma_estimated` if none was given. residuals: measured minus predicted in sigma.
       chi2: sum of squared residuals (of how they count, if robust). freedom: rows less parameters.
-      remarks: what is worth knowing, in sentences.
+      remarks: what is worth knowing, in sentences. doubts: those of them that name what may be wrong with the data.
       determined_each: whether a parameter has a closed interval less than a factor of 1.5 wide (angle: 0.5 rad) that
         holds it in all `alternatives`, too, while the model explains the data; shape (parameters,). `determined`: all.
       alternatives: other answers that fit about as well, the best first.
@@ -78,6 +78,7 @@ class Fit(status.Judged):
     chi2: float
     freedom: int
     remarks: tuple[str, ...]
+    doubts: tuple[str, ...]
     determined_each: np.ndarray
     alternatives: tuple[Alternative, ...]
     scene: Scene
@@ -117,6 +118,11 @@ class Fit(status.Judged):
     def explained(self) -> bool:
         """Whether data and model do not contradict each other, as far as that can be told."""
         return not self.chance < UNLIKELY
+
+    @property
+    def reliable(self) -> bool:
+        """Whether the model explains the data and nothing is found that explains them much better."""
+        return self.explained and not self.doubts
 
     @property
     def units(self) -> tuple[str, ...]:

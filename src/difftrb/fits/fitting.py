@@ -226,6 +226,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
         chi2=2.0 * float(found.cost[best]),
         freedom=len(rows) - len(u),
         remarks=(),
+        doubts=(),
         determined_each=np.zeros(len(u), bool),
         alternatives=_alternatives(problem, tried, every, intervals),
         scene=fit_parameters.put(problem.parameters, problem.scene, values),

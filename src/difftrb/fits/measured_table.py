@@ -1,7 +1,8 @@
 """Tables of measurements: CSV in, `Measurement`s out; what is wrong with a table is one sentence.
 
 A table is long, with a column `quantity` and one `value` a line, or wide, with a column for each quantity and as many
-values a line as were measured. Columns may name their unit, as `radial [kN]` or `axial_stiffness [N/µm]`.
+values a line as were measured. Columns may name their unit, as `radial [kN]` or `axial_stiffness [N/µm]`. Where columns
+are separated by semicolons or tabs, decimals may have a comma.
 """
 
 from __future__ import annotations
@@ -30,6 +31,9 @@ LONG, WIDE = ("quantity", "value", "sigma"), (*QUANTITIES, *(quantity + SIGMA fo
 FORCE = {"N": 1.0, "kN": 1e3}
 STIFFNESS = {"N/mm": 1.0, "N/µm": 1e3, "N/um": 1e3, "kN/mm": 1e3, "kN/µm": 1e6, "kN/um": 1e6, "N/m": 1e-3, "MN/m": 1e3}
 SHARE = {"%": 1.0, "1": 100.0}
+OTHERS = ";", "\t"
+"""What may stand between columns in place of a comma."""
+NUMBER = r"[+-]?[\d.,]*\d[\d.,]*([eE][+-]?\d+)?"
 UNITS: Mapping[str, Mapping[str, float]] = {
     "radial": FORCE, "axial": FORCE, "phase": {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0},
     "speed_rpm": {"rev/min": 1.0, "rpm": 1.0}, "load_sigma": SHARE,
@@ -51,8 +55,8 @@ def load_measured(path: str | Path) -> tuple[Measurement, ...]:
     Columns as the fields of `Measurement`, in any order, named in the first line. `radial` and `axial` are needed, and
     either `quantity` and `value`, or a column for each quantity, say `radial_loss`, with its standard deviation in one
     named `radial_loss_sigma`; there an empty cell was not measured. A name may have its unit behind it in brackets:
-    [kN], [N/µm] and other usual ones, [deg], [1] for a loss that is no percentage. Lines that begin with # are
-    comments. At most 1 MB.
+    [kN], [N/µm] and other usual ones, [deg], [1] for a loss that is no percentage. Columns are separated by commas, or
+    by semicolons or tabs with decimals as 1.5 or 1,5. Lines that begin with # are comments. At most 1 MB.
     """
     return parse(bad_input.text_of(path, "a table of measurements", MeasuredError), path)
 
@@ -69,8 +73,11 @@ def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
         raise MeasuredError(
             f"{path}: holds no rows; give a line of column names (radial, axial, quantity, value …) and rows"
         )
-    cells = [_cells(line, f"{path}: line {number}") for number, line in numbered]
+    between = next((each for each in OTHERS if each in numbered[0][1]), ",")
+    cells = [_cells(line, between, f"{path}: line {number}") for number, line in numbered]
     columns = _header(cells[0], path)
+    if between != ",":
+        cells = [cells[0], *_with_points(cells[1:], path)]
     if len(cells) < 2:
         raise MeasuredError(f"{path}: holds column names but no rows")
     rows: list[Measurement] = []
@@ -79,19 +86,26 @@ def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
     return tuple(rows)
 
 
-def _cells(line: str, where: str) -> list[str]:
+def _cells(line: str, between: str, where: str) -> list[str]:
     """The cells of one line, on which every cell that is quoted has to end."""
     try:
-        (row,) = csv.reader([line], strict=True)
+        (row,) = csv.reader([line], strict=True, delimiter=between)
     except csv.Error as error:
         raise MeasuredError(f"{where}: is not CSV that can be read: {error}; close every quote on its line") from None
     return [cell.strip() for cell in row]
 
 
+def _with_points(rows: list[list[str]], path: str | Path) -> list[list[str]]:
+    """The same cells with points for decimal commas; refused if both are there, for one of them parts thousands."""
+    numbers = [cell for row in rows for cell in row if re.fullmatch(NUMBER, cell)]
+    if any("," in cell for cell in numbers) and (mixed := [cell for cell in numbers if "." in cell]):
+        raise MeasuredError(f"{path}: numbers have a comma and a point, as {mixed[0]}: write decimals one way, and "
+                            "nothing between thousands")  # fmt: skip
+    return [[cell.replace(",", ".") if re.fullmatch(NUMBER, cell) else cell for cell in row] for row in rows]
+
+
 def _header(cells: list[str], path: str | Path) -> list[Column]:
     """The columns, if they are known, each once, and enough."""
-    if len(cells) == 1 and any(c in cells[0] for c in ";\t"):
-        raise MeasuredError(f"{path}: columns must be separated by commas, and decimals written with a point")
     columns = [_column(cell, path) for cell in cells]
     names = [column.name for column in columns]
     for name in names:
@@ -116,7 +130,9 @@ def _column(cell: str, path: str | Path) -> Column:
     found = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]", cell)
     name, unit = (found[1], found[2].strip().replace("μ", "µ")) if found else (cell, None)
     if name not in COLUMNS and name not in WIDE:
-        raise MeasuredError(f"{path}: column {shown(name)} is not known; {did_you_mean(name, (*COLUMNS, *QUANTITIES))}")
+        raise MeasuredError(
+            f"{path}: column {shown(name)} is not known; {did_you_mean(name, (*COLUMNS, *QUANTITIES), close=0.78)}"
+        )
     known = {**STIFFNESS, **SHARE} if name in LONG[1:] else UNITS.get(name, {})
     if unit is not None and unit not in known:
         raise MeasuredError(f"{path}: column {name}: unit [{shown(unit)[1:-1]}] is not known; "
@@ -128,8 +144,8 @@ def _rows(columns: list[Column], cells: list[str], where: str) -> Iterator[Measu
     """What was measured on one line; `where` begins its sentence."""
     if len(cells) != len(columns):
         raise MeasuredError(
-            f"{where}: has {len(cells)} cells where the first line has {len(columns)}; separate columns by commas and "
-            "write decimals with a point"
+            f"{where}: has {len(cells)} cells where the first line has {len(columns)}; between commas write decimals "
+            "with a point"
         )
     content = {column: cell for column, cell in zip(columns, cells, strict=True) if cell}
     shared = {column: cell for column, cell in content.items() if column.name not in WIDE}
@@ -165,11 +181,14 @@ def _row(content: dict[Column, str], where: str) -> Measurement:
         row = ROW.validate_json(json.dumps(converted))  # as JSON, where strictness lets a table become a dataclass
     except ValidationError as error:
         column = str(error.errors()[0]["loc"][0])
-        unit = f" {units[column]}" if column in units else ""
+        unit = f" [{units[column]}]" if column in units else ""
         value = f"= {shown(told[column])}{unit}" if column in told else "is empty"
-        raise MeasuredError(
-            f"{where}: {column} {value}: must be {allowed(Measurement, [column])}; {ADVICE[column]}"
-        ) from None
+        advice = ADVICE[column]
+        if isinstance(told.get(column), str) and re.match(r"[+-]?\d", told[column]):
+            advice = "write a number alone, with a decimal point; a unit goes into the first line, in brackets"
+        elif column == "phase" and isinstance(told.get(column), float) and "phase" not in units:
+            advice = "in degrees the column is named phase [deg]"
+        raise MeasuredError(f"{where}: {column} {value}: must be {allowed(Measurement, [column])}; {advice}") from None
     return check(row, where)
 
 

@@ -285,7 +285,8 @@ def _provenance(run: Run) -> str:
     versions = {name: metadata.version(name) for name in ("difftrb", "jax", "numpy", "scipy")}
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     lines = [
-        f"Made {now} by difftrb run, in {run.record['seconds']:.2g} s, on {platform.system()} {platform.machine()}, "
+        f"Made {now} by difftrb run, solved in {run.record['seconds']:.2g} s, on "
+        f"{platform.system()} {platform.machine()}, "
         f"Python {platform.python_version()}, {', '.join(f'{name} {version}' for name, version in versions.items())}.",
         f"Model and default bearing: {SOURCE}.",
         f"Scene file {Path(run.path).name}, SHA-256 {digest[:16]}…; all numbers of the result are in this page as JSON "

@@ -47,6 +47,11 @@ def light_measured_load(bearing: TaperedBearing, rows: Sequence[Any]) -> str | N
     return _light(f"row {k + 1}: radial = {rows[k].radial:g} N, axial = {rows[k].axial:g} N", shares[k])
 
 
+def all_in_kn(bearing: TaperedBearing, rows: Sequence[Any]) -> bool:
+    """Whether the loads of all measured rows look like kN."""
+    return max(float(_share(bearing, row.radial, row.axial)) for row in rows) * THOUSAND <= 1.0
+
+
 def _share(bearing: TaperedBearing, radial: Real, axial: Real, rows: int = 1) -> Any:
     """Dynamic equivalent load by basic dynamic load rating, both ISO 281."""
     return life.equivalent_load(bearing, radial, axial, rows) / life.load_rating(bearing, rows)

@@ -185,20 +185,26 @@ def _load_table(scene: Scene, result: Assessment) -> Table:
 
 
 def raceways_text(scene: Scene, solution: Solution) -> str | None:
-    """What the stiffness is of, and about what is left of it where the inner raceway gives way, too: by the compliances
-    of two long cylinders under the most loaded roller. None where both do."""
+    """What the stiffness is of, and about what is left of it and of its loss where the inner raceway gives way, too.
+    None where both do."""
     if not bool(solution.converged) or effect_base.among(scene.effects, Raceways):
         return None
-    load, compliance = float(np.max(solution.loads)), []
+    share = outer_share(scene, float(np.max(solution.loads)))
+    return (
+        "stiffness is that of the contacts with the outer raceway alone, as in the paper; both raceways in series make "
+        f"about {share:.2f} of it, and of its loss: effects.raceways"
+    )
+
+
+def outer_share(scene: Scene, load: float) -> float:
+    """About which share of a roller's approach is the outer raceway's, under a load [N]: by the compliances of two long
+    cylinders (Johnson 1985, section 5.6)."""
+    compliance = []
     for raceway in ("outer", "inner"):
         contact = raceway_contact(scene, raceway)
         half_width = float(gap.line_half_width(load / contact.length, contact.radius, contact.modulus))
-        compliance.append(math.log(2.0 * float(contact.length) / half_width))  # Johnson 1985, section 5.6
-    share = compliance[0] / sum(compliance)
-    return (
-        "stiffness is that of the contacts with the outer raceway alone, as in the paper; both raceways in series make "
-        f"about {share:.2f} of it: effects.raceways"
-    )
+        compliance.append(math.log(2.0 * float(contact.length) / half_width))
+    return compliance[0] / sum(compliance)
 
 
 def _ring_lines(scene: Scene, solution: Solution) -> list[str]:
@@ -230,7 +236,10 @@ def _column(name: str) -> str:
 
 
 def number(value: Any, style: str) -> str:
-    return "–" if value is None or not math.isfinite(value) else format(float(value), style)
+    if value is None or not math.isfinite(value):
+        return "–"
+    text = format(float(value), style)
+    return text if text.strip("-+0.,") else format(0.0, style)  # no −0.000
 
 
 def law_text(law: Law) -> str:
@@ -241,7 +250,12 @@ def law_text(law: Law) -> str:
     if math.isfinite(high):
         text += f"; made for {low:.0f} … {high:.0f} N on the most loaded roller"
     error = float(law.error)
-    return text + (f"; error of a load up to {100.0 * error:.2g} %" if math.isfinite(error) else "; error not known")
+    if not math.isfinite(error):
+        return f"{text}; error not known"
+    off = f"{100.0 * error:.2g} %"
+    return text + (
+        f"; nine in ten loads are off by less than {off}" if law.name == "table" else f"; loads off by up to {off}"
+    )
 
 
 def picked_text(picked: Picked) -> str:
@@ -266,7 +280,7 @@ def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> Renderabl
     """A single contact's result for people."""
     table = house_table("Contact")
     table.show_header = False
-    table.add_row("load", f"{solution.load:,.1f} N")
+    table.add_row("load", f"{solution.load:,.1f} N (contact.load, of one roller; not load.radial)")
     table.add_row("approach", f"{1e3 * solution.approach:.4f} µm")
     table.add_row("peak pressure", f"{solution.peak_pressure:,.0f} MPa (a cell's mean; singular at a sharp edge)")
     table.add_row("contact width", f"{solution.contact_width:.4f} mm")

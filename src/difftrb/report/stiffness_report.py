@@ -26,8 +26,6 @@ UNITS = "mm", "si"
 KINDS = ".csv", ".json", ".npz", ".fmu"
 SHOWN = 3
 """Axes whose own stiffness is shown: radial, lateral, axial."""
-LONG = 1e8
-"""Numbers from here on have a power of ten: seven of them are to stand beside each other."""
 
 
 def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
@@ -66,16 +64,17 @@ def springs(given: str, turn: CageTurn) -> np.ndarray:
 
 def text(found: Written) -> Table:
     """Mean, least, largest, and the first orders of every axis' own stiffness, at the phases that were asked for."""
-    unit = found.unit["stiffness"][0][0]
+    unit, scale = found.unit["stiffness"][0][0], 1.0
+    if unit == "N/m":  # seven columns are to stand beside each other
+        unit, scale = "kN/m", 1e-3
     table = run_text.house_table(f"Stiffness over the cage's angle, tangent dF/du [{unit}]")
     names = ["mean", "least", "largest", *(f"order {n}" for n in found.orders.get("order", [])[1:4])]
     for heading in ("", *names):
         table.add_column(heading, justify="right" if heading else "left")
     for k, axis in enumerate(found.axes[:SHOWN]):
-        own = found.arrays["stiffness"][:, k, k]
-        sizes = np.abs(found.orders["stiffness"][1:4, k, k]) if found.orders else []
-        style = ",.0f" if np.max(np.abs(own)) < LONG else ".4e"
-        table.add_row(axis, *(format(value, style) for value in (own.mean(), own.min(), own.max(), *sizes)))
+        own = scale * found.arrays["stiffness"][:, k, k]
+        sizes = scale * np.abs(found.orders["stiffness"][1:4, k, k]) if found.orders else []
+        table.add_row(axis, *(f"{value:,.0f}" for value in (own.mean(), own.min(), own.max(), *sizes)))
     return table
 
 

@@ -218,9 +218,10 @@ def _agree(known: Catalogue, every: list[Told], prior: np.ndarray, x: np.ndarray
             continue
         if each.key.startswith("C"):
             usual = float(each.relation(_inside(known, prior)))
+            cup = ", or leave it out: the cup's width has no place here" if each.value < known.D else ""
             raise SceneError(
-                f"bearing.{each.key} = {each.value:g}: bearings of this size have about {usual:,.0f} N; check it and "
-                "its unit"
+                f"bearing.{each.key} = {each.value:g}: is the load rating [N], of which bearings of this size have "
+                f"about {usual:,.0f}; check it and its unit{cup}"
             )
         large = known.roller_large_diameter or 0.0
         raise SceneError(

@@ -219,7 +219,13 @@ def contact_angle(known: Catalogue) -> tuple[float, float]:
     """
     tangents = {}
     if known.contact_angle_deg is not None:
-        angle = max(math.radians(known.contact_angle_deg), CYLINDRICAL)
+        angle = math.radians(known.contact_angle_deg) or CYLINDRICAL
+        if angle < CYLINDRICAL:
+            raise SceneError(
+                f"bearing.contact_angle_deg = {known.contact_angle_deg:g}: must be 0, for cylindrical rollers, or in "
+                f"{math.degrees(CYLINDRICAL):g} … 60 °; if it is in radians, it is "
+                f"{math.degrees(known.contact_angle_deg):.4g} °"
+            )
         tangents["contact_angle_deg"] = math.tan(angle), 1e-3
     if known.e is not None:  # printed to 0.01
         tangents["e"] = known.e / 1.5, 0.005 / math.sqrt(3.0) / known.e  # ISO 281

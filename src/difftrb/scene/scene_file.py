@@ -158,7 +158,10 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
         if twice := re.match(r"Cannot overwrite a value \(at line (\d+)", reason):
             key = text.splitlines()[int(twice[1]) - 1].split("=")[0].strip()
             raise SceneError(f"{path}: line {twice[1]}: {shown(key)} is named twice; name it once") from None
-        raise SceneError(f"{path}: is not TOML that can be read: {reason}") from None
+        line = re.search(r"at line (\d+)", reason)
+        comma = line is not None and re.search(r"=\s*[+-]?\d+,\d", text.splitlines()[int(line[1]) - 1])
+        more = "; write decimals with a point" if comma else ""
+        raise SceneError(f"{path}: is not TOML that can be read: {reason}{more}") from None
     content.pop("sweep", None)  # for `sweep_file`
     return from_content(content, path)
 

@@ -5,8 +5,8 @@ ring's speed [rad/s]; outputs the force of the bearing on the shaft fx, fy, fz [
 [rad], and the stiffness now, kxx … kzz [N/m]. At every step f = -K(φ) (q - u(φ) + ū): the stiffness and the place at
 rest over the cage's angle, interpolated, linear about the load. Axes are ROSS's (`ross.axes`). No mass, no damping.
 
-Written by PythonFMU (`pip install 'difftrb[fmu]'`). The FMU holds its numbers and a small script: it runs where there is
-a Python, without JAX or difftrb.
+Written by PythonFMU (`pip install 'difftrb[fmu]'`). The FMU holds its numbers and a small script, and runs wherever
+there is a Python, without JAX or difftrb.
 """
 
 from __future__ import annotations

@@ -1,0 +1,74 @@
+"""What a bearing that was estimated from its catalogue leaves open of fitted sizes, beside the measurements' errors."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from difftrb.core.geometry import TaperedBearing
+from difftrb.fits import predicted
+from difftrb.fits.conditions import COLUMN, ROW, Condition, row_conditions
+from difftrb.fits.fit_result import Fit
+from difftrb.fits.measured import ENTRIES, Measurement
+from difftrb.ring.catalogue_inference import CatalogueBearing
+from difftrb.ring.ring import Load
+from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.scene import PitchMean, Scene, healthy
+
+
+def uncertainty(fit: Fit, catalogue: CatalogueBearing) -> np.ndarray:
+    """Expanded uncertainty (k = 2) of the fitted values by what the catalogue does not print, shape (parameters,); NaN
+    where a bearing of this catalogue line has no solution."""
+    return catalogue.uncertainty(moves(fit))
+
+
+def moves(fit: Fit) -> Callable[[TaperedBearing, float], np.ndarray]:
+    """How far the values move, shape (parameters,), if the bearing and its design load [N] are others.
+
+    To first order: what the other bearing would read in the rows (as one without `effects` does) moves the values as
+    the opposite change of the measurements would.
+    """
+    plain = dataclasses.replace(fit.scene, effects=())
+    step = np.linalg.pinv(predicted.evaluated(fit.problem, fit.place[None]).jacobian[0])  # of deviations in sigma
+    bounds = fit.problem.bounds
+    slope = np.asarray(bounds.slope(fit.place)) * np.where(bounds.logarithmic, fit.values, 1.0)
+    own = _told(plain, fit.rows)
+
+    def moved(bearing: TaperedBearing, design_load: float) -> np.ndarray:
+        other = _told(dataclasses.replace(plain, bearing=bearing, design_load=design_load), fit.rows)
+        with np.errstate(all="ignore"):
+            share = np.where(own == 0.0, 0.0, other / own - 1.0)
+        return -slope * (step @ (share * fit.predicted / fit.sigma))
+
+    return moved
+
+
+def sentence(fit: Fit, about: np.ndarray) -> str:
+    """What that leaves, in one sentence."""
+    told = ", ".join(f"{name} ± {value:.2g} {unit}".rstrip()
+                     for name, value, unit in zip(fit.parameters, about, fit.units, strict=True))  # fmt: skip
+    return f"the bearing is estimated from its catalogue: beside the above that alone leaves {told} (k = 2)"
+
+
+def _told(scene: Scene, rows: tuple[Measurement, ...]) -> np.ndarray:
+    """What a scene of numbers says of the rows [% or N/mm], shape (rows,)."""
+    place, every = row_conditions(scene, rows)
+    wanted = {place[k] for k, row in enumerate(rows) if row.is_loss}
+    spalled = [_stiffness(scene, each) for each in every]
+    sound = [_stiffness(healthy(scene), each) if k in wanted else None for k, each in enumerate(every)]
+    told = np.empty(len(rows))
+    for k, row in enumerate(rows):
+        number = list(ENTRIES).index(row.entry)
+        entry = ROW[number], COLUMN[number]
+        told[k] = spalled[place[k]][entry]
+        if row.is_loss and (whole := sound[place[k]]) is not None:
+            told[k] = 100.0 * (1.0 - told[k] / whole[entry])
+    return told
+
+
+def _stiffness(scene: Scene, at: Condition) -> np.ndarray:
+    phase = PitchMean() if at.phase is None else at.phase
+    own = dataclasses.replace(scene, load=Load(at.radial, at.axial), phase=phase, definition=at.definition)
+    return np.asarray(solve_prepared(own).stiffness)

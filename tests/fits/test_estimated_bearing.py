@@ -1,0 +1,47 @@
+"""What an estimated bearing leaves of fitted sizes, against fits with other bearings of the same catalogue line."""
+
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb.fits import estimated_bearing
+
+LOADS = ((4000.0, 2000.0), (8000.0, 4000.0))
+
+
+@pytest.fixture(scope="module")
+def made() -> trb.CatalogueBearing:
+    return trb.bearing_from_catalogue(d=30.0, D=62.0, T=17.25, e=0.37, rollers=17, roller_diameter=7.8)
+
+
+def rows(bearing: trb.TaperedBearing, design_load: float) -> tuple[trb.Measurement, ...]:
+    """What another bearing reads of a spall of 3 × 5 mm under LOADS, with an error of 1 %."""
+    found = []
+    for load in LOADS:
+        scene = trb.Scene(bearing, trb.Load(*load), trb.Spall(3.0, 5.0), design_load=design_load)
+        for quantity, value in zip(("radial_loss", "axial_loss"), trb.assess(scene).loss, strict=True):
+            found.append(trb.Measurement(*load, quantity, float(value), 0.01 * float(value), phase=0.0))
+    return tuple(found)
+
+
+@pytest.mark.gradient
+def test_values_move_as_a_fit_to_other_rows_does(made: trb.CatalogueBearing) -> None:
+    """Rows of a bearing with a lower crown load, fitted as if they were the estimated bearing's: off by what the values
+    would move if that bearing were assumed."""
+    scene = trb.Scene(made.bearing, trb.Load(*LOADS[0]), trb.Spall(3.0, 5.0), law="table", design_load=made.design_load)
+    own = trb.fit(scene, rows(made.bearing, made.design_load), ["length"])
+    other = made.design_load - 0.25 * made.estimates["design_load"].uncertainty
+    refitted = trb.fit(scene, rows(made.bearing, other), ["length"])
+    moved = estimated_bearing.moves(own)(made.bearing, other)
+    assert abs(moved[0]) > 0.003
+    np.testing.assert_allclose(refitted.values - own.values, -moved, rtol=0.1)
+
+
+def test_all_that_is_not_known_is_told(made: trb.CatalogueBearing) -> None:
+    scene = trb.Scene(made.bearing, trb.Load(*LOADS[0]), trb.Spall(3.0, 5.0), law="table", design_load=made.design_load)
+    own = trb.fit(scene, rows(made.bearing, made.design_load), ["length"])
+    about = estimated_bearing.uncertainty(own, made)
+    crown = made.estimates["design_load"].uncertainty
+    low, high = (estimated_bearing.moves(own)(made.bearing, made.design_load + k * crown) for k in (-0.5, 0.5))
+    assert abs(high - low)[0] / 2.0 < about[0] < 1.0
+    assert estimated_bearing.sentence(own, about).endswith(f"leaves length ± {about[0]:.2g} mm (k = 2)")
