@@ -152,7 +152,7 @@ def test_derivatives_of_a_map_by_two_routes(rimmed: trb.Scene) -> None:
 
 def test_a_map_in_the_mean(rimmed: trb.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where rollers only just reach the rim from beside it; of few phases, for that takes minutes else."""
-    monkeypatch.setattr(phase_rule, "POINTS_BY_CONTACTS", 2)
+    monkeypatch.setattr(phase_rule, "POINTS_BY_CONTACTS", 1)
     found = trb.assess(dataclasses.replace(rimmed, law="direct", phase="mean"))
     assert found.spalled.status == "converged"
     assert 0.0 < float(found.loss[0]) < 1.0
