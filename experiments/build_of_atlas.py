@@ -293,7 +293,7 @@ def _aims(law: AtlasLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Ar
         edge = jnp.concatenate([BESIDE * low[None], low + (high - low) * t, BESIDE * end[None]])
         return jnp.concatenate([healthy[None], loads, last[None]]), edge
 
-    return jax.vmap(at)(jnp.exp(chebyshev_nodes(levels, top - np.log(edge_ramp.LEAST), top)))
+    return jax.vmap(at)(jnp.exp(chebyshev_nodes(levels, top - np.log(edge_ramp.LOAD_SPAN), top)))
 
 
 def build(folder: Path, size: Size) -> Atlas:

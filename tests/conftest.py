@@ -33,7 +33,7 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 gc.set_threshold(50_000, 20, 100)  # tracing makes many objects: looking through them takes a tenth of the time
 
 import difftrb as trb
-from difftrb.core import jax_config, kept
+from difftrb.core import jax_config, user_cache
 from difftrb.law import samples
 from experiments.programs import let_go
 from tests.closed_form import closed_form
@@ -65,7 +65,7 @@ def _nothing_kept_as_traced() -> Iterator[None]:
     """A command keeps programs from there on; a test that replaces a function would get, or leave, one that does not
     know."""
     yield
-    kept._folder.clear()
+    user_cache._folder.clear()
 
 
 @pytest.fixture(scope="session")

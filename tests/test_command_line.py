@@ -13,7 +13,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.core import geometry, kept
+from difftrb.core import geometry, user_cache
 from difftrb.fits import measured_table
 from difftrb.report import load_figure, pressure_figure, remarks
 from difftrb.scene import scene_file
@@ -368,13 +368,13 @@ def test_secant_without_radial_load(capsys, tmp_path: Path) -> None:
 
 def test_programs_are_kept_only_where_one_may_write(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    folder = kept.cache_folder()
+    folder = user_cache.cache_folder()
     assert folder is not None
     assert folder.is_dir()
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert kept.cache_folder() is None
-    own = kept.cache_folder(tmp_path / "own")
+    assert user_cache.cache_folder() is None
+    own = user_cache.cache_folder(tmp_path / "own")
     assert own is not None
     assert own.is_relative_to(tmp_path / "own")
 

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from difftrb.contact.solver import approach_slopes, solve_contact
     from difftrb.contact.stress_intensity import EdgeIntensity, edge_intensity
     from difftrb.core.geometry import LineContact, Spall, TaperedBearing
-    from difftrb.core.kept import keep_compiled
     from difftrb.core.packaged_bearings import bearing
     from difftrb.core.status import DifftrbError, SceneError, SolveError, SweepError
+    from difftrb.core.user_cache import keep_compiled
     from difftrb.fits.fit_result import Fit
     from difftrb.fits.fitting import fit
     from difftrb.fits.measured import MeasuredError, Measurement
@@ -55,7 +55,7 @@ _HOMES = {
     "scene.edge_stress": ("EdgeStress", "edge_stresses"),
     "fits.fit_result": ("Fit",),
     "contact.stress_intensity": ("EdgeIntensity", "edge_intensity"),
-    "core.kept": ("keep_compiled",),
+    "core.user_cache": ("keep_compiled",),
     "core.geometry": ("LineContact", "Spall", "TaperedBearing"),
     "core.packaged_bearings": ("bearing",),
     "contact.height_map": ("HeightMap", "HeightMapError", "example_map", "load_height_map"),

@@ -39,7 +39,7 @@ def set_up_jax(cache: bool) -> None:
     jax.config.update("jax_enable_x64", True)
     gc.set_threshold(50_000, 20, 100)  # tracing makes many objects: looking through them takes a tenth of the time
     if cache:
-        from difftrb.core.kept import keep_compiled
+        from difftrb.core.user_cache import keep_compiled
 
         keep_compiled()
 
@@ -76,14 +76,14 @@ def jit_quickly(**arguments: Any) -> Callable[[F], F]:
 
         @functools.cache
         def kept() -> Any:
-            from difftrb.core.kept_programs import Kept
+            from difftrb.core.traced_programs import Kept
 
             return Kept(function, quick(), **arguments)
 
         @functools.wraps(function)
         def call(*a: Any, **k: Any) -> Any:
             from difftrb.core import arrays as xp
-            from difftrb.core.kept import folder
+            from difftrb.core.user_cache import folder
 
             if xp.are_numbers((a, k)):
                 try:

@@ -8,7 +8,7 @@ import numpy as np
 
 from difftrb.fits import fit_result, optimal_design, predicted, profile_intervals, suspects
 from difftrb.fits.fit_result import Alternative, Fit
-from difftrb.fits.least_squares import EDGE
+from difftrb.fits.least_squares import AT_BOUND
 from difftrb.fits.measured import Measurement
 from difftrb.fits.profile_intervals import CONFIDENCE
 from difftrb.fits.search import Scan
@@ -162,7 +162,7 @@ def _beyond(fit: Fit, most: np.ndarray) -> list[str]:
 def _bounds(fit: Fit) -> list[str]:
     found = []
     for i, name in enumerate(fit.parameters):
-        if abs(fit.place[i]) >= EDGE:
+        if abs(fit.place[i]) >= AT_BOUND:
             side = "largest" if fit.place[i] > 0.0 else "smallest"
             found.append(f"{name} ends at the {side} value that is searched, {fit.values[i]:.4g} {fit.units[i]}")
     return found
@@ -178,7 +178,7 @@ def _unclear(fit: Fit, unclear: list[int]) -> str:
     suggestion = optimal_design.next_measurements(fit, count=1, parameter=names[0])[0]
     advice = f"measure {optimal_design.in_words(suggestion.row)}"
     sizes = [i for i, parameter in enumerate(fit.problem.parameters)
-             if parameter.logarithmic and parameter.in_products and abs(fit.place[i]) < EDGE]  # fmt: skip
+             if parameter.logarithmic and parameter.in_products and abs(fit.place[i]) < AT_BOUND]  # fmt: skip
     if len(sizes) > 1:
         powers, error = _best_determined(fit, sizes)
         percent = 100.0 * error * float(np.sqrt(fit.limit))

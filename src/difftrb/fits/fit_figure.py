@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from difftrb.fits.fit_result import Fit
+from difftrb.fits.least_squares import AT_BOUND
 from difftrb.fits.measured import ENTRIES
-from difftrb.fits.profile_intervals import CONFIDENCE, EDGE, limit_of
+from difftrb.fits.profile_intervals import CONFIDENCE, limit_of
 from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED
 
 WIDE = np.sqrt(limit_of(None))
@@ -88,7 +89,7 @@ def profiles(fit: Fit, ax: Axes) -> Axes:
 
 def ridge(fit: Fit, ax: Axes) -> Axes:
     """Rise of χ² over the first two parameters, all others free: 68, 95 and 99.7 % regions."""
-    box = np.clip(np.stack([_wider(fit, i) for i in (0, 1)]), -EDGE, EDGE)
+    box = np.clip(np.stack([_wider(fit, i) for i in (0, 1)]), -AT_BOUND, AT_BOUND)
     rise = np.asarray(fit.ridge(box))
     first, second = (fit.along(k, np.linspace(box[k, 0], box[k, 1], len(rise))) for k in (0, 1))
     scale = fit.limit / limit_of(None)  # larger if sigma was estimated

@@ -26,7 +26,7 @@ from difftrb.fits import (
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_problem import prepare_fit, problem_of, with_any_width
 from difftrb.fits.fit_result import Alternative, Fit, History
-from difftrb.fits.least_squares import EDGE, Least
+from difftrb.fits.least_squares import AT_BOUND, Least
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.parameters import OfSpall, Parameter
 from difftrb.fits.predicted import ROBUST, Problem
@@ -267,5 +267,5 @@ def _on_one_plateau(problem: Problem, found: Least, one: int, other: int) -> boo
     """Whether two minima lie on one plateau: the model says the same of all rows there, and they are no farther apart
     than basins are."""
     told = np.abs(found.beside[0][one] - found.beside[0][other]) / np.asarray(problem.sigma)
-    away = np.abs(np.diff(np.clip(found.place[[one, other]], -EDGE, EDGE), axis=0)) / predicted.scales(problem)
+    away = np.abs(np.diff(np.clip(found.place[[one, other]], -AT_BOUND, AT_BOUND), axis=0)) / predicted.scales(problem)
     return bool(told.max() < PLATEAU and away.max() < 1.0)

@@ -22,7 +22,7 @@ from difftrb.core import arrays as xp
 
 FARTHEST = 14.0
 """Coordinates stay within ± this of 0: there they are at the bound to 1e-6 of the range."""
-EDGE = 7.0
+AT_BOUND = 7.0
 """Coordinates beyond ± this, the outer thousandth of the range, count as the bound."""
 STEPS = 40
 TOLERANCE = 1e-9

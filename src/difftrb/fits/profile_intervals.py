@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from difftrb.fits import edges_at_rollers, predicted
-from difftrb.fits.least_squares import EDGE, FARTHEST, Enough
+from difftrb.fits.least_squares import AT_BOUND, FARTHEST, Enough
 from difftrb.fits.predicted import Problem
 
 NEAR = np.array([0.75, 1.5, 2.25, 3.25])
@@ -74,7 +74,7 @@ def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
 
     0 for parameters at a bound; huge but finite for what the normal matrix does not know.
     """
-    free = np.abs(u) < EDGE
+    free = np.abs(u) < AT_BOUND
     both = free[:, None] & free[None, :]
     size = np.sqrt(np.where(free & (np.diag(normal) > 0.0), np.diag(normal), 1.0))
     matrix = np.where(both, normal / np.outer(size, size), np.eye(len(u)))
@@ -111,7 +111,7 @@ def both_starts(u: np.ndarray, normal: np.ndarray, known: Known, free: np.ndarra
             within = normal[np.ix_(moves, moves)]
             damped = within + np.diag(1e-9 * np.diag(within) + 1e-300)
             follow = -np.linalg.solve(damped, normal[np.ix_(moves, ~moves)] @ (place - u)[~moves])
-            starts[0, case, moves] = np.clip(u[moves] + np.clip(follow, -3.0, 3.0), -EDGE, EDGE)
+            starts[0, case, moves] = np.clip(u[moves] + np.clip(follow, -3.0, 3.0), -AT_BOUND, AT_BOUND)
         away = np.max(np.abs(known.place - place)[:, ~moves], axis=1, initial=0.0)
         nearest = np.argmin(np.where(away < BESIDE, known.cost, np.max(known.cost) + away))
         starts[1, case, moves] = known.place[nearest, moves]
@@ -262,7 +262,7 @@ def _places(u: np.ndarray, spread: np.ndarray) -> np.ndarray:
     places = np.empty((len(u), 2, half))
     for i in range(len(u)):
         for k, side in enumerate((-1.0, 1.0)):
-            room = max(EDGE - side * u[i], 1e-3)
+            room = max(AT_BOUND - side * u[i], 1e-3)
             near = NEAR * (spread[i] or 1.0)
             far = near[-1] + (room - near[-1]) * FAR
             even = room * np.arange(1, half + 1) / half

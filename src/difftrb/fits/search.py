@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.fits import edges_at_rollers, least_squares, predicted
-from difftrb.fits.least_squares import EDGE, Alone, Enough, Least
+from difftrb.fits.least_squares import AT_BOUND, Alone, Enough, Least
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import Problem
 
@@ -205,7 +205,7 @@ def _lower(place: np.ndarray, cost: np.ndarray, most: int, near: float = NEAR) -
 
 def distinct(problem: Problem, found: Least) -> list[int]:
     """Which of the cases are minima of their own, the least first."""
-    place, kept = np.clip(found.place, -EDGE, EDGE) / predicted.scales(problem), list[int]()
+    place, kept = np.clip(found.place, -AT_BOUND, AT_BOUND) / predicted.scales(problem), list[int]()
     for k in np.argsort(found.cost, kind="stable"):
         near = (np.max(np.abs(place[k] - place[other])) < SAME for other in kept)
         if np.isfinite(found.cost[k]) and not any(near):

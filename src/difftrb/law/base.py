@@ -219,6 +219,7 @@ class LawKind:
       one_shape: the sentence that refuses spalls of several widths, depths or axial offsets; "": they are taken.
       one_scene: made for one scene only, so a sweep cannot share it.
       promises: whether its error is kept against contact solves.
+      maps: whether it knows height maps.
     """
 
     name: str
@@ -233,6 +234,12 @@ class LawKind:
     one_shape: str = ""
     one_scene: bool = False
     promises: bool = True
+    maps: bool = False
+
+    @property
+    def at_once(self) -> bool:
+        """Whether it holds for any bearing without solving a contact."""
+        return not self.by_samples and not self.solves and self.bearing is None
 
     def is_for(self, bearing: TaperedBearing) -> bool:
         """Whether the law holds for this bearing's outer contacts, as far as is known: traced numbers are not."""

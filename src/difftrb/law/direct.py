@@ -303,5 +303,6 @@ base.register(
         inner=True,
         frozen=None,
         one_scene=True,
+        maps=True,
     )
 )

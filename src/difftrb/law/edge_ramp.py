@@ -25,7 +25,7 @@ from difftrb.law.load_curve import Curve
 
 TERMS = 9
 """Of s: u = 1 − √(1 − t) times a polynomial in 2u − 1."""
-LEAST = 300.0
+LOAD_SPAN = 300.0
 """Largest by smallest healthy load between which s changes; below it is constant, for such rollers matter little.
 Parametrised by the healthy load: over long spalls the roller's own load falls to a tenth and no longer identifies the
 state."""
@@ -165,7 +165,7 @@ def _of_load(ramp: Any, load: Any) -> Any:
 def level(ramp: Ramp, healthy: Any) -> Any:
     """log Qₕ, brought to −1…1."""
     top = xp.exp(ramp.loads[0] + ramp.loads[1])
-    return 1.0 + 2.0 * xp.log(xp.within(healthy, top / LEAST, top) / top) / np.log(LEAST)
+    return 1.0 + 2.0 * xp.log(xp.within(healthy, top / LOAD_SPAN, top) / top) / np.log(LOAD_SPAN)
 
 
 def in_powers(share: Any) -> Any:

@@ -17,7 +17,7 @@ from difftrb.contact.contact_solution import Defect, is_symmetric, listed
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import ContactSolution
 from difftrb.core import arrays as xp
-from difftrb.core import kept, machine, status
+from difftrb.core import machine, status, user_cache
 from difftrb.core.geometry import LineContact, Real, Spall
 
 ALONG = 41
@@ -232,7 +232,7 @@ def _all(
     def anew() -> list[Node]:
         return mapped(lambda case: solve(contact, case, accuracy), cases, progress)
 
-    nodes = kept.result(anew, solve.__name__, (solve, contact, tuple(cases), accuracy))
+    nodes = user_cache.result(anew, solve.__name__, (solve, contact, tuple(cases), accuracy))
     if progress is not None:
         progress(len(nodes), len(cases))
     return nodes

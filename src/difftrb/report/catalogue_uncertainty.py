@@ -9,6 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from difftrb.core.geometry import TaperedBearing
+from difftrb.law.base import LAWS
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import Scene, is_plain
@@ -46,7 +47,8 @@ class Estimated(NamedTuple):
 
 def estimated(scene: Scene, catalogue: CatalogueBearing, stiffness: Any) -> Estimated:
     """Of a prepared scene and its radial and axial stiffness [N/mm], shape (2,)."""
-    follows = is_plain(scene) and getattr(scene.law, "name", "") in ("table", "palmgren")
+    kind = LAWS.get(getattr(scene.law, "name", ""))
+    follows = is_plain(scene) and kind is not None and kind.at_once
 
     def stiffnesses(bearing: TaperedBearing, design_load: float) -> np.ndarray:
         solution = solve_prepared(dataclasses.replace(scene, bearing=bearing, design_load=design_load))

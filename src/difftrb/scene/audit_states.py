@@ -16,8 +16,9 @@ from difftrb.law.roller_tilt import RollerContacts, at_rest
 from difftrb.law.samples import Case, Node, Progress
 from difftrb.ring import effect_base, effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Through
-from difftrb.scene.prepared import law_in_effect, solve_prepared
-from difftrb.scene.scene import Scene, raceway_contact
+from difftrb.ring.terms import both
+from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.scene import Scene, law_in_effect, raceway_contact, ring_at
 from difftrb.scene.solution import Solution
 
 LIGHT = 1e-3
@@ -63,9 +64,7 @@ def at_phase(at: Scene) -> AtPhase:
     """A prepared scene at one phase, with the contacts to solve."""
     phase = cast(float, at.phase)
     found = solve_prepared(at)
-    outer = raceway_contact(at, "outer")
-    here = effects.Ring(at.bearing, at.load, at.spalls, law_in_effect(at, found.law), outer, phase)
-    terms = effects.terms(at.effects, here)
+    here, terms = ring_at(at, law_in_effect(at, found.law), phase)
     angles, loads, approach = here.angles, np.asarray(found.loads), np.asarray(found.approach)
     normals = roller_places.directions(at.bearing, angles)
     if terms.pair is not None:
@@ -75,7 +74,7 @@ def at_phase(at: Scene) -> AtPhase:
         more = jnp.matmul(normals, second, precision=jax.lax.Precision.HIGHEST) + (thicker - pressed)[angles.size :]
         loads = np.concatenate([loads, np.asarray(found.effects["second_row_loads"])])
         approach = np.concatenate([approach, np.asarray(more)])
-        normals = jnp.concatenate([normals, normals * jnp.array([[1.0, 1.0, -1.0]])])
+        normals = both(normals)
     if terms.tilting is not None:
         normals = terms.tilting.directions(normals, jnp.tile(angles, normals.shape[0] // angles.size))
     states = _states(at, here, terms, approach, loads)
@@ -155,8 +154,8 @@ def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress 
         return {outer.key: rest.outer, inner.key: rest.inner}
 
     solved: dict[Key, Node] = {}
-    for both in samples.mapped(rolled, list(tilting.values()), progress):
-        solved |= both
+    for each in samples.mapped(rolled, list(tilting.values()), progress):
+        solved |= each
     wanted = {each.key: each for state in states if state.tilting is None for each in state.contacts}
     for raceway in ("outer", "inner"):
         upright = [each for each in wanted.values() if each.raceway == raceway]

@@ -32,7 +32,6 @@ from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scen
 
 WIDEST = 0.97
 """Of once round: the most that a spall takes. Edges that come close again, all but all round, are one edge to a law."""
-LAWS_OF_MAPS = ("direct", laws.AUTO)
 """Those that know height maps."""
 KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definition", "phase": "stiffness.phase"}
 """Of a scene's own numbers in a file."""
@@ -185,7 +184,8 @@ def _of_map(scene: Scene, i: int, measured: HeightMap) -> str | None:
     """What a height map in the ring cannot have: contacts on it are solved one by one, by nothing else."""
     named = isinstance(scene.law, LawName)
     law = getattr(scene.law, "name", "")
-    if law not in LAWS_OF_MAPS if named else not isinstance(scene.law, LocalLaw):
+    known = law == laws.AUTO or (law in laws.LAWS and laws.LAWS[law].maps) if named else isinstance(scene.law, LocalLaw)
+    if not known:
         return f"spall.{i}.height_map: contact.law = {shown(law)} knows rectangular spalls; use 'auto' or 'direct'"
     if named and not xp.are_numbers(scene):
         return f"spall.{i}.height_map: needs numbers: prepare the scene first, difftrb.prepare(scene)"

@@ -16,10 +16,10 @@ from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import power
 from difftrb.law.base import Law
-from difftrb.ring import effects, plain_ring, ring, roller_places
+from difftrb.ring import plain_ring, ring, roller_places
 from difftrb.ring.effect_base import among
 from difftrb.ring.effects import Raceways, Through
-from difftrb.scene.scene import Scene, law_in_effect, raceway_contact
+from difftrb.scene.scene import Scene, law_in_effect, ring_at
 
 WIDE, SPARE = 1.0, 2.5
 """From a spall this wide on, by rollers' pitch, or where effects press: curves reach farther."""
@@ -85,11 +85,11 @@ def single(scene: Scene, law: Law) -> Scene:
 def _pressed(scene: Scene) -> jax.Array:
     """The largest load [N] on the ring by Palmgren's law, with through spalls at several phases: by a third or so too
     large for one contact alone, and by more if the inner one gives way, too."""
-    acting, contact = law_in_effect(scene, cast(Law, scene.law)), raceway_contact(scene, "outer")
+    acting = law_in_effect(scene, cast(Law, scene.law))
 
     def at(phase: jax.Array) -> jax.Array:
-        here = effects.Ring(scene.bearing, scene.load, scene.spalls, acting, contact, phase)
-        rest = here.equilibrium(effects.terms(scene.effects, here))
+        here, terms = ring_at(scene, acting, phase)
+        rest = here.equilibrium(terms)
         loads = rest.all_loads
         return jnp.nan_to_num(jnp.max(loads))
 

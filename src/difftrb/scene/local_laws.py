@@ -24,7 +24,7 @@ from difftrb.law.samples import Progress
 from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways
 from difftrb.ring.roller_balance import Seat
-from difftrb.scene.scene import PitchMean, Scene, at_all_phases, phases
+from difftrb.scene.scene import PitchMean, Scene, at_all_phases, phases, ring_at
 
 ROUNDS = 8
 """Of contact solves around the rollers' loads, at most."""
@@ -226,8 +226,7 @@ def _rest_at(scene: Scene) -> Rests:
 
     def at(phase: Any, scene: Scene) -> Rests:
         law = cast(LocalLaw, scene.law)
-        here = effects.Ring(scene.bearing, scene.load, scene.spalls, law, law.contact, phase)
-        terms = effects.terms(scene.effects, here)
+        here, terms = ring_at(scene, law, phase)
         rest = here.equilibrium(terms)
         loads: dict[Raceway, jax.Array] = {"outer": rest.all_loads}
         if terms.facing is not None and terms.seat is not None:

@@ -34,7 +34,7 @@ from difftrb.scene.scene import (
     law_in_effect,
     outer_law,
     phases,
-    raceway_contact,
+    ring_at,
 )
 from difftrb.scene.solution import Assessment, Solution
 
@@ -67,16 +67,27 @@ def _assessed(spalled: Solution, whole: Solution, slopes: Any) -> Assessment:
     return Assessment(spalled, whole, 100.0 * (1.0 - ours / theirs), slopes[..., 0], slopes[..., 1])
 
 
+def by_sizes(of: Callable[[Scene], tuple[jax.Array, Any]], scene: Scene) -> tuple[jax.Array, Any]:
+    """Derivatives of the first that `of` a scene gives by every spall's length and width, shape (…, spalls, 2), and the
+    second."""
+
+    def sized(sizes: jax.Array) -> tuple[jax.Array, Any]:
+        spalls = (resized(s, *v) for s, v in zip(scene.spalls, sizes, strict=True))
+        return of(dataclasses.replace(scene, spalls=tuple(spalls)))
+
+    sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
+    return jax.jacfwd(sized, has_aux=True)(sizes)
+
+
 @jit_quickly()
 def assess_by_program(scene: Scene) -> Assessment:
-    sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
+    """See `assess_prepared`."""
 
-    def sized(sizes: jax.Array) -> tuple[jax.Array, Solution]:
-        spalls = (resized(s, *v) for s, v in zip(scene.spalls, sizes, strict=True))
-        solution = solve_prepared(dataclasses.replace(scene, spalls=tuple(spalls)))
+    def both(scene: Scene) -> tuple[jax.Array, Solution]:
+        solution = solve_prepared(scene)
         return solution.both_stiffnesses, solution
 
-    slopes, spalled = jax.jacfwd(sized, has_aux=True)(sizes)
+    slopes, spalled = by_sizes(both, scene)
     return _assessed(spalled, solve_prepared(healthy(scene)), slopes)
 
 
@@ -193,8 +204,7 @@ def _traced(scene: Scene) -> Solution:
 def at_phase(scene: Scene, phase: Real) -> tuple[ring.Equilibrium, Results]:
     """The ring of a prepared scene at one cage phase, in arrays of JAX, and what its effects add."""
     acting, within = law_in_effect(scene, outer_law(scene)), checks.code(scene)
-    here = effects.Ring(scene.bearing, scene.load, scene.spalls, acting, raceway_contact(scene, "outer"), phase)
-    terms = effects.terms(scene.effects, here)
+    here, terms = ring_at(scene, acting, phase)
     terms = terms._replace(laws_status=within if terms.laws_status is None else status.worst(within, terms.laws_status))
     rest = here.equilibrium(terms)
     return rest, effects.results(scene.effects, rest, terms, here)

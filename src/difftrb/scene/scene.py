@@ -269,12 +269,18 @@ def _is_states(part: Any) -> bool:
     return isinstance(part, States)
 
 
+def ring_at(scene: Scene, law: Law, phase: Any) -> tuple[effects.Ring, effects.Terms]:
+    """The ring of a scene at a cage phase, by this law of the outer raceway, and what its effects make of it."""
+    here = effects.Ring(scene.bearing, scene.load, scene.spalls, law, raceway_contact(scene, "outer"), phase)
+    return here, effects.terms(scene.effects, here)
+
+
 @np.errstate(all="ignore")
 def pitch_borders(scene: Scene, still: Any = None) -> Any:
     """Between which phases a prepared scene has no kink [rad]; `still` if it is plain: see `phase_rule.borders`."""
     if is_plain(scene) and xp.are_numbers(scene):
         scene = xp.numbers(scene)
-    acting, contact = law_in_effect(scene, outer_law(scene)), raceway_contact(scene, "outer")
+    acting = law_in_effect(scene, outer_law(scene))
     met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
     series = effect_base.among(scene.effects, effects.SeriesRaceways)
     if series is not None:
@@ -282,8 +288,7 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
     if is_plain(scene) and (xp.are_numbers(scene) or xp.expands(scene)):
         terms, at_rest = ring.PLAIN, partial(plain_ring.equilibrium, scene.bearing, scene.load, (), acting)
     else:
-        here = effects.Ring(scene.bearing, scene.load, (), acting, contact, 0.0)
-        terms = effects.terms(scene.effects, here)
+        here, terms = ring_at(dataclasses.replace(scene, spalls=()), acting, 0.0)
         at_rest = jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))
     return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms, still)
 

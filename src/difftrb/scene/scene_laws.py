@@ -8,6 +8,7 @@ takes a third of the contacts.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -31,7 +32,7 @@ from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
 from difftrb.scene.local_laws import holding, local_laws
-from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, is_plain, phases, raceway_contact
+from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, is_plain, phases, raceway_contact, ring_at
 
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
@@ -158,8 +159,8 @@ def _approaches(scene: Scene, phases: jax.Array) -> jax.Array:
     law = cast(DirectLaw, scene.law)
 
     def at(phase: jax.Array) -> jax.Array:
-        here = effects.Ring(scene.bearing, scene.load, (), law, law.contact, phase)
-        rest = here.equilibrium(effects.terms(scene.effects, here))
+        here, terms = ring_at(dataclasses.replace(scene, spalls=()), law, phase)
+        rest = here.equilibrium(terms)
         return rest.all_approaches.reshape(-1, rest.approach.size)
 
     return jax.vmap(at, out_axes=1)(phases)

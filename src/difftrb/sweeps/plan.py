@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import SingleDeviceSharding
 
-from difftrb.core import jax_config, kept_programs, status
+from difftrb.core import jax_config, status, traced_programs
 from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
 from difftrb.sweeps import boxes
@@ -120,7 +120,7 @@ class Plan:
 
         depends = (several.__qualname__, self.base, self.function, self.gradients, self.batch,
                    [(axis.keys, axis.values.shape) for axis in self.axes])  # fmt: skip
-        return kept_programs.jit_kept(several, depends, jax_config.quick(), *self.arguments)
+        return traced_programs.jit_kept(several, depends, jax_config.quick(), *self.arguments)
 
     def __reduce__(self) -> Any:
         """Numbers stay float64 wherever a plan is sent, and one that comes twice is there once, compiled once."""

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact.height_map import resized
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, implicit, status
 from difftrb.core.geometry import Real, TaperedBearing
@@ -241,13 +240,11 @@ def _without_slopes(scene: Scene, spread: Any) -> _Found:
 
 @jit_quickly()
 def _with_slopes(scene: Scene, spread: Any) -> _Found:
-    def at(sizes: jax.Array) -> tuple[jax.Array, _Found]:
-        spalls = (resized(s, *v) for s, v in zip(scene.spalls, sizes, strict=True))
-        found = _without_slopes(dataclasses.replace(scene, spalls=tuple(spalls)), spread)
+    def at(scene: Scene) -> tuple[jax.Array, _Found]:
+        found = _without_slopes(scene, spread)
         return found.stiffness, found
 
-    sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
-    slopes, found = jax.jacfwd(at, has_aux=True)(sizes)
+    slopes, found = prepared.by_sizes(at, scene)
     slopes = jnp.where(jnp.isnan(found.stiffness)[..., None, None], jnp.nan, slopes)
     return found._replace(by_length=slopes[..., 0], by_width=slopes[..., 1])
 

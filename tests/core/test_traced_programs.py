@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from difftrb.core import jax_config
-from difftrb.core import kept as things
-from difftrb.core.kept_programs import kept
+from difftrb.core import user_cache as things
+from difftrb.core.traced_programs import kept
 from difftrb.fits import predicted
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.core import kept
+from difftrb.core import user_cache
 from difftrb.law import samples
 from difftrb.law.samples import Case
 
@@ -15,7 +15,7 @@ from difftrb.law.samples import Case
 @pytest.fixture
 def keeping(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder in which the package keeps things."""
-    monkeypatch.setattr(kept, "_folder", [tmp_path])
+    monkeypatch.setattr(user_cache, "_folder", [tmp_path])
     return tmp_path
 
 
@@ -23,7 +23,7 @@ def test_a_result_is_computed_once(keeping: Path) -> None:
     computed: list[Any] = []
 
     def result(depends: Any) -> Any:
-        return kept.result(lambda: computed.append(depends) or {"of": depends}, "thing", depends)
+        return user_cache.result(lambda: computed.append(depends) or {"of": depends}, "thing", depends)
 
     for depends in ((1.0, "a"), (1.0, "b"), (2.0, "a"), (1.0, "a"), (2.0, "a")):
         assert result(depends) == {"of": depends}
@@ -38,8 +38,8 @@ def test_a_result_is_computed_once(keeping: Path) -> None:
 
 
 def test_where_nothing_is_kept_it_is_computed() -> None:
-    assert kept.folder() is None
-    assert [kept.result(lambda k=k: k, "thing", 1.0) for k in range(2)] == [0, 1]
+    assert user_cache.folder() is None
+    assert [user_cache.result(lambda k=k: k, "thing", 1.0) for k in range(2)] == [0, 1]
 
 
 def test_contacts_are_solved_once(keeping: Path, contact: trb.LineContact, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import jax
 import jax.export
 
-from difftrb.core.kept import folder, place, write
+from difftrb.core.user_cache import folder, place, write
 
 
 def jit_kept(
