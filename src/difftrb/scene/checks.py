@@ -32,7 +32,6 @@ from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scen
 
 WIDEST = 0.97
 """Of once round: the most that a spall takes. Edges that come close again, all but all round, are one edge to a law."""
-"""Those that know height maps."""
 KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definition", "phase": "stiffness.phase"}
 """Of a scene's own numbers in a file."""
 
