@@ -10,6 +10,7 @@ import numpy as np
 from difftrb.core.geometry import TaperedBearing
 from difftrb.fits import predicted
 from difftrb.fits.conditions import COLUMN, ROW, Condition, row_conditions
+from difftrb.fits.fit_problem import with_any_width
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import ENTRIES, Measurement
 from difftrb.ring.catalogue_inference import CatalogueBearing
@@ -30,7 +31,7 @@ def moves(fit: Fit) -> Callable[[TaperedBearing, float], np.ndarray]:
     To first order: what the other bearing would read in the rows (as one without `effects` does) moves the values as
     the opposite change of the measurements would.
     """
-    plain = dataclasses.replace(fit.scene, effects=())
+    plain = dataclasses.replace(with_any_width(fit.scene) or fit.scene, effects=())
     step = np.linalg.pinv(predicted.evaluated(fit.problem, fit.place[None]).jacobian[0])  # of deviations in sigma
     bounds = fit.problem.bounds
     slope = np.asarray(bounds.slope(fit.place)) * np.where(bounds.logarithmic, fit.values, 1.0)

@@ -49,7 +49,7 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     if file.catalogue is not None and bool(result.converged):
         with console.busy("asking other bearings of this catalogue line"):
             about = estimated_bearing.uncertainty(result, file.catalogue)
-        record["catalogue"] = run_text.plain(dict(zip(result.parameters, about, strict=True)))
+        record["left_by_catalogue"] = run_text.plain(dict(zip(result.parameters, about, strict=True)))
         texts.append(Text(estimated_bearing.sentence(result, about)))
     if options.posterior and bool(result.converged):
         with console.bar("sampling the posterior") as progress:

@@ -3,32 +3,36 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from rich.table import Table
 
 from difftrb.core.geometry import TaperedBearing
+from difftrb.law.atlas import AtlasLaw
 from difftrb.law.base import LAWS
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.scene.prepared import solve_prepared
-from difftrb.scene.scene import Scene, is_plain
+from difftrb.scene.scene import Scene, healthy, is_plain
 
 
 class Estimated(NamedTuple):
-    """A catalogue's bearing, and the expanded uncertainty (k = 2) of radial and axial stiffness by what it does not
-    print [N/mm], shape (2,), at stiffnesses [N/mm]; None where the roller law does not follow the bearing."""
+    """A catalogue's bearing, and the expanded uncertainty (k = 2) by what it does not print, of radial and axial
+    stiffness [N/mm], shape (2,), at stiffnesses [N/mm], and of what the spalls take of them, relative, shape (2,); None
+    where the roller law does not follow the bearing."""
 
     catalogue: CatalogueBearing
     stiffness: np.ndarray
     uncertainty: np.ndarray | None
+    of_loss: np.ndarray | None
 
     def record(self) -> dict[str, Any]:
         """For JSON."""
         values = {name: {"value": each.value, "uncertainty": each.uncertainty, "unit": each.unit, "given": each.given}
                   for name, each in self.catalogue.estimates.items()}  # fmt: skip
         by = None if self.uncertainty is None else dict(zip(("radial", "axial"), self.uncertainty, strict=True))
-        return {"values": values, "stiffness_uncertainty": by}
+        loss = None if self.of_loss is None else dict(zip(("radial", "axial"), self.of_loss, strict=True))
+        return {"values": values, "stiffness_uncertainty": by, "relative_loss_uncertainty": loss}
 
     @property
     def sentence(self) -> str:
@@ -42,7 +46,11 @@ class Estimated(NamedTuple):
         radial, axial = 100.0 * self.uncertainty / np.abs(self.stiffness)
         if not np.isfinite([radial, axial]).all():
             return f"{text}; what that leaves of stiffness is not known: the law does not know all these bearings"
-        return f"{text}; that leaves stiffness within ± {radial:.0f} % radial, ± {axial:.0f} % axial"
+        text = f"{text}; that leaves stiffness within ± {radial:.0f} % radial, ± {axial:.0f} % axial"
+        if self.of_loss is None:
+            return text
+        radial, axial = 100.0 * self.of_loss
+        return f"{text}, and what the spall takes of it within ± {radial:.0f} % and ± {axial:.0f} % of that"
 
 
 def estimated(scene: Scene, catalogue: CatalogueBearing, stiffness: Any) -> Estimated:
@@ -50,12 +58,21 @@ def estimated(scene: Scene, catalogue: CatalogueBearing, stiffness: Any) -> Esti
     kind = LAWS.get(getattr(scene.law, "name", ""))
     follows = is_plain(scene) and kind is not None and kind.at_once
 
-    def stiffnesses(bearing: TaperedBearing, design_load: float) -> np.ndarray:
-        solution = solve_prepared(dataclasses.replace(scene, bearing=bearing, design_load=design_load))
-        return np.asarray(solution.both_stiffnesses)
-
     known = np.asarray(stiffness, float)
-    return Estimated(catalogue, known, catalogue.uncertainty(stiffnesses) if follows else None)
+    if not follows:
+        return Estimated(catalogue, known, None, None)
+
+    if isinstance(scene.law, AtlasLaw):  # with another crown's load a roller may reach both edges of a spall
+        scene = dataclasses.replace(scene, law=scene.law.of_any_width())
+
+    def both(bearing: TaperedBearing, design_load: float) -> np.ndarray:
+        other = dataclasses.replace(scene, bearing=bearing, design_load=design_load)
+        spalled, whole = (np.asarray(solve_prepared(each).both_stiffnesses) for each in (other, healthy(other)))
+        return np.stack([spalled, 1.0 - spalled / whole])
+
+    about = catalogue.uncertainty(both)
+    loss = both(scene.bearing, cast(float, scene.design_load))[1]
+    return Estimated(catalogue, known, about[0], about[1] / loss if (loss > 0.0).all() else None)
 
 
 def table(catalogue: CatalogueBearing, empty: Table) -> Table:
