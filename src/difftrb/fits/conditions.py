@@ -136,7 +136,10 @@ def phases(at: Conditions) -> np.ndarray:
 
 
 def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_rule.POINTS_IN_FITS) -> list[Conditions]:
-    """Those of `rows` in parts, as few as have each the smallest layout: the program that a fit has is theirs, too."""
+    """Those of `rows` in parts, as few as have each the smallest layout: the program that a fit has is theirs, too.
+
+    For measurements that may be made: means over phases are divided by one healthy ring also where such rings are not
+    all alike (see `ALIKE`), for which there would be another program to compile, half a minute."""
     kinks, parts, first = _kinks(scene), list[Conditions](), 0
     for behind in range(1, len(rows) + 1):
         longer = _laid_out(scene, rows[first:behind], points, kinks)
@@ -146,7 +149,7 @@ def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_rule
             parts.append(_laid_out(scene, rows[first:behind], points, kinks))
         else:
             parts[-1] = longer
-    return [_with_still(scene, part) for part in parts]
+    return [_with_still(scene, part, alike=np.inf) for part in parts]
 
 
 def whole(count: int) -> int:
@@ -174,15 +177,17 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> 
     return Blocks(means, np.array(len(turning)), None, loads, phases, mean, at, weight, of, np.array(len(found)))
 
 
-def _with_still(scene: Scene, at: Conditions) -> Conditions:
+def _with_still(scene: Scene, at: Conditions, alike: float = ALIKE) -> Conditions:
     """The same with what is known of healthy rings."""
-    known = (blocks._replace(still=_still(scene, np.asarray(blocks.means), int(blocks.turns))) for blocks in at.blocks)
+    known = (
+        blocks._replace(still=_still(scene, np.asarray(blocks.means), int(blocks.turns), alike)) for blocks in at.blocks
+    )
     return dataclasses.replace(at, blocks=tuple(known))
 
 
 @np.errstate(all="ignore")
-def _still(scene: Scene, means: np.ndarray, count: int) -> np.ndarray | None:
-    """See `Blocks.still`, of the first `count` of these means; None, too, where rings lie differently at other
+def _still(scene: Scene, means: np.ndarray, count: int, alike: float) -> np.ndarray | None:
+    """See `Blocks.still`, of the first `count` of these means; None, too, where rings are not `alike` at other
     phases."""
     if not is_plain(scene):
         return None
@@ -191,7 +196,7 @@ def _still(scene: Scene, means: np.ndarray, count: int) -> np.ndarray | None:
         loads = Load(*np.repeat(means[:count], len(turned), axis=0).T)
         rest = prepared.at_phases(xp.numbers(healthy(scene)), np.tile(turned, count), loads)
         found = xp.values(rest.displacement).reshape(count, len(turned), 3)
-        if not np.all(np.ptp(found, axis=1).max(axis=1) <= ALIKE * np.abs(found).max(axis=(1, 2))):
+        if not np.all(np.ptp(found, axis=1).max(axis=1) <= alike * np.abs(found).max(axis=(1, 2))):
             return None
         still[:count] = found[:, 0]
     return still

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -67,8 +68,13 @@ class Scan(NamedTuple):
 def scanned(problem: Problem, places: np.ndarray) -> Scan:
     """The model at these places, roughly."""
     rough = _rough(problem)
-    jacobian = np.nan_to_num(predicted.evaluated(rough, places[:SLOPES]).jacobian)
-    return Scan(places, predicted.rows_at(rough, places), np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
+    with ThreadPoolExecutor(1) as beside:
+        told = None  # where that is another program it is traced while the first one is compiled
+        if len(places) > predicted.MANY:
+            told = beside.submit(predicted.rows_at, rough, places)
+        jacobian = np.nan_to_num(predicted.evaluated(rough, places[:SLOPES]).jacobian)
+        told = predicted.rows_at(rough, places) if told is None else told.result()
+    return Scan(places, told, np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
 
 
 def places(problem: Problem, count: int | None = None) -> np.ndarray:
