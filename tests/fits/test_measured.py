@@ -101,6 +101,10 @@ def test_a_table_of_a_spreadsheet_may_have_decimal_commas(between: str, comma: s
     assert second.value == -0.25
 
 
+def test_a_column_without_a_name_behind_the_last_one_is_left_out() -> None:
+    assert [row.value for row in parse("radial;axial;radial_loss;\n9000;4500;1,5;\n9000;4500;1,6;\n")] == [1.5, 1.6]
+
+
 def test_a_matrix_is_read() -> None:
     """Stiffness beside the diagonal may be negative."""
     names = ("radial", "axial", *(f"{entry}_stiffness [MN/m]" for entry in ("radial", "lateral", "radial_lateral")))

@@ -140,3 +140,11 @@ def test_losses_alone_do_not_tell_the_shape(formula: trb.Scene) -> None:
 def test_a_frozen_law_does_not_know(liu: trb.Scene, name: str) -> None:
     with pytest.raises(MeasuredError, match=f"{name} cannot be fitted"):
         fit(liu, rows("mean"), ("length", name))
+
+
+@pytest.mark.parametrize("design_load", [3000.0, 6500.0])
+def test_a_crown_may_be_larger_than_the_scenes(bearing: trb.TaperedBearing, design_load: float) -> None:
+    """Its limit was the scene's own, for the longest spall that the law takes is a hair longer with it."""
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), trb.Spall(4.0, 7.0), law="table", design_load=design_load)
+    low, high = parameters.PARAMETERS["crown"].limits(trb.prepare(scene), ())
+    assert (low, high) == pytest.approx((0.25 * design_load, 4.0 * design_load), rel=1e-6)

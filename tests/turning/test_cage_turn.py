@@ -137,7 +137,13 @@ def test_what_moves_along_does_not_repeat(turn: CageTurn) -> None:
     assert float(whole.span) == pytest.approx(2.0 * np.pi)
     radial = np.asarray(whole.stiffness[:, 0, 0])
     assert radial.max() > radial.min()
-    part = trb.stiffness(trb.Scene("32008J", trb.Load(9000.0, 4500.0), law="liu2018"), 4, span=0.1)
+    scene = trb.Scene("32008J", trb.Load(9000.0, 4500.0), law="liu2018")
+    part = trb.stiffness(scene, 4, span=0.1)
+    for springs in ((0.0, 1.0, 1.0), (-1e6, 1e6, 1e6), np.nan * np.eye(3)):
+        with pytest.raises(trb.SceneError, match="must be above 0 N/mm along every axis"):
+            part.in_series(springs)
+    with pytest.raises(trb.SceneError, match=r"span = 0\.0: must be above 0 rad"):
+        trb.stiffness(scene, 4, span=0.0)
     with pytest.raises(trb.SceneError, match="nothing repeats"):
         part.orders()
     with pytest.raises(trb.SceneError, match="highest = 17"):

@@ -12,7 +12,7 @@ from difftrb.fits import predicted
 from difftrb.fits.conditions import COLUMN, ROW, Condition, row_conditions
 from difftrb.fits.fit_problem import with_any_width
 from difftrb.fits.fit_result import Fit
-from difftrb.fits.measured import ENTRIES, Measurement
+from difftrb.fits.measured import ENTRIES
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.ring import Load
 from difftrb.scene.prepared import solve_prepared
@@ -35,10 +35,10 @@ def moves(fit: Fit) -> Callable[[TaperedBearing, float], np.ndarray]:
     step = np.linalg.pinv(predicted.evaluated(fit.problem, fit.place[None]).jacobian[0])  # of deviations in sigma
     bounds = fit.problem.bounds
     slope = np.asarray(bounds.slope(fit.place)) * np.where(bounds.logarithmic, fit.values, 1.0)
-    own = _told(plain, fit.rows)
+    own = _told(fit, plain)
 
     def moved(bearing: TaperedBearing, design_load: float) -> np.ndarray:
-        other = _told(dataclasses.replace(plain, bearing=bearing, design_load=design_load), fit.rows)
+        other = _told(fit, dataclasses.replace(plain, bearing=bearing, design_load=design_load))
         with np.errstate(all="ignore"):
             share = np.where(own == 0.0, 0.0, other / own - 1.0)
         return -slope * (step @ (share * fit.predicted / fit.sigma))
@@ -53,23 +53,29 @@ def sentence(fit: Fit, about: np.ndarray) -> str:
     return f"the bearing is estimated from its catalogue: beside the above that alone leaves {told} (k = 2)"
 
 
-def _told(scene: Scene, rows: tuple[Measurement, ...]) -> np.ndarray:
-    """What a scene of numbers says of the rows [% or N/mm], shape (rows,)."""
-    place, every = row_conditions(scene, rows)
-    wanted = {place[k] for k, row in enumerate(rows) if row.is_loss}
-    spalled = [_stiffness(scene, each) for each in every]
-    sound = [_stiffness(healthy(scene), each) if k in wanted else None for k, each in enumerate(every)]
-    told = np.empty(len(rows))
-    for k, row in enumerate(rows):
+def _told(fit: Fit, scene: Scene) -> np.ndarray:
+    """What a scene of numbers with the fitted values says of the rows [% or N/mm], shape (rows,)."""
+    values = dict(zip(fit.problem.parameters, map(float, fit.values), strict=True))
+    for parameter, value in values.items():
+        scene = parameter.scene(scene, value)
+
+    def stiffness(scene: Scene, at: Condition) -> np.ndarray:
+        load = Load(at.radial, at.axial)
+        for parameter, value in values.items():
+            load = parameter.load(load, value)
+        phase = PitchMean() if at.phase is None else at.phase
+        own = dataclasses.replace(scene, load=load, phase=phase, definition=at.definition)
+        return np.asarray(solve_prepared(own).stiffness)
+
+    place, every = row_conditions(scene, fit.rows)
+    wanted = {place[k] for k, row in enumerate(fit.rows) if row.is_loss}
+    spalled = [stiffness(scene, each) for each in every]
+    sound = [stiffness(healthy(scene), each) if k in wanted else None for k, each in enumerate(every)]
+    told = np.empty(len(fit.rows))
+    for k, row in enumerate(fit.rows):
         number = list(ENTRIES).index(row.entry)
         entry = ROW[number], COLUMN[number]
         told[k] = spalled[place[k]][entry]
         if row.is_loss and (whole := sound[place[k]]) is not None:
             told[k] = 100.0 * (1.0 - told[k] / whole[entry])
     return told
-
-
-def _stiffness(scene: Scene, at: Condition) -> np.ndarray:
-    phase = PitchMean() if at.phase is None else at.phase
-    own = dataclasses.replace(scene, load=Load(at.radial, at.axial), phase=phase, definition=at.definition)
-    return np.asarray(solve_prepared(own).stiffness)

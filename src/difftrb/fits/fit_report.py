@@ -26,6 +26,8 @@ from difftrb.ring.ring import Load, largest_load
 from difftrb.scene import scene_file
 
 LIKELY = f"{PERCENT} interval"
+HELD = {"length": "mm", "width": "mm", "angle": "rad"}
+"""What a spall's other sizes hang on, where it is not fitted."""
 
 
 def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
@@ -155,6 +157,10 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
     for s in suggestions:
         errors = ", ".join(f"{name} {error:.2g}" for name, error in s.errors.items())
         lines.append(f"next: measure {in_words(s.row)} (standard errors then: {errors})")
+    held = [f"{name} {getattr(fit.scene.spalls[0], name):.4g} {unit}" for name, unit in HELD.items()
+            if name not in fit.parameters]  # fmt: skip
+    if held:
+        lines.append(f"held as in the scene: {', '.join(held)}; what is fitted holds for that alone")
     if effect_base.among(fit.scene.effects, Raceways) is None:
         heaviest = max(float(largest_load(fit.scene.bearing, Load(row.radial, row.axial))) for row in fit.rows)
         lines.append(

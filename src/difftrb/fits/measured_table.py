@@ -75,6 +75,8 @@ def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
         )
     between = next((each for each in OTHERS if each in numbered[0][1]), ",")
     cells = [_cells(line, between, f"{path}: line {number}") for number, line in numbered]
+    if not cells[0][-1]:  # a spreadsheet ends every line with what parts columns
+        cells = [row[:-1] if len(row) == len(cells[0]) and not row[-1] else row for row in cells]
     columns = _header(cells[0], path)
     if between != ",":
         cells = [cells[0], *_with_points(cells[1:], path)]

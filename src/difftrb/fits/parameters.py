@@ -136,7 +136,8 @@ class KnownToLaw(Parameter):
         if scene.law.hard:  # type: ignore[union-attr]  # such laws are frozen
             return self.start(scene), self.start(scene)
         between = np.array([self.start(scene), *self.farthest(scene)], float)
-        low, high = map(float, _limits_of_law(self, scene, _size_limits(scene)[0], between))
+        longest = 0.99 * _size_limits(scene)[0]  # else it is the length that the law no longer knows
+        low, high = map(float, _limits_of_law(self, scene, longest, between))
         return low, high
 
 

@@ -160,7 +160,7 @@ class Flange(Effect):
 @dataclasses.dataclass(frozen=True)
 class Centrifugal(Effect):
     """Centrifugal force on the rollers: outer loads stay, inner ones fall and flange loads rise at a given axial load;
-    at a given axial position outer loads rise.
+    at a given axial position outer loads rise, if the inner raceway gives way (`Raceways`).
 
     Attributes:
       speed_rpm: of the inner ring, the outer one at rest [rev/min], 0…1e5.

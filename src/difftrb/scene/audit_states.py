@@ -21,8 +21,8 @@ from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import Scene, law_in_effect, raceway_contact, ring_at
 from difftrb.scene.solution import Solution
 
-LIGHT = 1e-3
-"""Share of the largest load at which the contact of a roller that carries nothing is solved."""
+LIGHT, NOTHING = 1e-3, 1e-5
+"""Share of the largest load at which the contact of a roller that carries nothing is solved; below which it does."""
 Key = tuple[Raceway, str, tuple[int, ...], tuple[str, ...]]
 """What one contact is known by: equal for mirror images in the rolling direction."""
 
@@ -93,7 +93,7 @@ def _states(
     met = {raceway: _met(scene, here, terms, raceway, approach, loads) for raceway in contacts}
     states = []
     for j, load in enumerate(loads):
-        pressed = max(float(load), LIGHT * largest)
+        pressed = float(load) if load > NOTHING * largest else LIGHT * largest
         thrown = least > 0.0 and pressed <= least * (1.0 + 1e-9)  # clear of the inner raceway, by its own weight
         if approach[j] <= 0.0 or thrown:
             continue

@@ -140,6 +140,10 @@ class CageTurn(status.Judged):
 
 def _as_matrix(stiffness: Any, axes: int) -> jax.Array:
     given = jnp.asarray(stiffness, float)
+    if xp.are_numbers(given) and given.shape in ((axes,), (axes, axes)):
+        own = np.diag(given) if given.ndim == 1 else np.asarray(given)
+        if not np.isfinite(own).all() or not (np.linalg.eigvals(own).real > 0.0).all():
+            raise SceneError("a stiffness in series must be above 0 N/mm along every axis, and finite")
     if given.shape == (axes,):
         return jnp.diag(given)
     if given.shape == (axes, axes):
@@ -165,12 +169,14 @@ def stiffness(
     Differentiable by every number of the scene, `jit` and `vmap` as `solve`. Raises `SceneError` as `solve`; phases
     without a solution have NaN and a status.
     """
-    if not isinstance(phases, int) or not 1 <= phases <= MOST:
+    if not isinstance(phases, int) or isinstance(phases, bool) or not 1 <= phases <= MOST:
         raise SceneError(f"phases = {phases}: must be a whole number in 1 … {MOST}")
     scene = checks.checked(scene)
     start: Any = 0.0 if isinstance(scene.phase, PitchMean) else scene.phase
     repeats, natural = _repetition(scene)
     if span is not None:
+        if xp.are_numbers(span) and not span > 0.0:
+            raise SceneError(f"span = {span}: must be above 0 rad")
         repeats, natural = "never", span
     spread = natural * (np.arange(phases) / phases)
     found = _solved(dataclasses.replace(scene, phase=start), spread, slopes, progress)
