@@ -24,9 +24,6 @@ from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain,
 
 ROW, COLUMN = (np.array(part) for part in zip(*ENTRIES.values(), strict=True))
 """Of the stiffness matrix, of every entry that can be measured."""
-ALIKE = 1e-5
-"""Rings whose displacements at all phases differ by no more of themselves than this are one. In narrow load zones they
-differ by more, and a loss in the mean is 4 % off if kinks are placed by one of them."""
 SIZE = 16
 """Rows, conditions, means and blocks are laid out for multiples of this many."""
 
@@ -139,7 +136,7 @@ def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_rule
     """Those of `rows` in parts, as few as have each the smallest layout: the program that a fit has is theirs, too.
 
     For measurements that may be made: means over phases are divided by one healthy ring also where such rings are not
-    all alike (see `ALIKE`), for which there would be another program to compile, half a minute."""
+    all alike (see `phase_rule.ALIKE`), for which there would be another program to compile, half a minute."""
     kinks, parts, first = _kinks(scene), list[Conditions](), 0
     for behind in range(1, len(rows) + 1):
         longer = _laid_out(scene, rows[first:behind], points, kinks)
@@ -177,7 +174,7 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> 
     return Blocks(means, np.array(len(turning)), None, loads, phases, mean, at, weight, of, np.array(len(found)))
 
 
-def _with_still(scene: Scene, at: Conditions, alike: float = ALIKE) -> Conditions:
+def _with_still(scene: Scene, at: Conditions, alike: float = phase_rule.ALIKE) -> Conditions:
     """The same with what is known of healthy rings."""
     known = (
         blocks._replace(still=_still(scene, np.asarray(blocks.means), int(blocks.turns), alike)) for blocks in at.blocks

@@ -230,12 +230,13 @@ def is_plain(scene: Scene) -> bool:
     return not scene.effects and getattr(scene.law, "expands", False)
 
 
-def phases(scene: Scene) -> tuple[Any, Any]:
-    """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each."""
+def phases(scene: Scene, still: Any = None) -> tuple[Any, Any]:
+    """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each;
+    `still` as in `pitch_borders`."""
     if not isinstance(scene.phase, PitchMean):
         return xp.asarray(scene.phase)[None], np.ones(1)
     rule = gauss_legendre(phase_rule.POINTS_BY_CONTACTS) if isinstance(scene.law, LocalLaw) else None
-    found = phase_rule.between(pitch_borders(scene), rule)
+    found = phase_rule.between(pitch_borders(scene, still), rule)
     return found if xp.expands(scene) else xp.values(found)
 
 
