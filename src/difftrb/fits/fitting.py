@@ -147,21 +147,17 @@ def _from(problem: Problem, places: np.ndarray) -> Least:
 
 def _with_sigma(problem: Problem, scan: Scan, freedom: int) -> tuple[Problem, Least]:
     """The problem with sigma as the fit misses the rows, and its minima."""
-    for _ in range(1 if problem.robust == ROBUST.index("squares") else ROUNDS):
-        problem, found = _as_it_misses(problem, search.minima(problem, scan), freedom)
-    found = search.with_edges_moved(problem, found)  # pyright: ignore[reportPossiblyUnbound]  # there is a round
-    return _as_it_misses(problem, found, freedom)
-
-
-def _as_it_misses(problem: Problem, found: Least, freedom: int) -> tuple[Problem, Least]:
-    """The same with sigma as the best of these minima misses the rows."""
-    off = (found.beside[0][np.nanargmin(found.cost)] - np.asarray(problem.measured)) / np.asarray(problem.sigma)
-    if problem.robust == ROBUST.index("squares"):
-        factor = float(np.sqrt(np.sum(off**2) / freedom))
-    else:  # the middle deviation, of normal errors
-        factor = 1.4826 * float(np.median(np.abs(off))) * float(np.sqrt(len(off) / freedom))
-    problem = dataclasses.replace(problem, sigma=problem.sigma * max(factor, LEAST_SIGMA))
-    return problem, _from(problem, found.place)
+    squares = problem.robust == ROBUST.index("squares")
+    for _ in range(1 if squares else ROUNDS):
+        found = search.minima(problem, scan)
+        off = (found.beside[0][np.nanargmin(found.cost)] - np.asarray(problem.measured)) / np.asarray(problem.sigma)
+        if squares:
+            factor = float(np.sqrt(np.sum(off**2) / freedom))
+        else:  # the middle deviation, of normal errors
+            factor = 1.4826 * float(np.median(np.abs(off))) * float(np.sqrt(len(off) / freedom))
+        problem = dataclasses.replace(problem, sigma=problem.sigma * max(factor, LEAST_SIGMA))
+        found = _from(problem, found.place)
+    return problem, found  # pyright: ignore[reportPossiblyUnbound]  # there is a round
 
 
 def _with_loads(problem: Problem, rows: tuple[Measurement, ...], place: np.ndarray) -> Problem:
