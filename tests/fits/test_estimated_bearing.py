@@ -44,4 +44,5 @@ def test_all_that_is_not_known_is_told(made: trb.CatalogueBearing) -> None:
     crown = made.estimates["design_load"].uncertainty
     low, high = (estimated_bearing.moves(own)(made.bearing, made.design_load + k * crown) for k in (-0.5, 0.5))
     assert abs(high - low)[0] / 2.0 < about[0] < 1.0
+    assert "is not known" in estimated_bearing.sentence(own, np.full(1, np.nan))
     assert estimated_bearing.sentence(own, about).endswith(f"leaves length ± {about[0]:.2g} mm (k = 2)")

@@ -507,7 +507,9 @@ def test_fractions_are_found(rig: trb.Scene, exact: np.ndarray) -> None:
     ]
     found = fit(rig, rows, model_error=0.0, starts=FEW)
     assert not found.determined
-    assert any("losses are given as fractions" in remark for remark in found.remarks)
+    assert any("losses are given as fractions" in doubt for doubt in found.doubts)
+    assert set(found.doubts) <= set(found.remarks)
+    assert not found.reliable
 
 
 @pytest.mark.slow

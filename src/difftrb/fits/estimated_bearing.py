@@ -48,6 +48,11 @@ def moves(fit: Fit) -> Callable[[TaperedBearing, float], np.ndarray]:
 
 def sentence(fit: Fit, about: np.ndarray) -> str:
     """What that leaves, in one sentence."""
+    if not np.isfinite(about).all():
+        return (
+            "the bearing is estimated from its catalogue: what that leaves is not known, for the law does not know all "
+            "these bearings under all these loads"
+        )
     told = ", ".join(f"{name} ± {value:.2g} {unit}".rstrip()
                      for name, value, unit in zip(fit.parameters, about, fit.units, strict=True))  # fmt: skip
     return f"the bearing is estimated from its catalogue: beside the above that alone leaves {told} (k = 2)"
