@@ -12,6 +12,7 @@ from difftrb.fits import edges_at_rollers, fit_problem
 from difftrb.fits.measured import Measurement
 from difftrb.fits.predicted import Problem
 from difftrb.law.atlas import AtlasLaw
+from difftrb.scene import scene_laws
 
 NAMES = ("length", "width", "angle")
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0))
@@ -123,11 +124,11 @@ def test_laws_that_know_any_width(bearing: trb.TaperedBearing) -> None:
     scene = fit_problem.prepare_fit(guess(bearing), blank())
     assert isinstance(scene.law, AtlasLaw)
     assert not scene.law.narrow
-    more = fit_problem.with_any_width(scene)
+    more = scene_laws.with_any_width(scene)
     assert more is not None
     assert more.law.narrow
     assert more.law.error > scene.law.error
-    assert fit_problem.with_any_width(more) is None
+    assert scene_laws.with_any_width(more) is None
 
 
 def read(bearing: trb.TaperedBearing, values: Sequence[float], seed: int) -> list[Measurement]:

@@ -13,14 +13,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from difftrb.core import arrays as xp
-from difftrb.core import geometry
 from difftrb.core.numeric import gauss_legendre
 from difftrb.fits.measured import ENTRIES, Measurement
 from difftrb.ring import phase_rule
-from difftrb.ring.ring import Load
 from difftrb.scene import prepared
-from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain, pitch_borders
+from difftrb.scene.scene import Definition, PitchMean, Scene, is_plain, pitch_borders
 
 ROW, COLUMN = (np.array(part) for part in zip(*ENTRIES.values(), strict=True))
 """Of the stiffness matrix, of every entry that can be measured."""
@@ -182,20 +179,17 @@ def _with_still(scene: Scene, at: Conditions, alike: float = phase_rule.ALIKE) -
     return dataclasses.replace(at, blocks=tuple(known))
 
 
-@np.errstate(all="ignore")
 def _still(scene: Scene, means: np.ndarray, count: int, alike: float) -> np.ndarray | None:
     """See `Blocks.still`, of the first `count` of these means; None, too, where rings are not `alike` at other
     phases."""
     if not is_plain(scene):
         return None
-    still, turned = np.zeros((len(means), 3)), np.arange(4) / 4.0 * float(geometry.roller_pitch(scene.bearing))
+    still = np.zeros((len(means), 3))
     if count:
-        loads = Load(*np.repeat(means[:count], len(turned), axis=0).T)
-        rest = prepared.at_phases(xp.numbers(healthy(scene)), np.tile(turned, count), loads)
-        found = xp.values(rest.displacement).reshape(count, len(turned), 3)
-        if not np.all(np.ptp(found, axis=1).max(axis=1) <= alike * np.abs(found).max(axis=(1, 2))):
+        found = prepared.still(scene, means[:count], alike)
+        if found is None:
             return None
-        still[:count] = found[:, 0]
+        still[:count] = found
     return still
 
 

@@ -10,13 +10,13 @@ import numpy as np
 from difftrb.core.geometry import TaperedBearing
 from difftrb.fits import predicted
 from difftrb.fits.conditions import COLUMN, ROW, Condition, row_conditions
-from difftrb.fits.fit_problem import with_any_width
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import ENTRIES
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.ring import Load
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, healthy
+from difftrb.scene.scene_laws import with_any_width
 
 
 def uncertainty(fit: Fit, catalogue: CatalogueBearing) -> np.ndarray:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-import jax
 import numpy as np
 
 from difftrb.fits import conditions, measured, predicted
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.predicted import ROBUST, Problem
-from difftrb.law.atlas import AtlasLaw
 from difftrb.law.samples import Progress
 from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
 from difftrb.ring.ring import Load, largest_load
@@ -42,13 +40,6 @@ def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | 
         if is_auto(scene):
             return by_table(scene)
     return prepare(scene, progress)
-
-
-def with_any_width(scene: Scene) -> Scene | None:
-    """A prepared scene with laws that know narrow spalls, too; None if there are none that do not."""
-    more = jax.tree.map(lambda part: part.of_any_width() if isinstance(part, AtlasLaw) else part, scene,
-                        is_leaf=lambda part: isinstance(part, AtlasLaw))  # fmt: skip
-    return None if jax.tree.structure(more) == jax.tree.structure(scene) else more
 
 
 def problem_of(

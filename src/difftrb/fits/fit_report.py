@@ -15,6 +15,7 @@ from difftrb.fits.fit_problem import prepare_fit
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.fitting import fit
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
+from difftrb.fits.parameters import PARAMETERS
 from difftrb.fits.posterior import posterior
 from difftrb.fits.posterior_figure import corner
 from difftrb.fits.posterior_report import count_json, count_text, posterior_json, posterior_text
@@ -26,7 +27,7 @@ from difftrb.ring.ring import Load, largest_load
 from difftrb.scene import scene_file
 
 LIKELY = f"{PERCENT} interval"
-HELD = {"length": "mm", "width": "mm", "angle": "rad"}
+HELD = "length", "width", "angle"
 """What a spall's other sizes hang on, where it is not fitted."""
 
 
@@ -157,8 +158,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
     for s in suggestions:
         errors = ", ".join(f"{name} {error:.2g}" for name, error in s.errors.items())
         lines.append(f"next: measure {in_words(s.row)} (standard errors then: {errors})")
-    held = [f"{name} {getattr(fit.scene.spalls[0], name):.4g} {unit}" for name, unit in HELD.items()
-            if name not in fit.parameters]  # fmt: skip
+    held = [f"{name} {PARAMETERS[name].start(fit.scene):.4g} {PARAMETERS[name].unit}"
+            for name in HELD if name not in fit.parameters]  # fmt: skip
     if held:
         lines.append(f"held as in the scene: {', '.join(held)}; what is fitted holds for that alone")
     if effect_base.among(fit.scene.effects, Raceways) is None:

@@ -24,7 +24,7 @@ from difftrb.fits import (
     search,
 )
 from difftrb.fits import parameters as fit_parameters
-from difftrb.fits.fit_problem import prepare_fit, problem_of, with_any_width
+from difftrb.fits.fit_problem import prepare_fit, problem_of
 from difftrb.fits.fit_result import Alternative, Fit, History
 from difftrb.fits.least_squares import AT_BOUND, Least
 from difftrb.fits.measured import MeasuredError, Measurement
@@ -34,6 +34,7 @@ from difftrb.fits.profile_intervals import Known, Limits, Profiles
 from difftrb.fits.search import Scan
 from difftrb.law.samples import Progress
 from difftrb.scene.scene import Scene
+from difftrb.scene.scene_laws import with_any_width
 
 LOAD_STEP = 0.01
 """Relative step of the loads by which it is told how rows follow them."""

@@ -69,11 +69,10 @@ def scanned(problem: Problem, places: np.ndarray) -> Scan:
     """The model at these places, roughly."""
     rough = _rough(problem)
     with ThreadPoolExecutor(1) as beside:
-        told = None  # where that is another program it is traced while the first one is compiled
-        if len(places) > predicted.MANY:
-            told = beside.submit(predicted.rows_at, rough, places)
+        # of many places it is another program, traced while the first one is compiled
+        many = beside.submit(predicted.rows_at, rough, places) if len(places) > predicted.MANY else None
         jacobian = np.nan_to_num(predicted.evaluated(rough, places[:SLOPES]).jacobian)
-        told = predicted.rows_at(rough, places) if told is None else told.result()
+        told = predicted.rows_at(rough, places) if many is None else many.result()
     return Scan(places, told, np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
 
 

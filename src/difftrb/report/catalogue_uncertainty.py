@@ -9,11 +9,11 @@ import numpy as np
 from rich.table import Table
 
 from difftrb.core.geometry import TaperedBearing
-from difftrb.law.atlas import AtlasLaw
 from difftrb.law.base import LAWS
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import Scene, healthy, is_plain
+from difftrb.scene.scene_laws import with_any_width
 
 
 class Estimated(NamedTuple):
@@ -62,8 +62,7 @@ def estimated(scene: Scene, catalogue: CatalogueBearing, stiffness: Any) -> Esti
     if not follows:
         return Estimated(catalogue, known, None, None)
 
-    if isinstance(scene.law, AtlasLaw):  # with another crown's load a roller may reach both edges of a spall
-        scene = dataclasses.replace(scene, law=scene.law.of_any_width())
+    scene = with_any_width(scene) or scene  # with another crown's load a roller may reach both edges of a spall
 
     def both(bearing: TaperedBearing, design_load: float) -> np.ndarray:
         other = dataclasses.replace(scene, bearing=bearing, design_load=design_load)

@@ -21,7 +21,7 @@ from difftrb.core import geometry, implicit, status
 from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.taylor import Taylor
-from difftrb.ring import effects, plain_ring, ring, roller_places
+from difftrb.ring import effects, phase_rule, plain_ring, ring, roller_places
 from difftrb.ring.effects import Results
 from difftrb.ring.ring import Load
 from difftrb.scene import checks
@@ -215,6 +215,18 @@ def at_phases(scene: Scene, each: Any, loads: Load | None = None) -> ring.Equili
     has is of shape (phases, …). `loads`: at every phase its own, both of shape (phases,), in place of the scene's."""
     within, load = checks.code(xp.fixed(scene)), loads or scene.load
     return plain_ring.equilibrium(scene.bearing, load, scene.spalls, outer_law(scene), each, within)
+
+
+@np.errstate(all="ignore")
+def still(scene: Scene, loads: np.ndarray, alike: float = phase_rule.ALIKE) -> np.ndarray | None:
+    """Displacement [mm] of a plain scene's healthy ring under radial and axial `loads` [N], shape (loads, 2), which no
+    size of a spall changes; shape (loads, 3). None where rings are not `alike` at other phases."""
+    turned = np.arange(4) / 4.0 * float(geometry.roller_pitch(scene.bearing))
+    each = Load(*np.repeat(loads, len(turned), axis=0).T)
+    rest = at_phases(xp.numbers(healthy(scene)), np.tile(turned, len(loads)), each)
+    found = xp.values(rest.displacement).reshape(len(loads), len(turned), 3)
+    apart = np.ptp(found, axis=1).max(axis=1)
+    return found[:, 0] if np.all(apart <= alike * np.abs(found).max(axis=(1, 2))) else None
 
 
 def with_sizes_expanded(scene: Scene) -> Scene:

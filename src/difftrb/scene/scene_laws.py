@@ -25,6 +25,7 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import direct
+from difftrb.law.atlas import AtlasLaw
 from difftrb.law.base import Law
 from difftrb.law.direct import DirectLaw
 from difftrb.law.samples import Progress
@@ -62,6 +63,13 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
                 return holding(scene, local_laws(scene, bases, progress))
     made: dict[Raceway, Law] = {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}
     return _with_edges(scene, made, progress)
+
+
+def with_any_width(scene: Scene) -> Scene | None:
+    """A prepared scene with laws that know narrow spalls, too; None if there are none that do not."""
+    more = jax.tree.map(lambda part: part.of_any_width() if isinstance(part, AtlasLaw) else part, scene,
+                        is_leaf=lambda part: isinstance(part, AtlasLaw))  # fmt: skip
+    return None if jax.tree.structure(more) == jax.tree.structure(scene) else more
 
 
 def _healthy_laws(scene: Scene, progress: Progress | None) -> dict[Raceway, DirectLaw]:

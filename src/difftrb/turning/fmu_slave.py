@@ -38,7 +38,7 @@ class TaperedRollerBearing(Fmi2Slave):
         for entry in ENTRIES:
             setattr(self, entry, 0.0)
             self.register_variable(Real(entry, causality=Fmi2Causality.output, description="stiffness now [N/m]"))
-        self._press()
+        self._update()
 
     def to_xml(self, *options):
         """With what is unknown at the start, every output: FMI asks for the list, PythonFMU leaves it out."""
@@ -50,14 +50,14 @@ class TaperedRollerBearing(Fmi2Slave):
         return root
 
     def exit_initialization_mode(self):
-        self._press()
+        self._update()
 
     def do_step(self, current_time, step_size):
         self.cage_angle += self.share * self.speed * step_size
-        self._press()
+        self._update()
         return True
 
-    def _press(self):
+    def _update(self):
         """Stiffness and place at rest between the two phases beside the cage's angle, and the force they make."""
         count = len(self.stiffness)
         place = self.cage_angle / self.span * count

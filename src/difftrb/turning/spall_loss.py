@@ -12,9 +12,9 @@ from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
 from difftrb.core.taylor import Taylor
 from difftrb.law.base import LAWS, Law
-from difftrb.ring import phase_rule, plain_ring
+from difftrb.ring import plain_ring
 from difftrb.ring.ring import Equilibrium
-from difftrb.scene.prepared import as_defined, at_phases, solve_prepared
+from difftrb.scene.prepared import as_defined, at_phases, solve_prepared, still
 from difftrb.scene.scene import PitchMean, Scene, healthy, is_plain, outer_law
 from difftrb.scene.scene import phases as phases_of
 
@@ -77,12 +77,14 @@ def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap |
     scene = xp.numbers(scene)
     mean = solve_prepared(dataclasses.replace(healthy(scene), phase=PitchMean()))
     whole = np.asarray(mean.both_stiffnesses)
-    values, still = np.full((3, 2, len(lengths), len(widths)), np.nan), _still(scene)
+    values = np.full((3, 2, len(lengths), len(widths)), np.nan)
+    known = still(scene, np.array([[scene.load.radial, scene.load.axial]], float))
+    at_rest = None if known is None else known[0]
     with np.errstate(all="ignore"):
         for i, length in enumerate(lengths):
-            rows = _losses(scene, whole, float(length), widths, still)
+            rows = _losses(scene, whole, float(length), widths, at_rest)
             if np.isnan(rows).all():  # one that the law does not know spoils all
-                alone = [_losses(scene, whole, float(length), w[None], still) for w in widths]
+                alone = [_losses(scene, whole, float(length), w[None], at_rest) for w in widths]
                 rows = np.concatenate(alone, axis=-1)
             values[:, :, i] = rows
     return LossMap(lengths, widths, *values)
@@ -124,22 +126,15 @@ def _at(scene: Scene, phases: Any) -> Equilibrium:
     return plain_ring.equilibrium(scene.bearing, scene.load, scene.spalls, outer_law(scene), phases)
 
 
-def _still(scene: Scene) -> np.ndarray | None:
-    """Displacement of the healthy ring [mm], shape (3,), which no size of a spall changes: solved once. None where it
-    is another at other phases."""
-    turned = np.arange(4) / 4.0 * float(geometry.roller_pitch(scene.bearing))
-    found = np.asarray(xp.values(at_phases(healthy(scene), turned).displacement))
-    return found[0] if np.all(np.ptp(found, axis=0) <= phase_rule.ALIKE * np.abs(found).max()) else None
-
-
-def _losses(scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray, still: Any) -> np.ndarray:
+def _losses(scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray, at_rest: Any) -> np.ndarray:
     """Loss [%] and its derivatives by length and width [% per mm] of spalls of one length and several widths, shape (3,
-    2, widths), all their phases at once; NaN without a solution."""
+    2, widths), all their phases at once; NaN without a solution. `at_rest`: the healthy ring's
+    displacement [mm], if it is known."""
     first, *others = scene.spalls
     along, across = Taylor(np.asarray(length), by=np.array([1.0, 0.0])), np.array([0.0, 1.0])
     every = [dataclasses.replace(first, length=along, width=Taylor(np.asarray(w), by=across)) for w in widths]
     mean = dataclasses.replace(scene, phase=PitchMean())
-    found = [phases_of(dataclasses.replace(mean, spalls=(one, *others)), still) for one in every]
+    found = [phases_of(dataclasses.replace(mean, spalls=(one, *others)), at_rest) for one in every]
     phases, weights = (xp.concatenate(parts) for parts in zip(*found, strict=True))
     count = len(phases) // len(widths)
     if len(widths) == 1:
