@@ -22,8 +22,7 @@ ALONE = {
         "report/run_figures.py", "sweeps/sweep_plot.py", "fits/fit_figure.py",
         "fits/posterior_figure.py", "accuracy/accuracy_report.py",
     },
-    "panel": {"report/explorer.py"},
-    "bokeh": {"report/explorer.py"},
+    "bokeh": {"report/explorer.py", "report/explorer_figures.py"},
     "pydantic": {"scene/scene_file.py", "scene/file_tables.py", "fits/measured_table.py"},
 }  # fmt: skip
 """Where a library is used, and nowhere else."""

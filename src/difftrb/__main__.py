@@ -136,7 +136,7 @@ def _explore(options: Any) -> int:
     try:
         from difftrb.report import explorer
     except ImportError:
-        return console.refuse("explore needs Panel: pip install 'difftrb[explore]'", EXIT_BAD_FILE)
+        return console.refuse("explore needs Bokeh: pip install 'difftrb[explore]'", EXIT_BAD_FILE)
     file, path = _read(options)
     scene_file.check_ring(file, path)
     console.say(f"http://localhost:{options.port} until Ctrl-C")

@@ -1,37 +1,41 @@
 """A page on this machine with sliders for spall, loads and phase: `difftrb explore`.
 
-A move of a slider solves the ring at all phases of the cage by numpy, in some 20 ms; what takes longer, pressure and
-exact gradients, follows when the slider is let go.
+A move of a slider solves the ring at all phases of the cage by numpy, in some 30 ms, and the page shows it at once.
+What takes longer, pressure and exact gradients, is computed beside it when no slider has moved for a moment.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
+from functools import partial
 from html import escape
-from typing import Any, cast
+from threading import Thread
+from typing import Any
 
 import numpy as np
-import panel as pn
-from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
-from bokeh.palettes import Blues9
-from bokeh.plotting import figure
+from bokeh.document import Document
+from bokeh.layouts import column, row
+from bokeh.models import Div, Slider
+from bokeh.server.server import Server
 
 from difftrb.core import geometry
 from difftrb.core.geometry import Spall
 from difftrb.core.status import DifftrbError, SceneError
-from difftrb.report import figure_style, html_report, pressure_figure
-from difftrb.report.figure_style import HEALTHY, SPALLED
+from difftrb.report import html_report, pressure_figure
+from difftrb.report.explorer_figures import WIDE, Pressures, Rings
+from difftrb.report.pressure_figure import DrawnContact
 from difftrb.scene import auto_law, scene_laws, solving
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, named
-from difftrb.scene.solution import Solution
 from difftrb.turning import spall_loss
+from difftrb.turning.spall_loss import Turn
 
 DRAWN_PHASES = 61
 """Of the cage over one roller pitch, both ends among them."""
-TALL, WIDE = 300, 470
-"""Size of a figure [px]."""
+REST = 250
+"""How long no slider moves before what takes longer is computed [ms]."""
+
+CELLS = "td, th { padding: 2px 8px; text-align: right; } td { white-space: nowrap; }"
 
 
 def checked(scene: Scene) -> Scene:
@@ -46,10 +50,11 @@ def checked(scene: Scene) -> Scene:
 
 
 class Explorer:
-    """Sliders and figures of one visitor."""
+    """Sliders and figures of one visitor, to whom `document` is shown."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.base, self.pitch = scene, float(geometry.roller_pitch(scene.bearing))
+    def __init__(self, scene: Scene, document: Document | None = None) -> None:
+        self.document, self.base = document, scene
+        self.pitch = float(geometry.roller_pitch(scene.bearing))
         spall, length = scene.spalls[0], float(scene.bearing.roller_length)
         radial, axial = float(scene.load.radial), float(scene.load.axial)
         narrow, wide = _widths(scene)
@@ -64,18 +69,14 @@ class Explorer:
             "axial": _slider("axial load [N]", 0.0, max(4.0 * axial, 1.0), axial, max(axial, 1.0) / 25.0),
             "phase": _slider("phase: roller 0 from the load line [rad]", 0.0, self.pitch, start, step),
         }
-        self.numbers, self.exact = pn.pane.HTML(width=WIDE), pn.pane.HTML(width=WIDE)
-        self.pressure = pn.pane.HTML(width=2 * WIDE)
-        self.rollers, self.spall = ColumnDataSource({}), ColumnDataSource({})
-        self.shown, self.turn = ColumnDataSource({}), ColumnDataSource({})
-        self.now = ColumnDataSource({})
-        self.shade = LinearColorMapper(palette=Blues9[::-1], low=0.0, high=1.0)
+        self.refusal, self.exact = Div(width=WIDE), Div(width=WIDE, stylesheets=[CELLS])
+        self.rings, self.pressures = Rings(scene), Pressures(pressure_figure.MOST)
+        self.solved: tuple[Scene, Turn | None] | None = None
         self.moved()
-        self.let_go()
-        self.page = self._page()
+        left = column(Div(text="<h2>difftrb explore</h2>"), *self.sliders.values(), self.refusal, self.exact)
+        self.page = row(left, column(self.rings.drawn, self.pressures.drawn), spacing=20)
         for slider in self.sliders.values():
-            slider.param.watch(lambda _: self.moved(), "value")
-            slider.param.watch(lambda _: self.let_go(), "value_throttled")
+            slider.on_change("value", lambda attr, old, new: self.moved())
 
     def scene(self) -> Scene:
         """Where the sliders are."""
@@ -84,109 +85,84 @@ class Explorer:
         load = dataclasses.replace(self.base.load, radial=at["radial"], axial=at["axial"])
         return dataclasses.replace(self.base, load=load, spalls=(spall,), phase=at["phase"])
 
+    def turn(self, scene: Scene) -> Turn | None:
+        """The ring at all phases of its cage; of it and of the healthy one only what has changed is solved."""
+        at_zero, known = dataclasses.replace(scene, phase=0.0), None
+        if self.solved is not None:
+            before, known = self.solved
+            if before == at_zero:
+                return known
+            known = known if before.load == scene.load else None
+        turn = spall_loss.over_turn(auto_law.by_table(at_zero), DRAWN_PHASES, known)
+        self.solved = at_zero, turn
+        return turn
+
     def moved(self) -> None:
-        """Loads, and stiffness over the cage's turn."""
+        """Show where the sliders are now."""
         scene = self.scene()
+        self.show(scene)
+        if self.document is None:
+            self._show_closer(*closer(scene))
+        else:
+            self._look_closer(self.document)
+
+    def show(self, scene: Scene) -> None:
+        """Loads, and stiffness over the cage's turn."""
         try:
-            turn = spall_loss.over_turn(auto_law.by_table(scene), DRAWN_PHASES)
+            turn = self.turn(scene)
         except DifftrbError as error:
-            self.numbers.object = _sentence(str(error))
+            self.refusal.text = _sentence(str(error))
             return
         if turn is None:
-            self.numbers.object = _sentence(str(solve_prepared(solving.prepare(scene)).status))
+            self.refusal.text = _sentence(str(solve_prepared(solving.prepare(scene)).status))
             return
         k = round(float(scene.phase) / self.pitch * (DRAWN_PHASES - 1))  # type: ignore[arg-type]
-        self._ring(scene, turn.loads[k], turn.healthy_loads[k])
-        values = {f"{way}_{name}": part[:, j, j] / 1e3 for name, j in (("radial", 0), ("axial", 2))
-                  for way, part in (("healthy", turn.healthy), ("spalled", turn.stiffness))}  # fmt: skip
-        self.turn.data = {"phase": turn.phases, **values}
-        self.now.data = {"phase": [turn.phases[k]], **{name: [value[k]] for name, value in values.items()}}
-        rows = []
-        for name, j in (("radial", 0), ("axial", 2)):
-            here, mean = turn.stiffness[k, j, j], turn.stiffness[:-1, j, j].mean()
-            loss, mean_loss = (100.0 * (1.0 - a / b) for a, b in
-                               ((here, turn.healthy[k, j, j]), (mean, turn.healthy[:-1, j, j].mean())))  # fmt: skip
-            rows.append(f"<tr><td>{name}</td><td>{here:,.0f}</td><td>{loss:.2f} %</td><td>{mean_loss:.2f} %</td></tr>")
-        heads = ("", f"{scene.definition} stiffness [N/mm]", "loss at this phase", "loss over the turn")
-        head = "".join(f'<th scope="col">{text}</th>' for text in heads)
-        self.numbers.object = f'<table aria-live="polite"><tr>{head}</tr>{"".join(rows)}</table>'
+        self.refusal.text = ""
+        self.rings.show(scene, turn, k)
 
-    def let_go(self) -> None:
-        """Pressure at the spall, and exact gradients in the mean over the cage's turn."""
-        self.pressure.object = None
-        try:
-            ready = solving.prepare(self.scene())
-            found: Solution = solve_prepared(ready)
-            mean = solving.assess_mean(ready)
-        except DifftrbError as error:
-            self.exact.object = _sentence(str(error))
-            return
-        if not bool(found.converged) or mean is None:
-            self.exact.object = _sentence(str(found.status))
-            return
-        slopes = [f"{float(by[row, 0]):,.0f}" for by in (mean.by_length, mean.by_width) for row in (0, 1)]
-        self.exact.object = (
-            f"<p>In the mean over the cage's turn a millimetre of length changes radial stiffness by {slopes[0]} and "
-            f"axial by {slopes[1]} N/mm, one of width by {slopes[2]} and {slopes[3]} N/mm.</p>"
-        )
-        pressed = pressure_figure.contacts_at_spall(ready, found)
-        if all(bool(one.solution.converged) for one in pressed):
-            svg = figure_style.svg_text(pressure_figure.pressures(pressed))
-            self.pressure.object = html_report.inlined(svg, "pressure", "pressure of the rollers at the spall")
+    def _look_closer(self, document: Document) -> None:
+        """At what takes longer, unless a slider moves before it is known."""
+        scene = self.scene()
 
-    def _ring(self, scene: Scene, loads: np.ndarray, healthy: np.ndarray) -> None:
-        """Rollers at their places."""
-        of = scene.bearing
-        angles = float(scene.phase) + self.pitch * np.arange(of.rollers)  # type: ignore[arg-type]
-        radius = float(geometry.pitch_radius(of))
-        self.shade.high = max(float(loads.max()), 1.0)
-        place = {"x": radius * np.sin(angles), "y": -radius * np.cos(angles), "load": loads}
-        self.rollers.data = {**place, "roller": np.arange(of.rollers)}
-        order = np.argsort(np.asarray(geometry.turned(angles)))
-        sorted_angles = np.asarray(geometry.turned(angles))[order]
-        self.shown.data = {"angle": sorted_angles, "spalled": loads[order] / 1e3, "healthy": healthy[order] / 1e3}
-        spall = scene.spalls[0]
-        half = 0.5 * float(spall.width) / float(geometry.arc_radius(of))
-        middle = float(spall.angle) - 0.5 * math.pi
-        rim = float(geometry.outer_raceway_radius(of))
-        self.spall.data = {"x": [0.0], "y": [0.0], "low": [middle - half], "high": [middle + half], "inside": [rim],
-                           "outside": [1.12 * rim]}  # fmt: skip
+        def show(found: tuple[str, list[DrawnContact]]) -> None:
+            if scene == self.scene():
+                self._show_closer(*found)
 
-    def _page(self) -> Any:
-        of = self.base.bearing
-        edge: Any = 1.2 * float(geometry.outer_raceway_radius(of))
-        across, up = Range1d(-edge, edge), Range1d(-edge, edge)
-        ring = figure(frame_width=TALL, frame_height=TALL, x_range=cast(Any, across), y_range=cast(Any, up),
-                      title="Along the axis, to scale: shaded by load", toolbar_location=None,
-                      tooltips=[("roller", "@roller"), ("load", "@load{0,0} N")])  # fmt: skip
-        ring.axis.visible = ring.grid.visible = False
-        ring.circle("x", "y", radius=float(geometry.mean_roller_radius(of)), source=self.rollers, line_color="#33404D",
-                    fill_color={"field": "load", "transform": self.shade})  # fmt: skip
-        ring.annular_wedge("x", "y", inner_radius="inside", outer_radius="outside", start_angle="low", end_angle="high",
-                           source=self.spall, color=SPALLED)  # fmt: skip
-        loads = _figure("Load of every roller [kN]", "angle from the load line [rad]")
-        for name, colour, words in (("healthy", HEALTHY, "healthy"), ("spalled", SPALLED, "with spall")):
-            loads.line("angle", name, source=self.shown, color=colour, line_width=2, legend_label=words)
-            loads.scatter("angle", name, source=self.shown, color=colour, size=5)
-        figures = []
-        for name in ("radial", "axial"):
-            one = _figure(f"{name} stiffness over the cage's turn [kN/mm]", "phase [rad]")
-            for way, colour, words in (("healthy", HEALTHY, "healthy"), ("spalled", SPALLED, "with spall")):
-                one.line("phase", f"{way}_{name}", source=self.turn, color=colour, line_width=2, legend_label=words)
-            one.scatter("phase", f"spalled_{name}", source=self.now, size=10, color="black")
-            figures.append(one)
-        left = pn.Column("## difftrb explore", *self.sliders.values(), self.numbers, self.exact, width=WIDE)
-        right = pn.Column(pn.Row(ring, loads), pn.Row(*figures), self.pressure)
-        return pn.Row(left, right)
+        def begin() -> None:
+            if scene == self.scene():
+                Thread(target=lambda: document.add_next_tick_callback(partial(show, closer(scene)))).start()
+
+        document.add_timeout_callback(begin, REST)
+
+    def _show_closer(self, text: str, pressed: list[DrawnContact]) -> None:
+        self.exact.text = text
+        self.pressures.show(pressed)
+
+
+def closer(scene: Scene) -> tuple[str, list[DrawnContact]]:
+    """What takes longer than a move: a table of losses in the mean over the cage's turn and their gradients, and the
+    contacts at the spall; nothing where there is no solution."""
+    try:
+        ready = solving.prepare(scene)
+        found, mean = solve_prepared(ready), solving.assess_mean(ready)
+    except DifftrbError:
+        return "", []
+    if not bool(found.converged) or mean is None:
+        return "", []
+    rows = []
+    for k, name in enumerate(("radial", "axial")):
+        slopes = (f"{float(by[k, 0]):,.0f}" for by in (mean.by_length, mean.by_width))
+        rows.append((name, f"{float(mean.spalled.both_stiffnesses[k]):,.0f}", f"{float(mean.loss[k]):.2f} %", *slopes))
+    heads = "", "[N/mm]", "lost", "by length [N/mm/mm]", "by width [N/mm/mm]"
+    table = html_report.table(heads, rows, "Stiffness in the mean over the cage's turn, and its derivatives")
+    table = f'<div aria-live="polite">{table}</div>'
+    pressed = pressure_figure.contacts_at_spall(ready, found)
+    return table, pressed if all(bool(one.solution.converged) and one.patches for one in pressed) else []
 
 
 def _slider(name: str, low: float, high: float, value: float, step: float) -> Any:
-    return pn.widgets.FloatSlider(label=name, start=min(low, value), end=max(high, value), value=value, step=step,
-                                  format="0[.]000", sizing_mode="stretch_width")  # fmt: skip
-
-
-def _figure(title: str, below: str) -> Any:
-    return figure(width=WIDE, height=TALL, title=title, x_axis_label=below, toolbar_location=None)
+    return Slider(title=name, start=min(low, value), end=max(high, value), value=value, step=step, format="0[.]000",
+                  width=WIDE)  # fmt: skip
 
 
 def _widths(scene: Scene) -> tuple[float, float]:
@@ -209,7 +185,15 @@ def _sentence(text: str) -> str:
 def serve(scene: Scene, port: int, show: bool) -> None:
     """Serve the page on this machine alone until interrupted."""
     base = checked(scene)
-    Explorer(base)  # what is wrong is said before a browser opens
-    pn.extension(inline=True)
-    pn.serve(lambda: Explorer(base).page, port=port, address="127.0.0.1", show=show, title="difftrb explore",
-             websocket_origin=[f"localhost:{port}", f"127.0.0.1:{port}"])  # fmt: skip
+    auto_law.by_table(base)  # what is wrong is said before a browser opens
+
+    def page(document: Document) -> None:
+        document.title = "difftrb explore"
+        document.add_root(Explorer(base, document).page)
+
+    server = Server({"/": page}, port=port, address="127.0.0.1",
+                    allow_websocket_origin=[f"localhost:{port}", f"127.0.0.1:{port}"])  # fmt: skip
+    server.start()
+    if show:
+        server.io_loop.add_callback(server.show, "/")
+    server.io_loop.start()

@@ -190,10 +190,10 @@ def _stiffness_table(run: Run) -> str:
             cells += [number(by[size] or None, ",.1f") for size in ("length", "width")]  # 0: no roller on an edge
             rows.append([f"{name}, {where}", *cells])
     heads = ("", "healthy [N/mm]", "with spall [N/mm]", "loss [%]", "by length [N/mm per mm]", "by width [N/mm per mm]")
-    return _table(heads, rows, f"{run.scene.definition.capitalize()} stiffness and its derivatives by the spall's size")
+    return table(heads, rows, f"{run.scene.definition.capitalize()} stiffness and its derivatives by the spall's size")
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> str:
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> str:
     head = "".join(f'<th scope="col">{escape(text)}</th>' for text in heads)
     body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f'<div class="wide"><table><caption>{escape(caption)}</caption><tr>{head}</tr>{body}</table></div>'
@@ -276,8 +276,8 @@ def _loads(run: Run) -> str:
         [str(j), f"{angle:.4f}", number(load, ",.1f"), number(load - float(sound), "+,.1f")]
         for j, (angle, load, sound) in enumerate(zip(record["angles"], record["loads"], healthy, strict=True))
     ]
-    table = _table(("roller", "angle [rad]", "load [N]", "against healthy [N]"), rows, "Loads on the outer raceway")
-    return f"<details><summary>Loads of all rollers</summary>{table}</details>"
+    made = table(("roller", "angle [rad]", "load [N]", "against healthy [N]"), rows, "Loads on the outer raceway")
+    return f"<details><summary>Loads of all rollers</summary>{made}</details>"
 
 
 def _provenance(run: Run) -> str:

@@ -58,14 +58,14 @@ def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
 def pressures(found: list[DrawnContact]) -> Any:
     """Contact pressure of rollers at the spall, one below the other, on one scale."""
     _, axes = plt.subplots(len(found), 1, figsize=(8.5, 0.7 + 2.5 * len(found)), layout="constrained", squeeze=False)
-    top = max(_scale_of(one) for one in found)
+    top = max(scale_of(one) for one in found)
     for ax, one in zip(axes[:, 0], found, strict=True):
         pressure_map(one.solution, ax, one.patches, top)
         ax.set_title(f"Roller {one.roller}: {ax.get_title()}", fontsize=10)
     return axes[-1, 0]
 
 
-def _scale_of(one: DrawnContact) -> float:
+def scale_of(one: DrawnContact) -> float:
     """Where the colours of a contact end [N/mm²], so that only a hundredth of its area is beyond: at a sharp edge there
     is no largest pressure."""
     values, areas = np.asarray(one.solution.pressure).ravel(), np.asarray(one.solution.cells.area).ravel()
@@ -77,6 +77,23 @@ def _scale_of(one: DrawnContact) -> float:
     order = order[values[order] > 0.0]
     share = np.cumsum(areas[order])
     return float(values[order][np.searchsorted(share, 0.99 * share[-1])]) if order.size else 1.0
+
+
+def on_grid(patches: tuple[Patch, ...], points: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pressure on so many points along the roller and across it: both their positions [mm], shapes (along,) and
+    (across,), and values [N/mm²], shape (across, along); NaN where nothing is carried."""
+    ends = np.concatenate([patch.y[[0, -1]] for patch in patches])
+    reach = 1.25 * max(float(np.abs(patch.x).max()) for patch in patches)
+    along, across = np.linspace(ends.min(), ends.max(), points[0]), np.linspace(-reach, reach, points[1])
+    values = np.full((points[1], points[0]), np.nan)
+    for patch in patches:
+        for i in np.flatnonzero((along >= patch.y[0]) & (along <= patch.y[-1])):
+            k = min(int(np.searchsorted(patch.y, along[i], side="right")), len(patch.y) - 1)
+            share = (along[i] - patch.y[k - 1]) / (patch.y[k] - patch.y[k - 1])
+            x, pressure = ((1.0 - share) * rows[k - 1] + share * rows[k] for rows in (patch.x, patch.pressure))
+            inside = (across >= x[0]) & (across <= x[-1])
+            values[inside, i] = np.interp(across[inside], x, pressure)
+    return along, across, values
 
 
 def pressure_map(
@@ -91,7 +108,7 @@ def pressure_map(
     if ax is None:
         _, ax = plt.subplots(figsize=(8.0, 3.2), layout="constrained")
     solution = jax.device_get(solution)
-    top = _scale_of(DrawnContact(0, solution, patches)) if limit is None else limit
+    top = scale_of(DrawnContact(0, solution, patches)) if limit is None else limit
     look = {"cmap": "viridis", "vmin": 0.0, "vmax": top, "rasterized": True}
     if patches:
         for patch in patches:

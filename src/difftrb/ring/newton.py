@@ -182,8 +182,10 @@ def damped(
     unit = np.eye(start.shape[-1])
 
     def tried(state: _State) -> _State:
+        return stepped(state, balance(state.u + state.step, *state.inside))
+
+    def stepped(state: _State, new: RingBalance) -> _State:
         u, now, p, damping, count, inside = state
-        new = balance(u + p, *inside)
         of = xp.module_of(new)
         better = of.sum(new.residual * p, axis=-1) <= 0.5 * of.abs(of.sum(now.residual * p, axis=-1))
 
@@ -214,7 +216,8 @@ def damped(
         first = _State(start, blank._replace(residual=jnp.ones(start.shape)), still, none, jnp.asarray(-1), inside)
         last = jax.lax.while_loop(unfinished, tried, first)
     else:
-        last = tried(_State(start, balance(start), still, none, -1))
+        first = balance(start)
+        last = stepped(_State(start, first, still, none, -1), first)
         while unfinished(last):
             last = tried(last)
     off = _largest(last.now)

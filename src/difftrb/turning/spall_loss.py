@@ -51,19 +51,26 @@ class LossMap(NamedTuple):
     by_width: np.ndarray
 
 
-def over_turn(scene: Scene, count: int = 240) -> Turn | None:
+def over_turn(scene: Scene, count: int = 240, alike: Turn | None = None) -> Turn | None:
     """The stiffness of a prepared scene at `count` phases over one roller pitch, both ends among them. None where its
-    effects would need a program, its law is made for one phase, or there is no solution."""
+    effects would need a program, its law is made for one phase, or there is no solution. `alike`: the same with other
+    spalls, whose healthy rings are this one's, too."""
     if not _is_for_all_phases(scene):
         return None
     scene = xp.numbers(scene)
     phases = np.linspace(0.0, float(geometry.roller_pitch(scene.bearing)), count)
-    with np.errstate(all="ignore"):
-        both = [at_phases(one, phases) for one in (scene, healthy(scene))]
-        if any(int(rest.status_code) != status.CONVERGED for rest in both):
-            return None
-        stiffness = [as_defined(scene, rest) for rest in both]
-    return Turn(phases, *xp.values((*stiffness, *(rest.loads for rest in both))))
+    found = _rings(scene, phases)
+    whole = (alike.healthy, alike.healthy_loads) if alike else _rings(healthy(scene), phases)
+    if found is None or whole is None:
+        return None
+    return Turn(phases, found[0], whole[0], found[1], whole[1])
+
+
+@np.errstate(all="ignore")
+def _rings(scene: Scene, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Stiffness [N/mm] and loads [N] at these phases; None without a solution."""
+    rest = at_phases(scene, phases)
+    return None if int(rest.status_code) != status.CONVERGED else xp.values((as_defined(scene, rest), rest.loads))
 
 
 def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap | None:
