@@ -18,6 +18,7 @@ from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.fits.parameters import PARAMETERS
 from difftrb.law.base import LAWS
 from difftrb.ring import effects
+from difftrb.ring.catalogue_relations import Catalogue
 from difftrb.ring.ring import Load
 from difftrb.scene.scene_file import ContactTable, StiffnessTable
 from difftrb.sweeps import outputs
@@ -92,6 +93,11 @@ def scene_keys() -> str:
     return table(("key", "takes", "default", "meaning and source"), rows)
 
 
+def catalogue_keys() -> str:
+    """All keys of a scene file's `bearing` as a catalogue's line; of `bearing_from_catalogue`, too."""
+    return table(("key", "takes", "default", "meaning"), keys(Catalogue, ""))
+
+
 def effect_keys() -> str:
     """Every effect: what it is, and its keys."""
     parts = []
@@ -130,7 +136,8 @@ def sweep_outputs() -> str:
 
 
 DECLARED: dict[str, Callable[[], str]] = {
-    made.__name__: made for made in (scene_keys, effect_keys, law_properties, fit_parameters, sweep_outputs)
+    made.__name__: made
+    for made in (scene_keys, catalogue_keys, effect_keys, law_properties, fit_parameters, sweep_outputs)
 }
 
 

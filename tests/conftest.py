@@ -14,6 +14,7 @@ OLDER_EMITTERS = " --xla_cpu_use_fusion_emitters=false" if OLD else ""
 # smallest, too, which take 30 ms to compile and 5 to read; the processes that tests start do likewise
 KEPT = {
     "JAX_COMPILATION_CACHE_DIR": str(Path(__file__).parents[1] / ".pytest_cache" / "programs"),
+    "XDG_CACHE_HOME": str(Path(__file__).parents[1] / ".pytest_cache" / "user"),  # what commands trace, as well
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "0",
     # what is compiled here runs a few times; processes that tests start compile the package's own programs as for users

@@ -96,7 +96,7 @@ def test_a_wide_table_in_other_units_is_read() -> None:
 @pytest.mark.parametrize("comma", [",", "."])
 def test_a_table_of_a_spreadsheet_may_have_decimal_commas(between: str, comma: str) -> None:
     text = "radial [kN]; axial; radial_loss; radial_loss_sigma\n9; 4,5e3; 1,25; 0,02\n9; 4500; -0,25; 0,02"
-    first, second = parse(text.replace(",", comma).replace(";", between))
+    first, second = parse(f"sep={between}\n" + text.replace(",", comma).replace(";", between))
     assert (first.radial, first.axial, first.value, first.sigma) == (9000.0, 4500.0, 1.25, 0.02)
     assert second.value == -0.25
 

@@ -75,7 +75,7 @@ def test_contacts_are_as_exact_as_needed(
     assert (picked.law, picked.accuracy, picked.asked) == ("direct", made[-1], asked)
     assert picked.error == pytest.approx(error, rel=0.3)
     assert (picked.finer is None) == (made[-1] == 1e-4)
-    keeps = "although nothing is known to keep" not in run_text.picked_text(picked)
+    keeps = "no law is known to keep" not in run_text.picked_text(picked)
     assert keeps == (picked.error <= asked)
 
 

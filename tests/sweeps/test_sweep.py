@@ -720,8 +720,7 @@ SMALL = FILE.replace('gradients = ["spall.0.length", "spall.0.width"]\n', "").re
 
 
 @pytest.mark.slow
-def test_two_processes_and_kills_leave_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def test_two_processes_and_kills_leave_the_same_bytes(tmp_path: Path) -> None:
     scale = experiment()
     assert scale.processes(tmp_path, SMALL)[0] == []
     differing, there = scale.kills(tmp_path, 1, SMALL, 3.0)
@@ -779,9 +778,8 @@ def test_workers_of_dask_make_the_same_files(whole: Path, plan: Plan, tmp_path: 
 
 @pytest.mark.slow
 @pytest.mark.hard
-def test_a_scheduler_that_dies_is_said_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_dies_is_said_in_one_sentence(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     differing, (told,) = experiment().kills_on_dask(tmp_path, 1, "scheduler")
     assert differing == []
     if not told.endswith("command ended 1"):  # it was done before

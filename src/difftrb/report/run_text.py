@@ -153,12 +153,15 @@ def _stiffness_table(scene: Scene, result: Assessment, where: str) -> Table:
     roller stands on a rolling edge."""
     kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
     table = house_table(f"Stiffness{where}, {kind} [N/mm]")
-    columns = ["by length [/mm]", "by width [/mm]"] if scene.spalls else []
-    for heading in ("", "healthy", "spalled", "loss [%]", *columns):
+    columns = ["spalled", "loss [%]", "by length [/mm]", "by width [/mm]"] if scene.spalls else []
+    for heading in ("", "healthy", *columns):
         table.add_column(heading, justify="right" if heading else "left")
     for row, name in enumerate(("radial", "axial")):
+        if not scene.spalls:
+            table.add_row(name, number(getattr(result.healthy, f"{name}_stiffness"), ",.0f"))
+            continue
         values = [getattr(s, f"{name}_stiffness") for s in (result.healthy, result.spalled)]
-        by_size = [v[row, 0] for v in (result.by_length, result.by_width)] if scene.spalls else []
+        by_size = [v[row, 0] for v in (result.by_length, result.by_width)]
         slopes = [number(v if v else np.nan, ",.1f") for v in map(float, by_size)]
         table.add_row(name, *(number(v, ",.0f") for v in values), number(result.loss[row], ".3f"), *slopes)
     return table
@@ -172,7 +175,8 @@ def _load_table(scene: Scene, result: Assessment) -> Table:
         f"{_column(name)} [{units.get(name, '')}]": values for name, values in spalled.effects.items()
         if values.shape == spalled.loads.shape
     }  # fmt: skip
-    for heading in ("roller", "angle [rad]", "load [N]", "against healthy", *more):
+    spall = ["against healthy"] if scene.spalls else []
+    for heading in ("roller", "angle [rad]", "load [N]", *spall, *more):
         table.add_column(heading, justify="right")
     if not more:
         table.add_column("", no_wrap=True)
@@ -180,7 +184,8 @@ def _load_table(scene: Scene, result: Assessment) -> Table:
     for j, (angle, load, sound) in enumerate(zip(spalled.angles, spalled.loads, result.healthy.loads, strict=True)):
         bar = "█" * round(BAR * float(load) / top) if top > 0.0 else ""
         last = [f"{values[j]:.1f}" for values in more.values()] if more else [Text(bar, style="cyan")]
-        table.add_row(str(j), f"{angle:.4f}", f"{load:.1f}", f"{load - sound:+.1f}", *last)
+        change = [f"{load - sound:+.1f}"] if scene.spalls else []
+        table.add_row(str(j), f"{angle:.4f}", f"{load:.1f}", *change, *last)
     return table
 
 
@@ -192,7 +197,7 @@ def raceways_text(scene: Scene, solution: Solution) -> str | None:
     share = outer_share(scene, float(np.max(solution.loads)))
     return (
         "stiffness is that of the contacts with the outer raceway alone, as in the paper; both raceways in series make "
-        f"about {share:.2f} of it, and of its loss: effects.raceways"
+        f"about {share:.2f} of it{', and of its loss' if scene.spalls else ''}: effects.raceways"
     )
 
 
@@ -260,11 +265,10 @@ def law_text(law: Law) -> str:
 
 def picked_text(picked: Picked) -> str:
     """One sentence on what the law "auto" became."""
-    keeps = "for" if picked.error <= picked.asked else "although nothing is known to keep"
-    text = (
-        f"picked: {_way(picked.law, picked.accuracy)}, {keeps} stiffness and peak load within {picked.asked:g}; "
-        f"{'nine in ten are' if picked.law == 'table' else 'they are'} off by up to {number(picked.error, '.1e')}"
-    )
+    way, kept = _way(picked.law, picked.accuracy), picked.error <= picked.asked
+    asked = f"stiffness and peak load within {picked.asked:g}"
+    off = f"{'nine in ten are' if picked.law == 'table' else 'they are'} off by up to {number(picked.error, '.1e')}"
+    text = f"picked: {way}, for {asked}; {off}" if kept else f"picked: {way}; no law is known to keep {asked}; {off}"
     if picked.finer is None:
         return text
     finer = picked.finer
@@ -306,4 +310,5 @@ def _slope(value: float) -> str:
 
 def house_table(title: str) -> Table:
     """An empty table of the house."""
-    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False,
+                 min_width=min(len(title), 60))  # fmt: skip

@@ -38,13 +38,20 @@ class Catalogue:
     """One line of a catalogue, and what else is known of the bearing.
 
     Attributes:
-      d, D, T: bore, outside diameter and assembled width [mm], 0.1…5000.
-      contact_angle_deg: of the outer raceway [°], 0…60; 0 is a cylindrical roller bearing.
-      e: limit of F_a/F_r, 1.5 tan α, 0…2.6. Y: axial factor, 0.4 cot α, 0.2…12. One of the three is needed.
-      C, C0: basic dynamic and static load rating [N], 1…1e9.
-      rollers: their number, 3…400. pitch_diameter: of the circle of their middles [mm].
-      roller_diameter: at mid length [mm]; or roller_small_diameter and roller_large_diameter. roller_length: effective
-        [mm].
+      d: bore [mm], 0.1…5000.
+      D: outside diameter [mm], 0.1…5000.
+      T: assembled width of both rings, not of one of them [mm], 0.1…5000.
+      contact_angle_deg: of the outer raceway [°], 0…60; 0 is a cylindrical roller bearing. One of this, e and Y is
+        needed.
+      e: limit of F_a/F_r [-], 0.01…2.6; it is 1.5 tan α.
+      Y: axial factor [-], 0.2…12; it is 0.4 cot α.
+      C: basic dynamic load rating [N], 1…1e9; not the width of the cup, which some catalogues call C, too.
+      C0: basic static load rating [N], 1…1e9.
+      rollers: their number [-], 3…400.
+      pitch_diameter: of the circle of their middles [mm].
+      roller_diameter: at mid length [mm].
+      roller_small_diameter, roller_large_diameter: at their ends, both, in place of roller_diameter [mm].
+      roller_length: effective, along the generator [mm].
       modulus, poisson, density: as of `TaperedBearing`.
     """
 
