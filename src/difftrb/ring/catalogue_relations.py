@@ -43,8 +43,8 @@ class Catalogue:
       T: assembled width of both rings, not of one of them [mm], 0.1…5000.
       contact_angle_deg: of the outer raceway [°], 0…60; 0 is a cylindrical roller bearing. One of this, e and Y is
         needed.
-      e: limit of F_a/F_r [-], 0.01…2.6; it is 1.5 tan α.
-      Y: axial factor [-], 0.2…12; it is 0.4 cot α.
+      e: limit of F_a/F_r [-], 1.5 tan α.
+      Y: axial factor [-], 0.4 cot α.
       C: basic dynamic load rating [N], 1…1e9; not the width of the cup, which some catalogues call C, too.
       C0: basic static load rating [N], 1…1e9.
       rollers: their number [-], 3…400.
