@@ -25,6 +25,10 @@ ITERATIONS = 60
 TOLERANCE = 1e-12
 """Largest unbalanced force, relative to the load, at which an equilibrium counts as found. The search goes on to a
 tenth of this."""
+LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-9, 1e-4, 1e6
+"""What is added to the diagonal of the jacobian, in parts of its trace: it falls tenfold with every step that is taken,
+to 0 below the least; grows tenfold with every one that is not, from the first on; with more than the most no step
+leads on."""
 RollerLoads = tuple[jax.Array, jax.Array]
 """Load [N] and its slope [N/mm] of every roller, both of shape (rollers,)."""
 
@@ -193,7 +197,10 @@ def damped(
             return of.where(better.reshape(better.shape + (1,) * (one.ndim - better.ndim)), one, other)
 
         u, now = kept(u + p, u), jax.tree.map(kept, new, now)
-        relaxed, stiffened = of.where(damping > 1e-9, 0.1 * damping, 0.0), of.maximum(10.0 * damping, 1e-4)
+        relaxed, stiffened = (
+            of.where(damping > LEAST_DAMPING, 0.1 * damping, 0.0),
+            of.maximum(10.0 * damping, FIRST_DAMPING),
+        )
         if settle is not None:
             relaxed = of.where(of.any(p != 0.0), relaxed, damping)
         damping = of.where(better, relaxed, stiffened)
@@ -207,7 +214,7 @@ def damped(
 
     def unfinished(state: _State) -> Any:
         of = xp.module_of(state.u)
-        return of.any(_far(state.now) & (state.damping < 1e6)) & (state.count < ITERATIONS)
+        return of.any(_far(state.now) & (state.damping < MOST_DAMPING)) & (state.count < ITERATIONS)
 
     still, none = xp.zeros_like(start), xp.zeros_like(start[..., 0])
     if isinstance(start, jax.Array):  # a step of no length finds what is there
