@@ -13,6 +13,7 @@ from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -514,6 +515,28 @@ def test_xarray_opens_it_half_way(plan: Plan, whole: Path, tmp_path: Path) -> No
     assert len(full.to_dataframe().to_csv().splitlines()) == 1 + plan.members
     with pytest.raises(trb.SweepError, match="the sweep is not finished; go on with --resume"):
         trb.load_sweep(out)
+
+
+@pytest.mark.parametrize(
+    "more",
+    ["", '[contact]\nlaw = "power"\n', "[effects.raceways]\n", "[effects.tilt]\nmoment_radial = 1e4\n"],
+)
+def test_another_process_knows_the_sweep_again(more: str) -> None:
+    """Whatever law its scene has: nothing that tells sweeps apart is of one process, as an address in memory is."""
+    text = f"{scene_file.example('spall')}{more}[sweep]\nspall.0.length = [3.9, 4.0]\n"
+    base = sweep_file.parse(text).plan().base
+    told = repr(jax.tree.structure(base)) + "".join(map(repr, jax.tree.leaves(base)))
+    assert " at 0x" not in told
+
+
+def test_a_sweep_by_the_table_goes_on_in_another_process(tmp_path: Path) -> None:
+    text = f"{scene_file.example('spall')}[sweep]\nspall.0.length = [3.0, 4.0]\n"
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    code = "import jax; jax.config.update('jax_enable_x64', True)\nfrom difftrb.sweeps import sweep_file, swept\n" + (
+        f"print(swept.manifest_of(sweep_file.load_plan({str(tmp_path / 'scene.toml')!r}))['identity'])"
+    )
+    other = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.strip()
+    assert other == manifest_of(sweep_file.load_plan(tmp_path / "scene.toml"))["identity"]
 
 
 # ------------------------------------------------------------------------------------------------ refusals

@@ -9,6 +9,7 @@ polynomials: a pure function of contact, spall and state, to be differentiated b
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import importlib.resources
 from functools import cache, cached_property
 from typing import Any
@@ -73,6 +74,15 @@ class Atlas:
     def __reduce__(self) -> Any:
         """A copy of the package's, in a pickle, too, is the package's: programs tell atlases apart by what they are."""
         return (shipped, ()) if self is shipped() else object.__reduce_ex__(self, 2)
+
+    @cached_property
+    def _digest(self) -> str:
+        every = (np.ascontiguousarray(getattr(self, field.name)).tobytes() for field in dataclasses.fields(self))
+        return hashlib.sha256(b"".join(every)).hexdigest()
+
+    def __repr__(self) -> str:
+        """The same in every process, for what is told apart by it: sweeps that go on in another one."""
+        return f"Atlas({self._digest[:16]})"
 
     @cached_property
     def share_in_powers(self) -> np.ndarray:
