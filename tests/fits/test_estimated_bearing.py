@@ -1,10 +1,14 @@
 """What an estimated bearing leaves of fitted sizes, against fits with other bearings of the same catalogue line."""
 
+import dataclasses
+import io
+
 import numpy as np
 import pytest
+from rich.console import Console
 
 import difftrb as trb
-from difftrb.fits import estimated_bearing
+from difftrb.fits import estimated_bearing, fit_report
 
 LOADS = ((4000.0, 2000.0), (8000.0, 4000.0))
 
@@ -46,3 +50,15 @@ def test_all_that_is_not_known_is_told(made: trb.CatalogueBearing) -> None:
     assert abs(high - low)[0] / 2.0 < about[0] < 1.0
     assert "is not known" in estimated_bearing.sentence(own, np.full(1, np.nan))
     assert estimated_bearing.sentence(own, about).endswith(f"leaves length ± {about[0]:.2g} mm (k = 2)")
+    assert "so that nothing is known of length: measure losses" in estimated_bearing.sentence(own, np.full(1, 14.0))
+
+
+def test_stiffnesses_are_told_in_full(made: trb.CatalogueBearing) -> None:
+    """Also where there is little room: digits of a number that is cut are wrong."""
+    scene = trb.Scene(made.bearing, trb.Load(*LOADS[0]), trb.Spall(3.0, 5.0), law="table", design_load=made.design_load)
+    own = trb.fit(scene, rows(made.bearing, made.design_load), ["length"])
+    row = dataclasses.replace(own.rows[0], quantity="radial_stiffness", value=2600670.4)
+    told = dataclasses.replace(own, rows=(row, *own.rows[1:]), predicted=np.array([2594747.2, *own.predicted[1:]]))
+    console = Console(width=80, file=io.StringIO())
+    console.print(fit_report.fit_text(told, ()))
+    assert "2,600,670   2,594,747" in console.file.getvalue()  # type: ignore[attr-defined]

@@ -12,6 +12,7 @@ import pytest
 import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.fits import (
+    diagnostics,
     fit_report,
     fit_result,
     least_squares,
@@ -559,3 +560,9 @@ def test_mirror_images_are_alternatives(bearing: trb.TaperedBearing) -> None:
     low, high = np.sort(np.abs(found.intervals[2]))
     assert low < abs(MIRRORED[2]) < high
     assert any("another answer fits nearly as well" in remark and "sigma" in remark for remark in found.remarks)
+    # the lowest χ² of a narrow basin may be less likely than the others
+    wider = dataclasses.replace(found, alternatives=(other._replace(weight=0.3), other._replace(weight=0.6)))
+    first, second = diagnostics._of_alternatives(wider)
+    assert "likelier than the one in the table" in first
+    assert "weight 60 %" in first
+    assert "weight 30 %" in second

@@ -519,7 +519,12 @@ def test_xarray_opens_it_half_way(plan: Plan, whole: Path, tmp_path: Path) -> No
 
 @pytest.mark.parametrize(
     "more",
-    ["", '[contact]\nlaw = "power"\n', "[effects.raceways]\n", "[effects.tilt]\nmoment_radial = 1e4\n"],
+    [
+        "",
+        '[contact]\nlaw = "power"\n',
+        "[effects.raceways]\n",
+        '[contact]\nlaw = "palmgren"\n[effects.tilt]\nmoment_radial = 1e4\n',
+    ],
 )
 def test_another_process_knows_the_sweep_again(more: str) -> None:
     """Whatever law its scene has: nothing that tells sweeps apart is of one process, as an address in memory is."""

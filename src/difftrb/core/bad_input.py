@@ -64,7 +64,9 @@ def text_of(path: str | Path, kind: str, refused: type[ValueError], most: int = 
     try:
         return io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
     except UnicodeDecodeError:
-        raise refused(f"{named(path)}: is not a text file in UTF-8") from None
+        raise refused(
+            f"{named(path)}: is not a text file in UTF-8; save it as such, from a spreadsheet as CSV UTF-8"
+        ) from None
 
 
 def packaged(kind: str) -> dict[str, str]:

@@ -22,6 +22,7 @@ TOLD_APART = 2.0
 """Difference [sigma] of two answers' predictions below which a measurement does not decide between them."""
 HEALTHY = 0.05
 """Chance of what a spall gains over none, above which none is needed."""
+TIMES = " × "
 TOLD = 3
 """Most other answers that are told in words."""
 
@@ -182,9 +183,10 @@ def _unclear(fit: Fit, unclear: list[int]) -> str:
     if len(sizes) > 1:
         powers, error = _best_determined(fit, sizes)
         percent = 100.0 * error * float(np.sqrt(fit.limit))
-        if percent < 30.0:
+        if percent < 30.0 and TIMES in _product(powers):  # one alone is said to be open or is known
             return f"{_product(powers)} is determined to {percent:.2g} %, {' and '.join(each)}: {advice}"
-    return f"{' and '.join(each)[:1].upper()}{' and '.join(each)[1:]}: {advice}"
+    open_ones = " and ".join(each).replace(" is not (", " is not determined (")
+    return f"{open_ones[:1].upper()}{open_ones[1:]}: {advice}"
 
 
 def _best_determined(fit: Fit, sizes: list[int]) -> tuple[dict[str, float], float]:
@@ -204,12 +206,12 @@ def _product(powers: dict[str, float]) -> str:
     for name, power in sorted(powers.items(), key=lambda pair: -abs(pair[1])):
         if abs(power) > 0.15:
             factors.append(name if abs(power - 1.0) < 0.1 else f"{name}^{power:.1f}")
-    return " × ".join(factors)
+    return TIMES.join(factors)
 
 
 def _of_alternatives(fit: Fit) -> list[str]:
     """The first other answers, and which measurement would tell each from the fit's."""
-    told = fit.alternatives[:TOLD]
+    told = sorted(fit.alternatives, key=lambda other: -other.weight)[:TOLD]
     if not told:
         return []
     telling = optimal_design.telling(fit, np.array([other.values for other in told]))
@@ -222,6 +224,8 @@ def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float
     if apart < TOLD_APART:
         advice = "no load and phase like those measured tells them apart"
     how = "fits nearly as well" if other.chi2 - fit.chi2 <= fit.limit else "is not ruled out"
+    if other.weight > 1.0 - sum(each.weight for each in fit.alternatives):
+        how += ", over a wider range, and is likelier than the one in the table"
     return (
         f"another answer {how}: {answer} (χ² {other.chi2:.3g}, here {fit.chi2:.3g}; weight "
         f"{100.0 * other.weight:.2g} %): {advice}"

@@ -55,7 +55,12 @@ def sentence(fit: Fit, about: np.ndarray) -> str:
         )
     told = ", ".join(f"{name} ± {value:.2g} {unit}".rstrip()
                      for name, value, unit in zip(fit.parameters, about, fit.units, strict=True))  # fmt: skip
-    return f"the bearing is estimated from its catalogue: beside the above that alone leaves {told} (k = 2)"
+    text = f"the bearing is estimated from its catalogue: beside what the rows leave, that alone leaves {told} (k = 2)"
+    lost = [p.name for p, value, own in zip(fit.problem.parameters, about, fit.values, strict=True)
+            if p.logarithmic and value > own]  # fmt: skip
+    if not lost:
+        return text
+    return f"{text}, so that nothing is known of {' and '.join(lost)}: measure losses, or give the rollers' dimensions"
 
 
 def _told(fit: Fit, scene: Scene) -> np.ndarray:

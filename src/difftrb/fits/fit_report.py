@@ -53,7 +53,7 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
         with console.busy("asking other bearings of this catalogue line"):
             about = estimated_bearing.uncertainty(result, file.catalogue)
         record["left_by_catalogue"] = run_text.plain(dict(zip(result.parameters, about, strict=True)))
-        texts.append(Text(estimated_bearing.sentence(result, about)))
+        texts.insert(0, Text(f"note: {estimated_bearing.sentence(result, about)}"))  # not to be overlooked
     if options.posterior and bool(result.converged):
         with console.bar("sampling the posterior") as progress:
             drawn = posterior(result, progress=progress)
@@ -135,17 +135,22 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
 def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
     """A fit for people: parameters, remarks, rows, and what to measure next."""
     table = run_text.house_table("Fitted to the measurements")
-    for heading in ("", "value", "standard error", LIKELY, "unit"):
-        table.add_column(heading, justify="left" if heading in ("", "unit") else "right")
+    for heading in ("", "value", "standard error", LIKELY, "unit", "determined"):
+        table.add_column(heading, justify="left" if heading in ("", "unit", "determined") else "right")
     for i, name in enumerate(fit.parameters):
-        table.add_row(name, f"{fit.values[i]:.4g}", _known(fit.standard_errors[i]), interval(fit, i), fit.units[i])
+        known = "yes" if fit.determined_each[i] else "no, see below"
+        values = f"{fit.values[i]:.4g}", _known(fit.standard_errors[i]), interval(fit, i), fit.units[i]
+        table.add_row(name, *values, known)
     rows = run_text.house_table("Measurements")
     for heading in ("row", "quantity", "radial [N]", "axial [N]", "phase", "measured", "model", "off [sigma]"):
-        rows.add_column(heading, justify="left" if heading == "quantity" else "right")
+        words = heading == "quantity"
+        rows.add_column(heading, justify="left" if words else "right", no_wrap=heading in ("measured", "model"),
+                        min_width=len(heading) if words else None)  # fmt: skip
     for k, row in enumerate(fit.rows):
+        quantity = row.quantity.removesuffix("_stiffness").replace("_", " ")  # the unit says what it is
         rows.add_row(
-            str(k + 1), row.quantity.replace("_", " "), f"{row.radial:g}", f"{row.axial:g}", _phase(row.phase),
-            f"{row.value:.5g} {row.unit}", f"{fit.predicted[k]:.5g} {row.unit}", f"{fit.residuals[k]:+.2f}",
+            str(k + 1), f"{quantity} [{row.unit}]", f"{row.radial:g}", f"{row.axial:g}",
+            _phase(row.phase), _amount(row.value), _amount(fit.predicted[k]), f"{fit.residuals[k]:+.2f}",
         )  # fmt: skip
     lines = [*fit.remarks]
     if len(fit.parameters) > 1:
@@ -183,6 +188,13 @@ def interval(fit: Fit, i: int) -> str:
     if no_high:
         return f"> {low:.4g}"
     return f"{low:.4g} … {high:.4g}"
+
+
+def _amount(value: float) -> str:
+    """Five digits, in full; rounding's remains are 0."""
+    if abs(value) < 1e-9:
+        return "0"
+    return f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.5g}"
 
 
 def _known(value: float) -> str:

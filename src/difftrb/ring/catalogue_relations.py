@@ -45,6 +45,7 @@ class Catalogue:
         needed.
       e: limit of F_a/F_r [-], 1.5 tan α.
       Y: axial factor [-], 0.4 cot α.
+      B: width of the inner ring [mm], 0.1…5000; nothing hangs on it.
       C: basic dynamic load rating [N], 1…1e9; not the width of the cup, which some catalogues call C, too.
       C0: basic static load rating [N], 1…1e9.
       rollers: their number [-], 3…400.
@@ -63,6 +64,7 @@ class Catalogue:
     contact_angle_deg: Annotated[Real, Interval(ge=0.0, le=60.0), Unit("°")] | None = None
     e: Annotated[Real, Interval(ge=0.01, le=2.6)] | None = None
     Y: Annotated[Real, Interval(ge=0.2, le=12.0)] | None = None
+    B: Size | None = None
     C: Rating | None = None
     C0: Rating | None = None
     rollers: Annotated[int, Interval(ge=3, le=400)] | None = None
