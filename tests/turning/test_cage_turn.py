@@ -88,9 +88,11 @@ def test_orders_make_the_stiffness_again(turn: CageTurn) -> None:
 
 @pytest.mark.exact
 @pytest.mark.gradient
-def test_springs_in_series(turn: CageTurn) -> None:
-    """Compliances add; slopes go along as steps say."""
+@pytest.mark.parametrize("skew", [0.0, 8e5])
+def test_springs_in_series(turn: CageTurn, skew: float) -> None:
+    """Compliances add; slopes go along as steps say, also where a film's stiffness is not symmetric."""
     shaft, housing = np.array([2e6, 2e6, 1e6]), np.diag([3e6, 4e6, 5e5])
+    housing[0, 1], housing[1, 0] = skew, -skew
     total = turn.in_series(shaft, housing)
     whole = np.linalg.inv(np.linalg.inv(np.asarray(turn.stiffness)) + np.diag(1.0 / shaft) + np.linalg.inv(housing))
     np.testing.assert_allclose(total.stiffness, whole, rtol=1e-9, atol=1e-3)
@@ -138,16 +140,24 @@ def test_what_moves_along_does_not_repeat(turn: CageTurn) -> None:
     radial = np.asarray(whole.stiffness[:, 0, 0])
     assert radial.max() > radial.min()
     scene = trb.Scene("32008J", trb.Load(9000.0, 4500.0), law="liu2018")
-    part = trb.stiffness(scene, 4, span=0.1)
-    for springs in ((0.0, 1.0, 1.0), (-1e6, 1e6, 1e6), np.nan * np.eye(3)):
+    part = trb.stiffness(scene, np.int64(4), span=0.1)  # type: ignore[arg-type]
+    one_sided = [[1e6, 9e6, 0.0], [0.0, 1e6, 0.0], [0.0, 0.0, 1e6]]
+    for springs in ((0.0, 1.0, 1.0), (-1e6, 1e6, 1e6), np.nan * np.eye(3), one_sided):
         with pytest.raises(trb.SceneError, match="must be above 0 N/mm along every axis"):
             part.in_series(springs)
-    with pytest.raises(trb.SceneError, match=r"span = 0\.0: must be above 0 rad"):
-        trb.stiffness(scene, 4, span=0.0)
+    with pytest.raises(trb.SceneError, match="a stiffness in series = 'a': must be numbers"):
+        part.in_series("a")
+    for span in (0.0, np.inf, "1"):
+        with pytest.raises(trb.SceneError, match=r"span = .*: must be a number above 0 rad, and finite"):
+            trb.stiffness(scene, 4, span=span)  # type: ignore[arg-type]
+    for speed in (0.0, np.nan):
+        with pytest.raises(trb.SceneError, match=r"speed_rpm = .*: must be a number above 0 rev/min"):
+            part.time(speed)
     with pytest.raises(trb.SceneError, match="nothing repeats"):
         part.orders()
-    with pytest.raises(trb.SceneError, match="highest = 17"):
-        turn.orders(17)
+    for highest in (17, 2.0):
+        with pytest.raises(trb.SceneError, match=f"highest = {highest}"):
+            turn.orders(highest)  # type: ignore[arg-type]
     with pytest.raises(trb.SceneError, match="phases = 0"):
         trb.stiffness(trb.Scene("32008J", trb.Load(9000.0, 4500.0)), 0)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import jax
@@ -93,7 +94,9 @@ class CageTurn(status.Judged):
         return self.displacement - jnp.mean(self.displacement, axis=0, keepdims=True)
 
     def time(self, speed_rpm: Real) -> jax.Array:
-        """When the cage is there [s], shape (phases,), from 0, the inner ring at `speed_rpm` and the outer at rest."""
+        """When the cage is there [s], shape (phases,), from 0, the inner ring at `speed_rpm`, the outer at rest."""
+        if xp.are_numbers(speed_rpm) and not _is_above_0(speed_rpm):
+            raise SceneError(f"speed_rpm = {speed_rpm!r}: must be a number above 0 rev/min, and finite")
         return (self.cage - self.cage[0]) / cage_rate(self.bearing, speed_rpm)
 
     def orders(self, highest: int = 16) -> Orders:
@@ -102,8 +105,8 @@ class CageTurn(status.Judged):
         if self.repeats == "never":
             raise SceneError("orders: nothing repeats over this span; leave span out, and spalls on other surfaces")
         count = self.cage.shape[0]
-        if not 0 <= highest <= count // 2:
-            raise SceneError(f"highest = {highest}: must be a whole number in 0 … {count // 2}, half of the phases")
+        if not _is_whole(highest, 0, count // 2):
+            raise SceneError(f"highest = {highest!r}: must be a whole number in 0 … {count // 2}, half of the phases")
 
         def coefficients(values: jax.Array) -> jax.Array:
             found = jnp.fft.rfft(values, axis=0)[: highest + 1] / count
@@ -120,10 +123,11 @@ class CageTurn(status.Judged):
         give = sum((jnp.linalg.inv(_as_matrix(other, axes)) for other in others), jnp.zeros((axes, axes)))
         own = jnp.eye(axes)[None] + jnp.einsum("pij,jk->pik", self.stiffness, give)
         total = jnp.linalg.solve(own, self.stiffness)  # (K⁻¹ + C)⁻¹ = (1 + K C)⁻¹ K
-        share = jnp.linalg.inv(own)  # dK_total = (1 + K C)⁻¹ dK (1 + C K)⁻¹
+        # dK_total = (1 + K C)⁻¹ dK (1 + C K)⁻¹, whose ends are each other's mirror where C is symmetric alone
+        left, right = jnp.linalg.inv(own), jnp.eye(axes)[None] - jnp.einsum("ij,pjk->pik", give, total)
 
         def through(slopes: jax.Array | None) -> jax.Array | None:
-            return None if slopes is None else jnp.einsum("pij,pjks,plk->pils", share, slopes, share)
+            return None if slopes is None else jnp.einsum("pij,pjks,pkl->pils", left, slopes, right)
 
         by = through(self.by_length), through(self.by_width)
         return dataclasses.replace(self, stiffness=total, by_length=by[0], by_width=by[1])
@@ -138,11 +142,25 @@ class CageTurn(status.Judged):
         return f"CageTurn of {stiffness.shape[0]} phases: {', '.join(parts)} N/mm; {self.status}"
 
 
+def _is_above_0(value: Any) -> bool:
+    try:
+        return not isinstance(value, str) and 0.0 < float(value) < np.inf
+    except (TypeError, ValueError):
+        return False
+
+
+def _is_whole(value: Any, low: int, high: int) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool) and low <= int(value) <= high
+
+
 def _as_matrix(stiffness: Any, axes: int) -> jax.Array:
-    given = jnp.asarray(stiffness, float)
+    try:
+        given = jnp.asarray(stiffness, float)
+    except (TypeError, ValueError):
+        raise SceneError(f"a stiffness in series = {stiffness!r}: must be numbers [N/mm]") from None
     if xp.are_numbers(given) and given.shape in ((axes,), (axes, axes)):
         own = np.diag(given) if given.ndim == 1 else np.asarray(given)
-        if not np.isfinite(own).all() or not (np.linalg.eigvals(own).real > 0.0).all():
+        if not np.isfinite(own).all() or not (np.linalg.eigvalsh(0.5 * (own + own.T)) > 0.0).all():
             raise SceneError("a stiffness in series must be above 0 N/mm along every axis, and finite")
     if given.shape == (axes,):
         return jnp.diag(given)
@@ -169,14 +187,14 @@ def stiffness(
     Differentiable by every number of the scene, `jit` and `vmap` as `solve`. Raises `SceneError` as `solve`; phases
     without a solution have NaN and a status.
     """
-    if not isinstance(phases, int) or isinstance(phases, bool) or not 1 <= phases <= MOST:
-        raise SceneError(f"phases = {phases}: must be a whole number in 1 … {MOST}")
+    if not _is_whole(phases, 1, MOST):
+        raise SceneError(f"phases = {phases!r}: must be a whole number in 1 … {MOST}")
     scene = checks.checked(scene)
     start: Any = 0.0 if isinstance(scene.phase, PitchMean) else scene.phase
     repeats, natural = _repetition(scene)
     if span is not None:
-        if xp.are_numbers(span) and not span > 0.0:
-            raise SceneError(f"span = {span}: must be above 0 rad")
+        if xp.are_numbers(span) and not _is_above_0(span):
+            raise SceneError(f"span = {span!r}: must be a number above 0 rad, and finite")
         repeats, natural = "never", span
     spread = natural * (np.arange(phases) / phases)
     found = _solved(dataclasses.replace(scene, phase=start), spread, slopes, progress)
