@@ -172,10 +172,11 @@ def _bounds(fit: Fit) -> list[str]:
 def _unclear(fit: Fit, unclear: list[int]) -> str:
     """Which parameters the data leave open, which product of sizes they determine, and what to measure."""
     names = [fit.parameters[i] for i in unclear]
-    each = [
-        f"{name} is not ({fit.intervals[i][0]:.3g} … {fit.intervals[i][1]:.3g} {fit.units[i]} fit as well)"
-        for i, name in zip(unclear, names, strict=True)
-    ]
+    ranges = [f"({fit.intervals[i][0]:.3g} … {fit.intervals[i][1]:.3g} {fit.units[i]} fit as well)" for i in unclear]
+
+    def told(words: str) -> str:
+        return " and ".join(f"{name} {words} {own}" for name, own in zip(names, ranges, strict=True))
+
     suggestion = optimal_design.next_measurements(fit, count=1, parameter=names[0])[0]
     advice = f"measure {optimal_design.in_words(suggestion.row)}"
     sizes = [i for i, parameter in enumerate(fit.problem.parameters)
@@ -183,9 +184,10 @@ def _unclear(fit: Fit, unclear: list[int]) -> str:
     if len(sizes) > 1:
         powers, error = _best_determined(fit, sizes)
         percent = 100.0 * error * float(np.sqrt(fit.limit))
-        if percent < 30.0 and TIMES in _product(powers):  # one alone is said to be open or is known
-            return f"{_product(powers)} is determined to {percent:.2g} %, {' and '.join(each)}: {advice}"
-    open_ones = " and ".join(each).replace(" is not (", " is not determined (")
+        product = _product(powers)
+        if percent < 30.0 and TIMES in product:  # one alone is said to be open or is known
+            return f"{product} is determined to {percent:.2g} %, {told('is not')}: {advice}"
+    open_ones = told("is not determined")
     return f"{open_ones[:1].upper()}{open_ones[1:]}: {advice}"
 
 

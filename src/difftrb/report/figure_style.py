@@ -5,7 +5,6 @@ Functions that draw do so on the Axes they are given (or make one) and return it
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +38,3 @@ def save(ax: Any, folder: Path, name: str) -> None:
         figure.set_layout_engine("none")  # it stays as laid out
         figure.savefig(folder / f"{name}.png", dpi=120, pil_kwargs={"compress_level": 1})
     plt.close(figure)
-
-
-def svg_text(ax: Any) -> str:
-    """The figure of `ax` as SVG, which keeps words as words; the figure is closed."""
-    text = io.StringIO()
-    with plt.rc_context({"svg.fonttype": "none"}):
-        ax.figure.savefig(text, format="svg")
-    plt.close(ax.figure)
-    return text.getvalue()

@@ -203,14 +203,14 @@ def _drawn(name: str, figures: Mapping[str, str], kind: str) -> str:
     if name not in figures:
         return ""
     heading, words = CAPTIONS[name]
-    drawing = inlined(figures[name], name, heading)
+    drawing = _inlined(figures[name], name, heading)
     return (
         f'<section id="{name}"><h2>{escape(heading)}</h2><figure class="{kind}">{drawing}'
         f"<figcaption>{escape(words)}</figcaption></figure></section>"
     )
 
 
-def inlined(svg: str, name: str, heading: str) -> str:
+def _inlined(svg: str, name: str, heading: str) -> str:
     """An SVG file's text to stand in a page: without its head, its ids told apart from other figures'."""
     body = svg[svg.index("<svg") :]
     body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
