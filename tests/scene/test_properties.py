@@ -182,7 +182,7 @@ def test_a_spall_only_softens(radial, margin, phase, length, width, angle) -> No
 
 
 @few
-@hypothesis.given(LOADS, st.floats(0.0, 1.5), st.floats(0.0, 8.0), st.floats(0.5, 200.0))
+@hypothesis.given(LOADS, st.floats(0.0, 1.5), st.floats(0.0, 8.0), st.floats(0.5, 170.0))
 def test_loss_of_stiffness_is_no_gain(axial, share, length, width) -> None:
     """Of a ring that is loaded all round, with a spall at the load line; radially and axially, tangent.
 

@@ -334,8 +334,7 @@ def numbers(tree: Any) -> Any:
 
 def fixed(x: Any) -> Any:
     """A pytree of values, without expansions, that JAX does not differentiate."""
-    plain = values(x)
-    return jax.lax.stop_gradient(plain) if module_of(*jax.tree.leaves(plain)) is jnp else plain
+    return jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if isinstance(leaf, jax.Array) else leaf, values(x))
 
 
 def tree_map(function: Callable[..., Any], *trees: Any) -> Any:

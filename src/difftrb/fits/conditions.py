@@ -92,16 +92,34 @@ def row_conditions(scene: Scene, rows: Sequence[Measurement]) -> tuple[list[int]
     return [place[condition] for condition in every], list(place)
 
 
-def _laid_out(scene: Scene, rows: Sequence[Measurement], points: int, kinks: int) -> Conditions:
+class Layout(NamedTuple):
+    """For how many rows, conditions, means and blocks there is room."""
+
+    rows: int = SIZE
+    conditions: int = SIZE
+    means: int = SIZE
+    blocks: int = SIZE
+
+
+def layout(at: Conditions) -> Layout:
+    """The room that conditions have, their rows once they are laid out."""
+    means, blocks = (max(map(len, each)) for each in zip(*((b.means, b.phases) for b in at.blocks), strict=True))
+    return Layout(whole(len(at.place)), at.size, means, blocks)
+
+
+def _laid_out(
+    scene: Scene, rows: Sequence[Measurement], points: int, kinks: int, room: Layout = Layout()  # noqa: B008
+) -> Conditions:  # fmt: skip
+    """Conditions with this much room, or as much more as they need."""
     own_place, every = row_conditions(scene, rows)
     place = {condition: k for k, condition in enumerate(every)}
     definitions: tuple[Definition, ...] = tuple({condition.definition: None for condition in place})
-    size = whole(len(place))
+    size = max(whole(len(place)), room.conditions)
     own = [{c: k for c, k in place.items() if c.definition == definition} for definition in definitions]
     return Conditions(
         definitions=definitions,
         size=size,
-        blocks=tuple(_blocks(each, kinks, size, points) for each in own),
+        blocks=tuple(_blocks(each, kinks, size, points, room) for each in own),
         place=np.array(own_place),
         entry=np.array([list(ENTRIES).index(row.entry) for row in rows]),
         loss=np.array([row.is_loss for row in rows]),
@@ -129,18 +147,20 @@ def phases(at: Conditions) -> np.ndarray:
     return np.unique(np.concatenate(own))
 
 
-def in_parts(scene: Scene, rows: Sequence[Measurement], points: int = phase_rule.POINTS_IN_FITS) -> list[Conditions]:
-    """Those of `rows` in parts, as few as have each the smallest layout: the program that a fit has is theirs, too.
+def in_parts(
+    scene: Scene, rows: Sequence[Measurement], like: Conditions, points: int = phase_rule.POINTS_IN_FITS
+) -> list[Conditions]:
+    """Those of `rows` in parts, as few as have each the room of others: the program that these have is theirs, too.
 
     For measurements that may be made: means over phases are divided by one healthy ring also where such rings are not
     all alike (see `phase_rule.ALIKE`), for which there would be another program to compile, half a minute."""
-    kinks, parts, first = _kinks(scene), list[Conditions](), 0
+    kinks, room, parts, first = _kinks(scene), layout(like), list[Conditions](), 0
     for behind in range(1, len(rows) + 1):
-        longer = _laid_out(scene, rows[first:behind], points, kinks)
-        smallest = all(len(blocks.phases) == SIZE for blocks in longer.blocks)
-        if behind - first == 1 or not (smallest and behind - first <= SIZE):
+        longer = _laid_out(scene, rows[first:behind], points, kinks, room)
+        fits = behind - first <= room.rows and layout(longer)[1:] == room[1:]
+        if behind - first == 1 or not fits:
             first = behind - 1
-            parts.append(_laid_out(scene, rows[first:behind], points, kinks))
+            parts.append(_laid_out(scene, rows[first:behind], points, kinks, room))
         else:
             parts[-1] = longer
     return [_with_still(scene, part, alike=np.inf) for part in parts]
@@ -151,7 +171,7 @@ def whole(count: int) -> int:
     return -(-count // SIZE) * SIZE
 
 
-def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> Blocks:
+def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int, room: Layout) -> Blocks:
     single, turning = ([c for c in place if (c.phase is None) == mean] for mean in (False, True))
     found: list[tuple[Any, ...]] = []
     for k in range(0, len(single), kinks):
@@ -163,9 +183,9 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> 
     for number, c in enumerate(turning):
         for at, weight in rule:
             found.append(([c[:2]] * kinks, [0.0] * kinks, number, [at], [weight], [place[c]] * kinks))
-    blank = [found[0]] * (whole(len(found)) - len(found))
+    blank = [found[0]] * (max(whole(len(found)), room.blocks) - len(found))
     loads, phases, mean, at, weight, of = (np.array(each) for each in zip(*found, *blank, strict=True))
-    means = np.zeros((whole(max(len(turning), 1)), 2))
+    means = np.zeros((max(whole(len(turning)), room.means), 2))
     means[: len(turning)] = [c[:2] for c in turning] or np.zeros((0, 2))
     loads = np.moveaxis(loads, -1, 0)
     return Blocks(means, np.array(len(turning)), None, loads, phases, mean, at, weight, of, np.array(len(found)))
@@ -182,7 +202,7 @@ def _with_still(scene: Scene, at: Conditions, alike: float = phase_rule.ALIKE) -
 def _still(scene: Scene, means: np.ndarray, count: int, alike: float) -> np.ndarray | None:
     """See `Blocks.still`, of the first `count` of these means; None, too, where rings are not `alike` at other
     phases."""
-    if not is_plain(scene):
+    if scene.effects or not is_plain(scene):
         return None
     still = np.zeros((len(means), 3))
     if count:

@@ -116,7 +116,8 @@ def telling(fit: Fit, others: np.ndarray) -> list[tuple[Measurement, float]]:
 
 def _told(fit: Fit, among: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """As `predicted.of_others`."""
-    parts = (predicted.other_rows_at(fit.problem, at, places) for at in conditions.in_parts(fit.scene, among))
+    every = conditions.in_parts(fit.scene, among, fit.problem.conditions)
+    parts = (predicted.other_rows_at(fit.problem, at, places) for at in every)
     values, slopes = zip(*parts, strict=True)
     return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 

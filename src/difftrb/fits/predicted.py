@@ -242,7 +242,10 @@ def other_rows_at(problem: Problem, at: Conditions, places: np.ndarray) -> tuple
     """What the model says of other rows at `places`, shape (cases, other rows), and its slopes by coordinates, shape
     (cases, other rows, parameters)."""
     sound = None if problem.sound is None else healthy_stiffness(problem.scene, at)
-    return _plainly(dataclasses.replace(problem, conditions=at, sound=sound), places)
+    count, room = len(at.place), conditions.layout(problem.conditions).rows
+    at = _longer(at, max(room - count, 0))
+    values, slopes = _plainly(dataclasses.replace(problem, conditions=at, sound=sound), places)
+    return values[:, :count], slopes[:, :count]
 
 
 def _plainly(problem: Problem, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -316,13 +319,19 @@ def _laid_out(problem: Problem) -> Problem:
     """The problem with rows that do not count behind its own: one program does for many numbers of rows."""
     more = whole(len(problem.measured)) - len(problem.measured)
 
-    def longer(rows: Any, value: Any) -> Any:
-        return np.concatenate([np.asarray(rows), np.full(more, value, np.asarray(rows).dtype)])
+    at = _longer(problem.conditions, more)
+    return dataclasses.replace(problem, conditions=at, rough=None, measured=_padded(problem.measured, more, 0.0),
+                               sigma=_padded(problem.sigma, more, np.inf))  # fmt: skip
 
-    at = problem.conditions
-    at = dataclasses.replace(at, place=longer(at.place, 0), entry=longer(at.entry, 0), loss=longer(at.loss, False))
-    return dataclasses.replace(problem, conditions=at, rough=None, measured=longer(problem.measured, 0.0),
-                               sigma=longer(problem.sigma, np.inf))  # fmt: skip
+
+def _longer(at: Conditions, more: int) -> Conditions:
+    """With so many more rows, of the first condition."""
+    own = (_padded(rows, more, 0) for rows in (at.place, at.entry, at.loss))
+    return dataclasses.replace(at, **dict(zip(("place", "entry", "loss"), own, strict=True)))
+
+
+def _padded(rows: Any, more: int, value: Any) -> np.ndarray:
+    return np.concatenate([np.asarray(rows), np.full(more, value, np.asarray(rows).dtype)])
 
 
 @jit_quickly()

@@ -92,15 +92,20 @@ def roller_loads(curves: RollerCurves, approach: Any) -> tuple[Any, Any]:
     return loads, slopes
 
 
+def carried_loads(curves: RollerCurves, approach: Any) -> Any:
+    """Load [N] of every roller at its approach [mm], both of shape (rollers,)."""
+    loads = load_curve.carried(curves.each, approach)
+    if curves.ramps is None or curves.at is None:
+        return loads
+    there = carried(curves.ramps, xp.einsum("e...r,...r->e...", curves.at, approach))
+    return loads * (1.0 - curves.at.sum(axis=0)) + xp.einsum("e...,e...r->...r", there, curves.at)
+
+
 def expanded_loads(curves: RollerCurves, approach: Any) -> Taylor:
     """Load of every roller [N] as an expansion by parameters and, last, by its approach: `approach` [mm] holds how it
     changes with the parameters alone."""
     variable, curves = xp.with_variable(approach, curves)
-    loads = load_curve.carried(curves.each, variable)
-    if curves.ramps is None or curves.at is None:
-        return loads
-    there = carried(curves.ramps, xp.einsum("e...r,...r->e...", curves.at, variable))
-    return loads * (1.0 - curves.at.sum(axis=0)) + xp.einsum("e...,e...r->...r", there, curves.at)
+    return carried_loads(curves, variable)
 
 
 def load(ramp: Ramp, approach: Any) -> tuple[Any, Any]:

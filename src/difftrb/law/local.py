@@ -183,18 +183,18 @@ class LocalLaw:
         return rest._replace(loads=xp.where(own, xp.minimum(rest.loads, self.base.load_range[1]), rest.loads))
 
     def roller_tilts(self, loads: Any) -> Any:
-        """Tilt of every roller of the first row [rad] at its load on this raceway [N], both of shape (rollers,), by
+        """Tilt of every roller of the first row [rad] at its load on this raceway [N], both of shape (…, rollers), by
         those of its solves."""
         states = self.states
         if states is None:
             return xp.zeros_like(loads)
-        at = states.at[:, : loads.shape[0]]
-        middle = xp.mean(states.log_loads, axis=1)
-        apart = states.log_loads - middle[:, None]
+        at = states.at[..., : loads.shape[-1]]
+        middle = xp.mean(states.log_loads, axis=-1)
+        apart = states.log_loads - middle[..., None]
         powers = xp.stack([apart**k for k in range(TILT_DEGREE + 1)], axis=-1)
         found = ramp_fit.least_squares(powers, states.tilts, NOTHING)
-        here = xp.log(xp.maximum(xp.einsum("sr,r->s", at, loads), 1e-9)) - middle
-        return xp.einsum("s,sr->r", series.polynomial(xp.moved_first(found), here), at)
+        here = xp.log(xp.maximum(xp.einsum("...sr,...r->...s", at, loads), 1e-9)) - middle
+        return xp.einsum("...s,...sr->...r", series.polynomial(xp.moved_first(found), here), at)
 
     def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:
         """See `Law`: from where the edge enters a healthy contact to where it surely has left it, whatever else is

@@ -103,6 +103,8 @@ class Effect:
     """Keys of effects that cannot be had together with this one, and why."""
     presses: ClassVar[bool] = False
     """Whether rollers may carry more with it than the bearing's load lets expect."""
+    expands: ClassVar[bool] = False
+    """Whether its terms and results are over `core.arrays`, and `plain_ring` takes them: see `law.base.Law`."""
     per_turn: ClassVar[bool] = False
     """Whether rollers differ, so that a ring repeats once a turn of the cage, no longer once a pitch."""
     units: ClassVar[dict[str, str]] = {}

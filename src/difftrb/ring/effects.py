@@ -17,6 +17,7 @@ from annotated_types import Interval, Unit
 
 import difftrb.ring
 from difftrb.contact.contact_solution import is_given
+from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.core.status import SceneError
@@ -74,6 +75,7 @@ class Raceways(Effect):
     """
 
     key = "raceways"
+    expands = True
     label = "outer and inner raceway in series"
     stage = Stage.SEAT
     units = {**ON_THE_INNER_RING, "roller_tilts": "mrad"}  # noqa: RUF012
@@ -97,6 +99,11 @@ class SeriesRaceways(Raceways):
 
     law: Law | None = None
 
+    @property
+    def expands(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """As the inner raceway's law does."""
+        return getattr(self.law, "expands", False)
+
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Inner contacts that give way."""
         spalls, away = roller_places.spalls_on(of.spalls, "inner"), of.distances("inner", terms)
@@ -111,7 +118,7 @@ class SeriesRaceways(Raceways):
         found = inside(terms.seat, rest.loads)
         if not isinstance(of.law, LocalLaw) or not of.law.free_to_tilt:
             return found
-        return {**found, "roller_tilts": 1e3 * of.law.roller_tilts(jax.lax.stop_gradient(rest.loads))}
+        return {**found, "roller_tilts": 1e3 * xp.fixed(of.law).roller_tilts(xp.fixed(rest.loads))}
 
 
 def are_free(effects: tuple[Effect, ...]) -> bool:

@@ -202,13 +202,13 @@ def damped(
             of.maximum(10.0 * damping, FIRST_DAMPING),
         )
         if settle is not None:
-            relaxed = of.where(of.any(p != 0.0), relaxed, damping)
+            relaxed = of.where(of.any(p != 0.0, axis=-1), relaxed, damping)
         damping = of.where(better, relaxed, stiffened)
         more = damping * of.trace(now.jacobian, axis1=-2, axis2=-1)
         p = -solve(now.jacobian + more[..., None, None] * unit.reshape((1,) * more.ndim + unit.shape), now.residual)
         p = of.where(_far(now)[..., None], p, 0.0)
         if settle is not None:
-            p = of.where(better, p, 0.0)
+            p = of.where(better[..., None], p, 0.0)
             inside = (settle(cast(Settling, now.settling), u, p),)
         return _State(u, now, p, damping, count + 1, inside)
 
@@ -223,8 +223,8 @@ def damped(
         first = _State(start, blank._replace(residual=jnp.ones(start.shape)), still, none, jnp.asarray(-1), inside)
         last = jax.lax.while_loop(unfinished, tried, first)
     else:
-        first = balance(start)
-        last = stepped(_State(start, first, still, none, -1), first)
+        first = balance(start, *inside)
+        last = stepped(_State(start, first, still, none, -1, inside), first)
         while unfinished(last):
             last = tried(last)
     off = _largest(last.now)
@@ -235,7 +235,7 @@ def _largest(now: RingBalance) -> Any:
     """Of all residuals, shape (…)."""
     of = xp.module_of(now.residual)
     found = of.max(of.abs(now.residual), axis=-1)
-    return found if now.unsettled is None else of.maximum(found, of.max(of.abs(now.unsettled)))
+    return found if now.unsettled is None else of.maximum(found, of.max(of.abs(now.unsettled), axis=-1))
 
 
 def _far(now: RingBalance) -> Any:
@@ -257,16 +257,17 @@ def _newton(system: System) -> tuple[jax.Array, RollerLoads, Reported]:
     return u, now.carried, Reported(residual, count)
 
 
-def _newton_settling(system: System, seat: Seat, curves: RollerCurves) -> tuple[jax.Array, RollerLoads, Reported]:
+def _newton_settling(system: System, seat: Seat, curves: RollerCurves) -> tuple[Any, RollerLoads, Reported]:
     """The same of rollers that have to settle between outer raceway and seat."""
     approach = system.rollers.approach
 
-    def balance(u: jax.Array, inside: jax.Array) -> RingBalance:
+    def balance(u: Any, inside: Any) -> RingBalance:
         at = roller_balance.settling(seat, curves, approach(u), inside)
         carried = at.load, at.slope
-        return RingBalance(carried, *_linearised(u, carried, system), at, at.excess / system.size)
+        far = at.excess / of_each(system.size, at.excess)
+        return RingBalance(carried, *_linearised(u, carried, system), at, far)
 
-    def settle(at: Settling, u: jax.Array, step: jax.Array) -> jax.Array:
+    def settle(at: Settling, u: Any, step: Any) -> Any:
         after = approach(u + step)
         return roller_balance.settled(seat, curves, at, after, after - approach(u))
 

@@ -8,11 +8,9 @@ hold what the kinks' motion adds: of a hard window that is all there is by width
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
@@ -113,7 +111,7 @@ def _kinks(
         found.append(_zone(bearing, own[2 * k : 2 * k + 2], sides))
     for raceway, spalls, law in met:
         radius = geometry.arc_radius(bearing, raceway)
-        share = None if rest is None or terms.seat is None or law.hard else jax.vmap(partial(_share, law))(rest)
+        share = None if rest is None or terms.seat is None or law.hard else _share(law, rest)
         for i, spall in enumerate(spalls):
             walls = spall.angle + spall.walls / radius
             edges = walls[:2]
@@ -142,9 +140,12 @@ def _zone(bearing: TaperedBearing, u: Any, sides: np.ndarray) -> Any:
     return xp.where(partly, ends, 0.0)
 
 
-def _share(law: Law, rest: ring.Equilibrium) -> jax.Array:
-    """What part of the ring's approach to the most loaded roller is the contact's in which `law` holds."""
-    top = jnp.argmax(rest.loads)
-    healthy = law.curves((), jnp.zeros((0, 1))).each
-    own = load_curve.approach(load_curve.one_of(healthy, 0), jnp.maximum(rest.loads[top], 1.0))
-    return own / jnp.maximum(rest.approach[top], own)
+def _share(law: Law, rest: ring.Equilibrium) -> Any:
+    """What part of the ring's approach to the most loaded roller is the contact's in which `law` holds, of every ring,
+    shape (kinks,)."""
+    loads = xp.fixed(rest.loads)
+    top = xp.module_of(loads).argmax(loads, axis=-1)
+    whole = xp.taken(xp.moved_first(rest.approach), top)
+    curve = xp.fixed(load_curve.one_of(law.curves((), np.zeros((0, 1))).each, 0))
+    own = load_curve.approach(curve, xp.maximum(xp.module_of(loads).max(loads, axis=-1), 1.0))
+    return own / xp.maximum(whole, own)

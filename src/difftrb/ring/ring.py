@@ -172,7 +172,7 @@ def equilibrium(
 
     system = _system(force, angles, normals, spalls, away, roller_law, terms)
     rest, unheld = _at_rest(system, angles, terms)
-    laws_status = _status_of_laws(bearing, spalls, away, roller_law, rest, terms)
+    laws_status = status_of_laws(bearing, spalls, away, roller_law, rest, terms)
     rest = judged(rest, valid, held, laws_status, roller_law, _not_held(rest, unheld, terms))
 
     if terms.pair is None:
@@ -244,12 +244,11 @@ def _at_rest(system: System, angles: jax.Array, terms: Terms) -> tuple[Equilibri
     return Equilibrium(u, approach, loads, tangent, residual, iterations, jnp.asarray(status.CONVERGED)), unheld
 
 
-def _status_of_laws(
-    bearing: TaperedBearing, spalls: tuple[Spall, ...], away: jax.Array, roller_law: Law, rest: Equilibrium,
-    terms: Terms,
-) -> jax.Array:  # fmt: skip
+def status_of_laws(
+    bearing: TaperedBearing, spalls: tuple[Spall, ...], away: Any, roller_law: Law, rest: Equilibrium, terms: Terms
+) -> Any:
     """Status: whether the laws know the spalls met, and the states that rollers are in."""
-    approach, loads = map(jax.lax.stop_gradient, (rest.approach, rest.loads))
+    approach, loads = map(xp.fixed, (rest.approach, rest.loads))
     if terms.facing is not None:
         approach = OF_ONE_RACEWAY * approach
     state = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads)

@@ -8,13 +8,16 @@ the inner normal's β, and φ of the flange's face, to which the flange's force 
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Real, TaperedBearing
+from difftrb.core.taylor import Taylor
 from difftrb.law import edge_ramp
 from difftrb.law.edge_ramp import RollerCurves
 
@@ -47,32 +50,32 @@ class Seat(NamedTuple):
         return self.inner_curves is not None or self.flange_compliance is not None
 
     @property
-    def outer_cos(self) -> jax.Array:
+    def outer_cos(self) -> Any:
         """Share of an outer force along the flange's face."""
-        return jnp.cos(self.outer - self.flange)
+        return xp.cos(self.outer - self.flange)
 
     @property
-    def inner_cos(self) -> jax.Array:
+    def inner_cos(self) -> Any:
         """Share of an inner force along the flange's face."""
-        return jnp.cos(self.inner - self.flange)
+        return xp.cos(self.inner - self.flange)
 
     @property
-    def outwards(self) -> Real:
+    def outwards(self) -> Any:
         """Centrifugal force [N], 0 if there is none."""
         return 0.0 if self.centrifugal is None else self.centrifugal
 
     @property
-    def thrown(self) -> jax.Array:
+    def thrown(self) -> Any:
         """Centrifugal force along the flange's face [N]."""
-        return self.outwards * jnp.cos(self.flange)
+        return self.outwards * xp.cos(self.flange)
 
     @property
-    def wedge(self) -> jax.Array:
+    def wedge(self) -> Any:
         """Share of an outer force that the flange takes of a roller between both raceways."""
-        return jnp.sin(self.outer - self.inner) / self.inner_cos
+        return xp.sin(self.outer - self.inner) / self.inner_cos
 
     @property
-    def least(self) -> jax.Array:
+    def least(self) -> Any:
         """What the outer raceway carries of a roller that the inner one does not touch [N]."""
         return self.thrown / self.outer_cos
 
@@ -82,29 +85,29 @@ def seat(bearing: TaperedBearing) -> Seat:
     return Seat(bearing.outer_angle, bearing.inner_angle, geometry.flange_force_angle(bearing))
 
 
-def inner_load(seat: Seat, outer_load: jax.Array) -> jax.Array:
+def inner_load(seat: Seat, outer_load: Any) -> Any:
     """Force of the inner raceway [N] on a roller at rest that carries `outer_load` [N], any shape."""
     # forces along the flange's face, which its own force is square to: Liu et al. 2022, eq. (5)
-    return jnp.maximum(outer_load * seat.outer_cos - seat.thrown, 0.0) / seat.inner_cos
+    return xp.maximum(outer_load * seat.outer_cos - seat.thrown, 0.0) / seat.inner_cos
 
 
-def flange_load(seat: Seat, outer_load: jax.Array) -> jax.Array:
+def flange_load(seat: Seat, outer_load: Any) -> Any:
     """Force of the flange [N] on a roller at rest that carries `outer_load` [N], any shape."""
     # forces square to the inner normal, or to none if the inner raceway is not touched: Liu et al. 2022, eq. (5)
-    free = outer_load * jnp.sin(seat.outer - seat.flange) + seat.outwards * jnp.sin(seat.flange)
-    return jnp.where(outer_load * seat.outer_cos > seat.thrown, _wedged(seat, outer_load), free)
+    free = outer_load * xp.sin(seat.outer - seat.flange) + seat.outwards * xp.sin(seat.flange)
+    return xp.where(outer_load * seat.outer_cos > seat.thrown, _wedged(seat, outer_load), free)
 
 
-def inside(seat: Seat | None, outer_load: jax.Array) -> dict[str, jax.Array]:
+def inside(seat: Seat | None, outer_load: Any) -> dict[str, Any]:
     """`inner_loads` and `flange_loads` [N] of rollers at rest that carry `outer_load` [N]; none without a seat."""
     if seat is None:
         return {}
     return {"inner_loads": inner_load(seat, outer_load), "flange_loads": flange_load(seat, outer_load)}
 
 
-def _wedged(seat: Seat, outer_load: jax.Array) -> jax.Array:
+def _wedged(seat: Seat, outer_load: Any) -> Any:
     """Of a roller that touches both raceways."""
-    return outer_load * seat.wedge + seat.outwards * jnp.sin(seat.inner) / seat.inner_cos
+    return outer_load * seat.wedge + seat.outwards * xp.sin(seat.inner) / seat.inner_cos
 
 
 def outer_loads(
@@ -125,54 +128,93 @@ def outer_loads(
     return jnp.where(touched, rest.load, seat.least), jnp.where(touched, rest.slope, 0.0)
 
 
+def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any, inside: Any) -> Taylor:
+    """As `edge_ramp.expanded_loads`, of rollers that rest at `inside` between outer raceway and a seat that gives way:
+    where they rest is carried along (implicit function theorem)."""
+    if seat is None:
+        return edge_ramp.expanded_loads(outer_curves, approach)
+    expanded = [by for leaf in _leaves((approach, seat, outer_curves)) if (by := xp.by(leaf)) is not None]
+    count = len(expanded[0]) if expanded else 0
+    if xp.module_of(inside) is jnp:  # JAX, too, may differentiate
+        inside = _followed(*xp.values((seat, outer_curves, approach)), inside)
+
+    def spread(of: Any) -> Any:  # by as many parameters as all the rest
+        return of + Taylor(np.zeros([1] * of.ndim), np.zeros((count, *[1] * of.ndim))) if count else of
+
+    place, held = xp.with_variable(spread(inside), seat)
+    inner, moved = _placed(held, place)
+    outer = edge_ramp.expanded_loads(outer_curves, spread(approach) - Taylor(moved.value, moved.by[:-1]) if count
+                                     else approach - moved.value)  # fmt: skip
+    slope, rate, pace = outer.by[-1], inner.by[-1], moved.by[-1]
+    falling = slope * pace + rate
+    falling = xp.where(falling > 0.0, falling, 1.0)
+    last = (np.arange(count + 1) == count).reshape(-1, *[1] * inner.ndim)  # by the ring's approach
+    follows = xp.where(last, slope, outer.by - inner.by) / falling
+
+    def along(at: Any, of: Taylor, way: Any) -> Taylor:  # its slope, as parameters and the ring move
+        return Taylor(at, xp.where(last, 0.0, of.mixed) + of.mixed[-1] * way)
+
+    outer_slope = along(slope, outer, last - pace * follows)
+    inner_slope, own_pace = along(rate, inner, follows), along(pace, moved, follows)
+    whole = outer_slope * own_pace + inner_slope
+    by_approach = outer_slope * inner_slope / xp.where(whole > 0.0, whole, 1.0)
+    pressed = Taylor(inner.value, xp.where(last, 0.0, inner.by) + rate * follows, by_approach.by)
+    return xp.where(inside > 0.0, pressed, held.least)
+
+
+def _leaves(tree: Any) -> list[Any]:
+    return jax.tree.leaves(tree, is_leaf=lambda leaf: isinstance(leaf, Taylor))
+
+
+def _placed(seat: Seat, inside: Any) -> tuple[Any, Any]:
+    """Outer load of a roller in balance [N], and by how much it is displaced along the outer normal [mm]: at an inner
+    approach [mm], or, if the inner raceway does not give way, at an inner load [N]."""
+    ratio = seat.inner_cos / seat.outer_cos
+    rigid = seat.inner_curves is None
+    inner = inside if rigid else edge_ramp.carried_loads(seat.inner_curves, inside)
+    load, moved = inner * ratio + seat.least, (0.0 * inside if rigid else inside) / ratio
+    if seat.flange_compliance is None:
+        return load, moved
+    force = _wedged(seat, load)
+    positive = force > 0.0
+    sunk = xp.where(positive, seat.flange_compliance * xp.where(positive, force, 1.0) ** (2.0 / 3.0), 0.0)
+    # the roller may not follow the flange's normal without leaving the inner raceway: it slides along that instead
+    return load, moved + seat.wedge * sunk
+
+
 class RollerPlace(NamedTuple):
     """A place of the roller between the raceways: outer load by the balance of the roller and its slope [N], [N/mm];
     displacement of the roller along the outer normal [mm] and its slope [–]; both by what `inside` finds."""
 
-    load: jax.Array
-    rate: jax.Array
-    moved: jax.Array
-    pace: jax.Array
+    load: Any
+    rate: Any
+    moved: Any
+    pace: Any
 
 
-def _between(seat: Seat, inside: jax.Array) -> RollerPlace:
-    """At an inner approach [mm], or, if the inner raceway does not give way, at an inner load [N]."""
-    if seat.inner_curves is None:
-        inner, inner_rate, approach, pace = inside, jnp.ones_like(inside), jnp.zeros_like(inside), 0.0
-    else:
-        inner, inner_rate = edge_ramp.roller_loads(seat.inner_curves, inside)
-        approach, pace = inside, 1.0
-    ratio = seat.inner_cos / seat.outer_cos
-    load, rate = inner * ratio + seat.least, inner_rate * ratio
-    moved, share = approach / ratio, pace / ratio * jnp.ones_like(inside)
-    if seat.flange_compliance is None:
-        return RollerPlace(load, rate, moved, share)
-    force, wedge = _wedged(seat, load), seat.wedge
-    positive = force > 0.0
-    safe = jnp.where(positive, force, 1.0)
-    sunk = jnp.where(positive, seat.flange_compliance * safe ** (2.0 / 3.0), 0.0)
-    sinking = jnp.where(positive, seat.flange_compliance * (2.0 / 3.0) * safe ** (-1.0 / 3.0) * wedge * rate, 0.0)
-    # the roller may not follow the flange's normal without leaving the inner raceway: it slides along that instead
-    return RollerPlace(load, rate, moved + wedge * sunk, share + wedge * sinking)
+def _between(seat: Seat, inside: Any) -> RollerPlace:
+    """See `_placed`."""
+    load, moved = _placed(seat, xp.variable(inside))
+    return RollerPlace(load.value, load.by[0], moved.value, moved.by[0])
 
 
 class RollerBalance(NamedTuple):
     """How far a roller is from rest: what the outer raceway carries too much [N], how fast that falls, the outer load
     [N] and its slope by the ring's approach [N/mm] there, and by the outer contact's own [N/mm]; the place itself."""
 
-    excess: jax.Array
-    falling: jax.Array
-    load: jax.Array
-    slope: jax.Array
-    outer_slope: jax.Array
+    excess: Any
+    falling: Any
+    load: Any
+    slope: Any
+    outer_slope: Any
     place: RollerPlace
 
 
-def _balance(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array) -> RollerBalance:
+def _balance(seat: Seat, outer_curves: RollerCurves, approach: Any, inside: Any) -> RollerBalance:
     place = _between(seat, inside)
     load, slope = edge_ramp.roller_loads(outer_curves, approach - place.moved)
     falling = slope * place.pace + place.rate
-    falling = jnp.where(falling > 0.0, falling, 1.0)
+    falling = xp.where(falling > 0.0, falling, 1.0)
     return RollerBalance(load - place.load, falling, load, slope * place.rate / falling, slope, place)
 
 
@@ -186,40 +228,40 @@ class Settling(NamedTuple):
       excess: how far from rest they are [N]. step: of `inside` towards it. follows: `inside` by the ring's approach.
     """
 
-    inside: jax.Array
-    load: jax.Array
-    slope: jax.Array
-    excess: jax.Array
-    step: jax.Array
-    follows: jax.Array
+    inside: Any
+    load: Any
+    slope: Any
+    excess: Any
+    step: Any
+    follows: Any
 
 
-def settling(seat: Seat, outer_curves: RollerCurves, approach: jax.Array, inside: jax.Array) -> Settling:
+def settling(seat: Seat, outer_curves: RollerCurves, approach: Any, inside: Any) -> Settling:
     """Rollers at `inside` whose ring has approached them by `approach` [mm]."""
     at = _balance(seat, outer_curves, approach, inside)
     touched = (inside > 0.0) | (at.excess > 0.0)
-    step, follows = (jnp.where(touched, rate / at.falling, 0.0) for rate in (at.excess, at.outer_slope))
-    load = jnp.where(touched, at.place.load + at.place.rate * step, seat.least)
-    return Settling(inside, load, at.slope, jnp.where(touched, at.excess, 0.0), step, follows)
+    step, follows = (xp.where(touched, rate / at.falling, 0.0) for rate in (at.excess, at.outer_slope))
+    load = xp.where(touched, at.place.load + at.place.rate * step, seat.least)
+    return Settling(inside, load, at.slope, xp.where(touched, at.excess, 0.0), step, follows)
 
 
-def settled(seat: Seat, outer_curves: RollerCurves, at: Settling, approach: jax.Array, more: jax.Array) -> jax.Array:
+def settled(seat: Seat, outer_curves: RollerCurves, at: Settling, approach: Any, more: Any) -> Any:
     """`inside` for the next try: one step of Newton's method, at `approach` [mm], which is `more` than before."""
     top = _most(seat, outer_curves, approach)
-    after = jnp.clip(at.inside + at.step + at.follows * more, 0.0, top)
-    return jnp.where((at.inside == 0.0) & (at.excess > 0.0), 0.5 * top, after)
+    after = xp.clip(at.inside + at.step + at.follows * more, 0.0, top)
+    return xp.where((at.inside == 0.0) & (at.excess > 0.0), 0.5 * top, after)
 
 
-def half_way(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:
+def half_way(seat: Seat, outer_curves: RollerCurves, approach: Any) -> Any:
     """`inside` to begin with."""
     return 0.5 * _most(seat, outer_curves, approach)
 
 
-def _most(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:
+def _most(seat: Seat, outer_curves: RollerCurves, approach: Any) -> Any:
     """No `inside` is larger."""
     if seat.inner_curves is None:
         return edge_ramp.roller_loads(outer_curves, approach)[0] / seat.inner_cos
-    return jnp.maximum(approach, 0.0) * seat.inner_cos / seat.outer_cos
+    return xp.maximum(approach, 0.0) * seat.inner_cos / seat.outer_cos
 
 
 def _looked_for(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:

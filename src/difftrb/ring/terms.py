@@ -5,12 +5,13 @@ A term that is None leaves nothing in the compiled program.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Real, Spall
 from difftrb.law import local
@@ -30,27 +31,26 @@ class Facing(NamedTuple):
 
     law: Law
     spalls: tuple[Spall, ...]
-    distances: jax.Array
+    distances: Any
     radius: Real
     free: bool = False
 
-    def judge(self, rest: Rest) -> jax.Array:
+    def judge(self, rest: Rest) -> Any:
         """Status: whether the law knows what it meets; `rest` as of the outer raceway."""
         met = self.spalls, self.distances, rest._replace(radius=self.radius)
-        made = jnp.asarray(self.law.status_code).astype(int)
+        made = xp.asarray(self.law.status_code).astype(int)
         return status.worst(self.law.judge(*met), self.tilts(self.law, *met), made)
 
-    def tilts(self, law: Law, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest) -> jax.Array:
+    def tilts(self, law: Law, spalls: tuple[Spall, ...], distances: Any, rest: Rest) -> Any:
         """Status: whether `law` was made for rollers that may tilt as these do, or need not, for none meets a spall off
         its middle."""
         if isinstance(law, local.LocalLaw):
             other = law.states is not None and law.free_to_tilt != self.free
-            return jnp.asarray(status.OTHER_SCENE if other else status.CONVERGED)
-        if not self.free:
-            return jnp.asarray(status.CONVERGED)
-        leans = [jnp.any(rest.in_reach(spall, away) & (spall.axial_offset != 0.0))
-                 for spall, away in zip(spalls, distances, strict=True)]  # fmt: skip
-        return jnp.where(jnp.any(jnp.asarray(leans, bool)), status.TILTS, status.CONVERGED)
+            return np.asarray(status.OTHER_SCENE if other else status.CONVERGED)
+        leans: Any = np.asarray(False)
+        for spall, away in zip(spalls, distances, strict=True) if self.free else ():
+            leans = leans | xp.any(rest.in_reach(spall, away) & (spall.axial_offset != 0.0))
+        return xp.where(leans, status.TILTS, status.CONVERGED)
 
 
 class Pair(NamedTuple):

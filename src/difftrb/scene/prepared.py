@@ -18,7 +18,7 @@ import numpy as np
 from difftrb.contact.height_map import resized
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, implicit, status
-from difftrb.core.geometry import Real
+from difftrb.core.geometry import Real, Spall
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.taylor import Taylor
 from difftrb.ring import effects, phase_rule, plain_ring, ring, roller_places
@@ -133,8 +133,8 @@ _by_program = jit_quickly(static_argnums=0)(_solution)
 def _expanded(scene: Scene) -> Solution:
     """A plain ring's solution in any arithmetic."""
     each, weights = phases(scene)
-    rest = at_phases(scene, each)
-    return _of_phases(scene, rest, as_defined(scene, rest), weights, {})
+    rest, more = with_results(scene, each)
+    return _of_phases(scene, rest, as_defined(scene, rest), weights, more)
 
 
 def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: Any, more: Results) -> Solution:
@@ -167,7 +167,7 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
         residual=of.max(every.residual),
         iterations=of.max(every.iterations),
         status_code=of.max(every.status_code),
-        effects=jax.tree.map(of_every, more),
+        effects=xp.tree_map(of_every, more),
         picked=scene.picked,
         definition=scene.definition,
         remarks=effects.remarks(scene.effects, scene.spalls, isinstance(scene.phase, PitchMean)),
@@ -210,17 +210,34 @@ def at_phase(scene: Scene, phase: Real) -> tuple[ring.Equilibrium, Results]:
     return rest, effects.results(scene.effects, rest, terms, here)
 
 
-def at_phases(scene: Scene, each: Any, loads: Load | None = None) -> ring.Equilibrium:
+def at_phases(
+    scene: Scene, each: Any, loads: Load | None = None, spalls: tuple[Spall, ...] | None = None
+) -> ring.Equilibrium:
     """The plain ring of a prepared scene at all cage phases `each` [rad], shape (phases,), in any arithmetic: what it
-    has is of shape (phases, …). `loads`: at every phase its own, both of shape (phases,), in place of the scene's."""
-    within, load = checks.code(xp.fixed(scene)), loads or scene.load
-    return plain_ring.equilibrium(scene.bearing, load, scene.spalls, outer_law(scene), each, within)
+    has is of shape (phases, …). `loads`: at every phase its own, both of shape (phases,), in place of the scene's;
+    `spalls`: the same, what differs between phases of shape (phases, 1)."""
+    return with_results(scene, each, loads, spalls)[0]
+
+
+def with_results(
+    scene: Scene, each: Any, loads: Load | None = None, spalls: tuple[Spall, ...] | None = None
+) -> tuple[ring.Equilibrium, Results]:
+    """As `at_phases`; and what effects add to it."""
+    within = checks.code(xp.fixed(scene))
+    scene = dataclasses.replace(scene, load=loads or scene.load, spalls=scene.spalls if spalls is None else spalls)
+    law, met = outer_law(scene), roller_places.spalls_on(scene.spalls, "outer")
+    here, terms = ring_at(scene, law, each)
+    rest = plain_ring.equilibrium(scene.bearing, scene.load, met, law, each, within, terms)
+    return rest, effects.results(scene.effects, rest, terms, here)
 
 
 @np.errstate(all="ignore")
 def still(scene: Scene, loads: np.ndarray, alike: float = phase_rule.ALIKE) -> np.ndarray | None:
     """Displacement [mm] of a plain scene's healthy ring under radial and axial `loads` [N], shape (loads, 2), which no
-    size of a spall changes; shape (loads, 3). None where rings are not `alike` at other phases."""
+    size of a spall changes; shape (loads, 3). None where rings are not `alike` at other phases, and with raceways in
+    series, of which a displacement does not tell how they share it."""
+    if scene.effects:
+        return None
     turned = np.arange(4) / 4.0 * float(geometry.roller_pitch(scene.bearing))
     each = Load(*np.repeat(loads, len(turned), axis=0).T)
     rest = at_phases(xp.numbers(healthy(scene)), np.tile(turned, len(loads)), each)

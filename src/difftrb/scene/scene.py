@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 from typing import Annotated, Any, Literal, cast
 
 import jax
@@ -226,8 +225,8 @@ def law_in_effect(scene: Scene, law: Law) -> Law:
 
 
 def is_plain(scene: Scene) -> bool:
-    """Whether a prepared scene is a ring for `plain_ring`: no effects, and a law in any arithmetic."""
-    return not scene.effects and getattr(scene.law, "expands", False)
+    """Whether a prepared scene is a ring for `plain_ring`: a law in any arithmetic, and no effects but such."""
+    return getattr(scene.law, "expands", False) and all(effect.expands for effect in scene.effects)
 
 
 def phases(scene: Scene, still: Any = None) -> tuple[Any, Any]:
@@ -271,9 +270,17 @@ def _is_states(part: Any) -> bool:
 
 
 def ring_at(scene: Scene, law: Law, phase: Any) -> tuple[effects.Ring, effects.Terms]:
-    """The ring of a scene at a cage phase, by this law of the outer raceway, and what its effects make of it."""
+    """The ring of a scene at a cage phase, or at many, by this law of the outer raceway, and what its effects make of
+    it: the inner raceway's law is carried to the contact that it has now."""
     here = effects.Ring(scene.bearing, scene.load, scene.spalls, law, raceway_contact(scene, "outer"), phase)
-    return here, effects.terms(scene.effects, here)
+    return here, effects.terms(tuple(_here(scene, effect) for effect in scene.effects), here)
+
+
+def _here(scene: Scene, effect: Effect) -> Effect:
+    """The effect with the law of the inner raceway, if it has one, as of the contact that this has now."""
+    if not isinstance(effect, effects.SeriesRaceways):
+        return effect
+    return dataclasses.replace(effect, law=cast(Law, effect.law).at(raceway_contact(scene, "inner")))
 
 
 @np.errstate(all="ignore")
@@ -285,11 +292,17 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
     met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
     series = effect_base.among(scene.effects, effects.SeriesRaceways)
     if series is not None:
-        met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), cast(Law, series.law)))
+        inner = cast(Law, series.law).at(raceway_contact(scene, "inner"))
+        met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), inner))
+    sound = healthy(scene)
+    here, terms = ring_at(sound, acting, 0.0)
+    at_rest: Callable[[Any], ring.Equilibrium]
     if is_plain(scene) and (xp.are_numbers(scene) or xp.expands(scene)):
-        terms, at_rest = ring.PLAIN, partial(plain_ring.equilibrium, scene.bearing, scene.load, (), acting)
+
+        def at_rest(each: Any) -> ring.Equilibrium:
+            own = ring_at(sound, acting, each)[1]
+            return plain_ring.equilibrium(scene.bearing, scene.load, (), acting, each, terms=own)
     else:
-        here, terms = ring_at(dataclasses.replace(scene, spalls=()), acting, 0.0)
         at_rest = jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))
     return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms, still)
 

@@ -43,7 +43,7 @@ def solve(scene: Scene) -> Solution:
     the result.
     """
     law = getattr(scene, "law", None)  # `checked` says what is no scene
-    if isinstance(law, LawName) and law.name in (AUTO, "table") and not scene.effects:
+    if isinstance(law, LawName) and law.name in (AUTO, "table") and all(one.expands for one in scene.effects):
         scene = checks.checked(scene)
         if not xp.are_numbers(scene):
             return solve_plain(auto_law.tabled, scene)

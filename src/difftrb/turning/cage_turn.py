@@ -274,7 +274,8 @@ def _with_slopes(scene: Scene, spread: Any) -> _Found:
 
 
 def _plain(spread: Any, scene: Scene) -> Any:
-    return prepared.at_phases(scene, xp.asarray(scene.phase) + spread)
+    cage = xp.asarray(scene.phase) + spread
+    return prepared.at_phases(scene, cage, spalls=_turned(scene, cage[:, None]).spalls)
 
 
 @jit_quickly()

@@ -12,8 +12,6 @@ from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
 from difftrb.core.taylor import Taylor
 from difftrb.law.base import LAWS, Law
-from difftrb.ring import plain_ring
-from difftrb.ring.ring import Equilibrium
 from difftrb.scene.prepared import as_defined, at_phases, solve_prepared, still
 from difftrb.scene.scene import PitchMean, Scene, healthy, is_plain, outer_law
 from difftrb.scene.scene import phases as phases_of
@@ -53,8 +51,8 @@ class LossMap(NamedTuple):
 
 def over_turn(scene: Scene, count: int = 240, alike: Turn | None = None) -> Turn | None:
     """The stiffness of a prepared scene at `count` phases over one roller pitch, both ends among them. None where its
-    effects would need a program, its law is made for one phase, or there is no solution. `alike`: the same with other
-    spalls, whose healthy rings are this one's, too."""
+    effects would need a program, its law is made for one phase, a spall turns along, or there is no solution.
+    `alike`: the same with other spalls, whose healthy rings are this one's, too."""
     if not _is_for_all_phases(scene):
         return None
     scene = xp.numbers(scene)
@@ -125,12 +123,8 @@ def sizes_around(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 def _is_for_all_phases(scene: Scene) -> bool:
     kind = LAWS.get(cast(Law, scene.law).name)
-    return is_plain(scene) and (kind is None or not kind.one_scene)
-
-
-def _at(scene: Scene, phases: Any) -> Equilibrium:
-    """As `at_phases`, of spalls that may differ from phase to phase."""
-    return plain_ring.equilibrium(scene.bearing, scene.load, scene.spalls, outer_law(scene), phases)
+    stays = all(spall.surface == "outer" for spall in scene.spalls)
+    return is_plain(scene) and stays and (kind is None or not kind.one_scene)
 
 
 def _losses(scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray, at_rest: Any) -> np.ndarray:
@@ -150,7 +144,7 @@ def _losses(scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray, 
         width = np.repeat(widths, count)[:, None]
         wide = Taylor(width, by=across[:, None, None] * np.ones_like(width))
         spall = dataclasses.replace(first, length=along, width=wide)
-    rest = _at(dataclasses.replace(scene, spalls=(spall, *others)), phases)
+    rest = at_phases(scene, phases, spalls=(spall, *others))
     if int(rest.status_code) != status.CONVERGED:
         return np.full((3, 2, len(widths)), np.nan)
     stiffness = as_defined(scene, rest)
