@@ -28,6 +28,7 @@ from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.measured_table import example, parse
 from difftrb.fits.predicted import evaluated, solved
+from difftrb.law import base as laws
 from difftrb.scene import scene_file
 from experiments.speed_of_fit import ours, scipys
 
@@ -404,6 +405,46 @@ def test_narrow_basins_are_found(bearing: trb.TaperedBearing, length: float, wid
     found = fit(world.replace(length=3.0, width=5.0, angle=0.0), rows, ("length", "width", "angle"))
     assert found.chi2 < np.sum(noise**2) + 0.1
     np.testing.assert_allclose(found.values, [length, width, angle], rtol=0.03, atol=3e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", [3.0, np.pi, -3.08])
+def test_spalls_are_found_where_the_angle_begins_anew(bearing: trb.TaperedBearing, angle: float) -> None:
+    """At half a turn from the load line: a scan of −0.9 π … 0.9 π had none there, and called another spall determined;
+    an interval that ended at π did not hold −π."""
+    world = trb.Scene(bearing, trb.Load(3000.0, 6000.0), (trb.Spall(5.0, 6.0, angle=angle),))
+    rng, rows = np.random.default_rng(7), []
+    for phase in np.linspace(0.0, 2.0 * np.pi / bearing.rollers, 6, endpoint=False):
+        rings = [trb.solve(each.replace(phase=float(phase))) for each in (world, world.replace(spalls=()))]
+        for k, quantity in enumerate(("radial_loss", "lateral_loss", "axial_loss")):
+            spalled, sound = (float(ring.stiffness[k, k]) for ring in rings)
+            loss = 100.0 * (1.0 - spalled / sound) + 0.02 * rng.standard_normal()
+            rows.append(Measurement(3000.0, 6000.0, quantity, loss, 0.02, None, float(phase)))
+    found = fit(world.replace(length=3.0, width=5.0, angle=0.0), rows, ("length", "width", "angle"))
+    assert found.explained
+    assert found["length"] == pytest.approx(5.0, abs=0.1)
+    low, high = found.intervals[2]
+    assert any(low - 0.01 < angle + turn < high + 0.01 for turn in (-2.0 * np.pi, 0.0, 2.0 * np.pi))
+    assert -np.pi <= found["angle"] <= np.pi
+    for other in found.alternatives:  # the same spall is no other answer
+        away = np.mod(other.values[2] - found["angle"] + np.pi, 2.0 * np.pi) - np.pi
+        assert abs(away) > 1e-3 or abs(other.values[1] / found["width"] - 1.0) > 1e-2
+
+
+def test_an_interval_that_ends_with_the_range_does_not_determine(rig: trb.Scene, exact: np.ndarray) -> None:
+    """A spall as long as the law knows: a longer one would read as this one."""
+    longest = float(laws.longest("liu2018", float(rig.bearing.roller_length)))
+    spalled = dataclasses.replace(rig, spalls=(trb.Spall(0.99 * longest, 9.0),))
+    values = [
+        trb.assess(dataclasses.replace(spalled, load=trb.Load(*load), phase=phase)).loss
+        for load in LOADS
+        for phase in (0.0, "mean")
+    ]
+    found = fit(rig, measured(np.concatenate(values), 0.02), starts=FEW)
+    length = found.parameters.index("length")
+    assert found.open[length, 1]
+    assert not found.determined_each[length]
+    assert any("mm and more" in sentence for sentence in found.remarks)
 
 
 BAD = {

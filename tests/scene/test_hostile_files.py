@@ -32,7 +32,7 @@ READERS: dict[str, tuple[Callable, str]] = {
 
 
 def refusal(reader: Callable, path: object) -> str:
-    """The one sentence that a reader ends with, within a second of this thread: garbage of other tests does not count."""
+    """The one sentence that a reader ends with, within a second of this thread, in which no garbage is collected."""
     gc.disable()
     try:
         begin = time.thread_time()

@@ -20,7 +20,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.core import jax_config, machine
+from difftrb.core import jax_config, machine, status
 from difftrb.law import power
 from difftrb.report import figure_style
 from difftrb.ring import ring
@@ -213,6 +213,24 @@ def test_members_without_a_solution_are_nan_and_counted(whole: Path) -> None:
         == swept.counts["converged"]
         == np.isfinite(swept.values["axial_stiffness"]).sum()
     )
+
+
+def test_bearings_that_cannot_be_are_members_without_a_solution(bearing: trb.TaperedBearing) -> None:
+    """The ends of either axis fit the rest, one of their corners does not: as `solve` refuses it."""
+    outer, inner = float(bearing.outer_angle), float(bearing.inner_angle)
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), trb.Spall(4.0, 7.0), law="table")
+    axes = {"bearing.outer_angle": [outer, 1.015 * outer], "bearing.inner_angle": [0.98 * inner, inner]}
+    found = trb.sweep(["radial_stiffness"], scene, axes)
+    wrong = np.array([[False, False], [True, False]])
+    np.testing.assert_array_equal(np.isnan(found.values["radial_stiffness"]), wrong)
+    np.testing.assert_array_equal(found.status_code == status.BAD_INPUT, wrong)
+    for i, j in np.ndindex(2, 2):
+        member = scene.replace(outer_angle=axes["bearing.outer_angle"][i], inner_angle=axes["bearing.inner_angle"][j])
+        if wrong[i, j]:
+            with pytest.raises(trb.SceneError, match="share one apex"):
+                trb.solve(member)
+        else:
+            assert bool(trb.solve(member).converged)
 
 
 def test_the_same_bits_from_any_number_of_lanes(plan: Plan, whole: Path, tmp_path: Path) -> None:

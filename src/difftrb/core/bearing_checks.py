@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import jax.core
 
+from difftrb.core import arrays as xp
 from difftrb.core.geometry import Spall, TaperedBearing
 
 APEX, TAPER = 0.02, 0.05
@@ -49,7 +50,7 @@ def _apex(bearing: TaperedBearing) -> str | None:
     if known is None:
         return None
     inner, roller, outer = known
-    if abs(inner + 2.0 * roller - outer) <= APEX * outer:
+    if _share_an_apex(inner, roller, outer):
         return None
     return (
         f"bearing.outer_angle = {outer:g} must be inner_angle + 2 roller_angle = {inner + 2.0 * roller:g} rad within "
@@ -64,7 +65,7 @@ def _taper(bearing: TaperedBearing) -> str | None:
         return None
     large, small, length, angle = known
     taper = (large - small) / (2.0 * length)
-    if abs(taper - angle) <= TAPER * angle:
+    if _tapers_by(angle, taper):
         return None
     return (
         f"bearing.roller_angle = {angle:g} does not fit the roller's diameters and length, which give {taper:.4g} rad; "
@@ -78,12 +79,8 @@ def _neighbours(bearing: TaperedBearing) -> str | None:
                    bearing.outer_angle, bearing.roller_angle)  # fmt: skip
     if known is None:
         return None
-    large, small, length, outer, roller = known
-    taper = (large - small) / (2.0 * length)
-    away = (large + small) / (4.0 * taper)  # of the roller's middle from the apex, along its axis
     fit = bearing.rollers
-    for diameter, end in ((small, away - 0.5 * length), (large, away + 0.5 * length)):
-        radius = end * math.sin(outer - roller)
+    for diameter, radius in _ends(*known):
         if 2.0 * radius * math.sin(math.pi / bearing.rollers) <= diameter:
             fit = min(fit, math.floor(math.pi / math.asin(min(1.0, 0.5 * diameter / max(radius, 1e-300)))))
             fit -= 2.0 * radius * math.sin(math.pi / max(fit, 1)) <= diameter  # those that touch do not turn
@@ -93,6 +90,33 @@ def _neighbours(bearing: TaperedBearing) -> str | None:
         f"bearing.rollers = {bearing.rollers}: rollers of these diameters overlap where they run; at most "
         f"{max(fit, 0)} fit side by side: use fewer or thinner ones"
     )
+
+
+def fit_together(bearing: TaperedBearing) -> Any:
+    """Whether diameters, angles and rollers can be of one bearing, as `across` says it; of traced numbers, too."""
+    own = xp.fixed(bearing)
+    large, small, length = own.roller_large_diameter, own.roller_small_diameter, own.roller_length
+    outer, roller, tapered = own.outer_angle, own.roller_angle, large > small
+    fit = tapered & _share_an_apex(own.inner_angle, roller, outer)
+    fit = fit & _tapers_by(roller, (large - small) / (2.0 * length))
+    for diameter, radius in _ends(xp.where(tapered, large, 2.0 * small), small, length, outer, roller):
+        fit = fit & (2.0 * radius * math.sin(math.pi / bearing.rollers) > diameter)
+    return fit
+
+
+def _share_an_apex(inner: Any, roller: Any, outer: Any) -> Any:
+    return abs(inner + 2.0 * roller - outer) <= APEX * outer
+
+
+def _tapers_by(angle: Any, taper: Any) -> Any:
+    return abs(taper - angle) <= TAPER * angle
+
+
+def _ends(large: Any, small: Any, length: Any, outer: Any, roller: Any) -> list[tuple[Any, Any]]:
+    """A roller's diameter at either end [mm], and how far its axis is there from the bearing's [mm]."""
+    away = (large + small) * length / (2.0 * (large - small))  # of the roller's middle from the apex, along its axis
+    ends = (small, away - 0.5 * length), (large, away + 0.5 * length)
+    return [(diameter, end * xp.sin(outer - roller)) for diameter, end in ends]
 
 
 def first(*checks: Callable[[Any], str | None], of: Any) -> str | None:

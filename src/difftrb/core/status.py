@@ -39,7 +39,8 @@ SENTENCES = {
     TOUCHES_BORDER: "pressure touches the border of the solution domain, so the contact is cut off: report this case",
     NO_EQUILIBRIUM: "no equilibrium: the axial load is too small to hold the radial load and the moments at this "
     "contact angle; raise load.axial, or lower load.radial or the moments",
-    BAD_INPUT: "an input is not a number, or is outside its range: check load, sizes and radii",
+    BAD_INPUT: "an input is not a number, is outside its range, or does not fit the others: check load, sizes and "
+    "angles",
     UNRESOLVED: "a spall, or the ridge between two, is narrower than one cell of the grid: ask for more accuracy (a "
     "smaller number), or make it wider",
     UNSUITED: "this way of solving cannot describe this contact (a roller without crown or loaded far beyond it, one "

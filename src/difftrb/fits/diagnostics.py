@@ -63,7 +63,7 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
 def _is_open(fit: Fit, i: int) -> bool:
     (low, high), parameter = fit.intervals[i], fit.problem.parameters[i]
     if parameter.logarithmic:
-        return bool(high / low > parameter.wide)
+        return bool(fit.open[i].any()) or bool(high / low > parameter.wide)
     return bool(fit.open[i].all()) or high - low > parameter.wide
 
 
@@ -172,7 +172,7 @@ def _bounds(fit: Fit) -> list[str]:
 def _unclear(fit: Fit, unclear: list[int]) -> str:
     """Which parameters the data leave open, which product of sizes they determine, and what to measure."""
     names = [fit.parameters[i] for i in unclear]
-    ranges = [f"({fit.intervals[i][0]:.3g} … {fit.intervals[i][1]:.3g} {fit.units[i]} fit as well)" for i in unclear]
+    ranges = [_fits_as_well(fit, i) for i in unclear]
 
     def told(words: str) -> str:
         return " and ".join(f"{name} {words} {own}" for name, own in zip(names, ranges, strict=True))
@@ -189,6 +189,14 @@ def _unclear(fit: Fit, unclear: list[int]) -> str:
             return f"{product} is determined to {percent:.2g} %, {told('is not')}: {advice}"
     open_ones = told("is not determined")
     return f"{open_ones[:1].upper()}{open_ones[1:]}: {advice}"
+
+
+def _fits_as_well(fit: Fit, i: int) -> str:
+    """An interval in brackets: what lies beyond an end of the range that is searched may fit, too."""
+    (low, high), (no_low, no_high) = fit.intervals[i], fit.open[i]
+    if no_low != no_high:
+        return f"({low:.3g} {fit.units[i]} and more)" if no_high else f"({high:.3g} {fit.units[i]} and less)"
+    return f"({low:.3g} … {high:.3g} {fit.units[i]} fit as well)"
 
 
 def _best_determined(fit: Fit, sizes: list[int]) -> tuple[dict[str, float], float]:

@@ -28,6 +28,9 @@ WIDEST = 2.5
 """Spalls up to this wide, of what parts two rollers; wider ones are left to points that are spread over the range."""
 NARROW = 1.2, 2.5, 5.0
 """Widths, of a ramp's length, of spalls in the middle of a roller's contact, which no other roller need meet."""
+NEAREST = 0.75
+"""Which share of the cases that are tried are those nearest to the load line, if there are too many; the others are
+spread over the rest of the ring."""
 ON_RAMP = np.array([0.02, 0.15, 0.3, 0.5, 0.7, 0.85, 0.98])
 """Where on a ramp, of its length, an edge that is moved is tried."""
 AWAY = 0.6
@@ -55,10 +58,15 @@ class Edges(NamedTuple):
 
 def moved(problem: Problem, places: np.ndarray) -> np.ndarray:
     """These places, coordinates of shape (points, parameters), with other widths and angles as far as there are cases,
-    those nearest to the load line first; as they are where neither is sought, or no row is at a phase."""
+    of too many those nearest to the load line and some of the others; as they are where neither is sought, or no row is
+    at a phase."""
     values = np.array(problem.bounds.values(places))
     for k, edges in enumerate(sought(problem)):
-        cases = _cases(edges)[: len(places)]
+        cases = _cases(edges)
+        near = int(NEAREST * len(places))
+        if len(cases) > len(places):
+            others = np.linspace(near, len(cases) - 1, len(places) - near).round().astype(int)
+            cases = cases[[*range(near), *others]]
         if k:  # else both spalls were the same one
             cases = np.random.default_rng(k).permutation(cases)
         for field, i in edges.own.items():

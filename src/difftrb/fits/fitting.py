@@ -143,7 +143,9 @@ def _check_effects(parameters: Sequence[Parameter], slope: np.ndarray) -> None:
 
 def _from(problem: Problem, places: np.ndarray) -> Least:
     """From these places with all parameters free, by Levenberg–Marquardt alone."""
-    return predicted.solved(problem, places, np.ones_like(places, bool), 0, least_squares.STEPS)
+    return search.once_round(
+        problem, predicted.solved(problem, places, np.ones_like(places, bool), 0, least_squares.STEPS)
+    )
 
 
 def _with_sigma(problem: Problem, scan: Scan, freedom: int) -> tuple[Problem, Least]:
@@ -246,7 +248,8 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
 def _alternatives(problem: Problem, tried: Tried, values: np.ndarray, intervals: np.ndarray) -> tuple[Alternative, ...]:
     """Minima that it is not sure to be without, and that the best one's intervals do not hold."""
     found, best = tried.found, tried.best
-    outside = np.any(fit_result.outside(values, values[best], intervals), axis=1)
+    near = fit_parameters.turned(problem.parameters, values, values[best])
+    outside = np.any(fit_result.outside(near, values[best], intervals), axis=1)
     within = 2.0 * (found.cost - found.cost[best]) < tried.limits.sure
     cases = [best]
     for k in search.distinct(problem, found):

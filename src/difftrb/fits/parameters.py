@@ -45,6 +45,9 @@ class Parameter:
     """Whether it is a size, above 0, whose ratios count; else its differences count."""
     wide: ClassVar[float] = 1.5
     """An interval whose ends differ by more does not determine it: by this factor or, if not logarithmic, [unit]."""
+    period: ClassVar[float | None] = None
+    """Values that differ by this much are one [unit]; its range goes once round, and on a little beyond either end, so
+    that nothing ends there."""
     multiplies: ClassVar[bool] = False
     """Whether all losses are more or less with it by about one factor: few of its values are tried."""
     in_products: ClassVar[bool] = True
@@ -178,16 +181,25 @@ class Depth(OfSpall, KnownToLaw):
 
 @register
 class Angle(OfSpall):
-    """Of the spall's centre from the load line: −π … π."""
+    """Of the spall's centre from the load line: −π … π. An interval may go on beyond."""
 
     name, unit = "angle", "rad"
-    low, high, logarithmic, wide = -np.pi, np.pi, False, 0.5
+    low, high, logarithmic, wide = -1.15 * np.pi, 1.15 * np.pi, False, 0.5
+    period = 2.0 * np.pi
     no_effect = "without a radial load all angles are alike: measure under a radial load, or leave angle out"
     suspect = "the spall stands elsewhere than the scene's angle says"
 
     def apart(self, scene: Scene) -> float:
         """A quarter of what parts two rollers: over each of them the spall measures much alike."""
         return 0.25 * float(geometry.roller_pitch(scene.bearing))
+
+
+def turned(parameters: Sequence[Parameter], values: np.ndarray, about: np.ndarray | float = 0.0) -> np.ndarray:
+    """The same values, shape (…, parameters), of what has a period within half of it about others, shape
+    (parameters,)."""
+    goes_round = np.array([parameter.period is not None for parameter in parameters])
+    period = np.array([parameter.period or 1.0 for parameter in parameters])
+    return values - period * np.where(goes_round, np.round((values - about) / period), 0.0)
 
 
 @register

@@ -142,6 +142,7 @@ def posterior_of(
 ) -> Posterior:  # fmt: skip
     """The posterior of a problem that nothing was fitted to, or of one of whose likelihoods the logarithm is `known`:
     points that all miss it are taken again, more of them. See `Posterior.widened` and `nested_sampling.sampled`."""
+    problem = dataclasses.replace(problem, bounds=_once_round(problem))
 
     def log_likelihood(points: np.ndarray) -> np.ndarray:
         told = predicted.rows_at(problem, at_shares(points), many=True)
@@ -182,6 +183,16 @@ def _within(problem: Problem, ranges: Ranges) -> Bounds:
             raise MeasuredError(f"ranges: {name} = {least:g} … {most:g}: both ends must be {limits}, and rise")
         low[i], high[i] = least, most
     return dataclasses.replace(bounds, low=low, high=high)
+
+
+def _once_round(problem: Problem) -> Bounds:
+    """The problem's bounds, those of more than a period cut to one."""
+    low, high = np.array(problem.bounds.low, float), np.array(problem.bounds.high, float)
+    period = np.array([parameter.period or np.inf for parameter in problem.parameters])
+    more = high - low > period
+    return dataclasses.replace(
+        problem.bounds, low=np.where(more, -0.5 * period, low), high=np.where(more, 0.5 * period, high)
+    )
 
 
 def _nats(fit: Fit) -> float:

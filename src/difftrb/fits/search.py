@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.fits import edges_at_rollers, least_squares, predicted
+from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.least_squares import AT_BOUND, Alone, Enough, Least
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.predicted import Problem
@@ -148,7 +149,17 @@ def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = N
     enough = _enough(problem)
     found = predicted.solved(_rough(problem), place, _moving(place, free), SEARCH, least_squares.STEPS, enough)
     place = found.place[distinct(problem, found) or [0]]
-    return predicted.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, enough)
+    return once_round(problem, predicted.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, enough))
+
+
+def once_round(problem: Problem, found: Least) -> Least:
+    """The same minima, those beyond half a period of a parameter at what is the same within it."""
+    bounds = problem.bounds
+    values = bounds.values(found.place)
+    turned = fit_parameters.turned(problem.parameters, values)
+    place = np.where(turned == values, found.place, bounds.coordinates(turned))
+    rate = bounds.slope(place) / np.maximum(bounds.slope(found.place), 1e-300)
+    return found._replace(place=place, normal=found.normal * rate[:, :, None] * rate[:, None, :])
 
 
 def with_edges_moved(problem: Problem, found: Least) -> Least:
@@ -210,9 +221,15 @@ def _lower(place: np.ndarray, cost: np.ndarray, most: int, near: float = NEAR) -
 
 def distinct(problem: Problem, found: Least) -> list[int]:
     """Which of the cases are minima of their own, the least first."""
-    place, kept = np.clip(found.place, -AT_BOUND, AT_BOUND) / predicted.scales(problem), list[int]()
+    scales, kept = predicted.scales(problem), list[int]()
+    place, values = np.clip(found.place, -AT_BOUND, AT_BOUND) / scales, problem.bounds.values(found.place)
+    low, high = problem.bounds.ends()
+    round_trip = np.array([parameter.period is not None for parameter in problem.parameters])
     for k in np.argsort(found.cost, kind="stable"):
-        near = (np.max(np.abs(place[k] - place[other])) < SAME for other in kept)
-        if np.isfinite(found.cost[k]) and not any(near):
+        apart = np.abs(place[kept] - place[k])
+        if round_trip.any():
+            ways = fit_parameters.turned(problem.parameters, values[kept] - values[k])
+            apart = np.where(round_trip, np.abs(ways) * 4.0 / (high - low) / scales, apart)
+        if np.isfinite(found.cost[k]) and not np.any(np.max(apart, axis=1) < SAME):
             kept.append(int(k))
     return kept

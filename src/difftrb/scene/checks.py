@@ -18,7 +18,7 @@ from difftrb.contact.height_map import HIGHEST, HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, packaged_bearings, status
 from difftrb.core.bad_input import number_in, shown
-from difftrb.core.bearing_checks import across, as_numbers, first
+from difftrb.core.bearing_checks import across, as_numbers, first, fit_together
 from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
@@ -242,11 +242,11 @@ def _of_effects(scene: Scene) -> str | None:
 
 
 def code(scene: Scene) -> Any:
-    """Status inside jit: whether every number of the scene is within its range, and rollers taper the right way."""
+    """Status inside jit: whether every number of the scene is within its range, and the bearing's fit together."""
     owners = [scene, *(owner for _, owner, _ in _owners(scene))]
     within = fields.all_within(number for owner in owners for number in fields.traced(owner))
     bearing = xp.fixed(scene.bearing)
-    within = within & (bearing.roller_large_diameter > bearing.roller_small_diameter)
+    within = within & fit_together(bearing)
     for spall in scene.spalls:
         around = geometry.once_round(bearing, spall.surface)
         within = within & (xp.fixed(spall.width) <= WIDEST * around * (1.0 + 1e-12))

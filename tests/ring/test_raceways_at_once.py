@@ -1,0 +1,123 @@
+"""Raceways in series go by numbers and expansions as the plain ring does: against their program, and differences."""
+
+import dataclasses
+from collections.abc import Callable
+
+import jax
+import numpy as np
+import pytest
+
+import difftrb as trb
+from difftrb.ring import roller_balance
+from difftrb.scene import prepared
+
+IN_SERIES = (trb.effects.Raceways(rollers="upright"),)
+SCENES = {
+    "outer": (9000.0, 4500.0, (trb.Spall(4.0, 7.0),), 0.15),
+    "inner": (9000.0, 4500.0, (trb.Spall(3.0, 5.0, surface="inner"),), 0.09),
+    "roller": (9000.0, 4500.0, (trb.Spall(3.0, 0.3, surface="roller"),), 0.0),
+    "both": (5000.0, 9000.0, (trb.Spall(4.0, 7.0), trb.Spall(2.0, 3.0, angle=0.2, surface="inner")), 0.14),
+}
+
+
+def scene_of(name: str) -> trb.Scene:
+    radial, axial, spalls, phase = SCENES[name]
+    return trb.Scene("32008J", trb.Load(radial, axial), spalls, law="table", phase=phase, effects=IN_SERIES)
+
+
+@jax.jit
+def by_program(scene: trb.Scene) -> tuple[trb.Solution, jax.Array]:
+    """By the ring of JAX, and the slopes by spall sizes by differentiating its program."""
+    ready = trb.prepare(scene)
+
+    def both(scene: trb.Scene) -> tuple[jax.Array, trb.Solution]:
+        solution = prepared._traced(scene)
+        return solution.both_stiffnesses, solution
+
+    slopes, found = prepared.by_sizes(both, ready)
+    return found, slopes
+
+
+@pytest.mark.slow
+@pytest.mark.exact
+def test_numbers_are_those_of_the_program() -> None:
+    """Which takes a minute to compile."""
+    scene = scene_of("both")
+    ours, (theirs, slopes) = trb.assess(scene), by_program(scene)
+    assert ours.spalled.converged
+    assert ours.spalled.residual < 1e-12
+    for field in ("displacement", "approach", "loads", "stiffness"):
+        one, other = np.asarray(getattr(ours.spalled, field)), np.asarray(getattr(theirs, field))
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-11 * np.abs(other).max(), err_msg=field)
+    for key, own in theirs.effects.items():
+        np.testing.assert_allclose(ours.spalled.effects[key], own, atol=1e-11 * np.abs(own).max(), err_msg=key)
+    by_size = np.stack([ours.by_length, ours.by_width], axis=-1)
+    np.testing.assert_allclose(by_size, slopes, rtol=1e-8, atol=1e-8 * np.abs(slopes).max(initial=1.0))
+
+
+def stiffness(scene: trb.Scene) -> jax.Array:
+    return trb.solve(scene).stiffness[0, 0]
+
+
+LEAVES: dict[str, tuple[Callable[[trb.Scene], float], float]] = {
+    "radial": (lambda s: s.load.radial, 0.1),
+    "axial": (lambda s: s.load.axial, 0.1),
+    "outer_angle": (lambda s: s.bearing.outer_angle, 1e-7),
+    "inner_angle": (lambda s: s.bearing.inner_angle, 1e-7),
+    "flange_angle": (lambda s: s.bearing.flange_angle, 1e-5),
+    "roller_length": (lambda s: s.bearing.roller_length, 1e-5),
+    "modulus": (lambda s: s.bearing.modulus, 1.0),
+    "design_load": (lambda s: s.design_load, 0.1),
+    "phase": (lambda s: s.phase, 1e-6),
+}
+
+
+@pytest.mark.gradient
+@pytest.mark.parametrize("name", list(SCENES))
+def test_gradients_are_those_of_differences(name: str) -> None:
+    """By every kind of leaf, outside of jit: nothing is compiled but sums."""
+    scene = scene_of(name)
+    found = jax.grad(stiffness)(scene)
+    for leaf, (of, step) in LEAVES.items():
+        more, less = (float(stiffness(scene.replace(**{leaf: of(scene) + s * step}))) for s in (1.0, -1.0))
+        size = abs(float(stiffness(scene))) * 1e-9 / step  # what rounding leaves of differences
+        assert float(of(found)) == pytest.approx((more - less) / (2.0 * step), rel=2e-5, abs=size), leaf
+    for k, spall in enumerate(scene.spalls):
+        for field, step in (("length", 1e-4), ("width", 1e-5), ("angle", 1e-6)):
+            changed = [scene.replace(spall=k, **{field: getattr(spall, field) + s * step}) for s in (1.0, -1.0)]
+            more, less = (float(stiffness(each)) for each in changed)
+            size = abs(float(stiffness(scene))) * 1e-9 / step
+            own = float(getattr(found.spalls[k], field))
+            assert own == pytest.approx((more - less) / (2.0 * step), rel=2e-5, abs=size), (k, field)
+
+
+@pytest.mark.exact
+def test_rollers_rest_and_the_ring_with_them() -> None:
+    """Forces of ring and rollers, from what the solution says."""
+    scene = scene_of("both")
+    found = trb.solve(scene).check()
+    angles, loads = np.asarray(found.angles), np.asarray(found.loads)
+    alpha, seat = float(scene.bearing.outer_angle), roller_balance.seat(scene.bearing)
+    radial, axial = loads * np.cos(alpha), loads * np.sin(alpha)
+    force = [np.sum(radial * np.cos(angles)), np.sum(radial * np.sin(angles)), np.sum(axial)]
+    np.testing.assert_allclose(force, [5000.0, 0.0, 9000.0], atol=1e-7)
+    inner, flange = (np.asarray(found.effects[key]) for key in ("inner_loads", "flange_loads"))
+    outwards, inwards = seat.outer - seat.flange, seat.inner - seat.flange  # from the flange's face
+    np.testing.assert_allclose(loads * np.cos(outwards), inner * np.cos(inwards), rtol=1e-12)
+    np.testing.assert_allclose(loads * np.sin(outwards), inner * np.sin(inwards) + flange, rtol=1e-9)
+    stiff = scene_of("outer")
+    assert float(stiffness(dataclasses.replace(stiff, effects=()))) > 1.7 * float(stiffness(stiff))
+
+
+@pytest.mark.gradient
+def test_the_mean_follows_its_kinks() -> None:
+    """Of both raceways' spalls: derivatives by sizes against differences of whole means."""
+    scene = dataclasses.replace(scene_of("both"), phase="mean")
+    found = trb.assess(scene)
+    for k in range(2):
+        for field, own in (("length", found.by_length), ("width", found.by_width)):
+            size = getattr(scene.spalls[k], field)
+            more, less = (trb.solve(scene.replace(spall=k, **{field: size + s * 1e-4})) for s in (1.0, -1.0))
+            for row, axis in ((0, 0), (1, 2)):
+                slope = float(more.stiffness[axis, axis] - less.stiffness[axis, axis]) / 2e-4
+                assert float(own[row, k]) == pytest.approx(slope, rel=1e-3), (k, field, axis)
