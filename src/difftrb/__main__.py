@@ -248,7 +248,7 @@ COMMANDS = (
         SCENE,
         _option("--phases", type=int, default=64, metavar="N", help="of the cage over one roller pitch (default 64)"),
         _option("--out", metavar="FILE", type=Path, help="write a table: .csv, .json or .npz; or an .fmu"),
-        _option("--units", choices=("mm", "si"), default="mm", help="N/mm (default) or N/m"),
+        _option("--units", type=str.lower, choices=("mm", "si"), default="mm", help="N/mm (default) or N/m"),
         _option("--speed", type=float, metavar="RPM", help="of the inner ring: times and defect frequencies"),
         _option("--shaft", metavar="R,A", help="radial and axial stiffness of the shaft in series [N/mm]"),
         _option("--housing", metavar="R,A", help="radial and axial stiffness of the housing in series [N/mm]"),

@@ -10,10 +10,12 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from difftrb.fits import estimated_bearing, measured, measured_table
+from difftrb.fits.conditions import Condition, row_conditions
 from difftrb.fits.fit_figure import PERCENT, fit_panels
 from difftrb.fits.fit_problem import prepare_fit
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.fitting import fit
+from difftrb.fits.measured import Measurement
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
 from difftrb.fits.parameters import PARAMETERS
 from difftrb.fits.posterior import posterior
@@ -162,7 +164,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
         lines.append(f"correlation of {', '.join(pairs)}")
     for s in suggestions:
         errors = ", ".join(f"{name} {error:.2g}" for name, error in s.errors.items())
-        lines.append(f"next: measure {in_words(s.row)} (standard errors then: {errors})")
+        again = " once more" if any(_is_same(s.row, row, fit) for row in fit.rows) else ""
+        lines.append(f"next: measure {in_words(s.row)}{again} (standard errors then: {errors})")
     held = [f"{name} {PARAMETERS[name].start(fit.scene):.4g} {PARAMETERS[name].unit}"
             for name in HELD if name not in fit.parameters]  # fmt: skip
     if held:
@@ -176,6 +179,20 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
         )
     lines.append(f"{fit.status}; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom")
     return Group(table, rows, *(Text(line) for line in lines))
+
+
+def _is_same(one: Measurement, row: Measurement, fit: Fit) -> bool:
+    """Whether a measurement that may be made is a row that was measured."""
+    (place, other), (first, *second) = row_conditions(fit.scene, (one, row))
+    return one.quantity == row.quantity and (place == other or (bool(second) and _near(first, second[0])))
+
+
+def _near(one: Condition, other: Condition) -> bool:
+    """Conditions that differ by rounding alone."""
+    if (one.phase is None) != (other.phase is None) or one.definition != other.definition:
+        return False
+    pairs = ((one.radial, other.radial), (one.axial, other.axial), (one.phase or 0.0, other.phase or 0.0))
+    return all(math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6) for a, b in pairs)
 
 
 def interval(fit: Fit, i: int) -> str:

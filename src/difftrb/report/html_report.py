@@ -175,7 +175,9 @@ def _cards(run: Run) -> str:
                 f"of {name} stiffness lost {where}: {stiffness} N/mm" if scene.spalls else f"{name} stiffness {where}"
             )
             cards.append(f'<div class="card"><b>{big}</b><span>{escape(small)}</span></div>')
-    return f'<div class="cards">{"".join(cards)}</div>'
+    of_what = run_text.raceways_text(scene, run.result.spalled)
+    told = "" if of_what is None else f'<p class="soft">{escape(of_what)}</p>'
+    return f'<div class="cards">{"".join(cards)}</div>{told}'
 
 
 def _stiffness_table(run: Run) -> str:
@@ -261,8 +263,6 @@ def _errors(run: Run) -> str:
         "not audited: with --verify the rollers' contacts are solved afresh, and the page says how far loads and "
         "stiffness are off"
     )  # fmt: skip
-    if (line := run_text.raceways_text(run.scene, spalled)) is not None:
-        lines.append(line)
     return f'<section id="errors"><h2>How exact it is</h2>{_list(lines)}</section>'
 
 

@@ -127,8 +127,6 @@ def run_text(
     lines = [*_ring_lines(scene, spalled), *(edge.sentence for edge in edges), law_text(spalled.law)]
     if spalled.picked is not None:
         lines.append(picked_text(spalled.picked))
-    if (line := raceways_text(scene, spalled)) is not None:
-        lines.append(line)
     if scene.spalls and not isinstance(scene.phase, PitchMean) and not np.any(result.by_width):
         lines.append(
             "width: no roller stands on a rolling edge at this phase, so stiffness does not change with it; in the "
@@ -145,7 +143,9 @@ def run_text(
     tables = [_stiffness_table(scene, result, "" if mean is None else " at this phase")]
     if mean is not None:
         tables.append(_stiffness_table(scene, mean, " in the mean over the cage's turn"))
-    return Group(*first, *tables, _load_table(scene, result), *map(Text, lines))
+    of_what = raceways_text(scene, spalled)
+    told = () if of_what is None else (Text(f"{of_what}\n"),)
+    return Group(*first, *tables, *told, _load_table(scene, result), *map(Text, lines))
 
 
 def _stiffness_table(scene: Scene, result: Assessment, where: str) -> Table:

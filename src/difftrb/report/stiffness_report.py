@@ -24,6 +24,8 @@ from difftrb.turning.defect_frequencies import DefectFrequencies, defect_frequen
 Units = Literal["mm", "si"]
 UNITS = "mm", "si"
 KINDS = ".csv", ".json", ".npz", ".fmu"
+ROUNDING = 1e-13
+"""Share of an array's largest entry below which others are written as 0."""
 SHOWN = 3
 """Axes whose own stiffness is shown: radial, lateral, axial."""
 
@@ -187,7 +189,8 @@ def _rows(found: Written) -> Iterator[list[Any]]:
     """A heading with names and units, then a row for every phase."""
     heading, columns = [], []
     for name, values in found.arrays.items():
-        rest = values.reshape(len(values), -1)
+        least = ROUNDING * np.nanmax(np.abs(values), initial=0.0)
+        rest = np.where(np.abs(values) < least, 0.0, values).reshape(len(values), -1)
         for k, place in enumerate(np.ndindex(*values.shape[1:])):
             axes, unit = [found.axes[i] for i in place[:2]], found.unit[name]
             for i in place[:2]:

@@ -83,8 +83,9 @@ def deliver(options: Any) -> int:
         plan = file.plan(options.batch, progress)
     console.say_picked(plan.base)
     if options.dry_run:
-        with console.busy("measuring a small batch"):
-            print(sweeping.forecast(plan, options.devices, out))
+        print(sweeping.forecast_of_disk(plan, out), flush=True)
+        with console.busy("compiling the sweep's program, and measuring a small batch"):
+            print(sweeping.forecast(plan, options.devices))
         return console.EXIT_OK
     with console.members("sweeping") as progress:
         ended = chunks.run(

@@ -37,6 +37,7 @@ def sweep_curves(result: Swept, name: str, ax: Any = None, along: str | None = N
             for i in range(step // 2, len(y), step):
                 ax.plot(x[i] + ends, y[i] + slope[along][i] * ends, color="black", lw=1.0)
     ax.set(xlabel=_label(result, along), ylabel=_label(result, name))
+    ax.set_title(_where(result, (along,) if over is None else (along, over)), fontsize=8)
     if over is not None:
         ax.legend(frameon=False)
     return ax
@@ -66,7 +67,23 @@ def sweep_map(result: Swept, name: str, ax: Any = None, x: str | None = None, y:
         if known.any():
             ax.quiver(*places[:, known], *rise[:, known], color="black", angles="uv", width=0.004, pivot="mid")
     ax.set(xlabel=_label(result, x), ylabel=_label(result, y))
+    ax.set_title(_where(result, (x, y)), fontsize=8)
     return ax
+
+
+def _where(result: Swept, along: tuple[str, ...]) -> str:
+    """At which loads and phase, and where on the axes that a figure does not show."""
+    own = {key: f"{value:,g}" if isinstance(value, float) else value
+           for key, value in result.about.get("at", {}).items() if value is not None}  # fmt: skip
+    words = [f"{own[f'load.{way}']} N {way}" for way in ("radial", "axial") if f"load.{way}" in own]
+    phase = own.get("stiffness.phase")
+    if phase is not None:
+        words.append("mean over the cage's turn" if phase == "mean" else f"roller 0 at {phase} rad")
+    keys = [dim if dim in result.coordinates else next(iter(result.coordinates)) for dim in result.dims]
+    for key, count in zip(keys, result.status_code.shape, strict=True):
+        if key not in along and count:
+            words.append(_label(result, key, float(result.coordinates[key][count // 2])))
+    return ", ".join(words)
 
 
 def _by_count(result: Swept) -> list[str]:

@@ -161,14 +161,25 @@ def _product(counts: Sequence[int]) -> str:
     return f"{' × '.join(f'{count:,}' for count in counts)}{f' = {math.prod(counts):,}' * (len(counts) > 1)} members"
 
 
-def forecast(plan: Plan, devices: int | None = None, out: str | None = None) -> str:
-    """What a sweep will take, in words: members, chunks, memory, and time from calls made on trial.
+def forecast_of_disk(plan: Plan, out: str | None = None) -> str:
+    """How many members and chunks a sweep has, and what they take on disk, in words. With a folder `out` the text says
+    how much room is there."""
+    check_chunks(plan)
+    each = bytes_of_member(plan)
+    room = f"; {_in_bytes(free_disk(out))} are free in {out}" if out and "://" not in out else ""
+    counts = " × ".join(map(str, plan.counts))
+    return "\n".join([
+        f"members   {plan.members:,} = {counts}, in {plan.chunks:,} chunks of {plan.grid.size:,} or fewer",
+        f"disk      {_in_bytes(each * plan.members)}: {each} bytes a member{room}",
+    ])  # fmt: skip
 
-    The program is compiled, and called in every lane at once, twice. Time is of this process and all its lanes. With a
-    folder `out` the text says how much room is there.
+
+def forecast(plan: Plan, devices: int | None = None) -> str:
+    """What memory and time a sweep will take, in words, from calls made on trial.
+
+    The program is compiled, and called in every lane at once, twice. Time is of this process and all its lanes.
     """
     lanes = lanes_of(devices)
-    check_chunks(plan)
     program, blocks = Program(plan, lanes), plan.blocks.number
     calls = up(blocks, plan.call)
 
@@ -182,12 +193,8 @@ def forecast(plan: Plan, devices: int | None = None, out: str | None = None) -> 
     seconds = calls * call / min(len(lanes), calls)
     of_call = cast(Any, plan.compute).lower(*plan.arguments).compile().memory_analysis()
     scratch = of_call.temp_size_in_bytes + of_call.output_size_in_bytes if of_call is not None else 0
-    each, memory = bytes_of_member(plan), scratch * len(lanes) + _bytes_of_chunks(plan)
-    room = f"; {_in_bytes(free_disk(out))} are free in {out}" if out and "://" not in out else ""
-    counts = " × ".join(map(str, plan.counts))
+    memory = scratch * len(lanes) + _bytes_of_chunks(plan)
     return "\n".join([
-        f"members   {plan.members:,} = {counts}, in {plan.chunks:,} chunks of {plan.grid.size:,} or fewer",
-        f"disk      {_in_bytes(each * plan.members)}: {each} bytes a member{room}",
         f"memory    {_in_bytes(memory)} beside JAX itself, whatever the number of members",
         f"time      {_duration(seconds)} on {len(lanes)} device{'s' if len(lanes) > 1 else ''}, and "
         f"{_duration(first - call)} to compile; {1e6 * seconds / plan.members:.3g} µs a member",

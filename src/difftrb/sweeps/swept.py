@@ -17,7 +17,7 @@ from difftrb.core import status
 from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
 from difftrb.law.base import Law
-from difftrb.scene.scene import Scene
+from difftrb.scene.scene import PitchMean, Scene
 from difftrb.sweeps.boxes import Grid
 from difftrb.sweeps.outputs import STATUS, label_of
 from difftrb.sweeps.plan import Plan, column_of
@@ -170,6 +170,7 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
         "format": FORMAT,
         "scene": plan.text,
         "title": plan.title,
+        "at": _at(plan),
         "axes": [{"name": axis.name, "keys": axis.keys, "count": axis.count}
                  | ({"values": axis.values.tolist()} if axis.count <= LISTED
                     else {"digest": hashlib.sha256(axis.values.tobytes()).hexdigest()}) for axis in plan.axes],
@@ -192,6 +193,17 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
         is_number = isinstance(leaf, jax.Array | np.ndarray | float | int)
         digest.update(np.asarray(leaf, float).tobytes() if is_number else repr(leaf).encode())
     return about | {"identity": digest.hexdigest()}
+
+
+def _at(plan: Plan) -> dict[str, Any]:
+    """The loads and the phase that all members of a sweep of scenes have, by their keys: what figures say of it."""
+    if not isinstance(plan.base, Scene):
+        return {}
+    load, phase = plan.base.load, plan.base.phase
+    own = {"load.radial": _number(load.radial), "load.axial": _number(load.axial),
+           "stiffness.phase": "mean" if isinstance(phase, PitchMean) else _number(phase)}  # fmt: skip
+    moving = {key for axis in plan.axes for key in axis.keys}
+    return {key: value for key, value in own.items() if key not in moving}
 
 
 def _number(value: Any) -> float | None:

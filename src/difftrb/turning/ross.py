@@ -45,6 +45,8 @@ def axes(load_angle: float = DOWN, axial: Axial = 1) -> np.ndarray:
     """Radial, lateral and axial direction over x, y, z, as columns, shape (3, 3)."""
     if axial not in (1, -1):
         raise SceneError(f"axial = {axial}: must be 1 (z presses the rings together) or -1")
+    if not np.isfinite(load_angle):
+        raise SceneError(f"load_angle = {load_angle}: must be an angle in rad, of the load from x")
     cos, sin = np.cos(load_angle), np.sin(load_angle)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, axial]])
 
