@@ -46,8 +46,9 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
         scene = prepare_fit(file.scene(), rows, progress)
     console.say_picked(scene)
     names = [name.strip() for name in options.parameters.split(",")]
-    with console.busy("fitting"):
-        result = fit(scene, rows, names, options.robust)
+    with console.bar("fitting; the first time its program is compiled") as progress:
+        result = fit(scene, rows, names, options.robust, progress=progress)
+    with console.busy("looking for what to measure next"):
         suggestions = next_measurements(result) if bool(result.converged) and result.reliable else ()
     record = fit_json(result, suggestions, time.perf_counter() - started)
     texts, figures = [fit_text(result, suggestions)], [("fit", lambda: fit_panels(result))]

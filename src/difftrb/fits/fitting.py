@@ -7,7 +7,8 @@ is kept. What the model does not explain is not called determined; what may be w
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +47,8 @@ ROUNDS = 3
 """Of estimating sigma beside a robust fit."""
 NEARLY = 1.05
 """Widths within this factor of the least one that is searched are at it."""
+STEPS = 4
+"""Of a fit, as its progress counts them: scan, search, profiles, remarks."""
 DEEPER = 3
 """Most times that a fit goes on from a profile that has found a lower place."""
 
@@ -74,7 +77,8 @@ def fit(
         4096 or 8192, for one, two, three or more parameters.
       model_error: relative error of the model that all losses share, and all stiffnesses, ≥ 0; it widens intervals
         (not of robust fits). None: that of the roller law, if it is known.
-      progress: told how many of how many contacts are solved for the law.
+      progress: told how many of how many contacts are solved for the law, then how many of how many steps are done:
+        the first is the longest where its program is not compiled yet.
 
     Rows without sigma: its size, relative to each value, is estimated from how the fit misses them. Raises
     `MeasuredError` for what cannot be fitted; what the data do not determine is said in `remarks`.
@@ -89,10 +93,18 @@ def fit(
     rows = tuple(rows)
     scene = prepare_fit(scene, rows, progress)
     measured.check_loads(scene, rows)
-    found = _fit(scene, rows, tuple(parameters), robust, starts, model_error)
     any_width = with_any_width(scene)
+    rounds = 1 if any_width is None else 2
+
+    def told(before: int, step: int) -> None:
+        if progress is not None:
+            progress(before * STEPS + step, rounds * STEPS)
+
+    told(0, 0)
+    found = _fit(scene, rows, tuple(parameters), robust, starts, model_error, partial(told, 0))
     if any_width is not None and _may_be_narrower(found):
-        return _fit(any_width, rows, tuple(parameters), robust, starts, model_error)
+        found = _fit(any_width, rows, tuple(parameters), robust, starts, model_error, partial(told, 1))
+    told(rounds - 1, STEPS)
     return found
 
 
@@ -106,11 +118,12 @@ def _may_be_narrower(fit: Fit) -> bool:
 
 def _fit(
     scene: Scene, rows: tuple[Measurement, ...], parameters: tuple[str, ...], robust: str, starts: int | None,
-    model_error: float | None,
+    model_error: float | None, told: Callable[[int], None],
 ) -> Fit:  # fmt: skip
-    """`fit` with a prepared scene."""
+    """`fit` with a prepared scene; how many of the `STEPS` are done is `told`."""
     problem, estimate = problem_of(scene, rows, parameters, robust, model_error)
     scan = search.scanned(problem, search.places(problem, starts))
+    told(1)
     _check_effects(problem.parameters, scan.slope)
     freedom = len(rows) - len(parameters)
     if estimate:
@@ -121,6 +134,7 @@ def _fit(
             scan, more = search.thorough(problem, scan)
             if np.nanmin(more.cost) < np.nanmin(found.cost):
                 found = search.with_edges_moved(problem, more)
+    told(2)
     if any(row.load_sigma > 0.0 for row in rows):
         problem = _with_loads(problem, rows, found.place[int(np.nanargmin(found.cost))])
         found = _from(problem, found.place)
@@ -130,6 +144,7 @@ def _fit(
             break
         found = _from(problem, np.concatenate([tried.profiles.lowest[None], found.place]))
         tried = _judged(problem, scan, found, estimate)
+    told(3)
     result = _result(rows, problem, tried, estimate)
     return dataclasses.replace(result, **diagnostics.judged(result, scan))
 

@@ -12,6 +12,9 @@ from difftrb.report.figure_style import ACCENT, HEALTHY
 from difftrb.sweeps.outputs import label_of
 from difftrb.sweeps.swept import Swept
 
+LONGEST = 3.0
+"""Of arrows, by the length that half of them have: steps in a law would draw them over all others."""
+
 
 def swept(result: Swept, name: str) -> Any:
     """A sweep's result: a map over its first two axes, curves where there is one."""
@@ -47,7 +50,7 @@ def sweep_map(result: Swept, name: str, ax: Any = None, x: str | None = None, y:
     """A result over two axes (default: the first two with several values), other axes at their middle, as a map with
     contours; arrows point where it rises, if there are gradients by both; grey where there is no solution.
 
-    Arrows are the gradient in units of the axes' ranges.
+    Arrows are the gradient in units of the axes' ranges; the longest are cut.
     """
     x, y = x or _by_count(result)[0], y or _by_count(result)[1]
     if ax is None:
@@ -63,8 +66,10 @@ def sweep_map(result: Swept, name: str, ax: Any = None, x: str | None = None, y:
         shown = np.ix_(*(np.arange(n // 12 // 2, n, max(1, n // 12)) for n in values.shape))
         rise = np.array([slope[x][shown] * np.ptp(across), slope[y][shown] * np.ptp(up)])
         places = np.array(np.meshgrid(across[shown[0].ravel()], up[shown[1].ravel()], indexing="ij"))
-        known = np.isfinite(rise.sum(0)) & (np.hypot(*rise) > 0.0)
+        size = np.hypot(*rise)
+        known = np.isfinite(size) & (size > 0.0)
         if known.any():
+            rise = rise * np.minimum(1.0, LONGEST * np.median(size[known]) / np.where(known, size, 1.0))
             ax.quiver(*places[:, known], *rise[:, known], color="black", angles="uv", width=0.004, pivot="mid")
     ax.set(xlabel=_label(result, x), ylabel=_label(result, y))
     ax.set_title(_where(result, (x, y)), fontsize=8)
