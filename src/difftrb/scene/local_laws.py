@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, cast
 import jax
 import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core.geometry import Raceway, Spall
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import local_states, roller_tilt
@@ -24,7 +25,8 @@ from difftrb.law.samples import Progress
 from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways
 from difftrb.ring.roller_balance import Seat
-from difftrb.scene.scene import PitchMean, Scene, at_all_phases, phases, ring_at
+from difftrb.scene import prepared
+from difftrb.scene.scene import PitchMean, Scene, at_all_phases, is_plain, phases, ring_at
 
 ROUNDS = 8
 """Of contact solves around the rollers' loads, at most."""
@@ -220,9 +222,25 @@ class Rests(NamedTuple):
     seat: Seat | None
 
 
-@jit_quickly()
 def _rest_at(scene: Scene) -> Rests:
-    """The rings of a prepared scene at all its phases."""
+    """The rings of a prepared scene at all its phases: at once, or with effects that need it by a program."""
+    return _at_once(xp.numbers(scene)) if is_plain(scene) else _by_program(scene)
+
+
+@np.errstate(all="ignore")
+def _at_once(scene: Scene) -> Rests:
+    each, _ = phases(scene)
+    rest = xp.values(prepared.at_phases(scene, each))
+    here, terms = ring_at(scene, cast(LocalLaw, scene.law), each)
+    loads: dict[Raceway, Any] = {"outer": rest.loads}
+    if terms.facing is not None and terms.seat is not None:
+        loads["inner"] = roller_balance.inner_load(terms.seat, rest.loads)
+    away: dict[Raceway, Any] = {raceway: np.moveaxis(here.distances(raceway, terms), 0, 1) for raceway in loads}
+    return Rests(loads, away, rest.approach, terms.seat)
+
+
+@jit_quickly()
+def _by_program(scene: Scene) -> Rests:
 
     def at(phase: Any, scene: Scene) -> Rests:
         law = cast(LocalLaw, scene.law)
