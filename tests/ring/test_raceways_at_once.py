@@ -1,4 +1,5 @@
-"""Raceways in series go by numbers and expansions as the plain ring does: against their program, and differences."""
+"""Raceways in series, and a flange, go by numbers and expansions as the plain ring does: against their program, and
+differences."""
 
 import dataclasses
 from collections.abc import Callable
@@ -12,17 +13,26 @@ from difftrb.ring import roller_balance
 from difftrb.scene import prepared
 
 IN_SERIES = (trb.effects.Raceways(rollers="upright"),)
+FLANGES = {
+    "outer": (*IN_SERIES, trb.effects.Flange("hertz", 120.0)),
+    "inner": (trb.effects.Flange("hertz", 120.0), *IN_SERIES),
+    "flange": (trb.effects.Flange("hertz", 120.0),),
+    "rigid": (trb.effects.Flange(),),
+}
 SCENES = {
     "outer": (9000.0, 4500.0, (trb.Spall(4.0, 7.0),), 0.15),
     "inner": (9000.0, 4500.0, (trb.Spall(3.0, 5.0, surface="inner"),), 0.09),
     "roller": (9000.0, 4500.0, (trb.Spall(3.0, 0.3, surface="roller"),), 0.0),
+    "flange": (9000.0, 4500.0, (trb.Spall(4.0, 7.0),), 0.15),
+    "rigid": (9000.0, 4500.0, (trb.Spall(4.0, 7.0),), 0.15),
     "both": (5000.0, 9000.0, (trb.Spall(4.0, 7.0), trb.Spall(2.0, 3.0, angle=0.2, surface="inner")), 0.14),
 }
 
 
 def scene_of(name: str) -> trb.Scene:
     radial, axial, spalls, phase = SCENES[name]
-    return trb.Scene("32008J", trb.Load(radial, axial), spalls, law="table", phase=phase, effects=IN_SERIES)
+    acting = FLANGES.get(name, IN_SERIES)
+    return trb.Scene("32008J", trb.Load(radial, axial), spalls, law="table", phase=phase, effects=acting)
 
 
 @jax.jit

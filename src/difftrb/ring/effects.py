@@ -138,6 +138,7 @@ class Flange(Effect):
     """
 
     key = "flange"
+    expands = True
     label = "the flange of the inner ring"
     stage = Stage.SEAT
     units = {**ON_THE_INNER_RING, "flange_angle": "rad"}  # noqa: RUF012
@@ -160,7 +161,7 @@ class Flange(Effect):
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`inner_loads`, `flange_loads` [N], shape (rollers,); `flange_angle` of the force from the axis [rad]."""
-        return {**inside(terms.seat, rest.loads), "flange_angle": jnp.asarray(of.seat(terms).flange)}
+        return {**inside(terms.seat, rest.loads), "flange_angle": xp.asarray(of.seat(terms).flange)}
 
 
 @register

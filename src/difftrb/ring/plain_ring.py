@@ -1,9 +1,9 @@
 """The plain ring in any arithmetic: of numbers at once, without a program; of expansions with all their derivatives.
 
-As `ring.equilibrium`, and its equal to rounding; of effects it knows raceways in series. All cage phases are solved
-together: arrays have phases, if there are several, before rollers. A scene of numbers takes milliseconds, where
-compiling takes seconds; and the derivatives of a traced one come from one expansion, where differentiating its program
-would make it many times as large.
+As `ring.equilibrium`, and its equal to rounding; of effects it knows raceways in series and the flange. All cage phases
+are solved together: arrays have phases, if there are several, before rollers. A scene of numbers takes milliseconds,
+where compiling takes seconds; and the derivatives of a traced one come from one expansion, where differentiating its
+program would make it many times as large.
 """
 
 from __future__ import annotations

@@ -131,12 +131,13 @@ def outer_loads(
 def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any, inside: Any) -> Taylor:
     """As `edge_ramp.expanded_loads`, of rollers that rest at `inside` between outer raceway and a seat that gives way:
     where they rest is carried along (implicit function theorem)."""
-    if seat is None:
+    if seat is None or not seat.gives_way:
         return edge_ramp.expanded_loads(outer_curves, approach)
     expanded = [by for leaf in _leaves((approach, seat, outer_curves)) if (by := xp.by(leaf)) is not None]
     count = len(expanded[0]) if expanded else 0
     if xp.module_of(inside) is jnp:  # JAX, too, may differentiate
-        inside = _followed(*xp.values((seat, outer_curves, approach)), inside)
+        own_seat, own_curves, at = xp.values((seat, outer_curves, approach))
+        inside = _followed(own_seat, own_curves, at, inside)
 
     def spread(of: Any) -> Any:  # by as many parameters as all the rest
         return of + Taylor(np.zeros([1] * of.ndim), np.zeros((count, *[1] * of.ndim))) if count else of
@@ -170,9 +171,11 @@ def _placed(seat: Seat, inside: Any) -> tuple[Any, Any]:
     """Outer load of a roller in balance [N], and by how much it is displaced along the outer normal [mm]: at an inner
     approach [mm], or, if the inner raceway does not give way, at an inner load [N]."""
     ratio = seat.inner_cos / seat.outer_cos
-    rigid = seat.inner_curves is None
-    inner = inside if rigid else edge_ramp.carried_loads(seat.inner_curves, inside)
-    load, moved = inner * ratio + seat.least, (0.0 * inside if rigid else inside) / ratio
+    if seat.inner_curves is None:
+        inner, approach = inside, 0.0 * inside
+    else:
+        inner, approach = edge_ramp.carried_loads(seat.inner_curves, inside), inside
+    load, moved = inner * ratio + seat.least, approach / ratio
     if seat.flange_compliance is None:
         return load, moved
     force = _wedged(seat, load)

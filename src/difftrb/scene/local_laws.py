@@ -235,7 +235,9 @@ def _at_once(scene: Scene) -> Rests:
     loads: dict[Raceway, Any] = {"outer": rest.loads}
     if terms.facing is not None and terms.seat is not None:
         loads["inner"] = roller_balance.inner_load(terms.seat, rest.loads)
-    away: dict[Raceway, Any] = {raceway: np.moveaxis(here.distances(raceway, terms), 0, 1) for raceway in loads}
+    away: dict[Raceway, Any] = {
+        raceway: np.moveaxis(np.asarray(here.distances(raceway, terms)), 0, 1) for raceway in loads
+    }
     return Rests(loads, away, rest.approach, terms.seat)
 
 

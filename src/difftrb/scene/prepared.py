@@ -142,7 +142,8 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
 
     def mean(value: Any) -> Any:
         rows = value.reshape(value.shape[0], -1)
-        return xp.einsum("p,pi->i", weights, rows).reshape(*value.shape[1:])
+        found = xp.einsum("p,pi->i", weights, rows)
+        return found.reshape(*value.shape[1:]) if value.ndim > 1 else found[0]
 
     def span(value: Any) -> Any:
         of = xp.module_of(value)
@@ -228,7 +229,8 @@ def with_results(
     law, met = outer_law(scene), roller_places.spalls_on(scene.spalls, "outer")
     here, terms = ring_at(scene, law, each)
     rest = plain_ring.equilibrium(scene.bearing, scene.load, met, law, each, within, terms)
-    return rest, effects.results(scene.effects, rest, terms, here)
+    found = effects.results(scene.effects, rest, terms, here)
+    return rest, {name: value if value.ndim else value + np.zeros(len(each)) for name, value in found.items()}
 
 
 @np.errstate(all="ignore")

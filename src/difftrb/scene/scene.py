@@ -296,14 +296,15 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
         met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), inner))
     sound = healthy(scene)
     here, terms = ring_at(sound, acting, 0.0)
-    at_rest: Callable[[Any], ring.Equilibrium]
-    if is_plain(scene) and (xp.are_numbers(scene) or xp.expands(scene)):
 
-        def at_rest(each: Any) -> ring.Equilibrium:
-            own = ring_at(sound, acting, each)[1]
-            return plain_ring.equilibrium(scene.bearing, scene.load, (), acting, each, terms=own)
-    else:
-        at_rest = jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))
+    def at_once(each: Any) -> ring.Equilibrium:
+        own = ring_at(sound, acting, each)[1]
+        return plain_ring.equilibrium(scene.bearing, scene.load, (), acting, each, terms=own)
+
+    def by_program(each: Any) -> ring.Equilibrium:
+        return jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))(each)
+
+    at_rest = at_once if is_plain(scene) and (xp.are_numbers(scene) or xp.expands(scene)) else by_program
     return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms, still)
 
 
