@@ -60,6 +60,7 @@ def _run(options: Any) -> int:
     file = scene_file.parse(source, path)
     scene_file.check_ring(file, path)
     console.remark(remarks.light_ring_load(file), path)
+    console.remark(remarks.far_angle(file), path)
     started = time.perf_counter()
     with console.bar("solving contacts for the roller law") as progress:
         scene = jax.block_until_ready(difftrb.prepare(file.scene(), progress))
@@ -151,6 +152,7 @@ def _check(options: Any) -> int:
     file, path = _read(options)
     scene_file.check_ring(file, path)
     console.remark(remarks.light_ring_load(file), path)
+    console.remark(remarks.far_angle(file), path)
     spalls = f"{len(file.spall)} spall{'s' if len(file.spall) > 1 else ''}" if file.spall else "healthy"
     print(f"{path}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
           f"axial {file.load.axial:g} N, law {file.contact.law}")  # fmt: skip
@@ -296,7 +298,9 @@ def main(arguments: list[str] | None = None) -> int:
     except DifftrbError as error:
         return console.refuse(error, error.exit_code)
     except KeyboardInterrupt:
-        return console.refuse("interrupted", EXIT_INTERRUPTED)
+        goes_on = options.command.name == "sweep" and options.out is not None
+        more = "; what is written is kept: --resume goes on" if goes_on else ""
+        return console.refuse(f"interrupted{more}", EXIT_INTERRUPTED)
     except BrokenPipeError:  # the reader, say `head`, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_PIPE

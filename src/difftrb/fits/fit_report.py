@@ -156,6 +156,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
             _phase(row.phase), _amount(row.value), _amount(fit.predicted[k]), f"{fit.residuals[k]:+.2f}",
         )  # fmt: skip
     lines = [*fit.remarks]
+    if fit.alternatives:
+        lines.insert(0, "other answers are possible, see below; errors and intervals are of the one in the table alone")
     if len(fit.parameters) > 1:
         pairs = [
             f"{a} and {b} {fit.correlation[i, j]:+.2f}"

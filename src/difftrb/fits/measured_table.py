@@ -147,8 +147,8 @@ def _rows(columns: list[Column], cells: list[str], where: str) -> Iterator[Measu
     """What was measured on one line; `where` begins its sentence."""
     if len(cells) != len(columns):
         raise MeasuredError(
-            f"{where}: has {len(cells)} cells where the first line has {len(columns)}; between commas write decimals "
-            "with a point"
+            f"{where}: has {len(cells)} cells where the first line has {len(columns)}: give every column a name, and "
+            "between commas write decimals with a point"
         )
     content = {column: cell for column, cell in zip(columns, cells, strict=True) if cell}
     shared = {column: cell for column, cell in content.items() if column.name not in WIDE}

@@ -9,6 +9,7 @@ import dataclasses
 import datetime
 import hashlib
 import json
+import math
 import platform
 import re
 from collections.abc import Mapping, Sequence
@@ -223,9 +224,10 @@ def _inlined(svg: str, name: str, heading: str) -> str:
 def _acting(scene: Scene) -> str:
     acting = [f"contact of crowned rollers with the outer raceway, elastic half-space; {_law(scene)}"]
     for spall in scene.spalls:
+        at = f"{spall.angle:g} rad ({math.degrees(spall.angle):.4g}°)"
         acting.append(
             f"a spall on {PLACES[spall.surface]}: {spall.length:g} mm along the roller, {spall.width:g} mm across it,"
-            f" {spall.depth:g} mm deep, at {spall.angle:g} rad, {spall.axial_offset:g} mm off the middle"
+            f" {spall.depth:g} mm deep, at {at}, {spall.axial_offset:g} mm off the middle"
         )
     for effect in scene.effects:
         kind = next(kind for kind in effects.registered() if isinstance(effect, kind))

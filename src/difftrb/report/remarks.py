@@ -1,4 +1,4 @@
-"""Remarks, never errors: loads so small that their unit may be wrong, and what limits a solution."""
+"""Remarks, never errors: loads and angles whose unit may be wrong, and what limits a solution."""
 
 from __future__ import annotations
 
@@ -31,6 +31,17 @@ def light_ring_load(file: SceneFile) -> str | None:
     share = float(_share(file.bearing, file.load.radial, file.load.axial, rows))
     given = f"load.radial = {file.load.radial:g} N, load.axial = {file.load.axial:g} N"
     return _light(given, share)
+
+
+def far_angle(file: SceneFile) -> str | None:
+    """The remark on an angle of more than half a turn, which may be in degrees, if there is one."""
+    for i, spall in enumerate(file.spall):
+        if abs(spall.angle) > np.pi:
+            return (
+                f"spall.{i}.angle = {spall.angle:g} rad is {np.degrees(spall.angle):.4g}°, more than half a turn; if "
+                f"it is in degrees, give {np.radians(spall.angle):.4g}"
+            )
+    return None
 
 
 def light_contact_load(file: SceneFile) -> str | None:

@@ -197,7 +197,7 @@ def raceways_text(scene: Scene, solution: Solution) -> str | None:
     share = outer_share(scene, float(np.max(solution.loads)))
     return (
         "stiffness is that of the contacts with the outer raceway alone, as in the paper; both raceways in series make "
-        f"about {share:.2f} of it{', and of its loss' if scene.spalls else ''}: effects.raceways"
+        f"about {share:.2f} of it{', and of its loss in per cent' if scene.spalls else ''}: effects.raceways"
     )
 
 

@@ -8,7 +8,7 @@ hold what the kinks' motion adds: of a hard window that is all there is by width
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
@@ -146,6 +146,7 @@ def _share(law: Law, rest: ring.Equilibrium) -> Any:
     loads = xp.fixed(rest.loads)
     top = xp.module_of(loads).argmax(loads, axis=-1)
     whole = xp.taken(xp.moved_first(rest.approach), top)
-    curve = xp.fixed(load_curve.one_of(law.curves((), np.zeros((0, 1))).each, 0))
+    healthy = law.curves((), cast(Any, np.zeros((0, 1)))).each
+    curve = xp.fixed(load_curve.one_of(healthy, 0))
     own = load_curve.approach(curve, xp.maximum(xp.module_of(loads).max(loads, axis=-1), 1.0))
     return own / xp.maximum(whole, own)

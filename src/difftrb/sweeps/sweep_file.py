@@ -79,6 +79,7 @@ def deliver(options: Any) -> int:
     if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
         light = remarks.light_contact_load if file.of_contact else remarks.light_ring_load
         console.remark(light(file.scene), options.scene)
+    console.remark(_idle_width(file), options.scene)
     with console.bar("preparing the roller law") as progress:
         plan = file.plan(options.batch, progress)
     console.say_picked(plan.base)
@@ -86,6 +87,8 @@ def deliver(options: Any) -> int:
         print(sweeping.forecast_of_disk(plan, out), flush=True)
         with console.busy("compiling the sweep's program, and measuring a small batch"):
             print(sweeping.forecast(plan, options.devices))
+        if options.cache:
+            print("compiled  and kept: the sweep itself need not wait for that")
         return console.EXIT_OK
     with console.members("sweeping") as progress:
         ended = chunks.run(
@@ -103,6 +106,15 @@ def deliver(options: Any) -> int:
             return console.refuse(f"{error.filename}: {error.strerror or error}: {left}", console.EXIT_BAD_FILE)
     print(ended.sentence())
     return console.EXIT_OK if ended.failed == 0 else console.EXIT_NO_SOLUTION
+
+
+def _idle_width(file: SweepFile) -> str | None:
+    """The remark on an axis of widths at one phase, where most rollers stand on no edge, if there is one."""
+    widths = [key for key in file.axes if key.startswith("spall.") and key.endswith(".width")]
+    at_one = not file.of_contact and not isinstance(file.scene.stiffness.phase, str)
+    if not widths or not at_one or "stiffness.phase" in file.axes:
+        return None
+    return f'{widths[0]} acts only where a roller stands on a rolling edge at this phase; take stiffness.phase = "mean"'
 
 
 def read(path: str | Path) -> SweepFile:
