@@ -431,6 +431,15 @@ def test_spalls_are_found_where_the_angle_begins_anew(bearing: trb.TaperedBearin
         assert abs(away) > 1e-3 or abs(other.values[1] / found["width"] - 1.0) > 1e-2
 
 
+@pytest.mark.slow
+def test_measurements_that_may_be_made_share_the_fits_program(rig: trb.Scene, exact: np.ndarray) -> None:
+    """Of many rows, too: they had one of their own, as long to compile as the fit's."""
+    found = fit(rig, 3 * measured(exact), starts=FEW)
+    known = set(predicted._compiled)
+    assert len(optimal_design.next_measurements(found)) == 3
+    assert predicted._compiled == known
+
+
 def test_an_interval_that_ends_with_the_range_does_not_determine(rig: trb.Scene, exact: np.ndarray) -> None:
     """A spall as long as the law knows: a longer one would read as this one."""
     longest = float(laws.longest("liu2018", float(rig.bearing.roller_length)))

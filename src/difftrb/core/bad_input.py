@@ -16,6 +16,7 @@ import stat
 import types
 from collections.abc import Iterable, Iterator, Mapping
 from importlib import resources
+from numbers import Integral
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -203,6 +204,11 @@ def _in_words(hint: Any) -> str:
     unit = next((m.unit for m in metadata if isinstance(m, Unit)), "")
     limits = next(m for m in metadata if isinstance(m, Interval))
     return number_in(limits.ge, limits.le, unit, whole=kind is int)
+
+
+def is_whole(value: Any, low: float = -math.inf, high: float = math.inf) -> bool:
+    """Whether it is a whole number between these, Python's or numpy's; truths are none."""
+    return isinstance(value, Integral) and not isinstance(value, bool) and low <= int(value) <= high
 
 
 def number_in(low: Any, high: Any, unit: str = "", whole: bool = False) -> str:

@@ -22,7 +22,7 @@ from annotated_types import Interval, Unit
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
 from difftrb.core import arrays as xp
-from difftrb.core.bad_input import allowed, must_be, number_in, shown
+from difftrb.core.bad_input import allowed, is_whole, must_be, number_in, shown
 
 Class = TypeVar("Class", bound=type)
 
@@ -84,7 +84,7 @@ def whole_to_float(tree: Any, names: Iterable[str] | None = None) -> None:
 
 
 def _as_float(value: Any) -> Any:
-    if _is_whole(value):
+    if is_whole(value):
         try:
             return float(value)
         except OverflowError:  # hundreds of digits: for the checks to refuse
@@ -92,10 +92,6 @@ def _as_float(value: Any) -> Any:
     if isinstance(value, jax.Array | np.ndarray) and not isinstance(value, jax.core.Tracer):
         return value.astype(float) if value.ndim == 0 and value.dtype.kind in "iu" else value
     return value
-
-
-def _is_whole(value: Any) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 # ------------------------------------------------------------------------------------------------ ranges
@@ -174,7 +170,7 @@ def _of_number(field: Field, value: Any, key: str, not_finite: bool) -> str | No
         )
     if isinstance(value, jax.core.Tracer):
         return None
-    whole = _is_whole(value)
+    whole = is_whole(value)
     real = whole or (isinstance(value, float | np.floating | np.ndarray | jax.Array) and _kind(value) in "iuf")
     if math.isnan(field.low) or not real or (field.whole and not whole):
         return must_be(key, value, takes)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from difftrb.core.bad_input import number_in, shown
+from difftrb.core.bad_input import is_whole, number_in, shown
 from difftrb.fits import nested_sampling, predicted
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import Fit
@@ -125,7 +125,7 @@ def posterior(
     """
     fit.check()
     for name, value, low, high in (("live", live, 50, 10_000), ("draws", draws, 100, 100_000)):
-        if not isinstance(value, int) or not low <= value <= high:
+        if not is_whole(value, low, high):
             raise MeasuredError(f"{name} = {shown(value)}: must be a whole number in {low} … {high}")
     more = [name for name in nuisances if name not in fit.parameters]
     problem = predicted.with_more(fit.problem, fit_parameters.named(more) if more else (), fit.rows)

@@ -14,7 +14,7 @@ from annotated_types import Interval, Unit
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, packaged_bearings
-from difftrb.core.bad_input import did_you_mean, shown
+from difftrb.core.bad_input import did_you_mean, is_whole, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.numeric import gauss_legendre
 from difftrb.core.status import SceneError
@@ -150,7 +150,7 @@ class Scene:
         `spall` says which one, from 0; default the only one; it is `spalls` that replaces them. Raises `SceneError` for
         a name that nothing has, and for a spall's without a spall or with several.
         """
-        if spall is not None and (isinstance(spall, bool) or not isinstance(spall, int)):
+        if spall is not None and not is_whole(spall):
             raise SceneError(f"spall = {shown(spall)}: must be the number of a spall, from 0; spalls = … replaces them")
         parts: dict[str, dict[str, Any]] = {"scene": {}, "load": {}, "bearing": {}, "spall": {}}
         maps = all(isinstance(one, HeightMap) for one in self.spalls) and self.spalls

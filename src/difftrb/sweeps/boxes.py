@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core.bad_input import is_whole
 from difftrb.core.machine import accelerator
 from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import Axis
@@ -49,7 +50,7 @@ def of_block(axes: Sequence[Axis], batch: int | None) -> int:
             contacts = any(key.startswith(("bearing.", "contact.")) for axis in axes for key in axis.keys)
             most = BLOCK_OF_CONTACTS if contacts else BLOCK
         return min(most, max(1, members // CHUNKS))
-    if not isinstance(batch, int) or not 1 <= batch <= BLOCK_OF_GPU:
+    if not is_whole(batch, 1, BLOCK_OF_GPU):
         raise SweepError(f"batch = {batch!r}: must be a whole number in 1 … {BLOCK_OF_GPU}")
     return batch
 

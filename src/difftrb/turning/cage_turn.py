@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import jax
@@ -18,6 +17,7 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, implicit, status
+from difftrb.core.bad_input import is_whole
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
@@ -105,7 +105,7 @@ class CageTurn(status.Judged):
         if self.repeats == "never":
             raise SceneError("orders: nothing repeats over this span; leave span out, and spalls on other surfaces")
         count = self.cage.shape[0]
-        if not _is_whole(highest, 0, count // 2):
+        if not is_whole(highest, 0, count // 2):
             raise SceneError(f"highest = {highest!r}: must be a whole number in 0 … {count // 2}, half of the phases")
 
         def coefficients(values: jax.Array) -> jax.Array:
@@ -149,10 +149,6 @@ def _is_above_0(value: Any) -> bool:
         return False
 
 
-def _is_whole(value: Any, low: int, high: int) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool) and low <= int(value) <= high
-
-
 def _as_matrix(stiffness: Any, axes: int) -> jax.Array:
     try:
         given = jnp.asarray(stiffness, float)
@@ -187,7 +183,7 @@ def stiffness(
     Differentiable by every number of the scene, `jit` and `vmap` as `solve`. Raises `SceneError` as `solve`; phases
     without a solution have NaN and a status.
     """
-    if not _is_whole(phases, 1, MOST):
+    if not is_whole(phases, 1, MOST):
         raise SceneError(f"phases = {phases!r}: must be a whole number in 1 … {MOST}")
     scene = checks.checked(scene)
     start: Any = 0.0 if isinstance(scene.phase, PitchMean) else scene.phase
