@@ -146,14 +146,14 @@ def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any,
     inner, moved = _placed(held, place)
     outer = edge_ramp.expanded_loads(outer_curves, spread(approach) - Taylor(moved.value, moved.by[:-1]) if count
                                      else approach - moved.value)  # fmt: skip
-    slope, rate, pace = outer.by[-1], inner.by[-1], moved.by[-1]
+    slope, rate, pace = outer.by[-1:], inner.by[-1:], moved.by[-1:]
     falling = slope * pace + rate
     falling = xp.where(falling > 0.0, falling, 1.0)
     last = (np.arange(count + 1) == count).reshape(-1, *[1] * inner.ndim)  # by the ring's approach
     follows = xp.where(last, slope, outer.by - inner.by) / falling
 
     def along(at: Any, of: Taylor, way: Any) -> Taylor:  # its slope, as parameters and the ring move
-        return Taylor(at, xp.where(last, 0.0, of.mixed) + of.mixed[-1] * way)
+        return Taylor(at[0], xp.where(last, 0.0, of.mixed) + of.mixed[-1:] * way)
 
     outer_slope = along(slope, outer, last - pace * follows)
     inner_slope, own_pace = along(rate, inner, follows), along(pace, moved, follows)
