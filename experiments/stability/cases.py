@@ -68,7 +68,9 @@ def contact_approach(numbers: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ..
 def ring_displacement(rollers: int, numbers: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
     """Radial and axial together; `numbers` as `RING_NUMBERS`."""
     a = dict(zip(RING_NUMBERS, numbers, strict=True))
-    bearing = dataclasses.replace(BEARING, rollers=rollers, outer_angle=a["outer_angle"])
+    outer = a["outer_angle"]
+    inner = outer - 2.0 * BEARING.roller_angle  # one apex
+    bearing = dataclasses.replace(BEARING, rollers=rollers, outer_angle=outer, inner_angle=inner)
     spall = trb.Spall(a["length"], a["width"], angle=a["angle"])
     scene = trb.Scene(bearing, trb.Load(a["radial"], a["axial"]), (spall,), law="liu2018", phase=a["phase"])
     r = trb.solve(scene)

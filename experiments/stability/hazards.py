@@ -188,10 +188,10 @@ RINGS = (
     RingHazard("phase of one pitch", phase=PITCH),
     RingHazard("angle −2π", angle=-2.0 * np.pi),
     RingHazard("spall opposite to the load", angle=np.pi),
-    RingHazard("contact angle 0.01 rad", radial=100.0, outer_angle=0.01),
+    RingHazard("contact angle 0.01 rad", radial=100.0, outer_angle=0.01, ends=(BAD,)),
     RingHazard("contact angle 1e-6 rad", radial=100.0, outer_angle=1e-6, ends=(BAD,)),
     RingHazard("contact angle 1.5 rad", radial=100.0, outer_angle=1.5),
     RingHazard("contact angle π/2 but for 1e-9", radial=100.0, outer_angle=0.5 * np.pi - 1e-9, ends=(NONE,)),
     RingHazard("3 rollers", radial=1000.0, rollers=3),
-    RingHazard("200 rollers", rollers=200),
+    RingHazard("200 rollers, which overlap", rollers=200, ends=(BAD,)),
 )  # fmt: skip

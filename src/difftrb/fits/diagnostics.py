@@ -22,8 +22,6 @@ TOLD_APART = 2.0
 """Difference [sigma] of two answers' predictions below which a measurement does not decide between them."""
 HEALTHY = 0.05
 """Chance of what a spall gains over none, above which none is needed."""
-BENT = 2.0
-"""An interval this many times as wide as slopes at the answer let expect is not theirs to tell."""
 TIMES = " × "
 TOLD = 3
 """Most other answers that are told in words."""
@@ -185,7 +183,6 @@ def _unclear(fit: Fit, unclear: list[int]) -> str:
              if parameter.logarithmic and parameter.in_products and abs(fit.place[i]) < AT_BOUND]  # fmt: skip
     if len(sizes) > 1:
         powers, error = _best_determined(fit, sizes)
-        error = np.nan if any(_is_bent(fit, i) for i in sizes) else error
         percent = 100.0 * error * float(np.sqrt(fit.limit))
         product = _product(powers)
         if percent < 30.0 and TIMES in product:  # one alone is said to be open or is known
@@ -200,14 +197,6 @@ def _fits_as_well(fit: Fit, i: int) -> str:
     if no_low != no_high:
         return f"({low:.3g} {fit.units[i]} and more)" if no_high else f"({high:.3g} {fit.units[i]} and less)"
     return f"({low:.3g} … {high:.3g} {fit.units[i]} fit as well)"
-
-
-def _is_bent(fit: Fit, i: int) -> bool:
-    """Whether a size's interval is much wider than its slopes at the answer let expect, so that these tell nothing of
-    products."""
-    low, high = fit.intervals[i]
-    local = np.sqrt(fit.limit) * fit.standard_errors[i] / fit.values[i]
-    return bool(np.log(high / low) > 2.0 * BENT * local)
 
 
 def _best_determined(fit: Fit, sizes: list[int]) -> tuple[dict[str, float], float]:
