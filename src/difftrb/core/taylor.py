@@ -164,8 +164,7 @@ def variable(x: Any) -> Taylor:
 def with_variable(x: Any, others: Any) -> tuple[Taylor, Any]:
     """An array or expansion `x` as one more parameter, the last, to second derivatives; and a pytree whose expansions
     have it, too, and do not change by it. All may be expanded by the same parameters, or by none."""
-    expanded = [leaf for leaf in (x, *jax.tree.leaves(others, is_leaf=_is_taylor)) if by_of(leaf) is not None]
-    count = len(expanded[0].by) if expanded else 0
+    count = parameters_of((x, others))
 
     def widened(leaf: Any) -> Any:
         own = by_of(leaf)
@@ -177,6 +176,12 @@ def with_variable(x: Any, others: Any) -> tuple[Taylor, Any]:
     before = of.zeros((count, *np.shape(at))) if own is None else own
     by = of.concatenate([before, last]) if count else last
     return Taylor(at, by, of.zeros_like(by)), jax.tree.map(widened, others, is_leaf=_is_taylor)
+
+
+def parameters_of(tree: Any) -> int:
+    """By how many parameters what is expanded in a pytree is; 0 if nothing is."""
+    every = map(by_of, jax.tree.leaves(tree, is_leaf=_is_taylor))
+    return next((len(by) for by in every if by is not None), 0)
 
 
 def parameters(leaves: Sequence[Any]) -> list[Taylor]:

@@ -186,8 +186,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
 
 def _is_same(one: Measurement, row: Measurement, fit: Fit) -> bool:
     """Whether a measurement that may be made is a row that was measured."""
-    (place, other), (first, *second) = row_conditions(fit.scene, (one, row))
-    return one.quantity == row.quantity and (place == other or (bool(second) and _near(first, second[0])))
+    _, (first, *second) = row_conditions(fit.scene, (one, row))  # one, if they are equal
+    return one.quantity == row.quantity and all(_near(first, other) for other in second)
 
 
 def _near(one: Condition, other: Condition) -> bool:

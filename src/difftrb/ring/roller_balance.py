@@ -17,7 +17,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Real, TaperedBearing
-from difftrb.core.taylor import Taylor
+from difftrb.core.taylor import Taylor, parameters_of
 from difftrb.law import edge_ramp
 from difftrb.law.edge_ramp import RollerCurves
 
@@ -133,8 +133,7 @@ def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any,
     where they rest is carried along (implicit function theorem)."""
     if seat is None or not seat.gives_way:
         return edge_ramp.expanded_loads(outer_curves, approach)
-    expanded = [by for leaf in _leaves((approach, seat, outer_curves)) if (by := xp.by(leaf)) is not None]
-    count = len(expanded[0]) if expanded else 0
+    count = parameters_of((approach, seat, outer_curves))
     if xp.module_of(inside) is jnp:  # JAX, too, may differentiate
         own_seat, own_curves, at = xp.values((seat, outer_curves, approach))
         inside = _followed(own_seat, own_curves, at, inside)
@@ -161,10 +160,6 @@ def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any,
     by_approach = outer_slope * inner_slope / xp.where(whole > 0.0, whole, 1.0)
     pressed = Taylor(inner.value, xp.where(last, 0.0, inner.by) + rate * follows, by_approach.by)
     return xp.where(inside > 0.0, pressed, held.least)
-
-
-def _leaves(tree: Any) -> list[Any]:
-    return jax.tree.leaves(tree, is_leaf=lambda leaf: isinstance(leaf, Taylor))
 
 
 def _placed(seat: Seat, inside: Any) -> tuple[Any, Any]:

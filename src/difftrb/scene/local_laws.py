@@ -230,8 +230,8 @@ def _rest_at(scene: Scene) -> Rests:
 @np.errstate(all="ignore")
 def _at_once(scene: Scene) -> Rests:
     each, _ = phases(scene)
-    rest = xp.values(prepared.at_phases(scene, each))
-    here, terms = ring_at(scene, cast(LocalLaw, scene.law), each)
+    found, here, terms = prepared.rings_at(scene, each)
+    rest = xp.values(found)
     loads: dict[Raceway, Any] = {"outer": rest.loads}
     if terms.facing is not None and terms.seat is not None:
         loads["inner"] = roller_balance.inner_load(terms.seat, rest.loads)

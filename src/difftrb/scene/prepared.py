@@ -133,7 +133,9 @@ _by_program = jit_quickly(static_argnums=0)(_solution)
 def _expanded(scene: Scene) -> Solution:
     """A plain ring's solution in any arithmetic."""
     each, weights = phases(scene)
-    rest, more = with_results(scene, each)
+    rest, here, terms = rings_at(scene, each)
+    more = effects.results(scene.effects, rest, terms, here)
+    more = {name: value if value.ndim else value + np.zeros(len(each)) for name, value in more.items()}
     return _of_phases(scene, rest, as_defined(scene, rest), weights, more)
 
 
@@ -217,20 +219,18 @@ def at_phases(
     """The plain ring of a prepared scene at all cage phases `each` [rad], shape (phases,), in any arithmetic: what it
     has is of shape (phases, …). `loads`: at every phase its own, both of shape (phases,), in place of the scene's;
     `spalls`: the same, what differs between phases of shape (phases, 1)."""
-    return with_results(scene, each, loads, spalls)[0]
+    return rings_at(scene, each, loads, spalls)[0]
 
 
-def with_results(
+def rings_at(
     scene: Scene, each: Any, loads: Load | None = None, spalls: tuple[Spall, ...] | None = None
-) -> tuple[ring.Equilibrium, Results]:
-    """As `at_phases`; and what effects add to it."""
+) -> tuple[ring.Equilibrium, effects.Ring, effects.Terms]:
+    """As `at_phases`; and what effects act on there, and what they add to it."""
     within = checks.code(xp.fixed(scene))
     scene = dataclasses.replace(scene, load=loads or scene.load, spalls=scene.spalls if spalls is None else spalls)
     law, met = outer_law(scene), roller_places.spalls_on(scene.spalls, "outer")
     here, terms = ring_at(scene, law, each)
-    rest = plain_ring.equilibrium(scene.bearing, scene.load, met, law, each, within, terms)
-    found = effects.results(scene.effects, rest, terms, here)
-    return rest, {name: value if value.ndim else value + np.zeros(len(each)) for name, value in found.items()}
+    return plain_ring.equilibrium(scene.bearing, scene.load, met, law, each, within, terms), here, terms
 
 
 @np.errstate(all="ignore")

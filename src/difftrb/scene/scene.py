@@ -292,8 +292,8 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
     met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
     series = effect_base.among(scene.effects, effects.SeriesRaceways)
     if series is not None:
-        inner = cast(Law, series.law).at(raceway_contact(scene, "inner"))
-        met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), inner))
+        inner = cast(effects.SeriesRaceways, _here(scene, series)).law
+        met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), cast(Law, inner)))
     sound = healthy(scene)
     here, terms = ring_at(sound, acting, 0.0)
 
