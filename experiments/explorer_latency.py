@@ -17,9 +17,9 @@ import jax
 jax.config.update("jax_enable_x64", True)
 
 from bokeh.document import Document
-from selenium import webdriver
-from selenium.common.exceptions import WebDriverException
-from selenium.webdriver.support.wait import WebDriverWait
+from selenium import webdriver  # pyright: ignore[reportMissingImports]
+from selenium.common.exceptions import WebDriverException  # pyright: ignore[reportMissingImports]
+from selenium.webdriver.support.wait import WebDriverWait  # pyright: ignore[reportMissingImports]
 
 import difftrb as trb
 from difftrb.report import explorer
