@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.layouts import column, row
-from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
+from bokeh.models import ColumnDataSource, CustomJS, LinearColorMapper, Range1d
 from bokeh.palettes import Blues9, Viridis256
 from bokeh.plotting import figure
 
@@ -26,13 +26,18 @@ WAYS = ("healthy", HEALTHY, "healthy"), ("spalled", SPALLED, "with spall")
 
 
 class Rings:
-    """The rollers at their places, their loads, and the stiffness over the cage's turn."""
+    """The rollers at their places, their loads, and the stiffness over the cage's turn.
+
+    All that changes goes to the page in one message, and it draws once: columns of one source, each filled up with
+    empty cells, titles among them."""
 
     def __init__(self, scene: Scene) -> None:
-        self.rollers, self.spall, self.turn = (ColumnDataSource({}) for _ in range(3))
-        self.place: tuple[float, float] | None = None
-        self.stiffness = [self._stiffness(name) for name in ("radial", "axial")]
-        self.drawn = column(row(self._ring(scene), self._loads()), row(*self.stiffness))
+        self.shown = ColumnDataSource({})
+        stiffness = [self._stiffness(name) for name in ("radial", "axial")]
+        self.titles = [drawn.title for drawn in stiffness]
+        put = "titles.forEach((title, k) => { title.text = shown.data.title[k]; });"
+        self.shown.js_on_change("data", CustomJS(args={"titles": self.titles, "shown": self.shown}, code=put))
+        self.drawn = column(row(self._ring(scene), self._loads()), row(*stiffness))
 
     def show(self, scene: Scene, turn: Turn, k: int) -> None:
         """The ring of a scene at the `k`-th phase of its cage's turn."""
@@ -41,23 +46,29 @@ class Rings:
         order = np.argsort(places)  # so that lines go from one to the next
         angle, radius = places[order], float(geometry.pitch_radius(of))
         spalled, healthy = turn.loads[k][order] / 1e3, turn.healthy_loads[k][order] / 1e3
-        self.rollers.data = {"roller": order, "angle": angle, "x": radius * np.sin(angle), "y": -radius * np.cos(angle),
-                             "spalled": spalled, "healthy": healthy,
-                             "share": spalled / max(float(spalled.max()), 1e-3)}  # fmt: skip
         spall = scene.spalls[0]
         half, middle = 0.5 * float(spall.width) / float(geometry.arc_radius(of)), float(spall.angle) - 0.5 * math.pi
-        if self.place != (middle, half):  # what stays is not drawn again
-            self.place = middle, half
-            self.spall.data = {"low": [middle - half], "high": [middle + half]}
-        values = {f"{way}_{name}": part[:, j, j] / 1e3 for name, j in (("radial", 0), ("axial", 2))
-                  for way, part in (("healthy", turn.healthy), ("spalled", turn.stiffness))}  # fmt: skip
-        now = np.where(np.arange(len(turn.phases)) == k, turn.phases, np.nan)
-        self.turn.data = {"phase": turn.phases, "now": now, **values}
-        for drawn, j, name in zip(self.stiffness, (0, 2), ("Radial", "Axial"), strict=True):
-            here, mean = turn.stiffness[k, j, j], turn.stiffness[:-1, j, j].mean()
+        columns = {
+            "roller": order, "angle": angle, "x": radius * np.sin(angle), "y": -radius * np.cos(angle),
+            "spalled": spalled, "healthy": healthy, "share": spalled / max(float(spalled.max()), 1e-3),
+            "low": [middle - half], "high": [middle + half], "phase": turn.phases,
+            "now": np.where(np.arange(len(turn.phases)) == k, turn.phases, np.nan),
+        }  # fmt: skip
+        titles = []
+        for name, j in (("radial", 0), ("axial", 2)):
+            ours, theirs = turn.stiffness[:, j, j], turn.healthy[:, j, j]
             loss, mean_loss = (100.0 * (1.0 - a / b) for a, b in
-                               ((here, turn.healthy[k, j, j]), (mean, turn.healthy[:-1, j, j].mean())))  # fmt: skip
-            drawn.title.text = f"{name} {here / 1e3:,.1f} kN/mm: {loss:.2f} % lost, mean {mean_loss:.1f} %"
+                               ((ours[k], theirs[k]), (ours[:-1].mean(), theirs[:-1].mean())))  # fmt: skip
+            columns |= {f"spalled_{name}": ours / 1e3, f"healthy_{name}": theirs / 1e3}
+            titles.append(f"{name.title()} {ours[k] / 1e3:,.1f} kN/mm: {loss:.2f} % lost, mean {mean_loss:.1f} %")
+        rows = max(len(turn.phases), of.rollers, len(titles))
+        filled = {name: np.full(rows, np.nan) for name in columns}
+        for name, values in columns.items():
+            filled[name][: len(values)] = values
+        if not self.shown.data:  # the page is still to be made
+            for title, text in zip(self.titles, titles, strict=True):
+                title.text = text
+        self.shown.data = {**filled, "title": titles + [""] * (rows - len(titles))}
 
     def _ring(self, scene: Scene) -> Any:
         of = scene.bearing
@@ -71,18 +82,18 @@ class Rings:
         for radius in (rim, 1.12 * rim, inside):
             ring.circle([0.0], [0.0], radius=radius, fill_color=None, line_color="#AAB2BA")
         shade = LinearColorMapper(palette=Blues9[::-1], low=0.0, high=1.0)
-        places = ring.circle("x", "y", radius=roller, source=self.rollers, line_color="#33404D",
+        places = ring.circle("x", "y", radius=roller, source=self.shown, line_color="#33404D",
                              fill_color={"field": "share", "transform": shade})  # fmt: skip
         ring.hover.renderers = [places]
         ring.annular_wedge(0.0, 0.0, inner_radius=rim, outer_radius=1.12 * rim, start_angle="low", end_angle="high",
-                           source=self.spall, color=SPALLED)  # fmt: skip
+                           source=self.shown, color=SPALLED)  # fmt: skip
         return ring
 
     def _loads(self) -> Any:
         loads = _plain("Load of every roller [kN]", "angle from the load line [rad]", 2 * WIDE - TALL)
         for name, colour, words in WAYS:
-            loads.line("angle", name, source=self.rollers, color=colour, line_width=2, legend_label=words)
-            loads.scatter("angle", name, source=self.rollers, color=colour, size=5)
+            loads.line("angle", name, source=self.shown, color=colour, line_width=2, legend_label=words)
+            loads.scatter("angle", name, source=self.shown, color=colour, size=5)
         return _with_legend_above(loads)
 
     def _stiffness(self, name: str) -> Any:
@@ -90,8 +101,8 @@ class Rings:
         one.title.text_font_size = "12px"
         one.yaxis.axis_label = f"{name} stiffness [kN/mm]"
         for way, colour, words in WAYS:
-            one.line("phase", f"{way}_{name}", source=self.turn, color=colour, line_width=2, legend_label=words)
-        one.scatter("now", f"spalled_{name}", source=self.turn, size=10, color="black", legend_label="now")
+            one.line("phase", f"{way}_{name}", source=self.shown, color=colour, line_width=2, legend_label=words)
+        one.scatter("now", f"spalled_{name}", source=self.shown, size=10, color="black", legend_label="now")
         return _with_legend_above(one)
 
 
