@@ -21,7 +21,7 @@ from matplotlib.patches import Arc, Circle, Polygon, Rectangle, Wedge
 
 import difftrb as trb
 from difftrb.contact.solver import pressure_patches
-from difftrb.report import figure_style, load_figure, pressure_figure
+from difftrb.report import figure_style, pressure_figure, run_figures
 
 
 def loss_over_length(scene: trb.Scene, ax: Axes) -> None:
@@ -61,7 +61,7 @@ def overview(folder: Path) -> None:
     pressed, patches = pressure_patches(contact, result.spalled.loads[0], scene.spalls[0], 0.0, pressure_figure.FINE)
     figure = plt.figure(figsize=(14.0, 4.6), layout="constrained")
     left, middle, right = np.ravel(np.asarray(figure.subfigures(1, 3, width_ratios=(1.0, 1.35, 1.15))))
-    load_figure.load_distribution(result, scene, left.add_subplot(projection="polar"))
+    run_figures.load_distribution(result, scene, left.add_subplot(projection="polar"))
     pressure_figure.pressure_map(pressed, middle.add_subplot(), patches)
     loss_over_length(scene, right.add_subplot())
     for kind in ("png", "svg"):

@@ -15,7 +15,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import geometry, user_cache
 from difftrb.fits import measured_table
-from difftrb.report import load_figure, pressure_figure, remarks
+from difftrb.report import pressure_figure, remarks, run_figures
 from difftrb.scene import scene_file
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.solution import Assessment
@@ -185,7 +185,7 @@ def test_figures_put_an_inner_spall_where_it_is() -> None:
     assert pressed.roller == int(jnp.argmax(found.loads))
     nothing = jnp.zeros(2)
     result = Assessment(found, found, nothing, nothing, nothing)
-    bar = load_figure.load_distribution(result, scene).patches[0]
+    bar = run_figures.load_distribution(result, scene).patches[0]
     assert bar.get_width() == pytest.approx(7.0 / geometry.arc_radius(scene.bearing, "inner"))
 
 

@@ -18,7 +18,7 @@ ALONE = {
     "jaxopt": {"core/implicit.py"},
     "optax": {"fits/predicted.py"},
     "matplotlib": {
-        "report/figure_style.py", "report/load_figure.py", "report/pressure_figure.py", "report/bearing_drawing.py",
+        "report/figure_style.py", "report/pressure_figure.py", "report/bearing_drawing.py",
         "report/run_figures.py", "sweeps/sweep_plot.py", "fits/fit_figure.py",
         "fits/posterior_figure.py", "accuracy/accuracy_report.py",
     },

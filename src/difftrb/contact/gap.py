@@ -7,6 +7,7 @@ Every term of the gap is the mean over a cell [mm]; terms add. Lengths in mm, lo
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import numpy as np
@@ -123,6 +124,12 @@ def rest_slope(y: Real, contact: LineContact, slope: Real | None) -> Real:
 def certain_reach(radius: Real, approach: Real) -> Real:
     """Where a roller's curvature alone exceeds the approach [mm]: no contact reaches farther from its middle."""
     return xp.sqrt(2.0 * radius * approach)
+
+
+def half_width(contact: LineContact, loads: Any) -> np.ndarray:
+    """Of contacts under `loads` [N], spread evenly over the roller: Hertz's half-width [mm], of numbers."""
+    line_loads = np.maximum(loads, 0.0) / contact.length
+    return np.asarray(line_half_width(line_loads, contact.radius, contact.modulus))
 
 
 def line_half_width(line_load: Real, radius: Real, modulus: Real) -> Real:

@@ -49,7 +49,8 @@ def done_if(needed: Any, function: Callable[[Any], Any], start: Any) -> Any:
 
 
 def together(tree: Any) -> Any:
-    """A pytree of which a program has nothing before it has all."""
+    """The same pytree, whose parts a program may use only when all of them are there: XLA then computes none of them a
+    second time where it is used."""
     return jax.lax.optimization_barrier(tree) if _traced(tree) else tree
 
 

@@ -12,11 +12,6 @@ from difftrb.core import implicit, numeric
 from difftrb.core.taylor import Taylor, chained, plus, summed, whole
 
 
-def polynomial_at(coefficients: Any, x: Any, order: int) -> Any:
-    """The derivative of this order at every `x`, shape (n, …), of polynomials with coefficients of shape (m, …)."""
-    return numeric.polynomial(coefficients[:, None], x, order)
-
-
 def polynomial(coefficients: Any, x: Any, straight: bool = False) -> Any:
     """Σ cₖ xᵏ, coefficients of shape (degree + 1, …), `x` of the shape behind; with `straight`, of a degree above 1, it
     goes on straight outside −1 … 1."""

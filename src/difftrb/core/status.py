@@ -54,8 +54,8 @@ SENTENCES = {
     SEVERAL: "several spalls are under one roller at once, and this roller law knows one: use contact.law = 'direct'",
     BOTTOM: "a roller may meet the bottom of a spall, which this roller law does not know: use contact.law = 'direct', "
     "or give the spall its true depth",
-    OUTSIDE: "rollers carry loads outside the range that the roller law was made for: name the law for this "
-    "scene, or use contact.law = 'table'",
+    OUTSIDE: "rollers carry loads below or above the range that the roller law was made for: use contact.law = "
+    "'direct' or 'auto', or another design load",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
     SLIVER: "a spall ends close to the roller's end, or takes more than 0.85 of its length, which the table does not "
     "know: use contact.law = 'direct' or 'auto', or move or shorten it",

@@ -95,8 +95,7 @@ def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, c
     values = problem.bounds.values(found.place[k])
     told = [f"{p.name} {v:.3g} {p.unit}" for p, v in zip(problem.parameters, values, strict=True)]
     chi2, answer = 2.0 * float(found.cost[k]), ", ".join(told[: len(fit.parameters)])
-    own = values[: len(fit.parameters)]
-    other = bool(((own < fit.intervals[:, 0]) | (own > fit.intervals[:, 1])).any())
+    other = bool(fit_result.outside(values[: len(fit.parameters)], fit.values, fit.intervals).any())
     return Suspect(
         what,
         answer,

@@ -21,7 +21,7 @@ from difftrb.contact import crown, gap
 from difftrb.core import arrays as xp
 from difftrb.core import series, status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.law import atlas_place, base, direct, edge_ramp, equivalent_edge, load_curve, ramp_fit
+from difftrb.law import atlas_place, base, edge_ramp, equivalent_edge, load_curve, ramp_fit
 from difftrb.law.atlas_place import Place
 from difftrb.law.base import LawKind, Rest, of_one_deep_spall, within_range
 from difftrb.law.edge_ramp import Ramp, RollerCurves
@@ -204,7 +204,7 @@ class AtlasLaw:
         log_full, sunk = (
             xp.einsum("ij,ij...->...", along, xp.einsum("n,n...->...", at, table)) for table in (atlas.full, atlas.sunk)
         )
-        shift = direct.shift_over(contact, spall)
+        shift = ramp_fit.shift_over(contact, spall)
         approaches = xp.maximum(unit * xp.exp(log_full), (shift * (1.0 + 1e-9))[None])
         full = load_curve.through(atlas.log_loads + xp.log(contact.design_load), approaches, shift)
         at_edges = _weights(atlas.edge_numbers, number)

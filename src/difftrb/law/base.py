@@ -278,6 +278,11 @@ def longest(name: str, roller_length: float) -> float:
     return LAWS[name].longest(roller_length) if name in LAWS else LENGTH_SHARE * roller_length
 
 
+def one_scene(name: str) -> bool:
+    """Whether the law called `name` is made for one scene only; a law of the user's own is not."""
+    return name in LAWS and LAWS[name].one_scene
+
+
 def by_samples(name: str) -> bool:
     """Whether the law called `name` needs contacts solved one by one, outside of jit."""
     return name in LAWS and LAWS[name].by_samples

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import numpy as np
 
-from difftrb.contact import crown, gap
+from difftrb.contact import gap
 from difftrb.contact.grids import GRIDS
 from difftrb.core import arrays as xp
 from difftrb.core import status
@@ -60,13 +60,6 @@ def log_loads(top: float) -> np.ndarray:
 def accuracy_at_edges(accuracy: float) -> float:
     """Of contacts with a rolling edge in reach, where that of the others is `accuracy`."""
     return max(FINER * accuracy, min(GRIDS)) if accuracy <= FINER_FROM else accuracy
-
-
-def shift_over(contact: LineContact, spall: Spall) -> Any:
-    """Approach [mm] from which a roller in the middle of a wide and deep spall carries load: the crown at the land."""
-    nearest = xp.maximum(0.5 * spall.length - xp.magnitude(spall.axial_offset), 0.0)
-    half = 0.5 * contact.length
-    return crown.height(xp.minimum(nearest, half * (1.0 - 1e-9)), contact)
 
 
 class Edges(NamedTuple):
@@ -162,7 +155,7 @@ class DirectLaw:
         return ramp_fit.healthy_level(self.contact, solved, self.log_loads, self._healthy(), self.half_width)
 
     def _over(self, i: int, spall: Spall) -> Curve:
-        return load_curve.through(self.log_loads, self._full(i, spall), shift_over(self.contact, spall))
+        return load_curve.through(self.log_loads, self._full(i, spall), ramp_fit.shift_over(self.contact, spall))
 
     def _healthy(self) -> Any:
         change = samples.inputs(self.contact, None, 0.0) - self.given

@@ -80,16 +80,8 @@ class RollerCurves(NamedTuple):
 
 def roller_loads(curves: RollerCurves, approach: Any) -> tuple[Any, Any]:
     """Load [N] and its slope [N/mm] of every roller at its approach [mm], all of shape (rollers,)."""
-    loads, slopes = load_curve.load(curves.each, approach)
-    if curves.ramps is None or curves.at is None:
-        return loads, slopes
-    # products of matrices, for what one of them takes is computed once and not for every roller
-    there = load(curves.ramps, xp.einsum("e...r,...r->e...", curves.at, approach))
-    elsewhere = 1.0 - curves.at.sum(axis=0)
-    loads, slopes = (
-        a * elsewhere + xp.einsum("e...,e...r->...r", b, curves.at) for a, b in zip((loads, slopes), there, strict=True)
-    )
-    return loads, slopes
+    found = carried_loads(curves, xp.variable(approach))
+    return found.value, found.by[0]
 
 
 def carried_loads(curves: RollerCurves, approach: Any) -> Any:
@@ -97,6 +89,7 @@ def carried_loads(curves: RollerCurves, approach: Any) -> Any:
     loads = load_curve.carried(curves.each, approach)
     if curves.ramps is None or curves.at is None:
         return loads
+    # products of matrices, for what one of them takes is computed once and not for every roller
     there = carried(curves.ramps, xp.einsum("e...r,...r->e...", curves.at, approach))
     return loads * (1.0 - curves.at.sum(axis=0)) + xp.einsum("e...,e...r->...r", there, curves.at)
 
@@ -106,12 +99,6 @@ def expanded_loads(curves: RollerCurves, approach: Any) -> Taylor:
     changes with the parameters alone."""
     variable, curves = xp.with_variable(approach, curves)
     return carried_loads(curves, variable)
-
-
-def load(ramp: Ramp, approach: Any) -> tuple[Any, Any]:
-    """Q [N] and dQ/dδ [N/mm] at `approach` δ [mm], in the shape of the ramps."""
-    found = carried(ramp, xp.variable(approach))
-    return found.value, found.by[0]
 
 
 def carried(ramp: Ramp, approach: Any) -> Any:

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import implicit, loops, series
+from difftrb.core import implicit, loops, numeric, series
 from difftrb.core.geometry import Real
 from difftrb.core.taylor import Taylor
 
@@ -81,7 +81,7 @@ def _interpolant(z: Any, values: Any) -> Any:
     found = _interpolant(places, xp.value(values))
     change = None if not isinstance(values, Taylor) else values.by
     if isinstance(z, Taylor) and z.by is not None:
-        moved = series.polynomial_at(found, places, 1)[None] * z.by
+        moved = numeric.polynomial(found[:, None], places, 1)[None] * z.by
         change = -moved if change is None else change - moved
     if change is None:
         return found
@@ -147,7 +147,7 @@ def approach(curve: Curve, loads: Any) -> Any:
 
 
 def chosen(curves: Curve, index: Any) -> Curve:
-    """The same as `of` for few curves and many an index: by comparing, which in a batch is faster than gathering."""
+    """As `one_of`, for few curves and many an index: by comparing, which in a batch is faster than gathering."""
 
     def field(values: Any) -> Any:
         lead = values.shape[:-1]

@@ -126,7 +126,7 @@ def _polynomials() -> Polynomials:
     chebyshev = np.polynomial.chebyshev
     end = np.asarray(chebyshev.cheb2poly(chebyshev.chebfit(2.0 * rise - 1.0, (ends + 1.0) / widths, END_DEGREE)))
     places = 0.5 * (1.0 - chebyshev_roots(PLACES))
-    last, sunk = _over_one(ends) / widths**2, _sunk(widths, 0.5 * widths - ends, places) / widths**2
+    last, sunk = _sunk_over_one(ends + 1.0)[0] / widths**2, _sunk(widths, 0.5 * widths - ends, places) / widths**2
     more = sunk - MIDDLE - places[:, None] * (last - MIDDLE)
     grid = np.meshgrid(2.0 * places - 1.0, 2.0 * rise - 1.0, indexing="ij")
     weight = (widths**2 / (1.0 + widths**2) * np.ones((PLACES, 1))).ravel()
@@ -137,12 +137,6 @@ def _polynomials() -> Polynomials:
     inside = np.array([chebyshev.cheb2poly(column) for column in inside.T])
     inside = np.pad(inside, ((0, len(end) - len(inside)), (0, 0)))
     return Polynomials(np.concatenate([end[:, None], inside], axis=1))
-
-
-def _over_one(edge: np.ndarray) -> np.ndarray:
-    """g of one land."""
-    k = _half(edge)
-    return 0.5 * edge * edge + 0.75 * k * k + edge * k - 0.5 * np.log(k) - 0.25
 
 
 def _half(edge: np.ndarray) -> np.ndarray:

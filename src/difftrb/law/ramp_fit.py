@@ -75,6 +75,13 @@ def depth(approach: np.ndarray, risen: np.ndarray) -> np.ndarray:
     return np.maximum(approach - risen, SHALLOWEST * approach)
 
 
+def shift_over(contact: LineContact, spall: Spall) -> Any:
+    """Approach [mm] from which a roller in the middle of a wide and deep spall carries load: the crown at the land."""
+    nearest = xp.maximum(0.5 * spall.length - xp.magnitude(spall.axial_offset), 0.0)
+    half = 0.5 * contact.length
+    return crown.height(xp.minimum(nearest, half * (1.0 - 1e-9)), contact)
+
+
 def rise_over(contact: LineContact, spall: Spall) -> Any:
     """The crown [mm] where the spall is nearest to the roller's middle."""
     nearest = xp.magnitude(xp.asarray(spall.axial_offset)) - 0.5 * spall.length

@@ -65,7 +65,7 @@ class Rings:
         filled = {name: np.full(rows, np.nan) for name in columns}
         for name, values in columns.items():
             filled[name][: len(values)] = values
-        if not self.shown.data:  # the page is still to be made
+        if not len(self.shown.data):  # the page is still to be made
             for title, text in zip(self.titles, titles, strict=True):
                 title.text = text
         self.shown.data = {**filled, "title": titles + [""] * (rows - len(titles))}

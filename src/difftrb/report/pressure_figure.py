@@ -42,8 +42,7 @@ def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
     rollers, away = [int(np.argmax(loads))], np.zeros(loads.size)
     if spall is not None:
         away = np.asarray(roller_places.distances(scene.bearing, (spall,), solution.angles)[0])
-        lines = np.maximum(loads, 0.0) / contact.length
-        half = np.asarray(gap.line_half_width(lines, contact.radius, contact.modulus))
+        half = gap.half_width(contact, loads)
         met = np.flatnonzero((np.abs(away) < 0.5 * float(spall.width) + half) & (loads > 0.0))
         nearest = met[np.argsort(np.abs(away[met]), kind="stable")[:MOST]]
         rollers = sorted((int(j) for j in nearest), key=lambda j: away[j]) or rollers

@@ -105,7 +105,7 @@ def _rollers_on_edges(scene: Scene, found: Solution) -> int:
     contact, on_edge = raceway_contact(scene, "outer"), set[tuple[int, int]]()
     for spall in roller_places.spalls_on(scene.spalls, "outer"):
         loads = np.asarray(found.loads_of(spall.row))
-        half = np.asarray(gap.line_half_width(np.maximum(loads, 0.0) / contact.length, contact.radius, contact.modulus))
+        half = gap.half_width(contact, loads)
         away = np.asarray(roller_places.distances(scene.bearing, (spall,), found.angles))[0]
         near = (np.abs(np.abs(away) - 0.5 * float(spall.width)) < half) & (loads > 0.0)
         on_edge.update((spall.row, int(j)) for j in np.flatnonzero(near))

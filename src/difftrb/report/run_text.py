@@ -207,7 +207,7 @@ def outer_share(scene: Scene, load: float) -> float:
     compliance = []
     for raceway in ("outer", "inner"):
         contact = raceway_contact(scene, raceway)
-        half_width = float(gap.line_half_width(load / contact.length, contact.radius, contact.modulus))
+        half_width = float(gap.half_width(contact, load))
         compliance.append(math.log(2.0 * float(contact.length) / half_width))
     return compliance[0] / sum(compliance)
 

@@ -99,7 +99,7 @@ def _met(scene: Scene, number: int, raceway: Raceway, at: Solution) -> EdgeStres
     spall, contact = scene.spalls[number], raceway_contact(scene, raceway)
     loads = np.asarray(at.loads_of(spall.row) if raceway == "outer" else at.effects["inner_loads"])
     away = np.asarray(roller_places.distances(scene.bearing, (spall,), at.angles, raceway))[0]
-    half = np.asarray(gap.line_half_width(np.maximum(loads, 0.0) / contact.length, contact.radius, contact.modulus))
+    half = gap.half_width(contact, loads)
     over = (loads > 0.0) & (np.abs(away) < 0.5 * float(spall.width) + half)
     if not over.any():
         return None

@@ -8,7 +8,8 @@ from typing import cast
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Real
-from difftrb.law.base import AUTO, LAWS, Law
+from difftrb.law import base
+from difftrb.law.base import AUTO, Law
 from difftrb.law.samples import Progress
 from difftrb.ring import effect_base
 from difftrb.ring.effects import Raceways
@@ -64,8 +65,7 @@ def assess_mean(scene: Scene) -> Assessment | None:
     """As `assess` of a prepared scene at one phase, in the mean over all phases of the cage: there stiffness changes
     with a spall's width, whether or not a roller stands on its edge at this phase. None for a scene that is a mean
     already, has no spalls, or whose law is made for one phase."""
-    kind = LAWS.get(cast(Law, scene.law).name)  # None: a law of the user's own
-    if isinstance(scene.phase, PitchMean) or not scene.spalls or (kind is not None and kind.one_scene):
+    if isinstance(scene.phase, PitchMean) or not scene.spalls or base.one_scene(cast(Law, scene.law).name):
         return None
     try:
         return assess_prepared(checks.checked(dataclasses.replace(scene, phase="mean")))

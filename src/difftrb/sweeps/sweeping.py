@@ -233,10 +233,10 @@ def sweep(
       devices: how many of this process, or on a CPU how many threads. Default all.
       progress: told how many of how many members are done.
 
-    The law of a scene is made once for all members; "auto" chooses it by some of them (`shared_law.with_shared_law`). A
-    member without a solution is NaN, its status says why. Raises `SweepError` for axes, keys or names that cannot be,
-    for ends of axes that no scene may have, for more than 1e12 members, and before anything is computed if the results
-    do not fit into free memory; `SceneError` for a scene that `solve` would refuse.
+    The law of a scene is made once for all members; "auto" is "table" here (`shared_law.with_shared_law`). A member
+    without a solution is NaN, its status says why. Raises `SweepError` for axes, keys or names that cannot be, for ends
+    of axes that no scene may have, for more than 1e12 members, and before anything is computed if the results do not
+    fit into free memory; `SceneError` for a scene that `solve` would refuse.
     """
     plan = plan_sweep(what, base, axes, gradients, mode, batch)
     _check_memory(plan)

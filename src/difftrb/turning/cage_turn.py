@@ -21,7 +21,7 @@ from difftrb.core.bad_input import is_whole
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
-from difftrb.law.base import LAWS
+from difftrb.law import base
 from difftrb.law.samples import Progress
 from difftrb.ring import effect_base
 from difftrb.scene import auto_law, checks, prepared, solving
@@ -221,8 +221,7 @@ def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress |
     by_table, accuracy = is_auto(scene), min(max(scene.accuracy, FINEST), COARSEST)
     if by_table and has_map(scene):
         return _one_by_one(named(scene, "direct", accuracy), spread, progress)
-    kind = None if by_table else LAWS.get(getattr(scene.law, "name", ""))
-    if kind is not None and kind.one_scene:
+    if not by_table and base.one_scene(getattr(scene.law, "name", "")):
         return _one_by_one(scene, spread, progress)
     ready = auto_law.by_table(scene) if by_table else solving.prepare(scene, progress)
     numbers = xp.are_numbers((ready, spread))

@@ -11,7 +11,8 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
 from difftrb.core.taylor import Taylor
-from difftrb.law.base import LAWS, Law
+from difftrb.law import base
+from difftrb.law.base import Law
 from difftrb.scene.prepared import as_defined, at_phases, solve_prepared, still
 from difftrb.scene.scene import PitchMean, Scene, healthy, is_plain, outer_law
 from difftrb.scene.scene import phases as phases_of
@@ -112,9 +113,7 @@ def sizes_around(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
         return next((float(size) for size in steps if known(**{name: float(size)})), own)
 
     length, width = float(spall.length), float(spall.width)
-    longest = min(
-        2.5 * length, LAWS[law.name].longest(float(scene.bearing.roller_length)) if law.name in LAWS else np.inf
-    )
+    longest = min(2.5 * length, base.longest(law.name, float(scene.bearing.roller_length)))
     return (
         np.linspace(until("length", length / 8.0), until("length", longest), 5),
         np.linspace(until("width", width / 8.0), until("width", 2.0 * width), 5),
@@ -122,9 +121,8 @@ def sizes_around(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _is_for_all_phases(scene: Scene) -> bool:
-    kind = LAWS.get(cast(Law, scene.law).name)
     stays = all(spall.surface == "outer" for spall in scene.spalls)
-    return is_plain(scene) and stays and (kind is None or not kind.one_scene)
+    return is_plain(scene) and stays and not base.one_scene(cast(Law, scene.law).name)
 
 
 def _losses(scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray, at_rest: Any) -> np.ndarray:
