@@ -221,6 +221,7 @@ def test_what_data_do_not_determine_is_said(rig: trb.Scene, exact: np.ndarray) -
     found = fit(rig, rows, model_error=0.0)
     assert not found.determined
     sentence = next(r for r in found.remarks if "is determined to" in r)
+    assert sentence.startswith("near this answer")
     assert "length × width" in sentence or "width × length" in sentence
     assert "length is not" in sentence
     assert "with roller 0 at 0 rad" in sentence

@@ -186,7 +186,7 @@ def _unclear(fit: Fit, unclear: list[int]) -> str:
         percent = 100.0 * error * float(np.sqrt(fit.limit))
         product = _product(powers)
         if percent < 30.0 and TIMES in product:  # one alone is said to be open or is known
-            return f"{product} is determined to {percent:.2g} %, {told('is not')}: {advice}"
+            return f"near this answer {product} is determined to {percent:.2g} %, {told('is not')}: {advice}"
     open_ones = told("is not determined")
     return f"{open_ones[:1].upper()}{open_ones[1:]}: {advice}"
 

@@ -81,9 +81,9 @@ def section_view(scene: Scene, ax: Axes) -> None:
         words = {"color": SPALLED, "ha": "center", "va": "bottom", "fontsize": 9}
         line = {"arrowstyle": "-", "color": SPALLED, "lw": 0.8}
         ax.annotate(label, (at[0], at[1]), (at[0], top + 0.8 * thick), arrowprops=line, **words)
-    ax.annotate("", (a[0], bore - 0.6 * thick), (back[0], bore - 0.6 * thick),
-                arrowprops={"arrowstyle": "<->", "lw": 0.8, "color": DARK})  # fmt: skip
-    ax.text(0.5 * (a[0] + back[0]), bore - 0.75 * thick, f"{back[0] - a[0]:.0f} mm", ha="center", va="top", fontsize=8)
+    middle = apex * along - 0.2 * small * normal  # the one dimension that a scene names
+    ax.text(*middle, f"{float(of.roller_length):.1f} mm", rotation=np.degrees(tilt), rotation_mode="anchor",
+            ha="center", va="top", fontsize=8, zorder=5)  # fmt: skip
     ax.set_title(f"Section: outer cone {np.degrees(outer):.2f}°, inner {np.degrees(inner):.2f}°", fontsize=10)
     _to_scale(ax, (a[0] - thick, back[0] + thick), (bore - 1.8 * thick, top + 2.0 * thick))
     ax.text(0.5, 0.0, "to scale; rings' backs are sketched, a scene does not name them", transform=ax.transAxes,

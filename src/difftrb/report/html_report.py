@@ -273,12 +273,8 @@ def _list(lines: Sequence[str]) -> str:
 
 
 def _loads(run: Run) -> str:
-    record, healthy = run.record, run.result.healthy.loads
-    rows = [
-        [str(j), f"{angle:.4f}", number(load, ",.1f"), number(load - float(sound), "+,.1f")]
-        for j, (angle, load, sound) in enumerate(zip(record["angles"], record["loads"], healthy, strict=True))
-    ]
-    made = table(("roller", "angle [rad]", "load [N]", "against healthy [N]"), rows, "Loads on the outer raceway")
+    columns = run_text.roller_columns(run.scene, run.result)
+    made = table(tuple(columns), list(zip(*columns.values(), strict=True)), "Loads on the outer raceway")
     return f"<details><summary>Loads of all rollers</summary>{made}</details>"
 
 

@@ -167,25 +167,35 @@ def _stiffness_table(scene: Scene, result: Assessment, where: str) -> Table:
     return table
 
 
-def _load_table(scene: Scene, result: Assessment) -> Table:
-    """Every roller's load against the healthy one's; then what effects say of it or, if they say nothing, a bar."""
+def roller_columns(scene: Scene, result: Assessment) -> dict[str, list[str]]:
+    """Of every roller by heading: its place and load, by how much it differs from the healthy one's, and what effects
+    say of it."""
     spalled, units = result.spalled, effect_base.units(scene.effects)
-    table = house_table("Load distribution")
-    more = {
-        f"{_column(name)} [{units.get(name, '')}]": values for name, values in spalled.effects.items()
-        if values.shape == spalled.loads.shape
-    }  # fmt: skip
-    spall = ["against healthy"] if scene.spalls else []
-    for heading in ("roller", "angle [rad]", "load [N]", *spall, *more):
+    columns = {
+        "roller": [str(j) for j in range(len(spalled.loads))],
+        "angle [rad]": [f"{angle:.4f}" for angle in spalled.angles],
+        "load [N]": [number(load, ",.1f") for load in spalled.loads],
+    }
+    if scene.spalls:
+        columns["against healthy"] = [number(change, "+,.1f") for change in spalled.loads - result.healthy.loads]
+    for name, values in spalled.effects.items():
+        if values.shape == spalled.loads.shape:
+            columns[f"{_column(name)} [{units.get(name, '')}]"] = [number(value, ",.1f") for value in values]
+    return columns
+
+
+def _load_table(scene: Scene, result: Assessment) -> Table:
+    """Every roller's load; where effects say nothing of it, a bar beside it."""
+    table, columns = house_table("Load distribution"), roller_columns(scene, result)
+    for heading in columns:
         table.add_column(heading, justify="right")
-    if not more:
+    bars: list[Text] = []
+    if set(columns) <= {"roller", "angle [rad]", "load [N]", "against healthy"}:
         table.add_column("", no_wrap=True)
-    top = float(np.max(spalled.loads))
-    for j, (angle, load, sound) in enumerate(zip(spalled.angles, spalled.loads, result.healthy.loads, strict=True)):
-        bar = "█" * round(BAR * float(load) / top) if top > 0.0 else ""
-        last = [f"{values[j]:.1f}" for values in more.values()] if more else [Text(bar, style="cyan")]
-        change = [f"{load - sound:+.1f}"] if scene.spalls else []
-        table.add_row(str(j), f"{angle:.4f}", f"{load:.1f}", *change, *last)
+        loads = np.asarray(result.spalled.loads)
+        bars = [Text("█" * round(BAR * share), style="cyan") for share in loads / max(float(loads.max()), 1e-9)]
+    for j, row in enumerate(zip(*columns.values(), strict=True)):
+        table.add_row(*row, *bars[j : j + 1])
     return table
 
 
