@@ -114,7 +114,7 @@ def law_properties() -> str:
         (f"`{kind.name}`", kind.summary, "yes" if kind.solves else "no", "yes" if kind.inner else "no",
          f"{kind.longest(1.0):.2g}" if kind.bearing is None else f"of {kind.bearing} alone",
          "one scene" if kind.one_scene else "any scene of its contact", "yes" if kind.promises else "no")
-        for kind in LAWS.values()
+        for _, kind in sorted(LAWS.items())
     ]  # fmt: skip
     heads = ("law", "what it is", "solves contacts", "knows the inner raceway", "longest spall by the roller's length",
              "made for", "keeps its error")  # fmt: skip
