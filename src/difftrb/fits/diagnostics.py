@@ -72,7 +72,7 @@ def _about_rows(fit: Fit) -> list[str]:
     found = []
     by_kind: dict[tuple, list[int]] = {}
     for k, row in enumerate(fit.rows):
-        if row.is_loss and row.value < -3.0 * fit.sigma[k]:
+        if row.is_loss and row.value < -3.0 * fit.sigma[k] and abs(fit.residuals[k]) > FAR:
             found.append(
                 f"row {k + 1}: {row.quantity} = {row.value:g} % is below zero by more than its error: a spall cannot "
                 "stiffen a bearing; check the sign (a loss is positive) and which of the two is the healthy bearing"

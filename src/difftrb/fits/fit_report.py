@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from typing import Any
@@ -11,12 +12,14 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from difftrb.core import status
 from difftrb.fits import estimated_bearing, measured, measured_table
 from difftrb.fits.conditions import Condition, row_conditions
 from difftrb.fits.fit_figure import PERCENT, fit_panels
 from difftrb.fits.fit_problem import prepare_fit
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.fitting import fit
+from difftrb.fits.least_squares import STEPS
 from difftrb.fits.measured import Measurement
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
 from difftrb.fits.parameters import PARAMETERS
@@ -70,6 +73,8 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
             counted = count_spalls(scene, rows, _counts(options.spalls), names, progress=progress)
         record["spalls"] = run_text.plain(count_json(counted))
         texts.append(count_text(counted))
+    if int(result.status_code) == status.NOT_CONVERGED:
+        return _unfinished(options, record, Group(*texts))
     code = console.deliver(
         options, path, record, lambda: Group(*texts), lambda: ((name, drawn()) for name, drawn in figures)
     )
@@ -77,6 +82,18 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
         what = "something explains the data much better" if result.explained else "the model does not explain the data"
         return console.refuse(f"{options.measured}: {what}: see the remarks", console.EXIT_NO_SOLUTION)
     return code
+
+
+def _unfinished(options: Any, record: dict[str, Any], text: Group) -> int:
+    """Of a fit whose least squares were stopped: what is found so far, and that it may not be all."""
+    if options.json:
+        print(json.dumps(record, indent=1))
+    else:
+        console.show(text)
+    what = f"least squares were still coming down after {STEPS} steps, so a better answer may lie beyond this one"
+    return console.refuse(
+        f"{options.measured}: {what}: fit fewer parameters, or measure more", console.EXIT_NO_SOLUTION
+    )
 
 
 def _counts(text: str) -> list[int]:

@@ -33,6 +33,9 @@ ROUNDING = 1e-13
 """Relative gain of the sum of squares below which there is nothing left to gain."""
 SHORTER = 0.1, 0.5
 """By how much a step is shortened that was none, at most and at least."""
+SETTLED = 1e-3
+"""Gain of half the sum of squares that is expected of a next step, below which a case has come to its end, if to no
+smaller one: on a kink steps get shorter and shorter."""
 LEAST_DAMPING = 1e-13
 """Relative: keeps the normal matrix invertible where residuals do not depend on something."""
 
@@ -178,6 +181,7 @@ def minimum(
             cases.finish(enough)
         if cases.done.all():
             break
+    cases.done |= cases.expected <= SETTLED
     return cases.least()
 
 

@@ -16,6 +16,9 @@ NEAR = np.array([0.75, 1.5, 2.25, 3.25])
 """Places of a profile on either side, in standard errors."""
 FAR = np.array([0.15, 0.45, 1.0])
 """More of them, as shares of the way from the last one to the bound."""
+FACTOR = 6.0
+"""Between the last near and the first far one each is at most so many times as far as the one before: where a minimum
+is far narrower than the range, another one that is wide may lie close behind it."""
 WITHIN = 3
 """Places between the two that an end of an interval lies between: to 1e-3 of a standard error then."""
 ROUNDS = 5
@@ -39,6 +42,9 @@ BESIDE = 0.5
 CONFIDENCE, SURE = 0.95, 0.9973
 """Of intervals: how often they hold what is sought; and of where they end if χ² levels off behind that, for then a
 little noise decides."""
+ONE_BASIN = 0.05
+"""An interval goes on over what rises above its limit between places closer than this, of what parts basins: minima
+this close are one answer (`search.SAME`)."""
 LEVELS_OFF = 3.0
 """An interval that would be this many times as long on one side to be sure is so there. Of a normal likelihood it is
 1.5 times as long."""
@@ -126,8 +132,12 @@ class Held(NamedTuple):
     where: np.ndarray
 
 
-Side = list[Held]
-"""One side of a profile, from the least place outwards."""
+class Side(list[Held]):
+    """One side of a profile, from the least place outwards; places within `reach` of that are in one basin."""
+
+    def __init__(self, least: Held, reach: float) -> None:
+        super().__init__([least])
+        self.reach = reach
 
 
 class Limits(NamedTuple):
@@ -145,9 +155,10 @@ def profiles(
     rise behind an end is no cliff."""
     limit = limits.end
     own = np.repeat(np.arange(len(u)), 2)
-    sides, tried = [[Held(u[i], 0.0, u)] for i in own], set[tuple[float, ...]]()
-    places = _places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0).reshape(len(own), -1)
-    of, at = np.repeat(np.arange(len(own)), places.shape[1]), places.ravel()
+    reach, tried = ONE_BASIN * predicted.scales(problem), set[tuple[float, ...]]()
+    sides = [Side(Held(u[i], 0.0, u), reach[i]) for i in own]
+    places = _places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
+    of, at = np.repeat(np.arange(len(own)), [len(each) for each in places]), np.concatenate(places)
     free = own[of][:, None] != np.arange(len(u))
     starts = both_starts(u, normal, known, free, np.where(free, u, at[:, None])).swapaxes(0, 1)
     wanted: list[Any] = [(number, value, u, two) for number, value, two in zip(of, at, starts, strict=True)]
@@ -235,8 +246,12 @@ def _is_far(side: Side, at: float, limit: float) -> bool:
 
 
 def _roots(side: Side, limit: float) -> tuple[np.ndarray, int]:
-    """Roots of the rise, the largest so far, shape (places,), and the first place that is beyond the limit."""
-    root = np.maximum.accumulate(np.sqrt(np.maximum([one.rise for one in side], 0.0)))
+    """Roots of the rise, the largest so far, shape (places,), and the first place that is beyond the limit, behind the
+    last one in the basin that is not."""
+    rise = np.maximum([one.rise for one in side], 0.0)
+    within = [k for k, one in enumerate(side) if one.rise <= limit and abs(one.at - side[0].at) <= side.reach]
+    rise[: within[-1] + 1] = np.minimum(rise[: within[-1] + 1], limit)
+    root = np.maximum.accumulate(np.sqrt(rise))
     return root, int(np.searchsorted(root, np.sqrt(limit), side="right"))
 
 
@@ -255,18 +270,20 @@ def _reached(side: Side, limit: float) -> float:
     return float(np.interp(np.sqrt(limit), root[pair], [one.at for one in side[pair]]))
 
 
-def _places(u: np.ndarray, spread: np.ndarray) -> np.ndarray:
+def _places(u: np.ndarray, spread: np.ndarray) -> list[np.ndarray]:
     """Where profiles are computed: on either side of u some near, in `spread`s of shape (parameters,), and some as far
-    as the bound; shape (parameters, 2, places)."""
-    half = len(NEAR) + len(FAR)
-    places = np.empty((len(u), 2, half))
-    for i in range(len(u)):
-        for k, side in enumerate((-1.0, 1.0)):
-            room = max(AT_BOUND - side * u[i], 1e-3)
-            near = NEAR * (spread[i] or 1.0)
+    as the bound: of every parameter those below, then those above."""
+    places = []
+    for at, each in zip(np.repeat(u, 2), np.repeat(spread, 2), strict=True):
+        side = 1.0 if len(places) % 2 else -1.0
+        room, near = max(AT_BOUND - side * at, 1e-3), NEAR * (each or 1.0)
+        if near[-1] < 0.7 * room:
             far = near[-1] + (room - near[-1]) * FAR
-            even = room * np.arange(1, half + 1) / half
-            places[i, k] = u[i] + side * (np.concatenate([near, far]) if near[-1] < 0.7 * room else even)
+            steps = int(np.ceil(np.log(far[0] / near[-1]) / np.log(FACTOR)))
+            away = np.concatenate([near, np.geomspace(near[-1], far[0], steps + 1)[1:-1], far])
+        else:
+            away = room * np.arange(1, len(NEAR) + len(FAR) + 1) / (len(NEAR) + len(FAR))
+        places.append(at + side * away)
     return places
 
 

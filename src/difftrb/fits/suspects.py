@@ -60,7 +60,9 @@ class Suspect(NamedTuple):
 
 def named(fit: Fit, scan: Scan) -> list[Suspect]:
     """Those that explain much more than the fit, the best first."""
-    found = [*_rows(fit, scan), *_fractions(fit, scan), *_parameters(fit, scan)]
+    found = [*_rows(fit, scan), *_fractions(fit, scan)]
+    if not any(one.gains and one.explains for one in found):  # else what takes programs of its own need not be tried
+        found += _parameters(fit, scan)
     better = sorted((one for one in found if one.gains), key=lambda one: one.chi2)
     return [one for one in better if one.chi2 <= NEARLY * max(better[0].chi2, float(fit.freedom))][:NAMED]
 

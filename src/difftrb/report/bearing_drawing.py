@@ -82,8 +82,8 @@ def section_view(scene: Scene, ax: Axes) -> None:
         line = {"arrowstyle": "-", "color": SPALLED, "lw": 0.8}
         ax.annotate(label, (at[0], at[1]), (at[0], top + 0.8 * thick), arrowprops=line, **words)
     middle = apex * along - 0.2 * small * normal  # the one dimension that a scene names
-    ax.text(*middle, f"{float(of.roller_length):.1f} mm", rotation=np.degrees(tilt), rotation_mode="anchor",
-            ha="center", va="top", fontsize=8, zorder=5)  # fmt: skip
+    ax.text(middle[0], middle[1], f"{float(of.roller_length):.1f} mm", rotation=np.degrees(tilt),
+            rotation_mode="anchor", ha="center", va="top", fontsize=8, zorder=5)  # fmt: skip
     ax.set_title(f"Section: outer cone {np.degrees(outer):.2f}°, inner {np.degrees(inner):.2f}°", fontsize=10)
     _to_scale(ax, (a[0] - thick, back[0] + thick), (bore - 1.8 * thick, top + 2.0 * thick))
     ax.text(0.5, 0.0, "to scale; rings' backs are sketched, a scene does not name them", transform=ax.transAxes,
