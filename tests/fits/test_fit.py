@@ -433,6 +433,28 @@ def test_spalls_are_found_where_the_angle_begins_anew(bearing: trb.TaperedBearin
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [101, 105])
+def test_an_interval_holds_a_wide_minimum_behind_a_narrow_one(bearing: trb.TaperedBearing, seed: int) -> None:
+    """Where a roller just reaches an edge: the interval ended 0.5 µm from a minimum 0.5 µm wide, and did not hold 3."""
+    world = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 3.0, angle=0.5),), "table")
+    rng, rows = np.random.default_rng(seed), []
+    pitch = 2.0 * np.pi / bearing.rollers
+    for phase in (*np.linspace(0.0, pitch, 9)[:-1].tolist(), "mean"):
+        spalled, sound = (trb.solve(each.replace(phase=phase)).stiffness for each in (world, world.replace(spalls=())))
+        losses = [100.0 * (1.0 - float(spalled[k, k] / sound[k, k])) for k in (0, 2)]
+        beside = () if phase == "mean" else (float(spalled[0, 1]),)
+        told = dict(zip(("radial_loss", "axial_loss", "radial_lateral_stiffness"), (*losses, *beside), strict=False))
+        for quantity, value in told.items():
+            sigma = max(0.01 * abs(value), 0.01)
+            noise = sigma * rng.standard_normal()
+            rows.append(Measurement(9000.0, 4500.0, quantity, value + noise, sigma, None, phase))
+    found = fit(world.replace(length=3.0, width=3.0), rows)
+    assert found.explained
+    for (low, high), truth in zip(found.intervals, (4.0, 3.0), strict=True):
+        assert low < truth < high
+
+
+@pytest.mark.slow
 def test_measurements_that_may_be_made_share_the_fits_program(rig: trb.Scene, exact: np.ndarray) -> None:
     """Of many rows, too: they had one of their own, as long to compile as the fit's."""
     found = fit(rig, 3 * measured(exact), starts=FEW)
@@ -472,6 +494,23 @@ def test_what_cannot_be_fitted_is_refused(name: str, rig: trb.Scene, exact: np.n
     changed, sentence = BAD[name]
     with pytest.raises(MeasuredError, match=sentence):
         fit(rig, **({"rows": measured(exact)} | changed))
+
+
+@pytest.mark.parametrize("radial", [20.0, 2e6])
+def test_loads_that_the_law_does_not_know_are_refused(bearing: trb.TaperedBearing, radial: float) -> None:
+    """By the reason: it was said that nothing depends on the length."""
+    rows = [Measurement(radial, 0.5 * radial, f"{way}_loss", 1.0, 0.1, phase=0.0) for way in ("radial", "axial")]
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(3.0, 4.0),))
+    with pytest.raises(MeasuredError, match="no spall has a solution under these loads: rollers carry"):
+        fit(scene, rows, ("length",), starts=FEW)
+
+
+def test_a_spall_on_a_roller_has_no_mean(bearing: trb.TaperedBearing) -> None:
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(3.0, 4.0, surface="roller"),),
+                      effects=(trb.effects.Raceways(rollers="upright"),))  # fmt: skip
+    rows = [Measurement(9000.0, 4500.0, "radial_loss", 1.0, 0.1, phase=phase) for phase in (0.0, "mean")]
+    with pytest.raises(MeasuredError, match="row 2: phase = mean: a spall on a roller"):
+        fit(scene, rows, ("length",))
 
 
 def test_rows_that_do_not_fit_together_are_refused(rig: trb.Scene, exact: np.ndarray) -> None:

@@ -32,6 +32,7 @@ BAD = {
     "unknown column": ("sigma", "sgima", ["column 'sgima'", "did you mean sigma"]),
     "missing column": ("axial, q", "q", ["column axial is missing"]),
     "twice": ("sigma, phase", "sigma, sigma", ["column 'sigma' stands twice"]),
+    "number of Python": ("3000", "3_000", ["row 2", "radial = '3_000'", "0 … 1e+07 N"]),
     "decimal comma": ("2.4,", "2,4,", ["row 1", "9 cells", "point"]),
     "column without end": ("sigma", "s" * 3000, ["column 'sss", "...", "is not known"]),
     "cell without end": ("2.4", "4" * 40 + "x" * 3000, ["row 1 (line 4): value = '444", "...: must be"]),

@@ -142,6 +142,17 @@ def test_a_frozen_law_does_not_know(liu: trb.Scene, name: str) -> None:
         fit(liu, rows("mean"), ("length", name))
 
 
+@pytest.mark.parametrize("width", [2.0, 3.0])
+def test_spalls_on_the_other_raceway_do_not_narrow_a_range(bearing: trb.TaperedBearing, width: float) -> None:
+    """One on the inner raceway was judged as if on the outer one: narrow, it left 0.0027 … 0.27 mm of length."""
+    inner = trb.Spall(3.0, width, angle=-0.8, surface="inner")
+    upright = (trb.effects.Raceways(rollers="upright"),)
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(3.0, 4.0), inner), "table", effects=upright)
+    length, second = (parameters.PARAMETERS[name].limits(trb.prepare(scene), ()) for name in ("length", "length_2"))
+    assert length == pytest.approx((0.0085 * bearing.roller_length, 0.85 * bearing.roller_length), rel=1e-3)
+    assert second == pytest.approx(length, rel=1e-3)
+
+
 @pytest.mark.parametrize("design_load", [3000.0, 6500.0])
 def test_a_crown_may_be_larger_than_the_scenes(bearing: trb.TaperedBearing, design_load: float) -> None:
     """Its limit was the scene's own, for the longest spall that the law takes is a hair longer with it."""

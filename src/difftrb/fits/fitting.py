@@ -124,6 +124,10 @@ def _fit(
     problem, estimate = problem_of(scene, rows, parameters, robust, model_error)
     scan = search.scanned(problem, search.places(problem, starts))
     told(1)
+    if not np.isfinite(scan.told).any():
+        code = predicted.evaluated(problem, scan.place[:1]).beside[1]
+        why = status.describe(code).partition(":")[0]  # its advice is for a scene, not for a fit
+        raise MeasuredError(f"measurements: no spall has a solution under these loads: {why}; check their unit, N")
     _check_effects(problem.parameters, scan.slope)
     freedom = len(rows) - len(parameters)
     if estimate:

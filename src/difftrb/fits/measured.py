@@ -118,6 +118,8 @@ def check_loads(scene: Scene, rows: Sequence[Measurement], path: str = "measurem
         worst = phase if isinstance(phase, float | int) else 0.5 * geometry.roller_pitch(scene.bearing)
         needed = float(needed_axial(scene.bearing, row.radial, worst))
         where = f"{path}: row {k}"
+        if not isinstance(phase, float | int) and any(spall.surface == "roller" for spall in scene.spalls):
+            raise MeasuredError(f"{where}: phase = mean: a spall on a roller belongs to that one; give a phase in rad")
         if (sentence := too_light(row.axial, row.radial, needed)) is not None:
             raise MeasuredError(f"{where}: {sentence}; check both loads of this row")
         secant = (row.definition or scene.definition) == "secant"

@@ -197,6 +197,6 @@ def _row(content: dict[Column, str], where: str) -> Measurement:
 
 def _cell(cell: str) -> float | str:
     try:
-        return float(cell)
+        return cell if "_" in cell else float(cell)  # as Python alone would write it
     except ValueError:
         return cell

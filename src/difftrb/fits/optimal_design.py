@@ -41,6 +41,7 @@ def candidates(fit: Fit) -> tuple[Measurement, ...]:
     ]
     half = 0.5 * float(geometry.roller_pitch(scene.bearing))
     centred = float(geometry.turned(float(scene.spalls[0].angle)))
+    turns_along = any(spall.surface == "roller" for spall in scene.spalls)  # it has no mean
     kinds = [kind for kind in ("loss", "stiffness") if any(row.quantity.endswith(kind) for row in fit.rows)]
     definition = fit.rows[0].definition
     found = []
@@ -54,7 +55,7 @@ def candidates(fit: Fit) -> tuple[Measurement, ...]:
             for direction in ("radial", "axial"):
                 if direction == "radial" and radial == 0.0 and (definition or scene.definition) == "secant":
                     continue
-                for phase in (centred, centred + half, "mean"):
+                for phase in (centred, centred + half, *(() if turns_along else ("mean",))):
                     found.append(
                         Measurement(radial, axial, f"{direction}_{kind}", 0.0, 1.0, definition, phase)  # type: ignore[arg-type]
                     )

@@ -118,6 +118,11 @@ class OfSpall(Parameter):
         """Of a spall."""
         return self.name.removesuffix("_2")
 
+    def leading(self, scene: Scene) -> Scene:
+        """The scene with this spall first."""
+        first = scene.spalls[self.number]
+        return dataclasses.replace(scene, spalls=(first, *(one for one in scene.spalls if one is not first)))
+
     def start(self, scene: Scene) -> float:
         return float(getattr(scene.spalls[self.number], self.field))
 
@@ -153,7 +158,7 @@ class Length(OfSpall):
     no_effect = "without a spall that a roller meets nothing depends on its length"
 
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
-        longest = float(_size_limits(scene)[0])
+        longest = float(_size_limits(self.leading(scene))[0])
         return 0.01 * longest, longest
 
 
@@ -165,7 +170,7 @@ class Width(OfSpall):
     no_effect = "under this law width acts through the number of rollers inside only: give rows with phase = mean"
 
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
-        return max(1.01 * float(_size_limits(scene)[1]), 0.1), float(_half_way(scene))
+        return max(1.01 * float(_size_limits(self.leading(scene))[1]), 0.1), float(_half_way(scene))
 
 
 @register
@@ -343,10 +348,11 @@ def _half_way(scene: Scene) -> Real:
 
 
 def _known(scene: Scene, **changed: Real) -> jax.Array:
-    """Whether the law knows the scene's spalls, with fields of the first one changed."""
+    """Whether the law knows the scene's first spall with fields changed, beside those on the same surface."""
     law: Law = scene.law  # type: ignore[assignment]  # it is prepared
-    at = law.at(LineContact.of(scene.bearing, "outer", scene.design_load))
-    spalls = (dataclasses.replace(scene.spalls[0], **changed), *scene.spalls[1:])
+    first, *others = scene.spalls
+    at = law.at(LineContact.of(scene.bearing, "inner" if first.surface == "inner" else "outer", scene.design_load))
+    spalls = (dataclasses.replace(first, **changed), *(one for one in others if one.surface == first.surface))
     return at.judge(spalls, jnp.zeros((len(spalls), 1))) == status.CONVERGED
 
 
