@@ -137,7 +137,7 @@ def _explore(options: Any) -> int:
     try:
         from difftrb.report import explorer
     except ImportError:
-        return console.refuse("explore needs Bokeh: pip install 'difftrb[explore]'", EXIT_BAD_FILE)
+        return console.refuse("explore needs Bokeh: pip install '.[explore]' in difftrb's folder", EXIT_BAD_FILE)
     file, path = _read(options)
     scene_file.check_ring(file, path)
     console.say(f"http://localhost:{options.port} until Ctrl-C")
@@ -208,7 +208,7 @@ COMMANDS = (
             "Loads, stiffness, its loss by the spall and its gradients (no SCENE: 32008J, spall 4 × 7 mm).", (
         SCENE, *OUTPUT,
         _option("--mean", action="store_true",
-                help="the mean over the cage's turn also where it takes seconds: with effects, or law direct"),
+                help="the mean over the cage's turn also where it takes long: effects beyond raceways, law direct"),
         _option("--verify", action="store_true",
                 help="solve the rollers' contacts afresh, and say how far off the law is"),
     )),

@@ -383,7 +383,7 @@ def test_without_zarr_chunks_are_npz(plan: Plan, whole: Path, tmp_path: Path, mo
     with monkeypatch.context() as patch:
         patch.setattr(store, "has_zarr", lambda: False)
         assert chunks.run(plan, out, devices=1).computed == plan.chunks
-        with pytest.raises(trb.SweepError, match=r"sweep.zarr: is read and written by zarr, .* pip install 'difftrb"):
+        with pytest.raises(trb.SweepError, match=r"sweep.zarr: is read and written by zarr, .* pip install '\."):
             trb.load_sweep(whole)
         with pytest.raises(trb.SweepError, match=r"sweep\.zarr: is read and written by zarr"):
             chunks.run(plan, "memory://bucket")

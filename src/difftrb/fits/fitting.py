@@ -126,7 +126,7 @@ def _fit(
     told(1)
     if not np.isfinite(scan.told).any():
         code = predicted.evaluated(problem, scan.place[:1]).beside[1]
-        why = status.describe(code).partition(":")[0]  # its advice is for a scene, not for a fit
+        why = status.describe(int(code[0])).partition(":")[0]  # its advice is for a scene, not for a fit
         raise MeasuredError(f"measurements: no spall has a solution under these loads: {why}; check their unit, N")
     _check_effects(problem.parameters, scan.slope)
     freedom = len(rows) - len(parameters)

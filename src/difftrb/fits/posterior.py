@@ -88,7 +88,7 @@ class Posterior:
 
     def to_xarray(self) -> xarray.Dataset:
         """A variable for each parameter, of one chain: `arviz.convert_to_inference_data` (`arviz.convert_to_datatree`
-        from 1.0 on) takes it as it is. Needs xarray: `pip install 'difftrb[io]'`."""
+        from 1.0 on) takes it as it is. Needs xarray: `pip install '.[io]'`."""
         import xarray
 
         parts = {

@@ -22,7 +22,7 @@ import difftrb
 from difftrb.report import figure_style, remarks, run_text
 from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.report.run_text import number
-from difftrb.ring import effects
+from difftrb.ring import effect_base, effects
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
 from difftrb.scene.scene import PitchMean, Scene
@@ -177,8 +177,11 @@ def _cards(run: Run) -> str:
             )
             cards.append(f'<div class="card"><b>{big}</b><span>{escape(small)}</span></div>')
     of_what = run_text.raceways_text(scene, run.result.spalled)
-    told = "" if of_what is None else f'<p class="soft">{escape(of_what)}</p>'
-    return f'<div class="cards">{"".join(cards)}</div>{told}'
+    told = [of_what or "stiffness is that of both raceways in series"]
+    if run.estimated is not None:
+        told.append(run.estimated.sentence)
+    notes = "".join(f'<p class="soft">{escape(each)}</p>' for each in told)
+    return f'<div class="cards">{"".join(cards)}</div>{notes}'
 
 
 def _stiffness_table(run: Run) -> str:
@@ -222,7 +225,9 @@ def _inlined(svg: str, name: str, heading: str) -> str:
 
 
 def _acting(scene: Scene) -> str:
-    acting = [f"contact of crowned rollers with the outer raceway, elastic half-space; {_law(scene)}"]
+    both = effect_base.among(scene.effects, effects.Raceways) is not None
+    raceways = "both raceways" if both else "the outer raceway"
+    acting = [f"contact of crowned rollers with {raceways}, elastic half-space; {_law(scene)}"]
     for spall in scene.spalls:
         at = f"{spall.angle:g} rad ({math.degrees(spall.angle):.4g}°)"
         acting.append(

@@ -148,8 +148,8 @@ def _arrow(ax: Axes, found: LossMap, at: tuple[float, float], slopes: list[float
     rise = np.array([slopes[0] * np.ptp(found.lengths), slopes[1] * np.ptp(found.widths)])
     if np.hypot(*rise) > 0.0:
         ax.quiver(*at, *rise / np.hypot(*rise), color=SPALLED, angles="uv", width=0.012, scale=6.0, zorder=5)
-    ax.annotate(f"this spall: {at[0]:g} × {at[1]:g} mm", at, (-4, -16), textcoords="offset points", color="white",
-                fontsize=9, ha="center", weight="bold")  # fmt: skip
+    ax.annotate(f"this spall:\n{at[0]:g} × {at[1]:g} mm", at, (-10, 0), textcoords="offset points", color="white",
+                fontsize=9, ha="right", va="center", weight="bold")  # fmt: skip
 
 
 def load_distribution(result: Assessment, scene: Scene, ax: Any = None) -> Any:

@@ -16,6 +16,7 @@ from difftrb.core import storage
 from difftrb.core.bad_input import named
 from difftrb.core.status import SceneError
 from difftrb.report import console, run_text
+from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.scene import scene_file, solution
 from difftrb.turning import fmu
 from difftrb.turning.cage_turn import CageTurn, stiffness
@@ -46,11 +47,25 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
         return console.EXIT_OK
     console.show(text(found))
     if found.frequencies is not None:
-        hertz = (f"{name.upper()} {float(value):.4g}" for name, value in vars(found.frequencies).items())
-        console.show(f"frequencies [Hz] at {options.speed:g} rev/min: {', '.join(hertz)}")
+        console.show(_told(found.frequencies, file, options.speed))
+    if file.catalogue is not None:
+        console.show(f"note: {Estimated(file.catalogue, np.zeros(2), None, None).sentence}")
     if options.out is not None:
         console.show(f"written to {options.out}")
     return console.EXIT_OK
+
+
+def _told(frequencies: DefectFrequencies, file: scene_file.SceneFile, speed: float) -> str:
+    """Frequencies in one line; of an estimated bearing with what its catalogue leaves of them."""
+    hertz = [f"{name.upper()} {float(value):.4g}" for name, value in vars(frequencies).items()]
+    if file.catalogue is not None:
+        about = file.catalogue.uncertainty(lambda bearing, _: _numbers(defect_frequencies(bearing, speed)))
+        hertz = [f"{text} ± {by:.2g}" if by > 0.0 else text for text, by in zip(hertz, about, strict=True)]
+    return f"frequencies [Hz] at {speed:g} rev/min: {', '.join(hertz)}"
+
+
+def _numbers(frequencies: DefectFrequencies) -> np.ndarray:
+    return np.array([float(each) for each in vars(frequencies).values()])
 
 
 def springs(given: str, turn: CageTurn) -> np.ndarray:

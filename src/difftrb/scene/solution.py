@@ -90,7 +90,7 @@ class Solution(status.Judged):
     def to_xarray(self) -> Any:
         """An `xarray.Dataset` with axes named radial, lateral, axial (and about_radial, about_lateral) and rollers by
         their angle: `displacement`, `stiffness` (of the force along `axis` by the motion along `motion`), `loads`,
-        `approach`, residual and status. Needs xarray: `pip install 'difftrb[io]'`."""
+        `approach`, residual and status. Needs xarray: `pip install '.[io]'`."""
         import xarray  # pyright: ignore[reportMissingImports]
 
         names = list(AXES[: np.shape(self.displacement)[0]])

@@ -160,7 +160,7 @@ def _by_workers(
         from distributed.comm.core import CommClosedError  # pyright: ignore[reportMissingImports]
         from distributed.utils import silence_logging_cmgr  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise SweepError("--scheduler needs dask.distributed: pip install 'difftrb[cluster]'") from None
+        raise SweepError("--scheduler needs dask.distributed: pip install '.[cluster]' in difftrb's folder") from None
     gone = OSError(None, GONE, address)
     try:
         with contextlib.ExitStack() as stack:

@@ -22,7 +22,7 @@ from difftrb.sweeps.zarr_store import Zarr
 
 MANIFEST, AXES, ZARR = "manifest.json", "axes.npz", "sweep.zarr"
 """Names in a folder: of what is swept and the axes' values beside .npz files; of the Zarr store."""
-RESUME, INSTALL = "go on with --resume", "pip install 'difftrb[io]'"
+RESUME, INSTALL = "go on with --resume", "pip install '.[io]'"
 
 
 class Npz:

@@ -68,7 +68,7 @@ class Swept:
         return counted(by_code(self.status_code))
 
     def to_xarray(self) -> Any:
-        """An `xarray.Dataset`, as `xarray.open_zarr` gives it. Needs xarray: `pip install 'difftrb[io]'`."""
+        """An `xarray.Dataset`, as `xarray.open_zarr` gives it. Needs xarray: `pip install '.[io]'`."""
         import xarray  # pyright: ignore[reportMissingImports]
 
         columns = {STATUS: self.status_code} | self.values | {

@@ -5,7 +5,7 @@ ring's speed [rad/s]; outputs the force of the bearing on the shaft fx, fy, fz [
 [rad], and the stiffness now, kxx … kzz [N/m]. At every step f = -K(φ) (q - u(φ) + ū): the stiffness and the place at
 rest over the cage's angle, interpolated, linear about the load. Axes are ROSS's (`ross.axes`). No mass, no damping.
 
-Written by PythonFMU (`pip install 'difftrb[fmu]'`). The FMU holds its numbers and a small script, and runs wherever
+Written by PythonFMU (`pip install '.[fmu]'`). The FMU holds its numbers and a small script, and runs wherever
 there is a Python, without JAX or difftrb.
 """
 
@@ -41,7 +41,7 @@ def write(turn: CageTurn, path: str | Path, speed_rpm: float = 0.0, load_angle: 
     try:
         from pythonfmu import FmuBuilder  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise SceneError(f"PythonFMU is not here ({error}); pip install 'difftrb[fmu]'") from None
+        raise SceneError(f"PythonFMU is not here ({error}): pip install '.[fmu]' in difftrb's folder") from None
     held = {
         "stiffness": stiffness.tolist(), "waveform": waveform.tolist(), "span": float(turn.span),
         "cage_share": float(geometry.cage_share(turn.bearing)), "speed": float(speed_rpm) / RPM,

@@ -3,7 +3,7 @@
 ROSS has x and y across the shaft and z along it, in metres; its own bearing element knows kxx … kyy and kzz. difftrb's
 radial axis is the load's line: `load_angle` from x towards y, by default −y, as gravity pulls; lateral is a quarter
 turn on, as x turns to y; axial is ±z, the way in which the shaft presses the rings together. Displacements are the
-shaft's against its housing. Needs ROSS: `pip install 'difftrb[ross]'`.
+shaft's against its housing. Needs ROSS: `pip install '.[ross]'`.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def _ross() -> Any:
     try:
         import ross  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise SceneError(f"ROSS is not here ({error}); pip install 'difftrb[ross]'") from None
+        raise SceneError(f"ROSS is not here ({error}): pip install '.[ross]' in difftrb's folder") from None
     return ross
 
 
