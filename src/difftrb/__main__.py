@@ -194,19 +194,18 @@ class Command(NamedTuple):
 
 
 SCENE = _option("scene", nargs="?", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
+JSON = _option("--json", action="store_true", help="print one JSON object instead of text")
 OUTPUT = (
-    _option("--json", action="store_true", help="print one JSON object instead of text"),
-    _option(
-        "--out",
-        metavar="DIR",
-        type=Path,
-        help="also write figures (PNG and SVG) and result.json there; difftrb run also report.html",
-    ),
+    JSON,
+    _option("--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there"),
 )
+FILE = _option("scene", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
 COMMANDS = (
     Command("run", _run,
             "Loads, stiffness, its loss by the spall and its gradients (no SCENE: 32008J, spall 4 × 7 mm).", (
-        SCENE, *OUTPUT,
+        SCENE, JSON,
+        _option("--out", metavar="DIR", type=Path,
+                help="also write report.html, its figures (PNG and SVG) and result.json there"),
         _option("--mean", action="store_true",
                 help="the mean over the cage's turn also where it takes long: effects beyond raceways, law direct"),
         _option("--verify", action="store_true",
@@ -215,23 +214,26 @@ COMMANDS = (
     Command("contact", _contact, "One roller on its raceway: approach, pressure and derivatives (no SCENE: 32008J).",
             (SCENE, *OUTPUT)),
     Command("accuracy", _by("accuracy.accuracy_report"),
-            "What accuracy costs in time, here and for this scene (no SCENE: as run).", (
+            "What accuracy costs in time, here and for this scene (no SCENE: that of run).", (
         SCENE, *OUTPUT,
-        _option("--full", action="store_true", help="measure every way; takes minutes, not one"),
-        _option("--accuracy", metavar="X", type=float, help="of stiffness, to recommend a law for"),
+        _option("--full", action="store_true", help="measure every law and setting: some minutes"),
+        _option("--accuracy", metavar="X", type=float, help="relative error of stiffness to recommend a law for"),
     )),
     Command("fit", _by("fits.fit_report"),
             "From measured stiffness, or its loss, to the spall's size, with its uncertainty.", (
         _option("scene", metavar="SCENE", help="a scene file with a first guess of the spall; `difftrb example fit`"),
-        _option("measured", metavar="MEASURED", help="rows of measurements (CSV); see `difftrb example measured`"),
-        _option("--parameters", default="length,width", metavar="NAMES", help="what to fit (default length,width)"),
+        _option("measured", metavar="MEASURED",
+                help="a table (CSV) of loads, phase, quantity, value and sigma; see `difftrb example measured`"),
+        _option("--parameters", default="length,width", metavar="NAMES",
+                help="what to fit, of length, width, angle, depth, axial_offset, crown, preload, scale, length_2, "
+                "width_2, angle_2 (default length,width)"),
         _option("--robust", default="squares", help="huber or student where single rows may be far off"),
         _option("--posterior", action="store_true", help="all that the rows leave possible, weighed"),
         _option("--spalls", metavar="N,…", help="how likely rows make so many spalls, say 0,1,2"),
         *OUTPUT,
     )),
     Command("sweep", _sweep, "Many scenes: a scene file's [sweep] names axes, outputs and gradients.", (
-        _option("scene", metavar="SCENE"),
+        FILE,
         _option("--out", metavar="DIR", help="where sweep.zarr and figures go: a folder, or a URL as s3://bucket/name"),
         _option("--resume", action="store_true", help="go on with the sweep in DIR, also while others compute it"),
         _option("--dry-run", action="store_true", help="say members, memory, disk and time, and compute nothing"),
@@ -240,13 +242,14 @@ COMMANDS = (
         _option("--share", metavar="I/N", help="of N processes on one DIR: where this one begins (default: Slurm's)"),
         _option("--scheduler", metavar="ADDRESS", help="compute on a Dask cluster, say tcp://host:8786, or local"),
     )),
-    Command("explore", _explore, "A page on this machine with sliders for spall, loads and phase (no SCENE: as run).", (
+    Command("explore", _explore,
+            "A page on this machine with sliders for spall, loads and phase (no SCENE: that of run).", (
         SCENE,
         _option("--port", type=int, default=5006, metavar="N", help="where it is served (default 5006)"),
         _option("--no-browser", dest="browser", action="store_false", help="serve it, and open no browser"),
     )),
     Command("stiffness", _by("report.stiffness_report"),
-            "Stiffness over the cage's angle, for rotordynamics (no SCENE: as run).", (
+            "Stiffness over the cage's angle, for rotordynamics (no SCENE: that of run).", (
         SCENE,
         _option("--phases", type=int, default=64, metavar="N", help="of the cage over one roller pitch (default 64)"),
         _option("--out", metavar="FILE", type=Path, help="write a table: .csv, .json or .npz; or an .fmu"),
@@ -255,11 +258,11 @@ COMMANDS = (
         _option("--shaft", metavar="R,A", help="radial and axial stiffness of the shaft in series [N/mm]"),
         _option("--housing", metavar="R,A", help="radial and axial stiffness of the housing in series [N/mm]"),
         _option("--slopes", action="store_true", help="derivatives by spall sizes also where they take long: effects"),
-        _option("--json", action="store_true", help="print one JSON object instead of text"),
+        JSON,
     )),
-    Command("check", _check, "Check a scene file without computing anything.", (_option("scene", metavar="SCENE"),)),
+    Command("check", _check, "Check a scene file without computing anything.", (FILE,)),
     Command("example", _example, "Print a packaged scene file; without a NAME, list them.",
-            (_option("name", nargs="?", metavar="NAME"),), jax=False),
+            (_option("name", nargs="?", metavar="NAME", help="of the list"),), jax=False),
 )  # fmt: skip
 
 

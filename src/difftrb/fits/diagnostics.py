@@ -23,6 +23,8 @@ TOLD_APART = 2.0
 HEALTHY = 0.05
 """Chance of what a spall gains over none, above which none is needed."""
 TIMES = " × "
+MANY = 3
+"""Parameters whose range is scanned closely enough to find the answer."""
 TOLD = 3
 """Most other answers that are told in words."""
 
@@ -104,10 +106,11 @@ def _about_misfit(fit: Fit) -> list[str]:
     if not fit.explained:
         worst = int(np.argmax(np.abs(fit.residuals)))
         times = float(np.sqrt(fit.chi2 / fit.freedom))
+        missed = ", or the search has missed the best of so many parameters" if len(fit.parameters) > MANY else ""
         found.append(
             f"the fit misses the data by {times:.1f} times their sigma (χ² = {fit.chi2:.3g} of {fit.freedom} degrees "
             f"of freedom), worst in row {worst + 1} ({fit.residuals[worst]:+.1f} sigma): sigma is too small, rows "
-            "contradict each other, or the model lacks something; do not rely on the sizes"
+            f"contradict each other, or the model lacks something{missed}; do not rely on the sizes"
         )
     for k, off in enumerate(fit.residuals):
         if abs(off) > FAR and fit.robust != "squares":

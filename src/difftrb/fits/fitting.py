@@ -231,13 +231,14 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     correlation = known / np.outer(spread, spread)
     prior = np.array([parameter.prior for parameter in problem.parameters])
     converged = np.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
-    intervals = bounds.values(profiles.ends.T).T
+    others = _others(problem, tried, every)
+    weight = fit_result.weights(problem, found, [best, *others], tried.scale, predicted.scales(problem))[1:]
     return Fit(
         parameters=tuple(parameter.name for parameter in problem.parameters),
         values=values,
         # what is as uncertain as before any measurement has none
         standard_errors=np.where((variance > 0.0) & (spread < prior), spread * np.abs(slope), np.nan),
-        intervals=intervals,
+        intervals=bounds.values(_joined(problem, tried, others).T).T,
         open=profiles.open,
         correlation=correlation + np.diag(1.0 - np.diag(correlation)),
         rows=rows,
@@ -250,7 +251,10 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
         remarks=(),
         doubts=(),
         determined_each=np.zeros(len(u), bool),
-        alternatives=_alternatives(problem, tried, every, intervals),
+        alternatives=tuple(
+            Alternative(every[k], 2.0 * float(found.cost[k]), float(share))
+            for k, share in zip(others, weight, strict=True)
+        ),
         scene=fit_parameters.put(problem.parameters, problem.scene, values),
         history=History(every, 2.0 * np.asarray(found.cost), np.asarray(found.steps)),
         profiles=profiles,
@@ -264,26 +268,37 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     )
 
 
-def _alternatives(problem: Problem, tried: Tried, values: np.ndarray, intervals: np.ndarray) -> tuple[Alternative, ...]:
-    """Minima that it is not sure to be without, and that the best one's intervals do not hold."""
-    found, best = tried.found, tried.best
+def _others(problem: Problem, tried: Tried, values: np.ndarray) -> list[int]:
+    """Minima that it is not sure to be without, and that the best one's intervals do not hold; `values` of all."""
+    found, best, intervals = tried.found, tried.best, problem.bounds.values(tried.profiles.ends.T).T
     near = fit_parameters.turned(problem.parameters, values, values[best])
     outside = np.any(fit_result.outside(near, values[best], intervals), axis=1)
     within = 2.0 * (found.cost - found.cost[best]) < tried.limits.sure
-    cases = [best]
+    cases: list[int] = []
     for k in search.distinct(problem, found):
         if (
             k != best
             and outside[k]
             and within[k]
-            and not any(_on_one_plateau(problem, found, k, other) for other in cases[1:])
+            and not any(_on_one_plateau(problem, found, k, other) for other in cases)
         ):
             cases.append(k)
-    weight = fit_result.weights(problem, found, cases, tried.scale, predicted.scales(problem))
-    return tuple(
-        Alternative(values[k], 2.0 * float(found.cost[k]), float(share))
-        for k, share in zip(cases[1:], weight[1:], strict=True)
-    )
+    return cases
+
+
+def _joined(problem: Problem, tried: Tried, others: list[int]) -> np.ndarray:
+    """Ends of the intervals in coordinates, shape (parameters, 2), as far as those of `others` go that they overlap: a
+    parameter may be told as well beside another value of the rest, where its profile, which follows one minimum, does
+    not come. An interval of those is that of a normal distribution, no longer than basins lie apart."""
+    found, (low, high) = tried.found, tried.profiles.ends.T.copy()
+    for k in others:
+        left = tried.limits.end - 2.0 * (found.cost[k] - found.cost[tried.best])
+        own = np.diag(profile_intervals.covariance(found.normal[k], found.place[k]))
+        away = np.minimum(np.sqrt(max(left, 0.0) * np.maximum(own, 0.0)), predicted.scales(problem))
+        below, above = found.place[k] - away, found.place[k] + away
+        both = (left > 0.0) & (below <= high) & (above >= low)
+        low, high = np.where(both, np.minimum(low, below), low), np.where(both, np.maximum(high, above), high)
+    return np.stack([low, high], axis=1)
 
 
 def _on_one_plateau(problem: Problem, found: Least, one: int, other: int) -> bool:
