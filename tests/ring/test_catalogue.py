@@ -178,6 +178,7 @@ LINE = "bearing = {{ d = 30, D = 62, T = 17.25, {0} }}\nload = {{ radial = 5000.
     ("known", "words"),
     [
         ("e = 3.7", "bearing.e = 3.7: must be a number in 0.01 … 2.6"),
+        ("e = 0.37, Y0 = 0.5", "bearing.Y0 = 0.5: means a contact angle of 23.7°, where e = 0.37 means 13.9°"),
         ("e = 0.37, Y = 1.1", "bearing.Y = 1.1: means a contact angle of 20.0°, where e = 0.37 means 13.9°"),
         ("rollers = 16", "bearing.e is missing: give e or Y"),
         ("e = 0.37, x = 3", "bearing.x is not a known key"),

@@ -106,15 +106,16 @@ def bearing_from_catalogue(
 ) -> CatalogueBearing:
     """A bearing estimated from what its catalogue prints.
 
-    `d`, `D`, `T` [mm] and one of `contact_angle_deg` [°], `e` and `Y` are needed; whatever else is known makes it more
-    certain: `C`, `C0` [N], `rollers`, `pitch_diameter`, `roller_diameter` (at mid length) or `roller_small_diameter`
-    and `roller_large_diameter`, `roller_length` [mm], and `modulus`, `poisson`, `density`; see `Catalogue`.
+    `d`, `D`, `T` [mm] and one of `contact_angle_deg` [°], `e`, `Y` and `Y0` are needed; whatever else is known makes
+    it more certain: `C`, `C0` [N], `rollers`, `pitch_diameter`, `roller_diameter` (at mid length) or
+    `roller_small_diameter` and `roller_large_diameter`, `roller_length` [mm], and `modulus`, `poisson`, `density`; see
+    `Catalogue`.
     Contact angle 0 is a cylindrical roller bearing, for scenes with `effects.Mounting`, which holds the rings axially.
     In a scene file: `bearing = { d = 30, D = 62, T = 17.25, e = 0.37 }`.
 
-    Sources: e = 1.5 tan α, Y = 0.4 cot α and C of ISO 281, C0 of ISO 76, all cones on one apex; what these leave open
-    is as in published bearings (`catalogue_relations.RATIOS`). Takes plain numbers. Raises `SceneError`, one sentence,
-    for what is out of range or cannot be together.
+    Sources: e = 1.5 tan α, Y = 0.4 cot α and C of ISO 281, Y0 = 0.22 cot α and C0 of ISO 76, all cones on one apex;
+    what these leave open is as in published bearings (`catalogue_relations.RATIOS`). Takes plain numbers. Raises
+    `SceneError`, one sentence, for what is out of range or cannot be together.
     """
     names = [field.name for field in dataclasses.fields(Catalogue)]
     if unknown := set(known) - set(names):

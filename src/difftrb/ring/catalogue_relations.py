@@ -1,7 +1,7 @@
 """What a catalogue prints of a bearing, and the relations between that and its inside.
 
-ISO 281 ties e, Y and C to contact angle and rollers, ISO 76 C0; the common apex ties the rollers' taper to diameter,
-pitch and contact angle. What is left open are four ratios, which published bearings tell about: `RATIOS`.
+ISO 281 ties e, Y and C to contact angle and rollers, ISO 76 Y0 and C0; the common apex ties the rollers' taper to
+diameter, pitch and contact angle. What is left open are four ratios, which published bearings tell about: `RATIOS`.
 """
 
 from __future__ import annotations
@@ -41,10 +41,11 @@ class Catalogue:
       d: bore [mm], 0.1…5000.
       D: outside diameter [mm], 0.1…5000.
       T: assembled width of both rings, not of one of them [mm], 0.1…5000.
-      contact_angle_deg: of the outer raceway [°], 0…60; 0 is a cylindrical roller bearing. One of this, e and Y is
-        needed.
+      contact_angle_deg: of the outer raceway [°], 0…60; 0 is a cylindrical roller bearing. One of this, e, Y
+        and Y0 is needed.
       e: limit of F_a/F_r [-], 1.5 tan α.
       Y: axial factor [-], 0.4 cot α.
+      Y0: static axial factor [-], 0.22 cot α.
       B: width of the inner ring [mm], 0.1…5000; nothing hangs on it.
       C: basic dynamic load rating [N], 1…1e9; not the width of the cup, which some catalogues call C, too.
       C0: basic static load rating [N], 1…1e9.
@@ -64,6 +65,7 @@ class Catalogue:
     contact_angle_deg: Annotated[Real, Interval(ge=0.0, le=60.0), Unit("°")] | None = None
     e: Annotated[Real, Interval(ge=0.01, le=2.6)] | None = None
     Y: Annotated[Real, Interval(ge=0.2, le=12.0)] | None = None
+    Y0: Annotated[Real, Interval(ge=0.1, le=7.0)] | None = None
     B: Size | None = None
     C: Rating | None = None
     C0: Rating | None = None
@@ -240,6 +242,8 @@ def contact_angle(known: Catalogue) -> tuple[float, float]:
         tangents["e"] = known.e / 1.5, 0.005 / math.sqrt(3.0) / known.e  # ISO 281
     if known.Y is not None:  # printed to 0.1, mostly
         tangents["Y"] = 0.4 / known.Y, 0.05 / math.sqrt(3.0) / known.Y  # ISO 281
+    if known.Y0 is not None:
+        tangents["Y0"] = 0.22 / known.Y0, 0.05 / math.sqrt(3.0) / known.Y0  # ISO 76
     if not tangents:
         raise SceneError("bearing.e is missing: give e or Y, which catalogues print, or contact_angle_deg")
     names, (first, *others) = list(tangents), tangents.values()
