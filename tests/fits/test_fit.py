@@ -302,8 +302,22 @@ def test_an_interval_does_not_end_where_a_little_noise_decides(rises: dict[float
     """A best fit may owe its place to a kink that a row's error has made; what is a little higher all round counts."""
     limits = profile_intervals.limits_of(None, 1.0)
     for way in (1.0, -1.0):
-        side = [profile_intervals.Held(way * at, rise, np.zeros(1)) for at, rise in {0.0: 0.0, **rises}.items()]
+        held = [profile_intervals.Held(way * at, rise, np.zeros(1)) for at, rise in {0.0: 0.0, **rises}.items()]
+        side = profile_intervals.Side(held[0], 0.0)
+        side.extend(held[1:])
         assert profile_intervals._end(side, limits) == pytest.approx(way * end, rel=1e-3)
+
+
+def test_an_interval_goes_on_over_a_rise_within_one_basin() -> None:
+    """Not over one that is farther away than basins are."""
+    limits, rises = profile_intervals.limits_of(None, 1.0), {0.01: 300.0, 0.02: 1.5, 0.04: 3.0, 0.06: 1e4}
+    ends = []
+    for reach in (0.0, 0.05):
+        side = profile_intervals.Side(profile_intervals.Held(0.0, 0.0, np.zeros(1)), reach)
+        side.extend(profile_intervals.Held(at, rise, np.zeros(1)) for at, rise in rises.items())
+        ends.append(profile_intervals._end(side, limits))
+    assert ends[0] < 0.01
+    assert 0.04 < ends[1] < 0.06
 
 
 def test_a_kink_along_one_coordinate_does_not_hold_back_the_others() -> None:
