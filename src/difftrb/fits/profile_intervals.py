@@ -250,7 +250,7 @@ def _roots(side: Side, limit: float) -> tuple[np.ndarray, int]:
     last one in the basin that is not."""
     rise = np.maximum([one.rise for one in side], 0.0)
     within = [k for k, one in enumerate(side) if one.rise <= limit and abs(one.at - side[0].at) <= side.reach]
-    rise[: within[-1] + 1] = np.minimum(rise[: within[-1] + 1], limit)
+    rise[: within[-1]] = np.minimum(rise[: within[-1]], rise[within[-1]])
     root = np.maximum.accumulate(np.sqrt(rise))
     return root, int(np.searchsorted(root, np.sqrt(limit), side="right"))
 
