@@ -67,23 +67,23 @@ def residuals(fit: Fit, ax: Axes) -> Axes:
 
 
 def profiles(fit: Fit, ax: Axes) -> Axes:
-    """Rise of χ² with each parameter held, all others free, over the parameter relative to its fitted value."""
+    """Rise of χ² with each parameter held, all others free, over how far it is from its fitted value, by half the
+    length of its interval: so that all can be seen, whatever their units and how well they are known."""
     limit = fit.limit
     styles = zip(fit.labels, (*COLOURS, "black"),
                  ("-", "--", "-.", ":", "-", "--", "-."), strict=False)  # fmt: skip
-    widest = 0.0
     for i, (name, colour, style) in enumerate(styles):
-        values = fit.along(i, fit.profiles.coordinates[i])
-        relative = (values - fit.values[i]) / (abs(fit.values[i]) or 1.0) * 100.0
+        values, (low, high) = fit.along(i, fit.profiles.coordinates[i]), fit.intervals[i]
+        away = 2.0 * (values - fit.values[i]) / ((high - low) or 1.0)
         rise = np.maximum(fit.profiles.rise[i], 0.0)
-        low = rise < 3.0 * limit
-        widest = max(widest, float(np.max(np.abs(relative[low]))))
-        ax.plot(relative[low], rise[low], style, color=colour, label=f"{name} {fit.values[i]:.3g} {fit.units[i]}")
+        near = rise < 4.0 * limit
+        label = f"{name} {fit.values[i]:.3g} ({low:.3g} … {high:.3g}) {fit.units[i]}"
+        ax.plot(away[near], rise[near], style, color=colour, label=label)
     ax.axhline(limit, color="black", lw=0.8)
     ax.text(0.02, limit, PERCENT, va="bottom", transform=ax.get_yaxis_transform())
-    ax.set(xlabel="parameter against its fitted value [%]", ylabel="rise of χ²", ylim=(0.0, 2.5 * limit))
+    ax.set(xlabel="from the fitted value, by half the interval", ylabel="rise of χ²", ylim=(0.0, 3.5 * limit))
     ax.set(title="Profiles of the likelihood")
-    ax.legend(frameon=False, loc="upper center")
+    ax.legend(frameon=False, loc="upper center", fontsize=8)  # in the upper third, above the curves
     return ax
 
 
