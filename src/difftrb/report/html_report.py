@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import difftrb
+from difftrb.core import packaged_bearings
 from difftrb.report import figure_style, remarks, run_text
 from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.report.run_text import number
@@ -103,11 +104,12 @@ class Run(NamedTuple):
 def page(run: Run, figures: Mapping[str, str], missing: Sequence[str] = ()) -> str:
     """The page: `figures` are SVG texts by name, `missing` says in sentences which are not there and why."""
     scene, spalled = run.scene, run.result.spalled
-    title = f"{Path(run.path).name}: {_spalls(scene)}"
+    title = f"{_bearing(run)}: {_spalls(scene)}"
+    about = f"{Path(run.path).name}: {_where(scene)}. {spalled.status}; difftrb {difftrb.__version__}."
     notes = remarks.of_solution(scene, spalled)
     parts = [
         f"<header><h1>{escape(title)}</h1>",
-        f'<p class="soft">{escape(_where(scene))}. {escape(spalled.status)}; difftrb {difftrb.__version__}.</p>',
+        f'<p class="soft">{escape(about)}</p>',
         _contents(figures),
         "</header><main>",
         *(f'<p class="note">{escape(note)}</p>' for note in notes),
@@ -135,6 +137,16 @@ def page(run: Run, figures: Mapping[str, str], missing: Sequence[str] = ()) -> s
 
 
 # ------------------------------------------------------------------------------------------------ words
+
+
+def _bearing(run: Run) -> str:
+    """By its name, its boundary dimensions, or its rollers: what a scene knows."""
+    of = run.scene.bearing
+    if run.estimated is not None:
+        line = run.estimated.catalogue.catalogue
+        return f"Bearing {line.d:g} × {line.D:g} × {line.T:g} mm"
+    names = [name for name, known in packaged_bearings.BEARINGS.items() if known == of]
+    return f"Bearing {names[0]}" if names else f"Bearing of {of.rollers} rollers {float(of.roller_length):.3g} mm long"
 
 
 def _spalls(scene: Scene) -> str:
