@@ -11,6 +11,7 @@ from scipy.special import ndtri, stdtrit
 from difftrb.fits import edges_at_rollers, predicted
 from difftrb.fits.least_squares import AT_BOUND, FARTHEST, Enough
 from difftrb.fits.predicted import Problem
+from difftrb.fits.search import SAME
 
 NEAR = np.array([0.75, 1.5, 2.25, 3.25])
 """Places of a profile on either side, in standard errors."""
@@ -42,9 +43,6 @@ BESIDE = 0.5
 CONFIDENCE, SURE = 0.95, 0.9973
 """Of intervals: how often they hold what is sought; and of where they end if χ² levels off behind that, for then a
 little noise decides."""
-ONE_BASIN = 0.05
-"""An interval goes on over what rises above its limit between places closer than this, of what parts basins: minima
-this close are one answer (`search.SAME`)."""
 LEVELS_OFF = 3.0
 """An interval that would be this many times as long on one side to be sure is so there. Of a normal likelihood it is
 1.5 times as long."""
@@ -155,7 +153,8 @@ def profiles(
     rise behind an end is no cliff."""
     limit = limits.end
     own = np.repeat(np.arange(len(u)), 2)
-    reach, tried = ONE_BASIN * predicted.scales(problem), set[tuple[float, ...]]()
+    # minima this close are one answer: an interval goes on over what rises above its limit between them
+    reach, tried = SAME * predicted.scales(problem), set[tuple[float, ...]]()
     sides = [Side(Held(u[i], 0.0, u), reach[i]) for i in own]
     places = _places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
     of, at = np.repeat(np.arange(len(own)), [len(each) for each in places]), np.concatenate(places)
