@@ -176,7 +176,7 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
         )  # fmt: skip
     lines = [*fit.remarks]
     if fit.alternatives:
-        lines.insert(0, "other answers are possible, see below; errors are of the one in the table alone, and intervals, "
+        lines.insert(0, "other answers are possible, see below; errors are of the one in the table alone, and intervals "
                      "but for others that they overlap")  # fmt: skip
     if len(fit.parameters) > 1:
         pairs = [

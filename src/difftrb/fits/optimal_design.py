@@ -135,6 +135,7 @@ def _sigma(fit: Fit, row: Measurement, value: float) -> float:
 
 def in_words(row: Measurement) -> str:
     """What to measure, for a sentence."""
-    at = "as the mean over phases" if row.phase == "mean" else f"with roller 0 at {float(row.phase or 0.0):.4g} rad"  # type: ignore[arg-type]
+    phase = "mean" if row.phase == "mean" else round(float(row.phase or 0.0), 6) + 0.0  # type: ignore[arg-type]
+    at = "as the mean over phases" if phase == "mean" else f"with roller 0 at {phase:.4g} rad"
     what = row.quantity.replace("_", " ")
     return f"the {what} at {row.radial:g} N radial and {row.axial:g} N axial {at}"
