@@ -176,8 +176,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
         )  # fmt: skip
     lines = [*fit.remarks]
     if fit.alternatives:
-        lines.insert(0, "other answers are possible, see below; errors are of the one in the table alone, and intervals "
-                     "but for others that they overlap")  # fmt: skip
+        lines.insert(0, "other answers are possible, see below; errors are of the one in the table alone, and so are "
+                     "intervals but for others that they overlap")  # fmt: skip
     if len(fit.parameters) > 1:
         pairs = [
             f"{a} and {b} {fit.correlation[i, j]:+.2f}"
