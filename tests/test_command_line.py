@@ -15,6 +15,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import geometry, user_cache
 from difftrb.fits import measured_table
+from difftrb.fits.parameters import PARAMETERS
 from difftrb.report import pressure_figure, remarks, run_figures
 from difftrb.scene import scene_file
 from difftrb.scene.prepared import solve_prepared
@@ -461,3 +462,12 @@ def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
     )
     assert not remarks.all_in_kn(file.bearing, [rows[0], *in_kn])
     assert remarks.all_in_kn(file.bearing, in_kn)
+
+
+def test_help_names_all_that_a_fit_can_find(capsys: pytest.CaptureFixture[str]) -> None:
+    """Written out there, for whoever asks for help would wait for JAX."""
+    with pytest.raises(SystemExit):
+        cli.main(["fit", "--help"])
+    told = " ".join(capsys.readouterr().out.split())
+    listed = told[told.index("what to fit, of ") :].removeprefix("what to fit, of ").split(" (default")[0]
+    assert set(listed.split(", ")) == set(PARAMETERS)

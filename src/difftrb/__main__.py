@@ -193,13 +193,13 @@ class Command(NamedTuple):
     jax: bool = True
 
 
-SCENE = _option("scene", nargs="?", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
+FILE = _option("scene", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
+SCENE = _option("scene", **FILE[1], nargs="?")
 JSON = _option("--json", action="store_true", help="print one JSON object instead of text")
 OUTPUT = (
     JSON,
     _option("--out", metavar="DIR", type=Path, help="also write figures (PNG and SVG) and result.json there"),
 )
-FILE = _option("scene", metavar="SCENE", help="a scene file (TOML); see `difftrb example`")
 COMMANDS = (
     Command("run", _run,
             "Loads, stiffness, its loss by the spall and its gradients (no SCENE: 32008J, spall 4 × 7 mm).", (
@@ -225,8 +225,8 @@ COMMANDS = (
         _option("measured", metavar="MEASURED",
                 help="a table (CSV) of loads, phase, quantity, value and sigma; see `difftrb example measured`"),
         _option("--parameters", default="length,width", metavar="NAMES",
-                help="what to fit, of length, width, angle, depth, axial_offset, crown, preload, scale, length_2, "
-                "width_2, angle_2 (default length,width)"),
+                help="what to fit, of length, width, angle, depth, axial_offset, crown, preload, scale, "
+                "load_factor, length_2, width_2, angle_2 (default length,width)"),
         _option("--robust", default="squares", help="huber or student where single rows may be far off"),
         _option("--posterior", action="store_true", help="all that the rows leave possible, weighed"),
         _option("--spalls", metavar="N,…", help="how likely rows make so many spalls, say 0,1,2"),

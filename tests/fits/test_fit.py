@@ -11,6 +11,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
+from difftrb.core import status
 from difftrb.fits import (
     diagnostics,
     fit_report,
@@ -29,6 +30,7 @@ from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.measured_table import example, parse
 from difftrb.fits.predicted import evaluated, solved
 from difftrb.law import base as laws
+from difftrb.report import console
 from difftrb.scene import scene_file
 from experiments.speed_of_fit import ours, scipys
 
@@ -552,6 +554,23 @@ SCENE = f"""{scene_file.example("spall")}
 [contact]
 law = "liu2018"
 """
+
+
+def test_a_fit_that_is_stopped_says_what_it_has_found(
+    noisy_fit: trb.Fit, exact: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """It said "iteration limit" alone, though it knew which row was off."""
+    scene, table = tmp_path / "scene.toml", tmp_path / "rows.csv"
+    scene.write_text(SCENE, encoding="utf-8")
+    lines = [f"{r.radial},{r.axial},{r.quantity},{r.value},{r.sigma},{r.phase}" for r in noisy(exact, 1)]
+    table.write_text("\n".join(["radial,axial,quantity,value,sigma,phase", *lines]), encoding="utf-8")
+    stopped = dataclasses.replace(noisy_fit, status_code=np.asarray(status.NOT_CONVERGED), remarks=("row 3 is off",))
+    monkeypatch.setattr(fit_report, "fit", lambda *_, **__: stopped)
+    assert cli.main(["--no-cache", "fit", str(scene), str(table)]) == console.EXIT_NO_SOLUTION
+    told = capsys.readouterr()
+    assert "row 3 is off" in told.out
+    assert "rows.csv: least squares were still coming down" in " ".join(told.err.split())
 
 
 @pytest.mark.portable

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from typing import Any
@@ -34,6 +33,11 @@ from difftrb.ring.ring import Load, largest_load
 from difftrb.scene import scene_file
 
 LIKELY = f"{PERCENT} interval"
+UNFINISHED = (
+    f"least squares were still coming down after {STEPS} steps, so a better answer may lie beyond this one: fit fewer "
+    "parameters, or measure more"
+)
+"""Of a fit that was stopped: what it has found is shown all the same."""
 HELD = "length", "width", "angle"
 """What a spall's other sizes hang on, where it is not fitted."""
 
@@ -74,7 +78,9 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
         record["spalls"] = run_text.plain(count_json(counted))
         texts.append(count_text(counted))
     if int(result.status_code) == status.NOT_CONVERGED:
-        return _unfinished(options, record, Group(*texts))
+        path, record["status"] = options.measured, UNFINISHED
+        if not options.json:
+            console.show(Group(*texts))
     code = console.deliver(
         options, path, record, lambda: Group(*texts), lambda: ((name, drawn()) for name, drawn in figures)
     )
@@ -82,18 +88,6 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
         what = "something explains the data much better" if result.explained else "the model does not explain the data"
         return console.refuse(f"{options.measured}: {what}: see the remarks", console.EXIT_NO_SOLUTION)
     return code
-
-
-def _unfinished(options: Any, record: dict[str, Any], text: Group) -> int:
-    """Of a fit whose least squares were stopped: what is found so far, and that it may not be all."""
-    if options.json:
-        print(json.dumps(record, indent=1))
-    else:
-        console.show(text)
-    what = f"least squares were still coming down after {STEPS} steps, so a better answer may lie beyond this one"
-    return console.refuse(
-        f"{options.measured}: {what}: fit fewer parameters, or measure more", console.EXIT_NO_SOLUTION
-    )
 
 
 def _counts(text: str) -> list[int]:

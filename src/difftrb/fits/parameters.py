@@ -120,8 +120,8 @@ class OfSpall(Parameter):
 
     def leading(self, scene: Scene) -> Scene:
         """The scene with this spall first."""
-        first = scene.spalls[self.number]
-        return dataclasses.replace(scene, spalls=(first, *(one for one in scene.spalls if one is not first)))
+        spalls = list(scene.spalls)
+        return dataclasses.replace(scene, spalls=(spalls.pop(self.number), *spalls))
 
     def start(self, scene: Scene) -> float:
         return float(getattr(scene.spalls[self.number], self.field))
