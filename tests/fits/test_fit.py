@@ -470,10 +470,28 @@ def test_an_interval_holds_a_wide_minimum_behind_a_narrow_one(bearing: trb.Taper
         assert low < truth < high
 
 
+def test_rows_by_numbers_are_those_of_the_program(noisy_fit: trb.Fit) -> None:
+    """What may be measured next is told by numpy, with all slopes; means by a rule of more points."""
+    single = [row for row in noisy_fit.rows if row.phase != "mean"]
+    places = np.stack([noisy_fit.place, noisy_fit.place + 0.3])
+    values, slopes = predicted.other_rows_at(noisy_fit.problem, noisy_fit.rows, places)
+    expected, rates = predicted._plainly(noisy_fit.problem, places)
+    own = [row in single for row in noisy_fit.rows]
+    np.testing.assert_allclose(values[:, own], expected[:, own], rtol=1e-12)
+    np.testing.assert_allclose(slopes[:, own], rates[:, own], atol=1e-12 * np.abs(rates).max())
+    np.testing.assert_allclose(values, expected, rtol=2e-3)
+    np.testing.assert_allclose(slopes, rates, atol=2e-3 * np.abs(rates).max())
+
+
 @pytest.mark.slow
-def test_measurements_that_may_be_made_share_the_fits_program(rig: trb.Scene, exact: np.ndarray) -> None:
-    """Of many rows, too: they had one of their own, as long to compile as the fit's."""
-    found = fit(rig, 3 * measured(exact), starts=FEW)
+def test_measurements_that_may_be_made_share_the_fits_program(bearing: trb.TaperedBearing) -> None:
+    """Of effects that numpy does not solve: many rows had one of their own, as long to compile as the fit's."""
+    turning = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(5.0, 9.0),), "liu2018",
+                        effects=(trb.effects.Centrifugal(3000.0),))  # fmt: skip
+    phases = [row for row in BLANK if row.phase != "mean"]
+    values = trb.assess(turning).loss
+    rows = [dataclasses.replace(row, value=float(v), sigma=0.05) for row, v in zip(phases[:2], values, strict=True)]
+    found = fit(turning, 10 * rows, ("length",), starts=FEW)
     known = set(predicted._compiled)
     assert len(optimal_design.next_measurements(found)) == 3
     assert predicted._compiled == known
@@ -608,7 +626,7 @@ def test_what_may_be_wrong_is_tried_and_named(rig: trb.Scene, exact: np.ndarray)
     pressed = [dataclasses.replace(row, axial=row.axial + 1500.0) for row in BLANK]
     problem = fit(rig, measured(exact), model_error=0.0).problem
     there = problem.bounds.coordinates(np.array([[5.0, 9.0]]))
-    preloaded = predicted.other_rows_at(problem, conditions(rig, pressed), there)[0][0]
+    preloaded = predicted.other_rows_at(problem, pressed, there)[0][0]
     for sentence, values in {
         "row 3 is off": np.where(np.arange(8) == 2, 1.25, 1.0) * exact,
         "an axial load acts that was not measured (preload 1.5e+03 N)": preloaded,

@@ -197,3 +197,18 @@ def test_sizes_that_are_none_warn_of_nothing(bearing: trb.TaperedBearing) -> Non
     nothing = dataclasses.replace(ready, spalls=(trb.Spall(float("nan"), 7.0),))
     assert scenes.pitch_borders(nothing).size == 8
     assert "not a number" in trb.solve(nothing).status
+
+
+def test_means_of_many_loads_are_divided_at_once_as_one_by_one(bearing: trb.TaperedBearing) -> None:
+    """With what divides them following the spall's length and width."""
+    both = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), "table", phase="mean",
+                     effects=(trb.effects.Raceways(rollers="upright"),))  # fmt: skip
+    ready = trb.prepare(both)
+    radial, axial = np.array([9000.0, 3000.0]), np.array([4500.0, 4500.0])
+    for scene in (ready, prepared.with_sizes_expanded(ready)):
+        every = scenes.pitch_borders(dataclasses.replace(scene, load=trb.Load(radial, axial)))
+        for k, load in enumerate(zip(radial.tolist(), axial.tolist(), strict=True)):
+            one = scenes.pitch_borders(dataclasses.replace(scene, load=trb.Load(*load)))
+            np.testing.assert_allclose(xp.value(every)[k], xp.value(one), atol=1e-12)
+            if xp.by(one) is not None:
+                np.testing.assert_allclose(xp.by(every)[:, k], xp.by(one), atol=1e-12)

@@ -82,7 +82,9 @@ class Condition(NamedTuple):
 
 def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_rule.POINTS_IN_FITS) -> Conditions:
     """Those of `rows`; what they leave open is the scene's."""
-    return _with_still(scene, _laid_out(scene, rows, points, _kinks(scene)))
+    # what may be measured next is told by a ring with effects in the same program, and may be a mean
+    room = Layout() if is_plain(scene) else Layout(means=SIZE)
+    return _with_still(scene, _laid_out(scene, rows, points, _kinks(scene), room))
 
 
 def row_conditions(scene: Scene, rows: Sequence[Measurement]) -> tuple[list[int], list[Condition]]:
@@ -97,7 +99,7 @@ class Layout(NamedTuple):
 
     rows: int = SIZE
     conditions: int = SIZE
-    means: int = SIZE
+    means: int = 0
     blocks: int = SIZE
 
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from difftrb.core import status
 from difftrb.fits import (
-    conditions,
     diagnostics,
     fit_result,
     least_squares,
@@ -187,8 +186,7 @@ def _with_loads(problem: Problem, rows: tuple[Measurement, ...], place: np.ndarr
     told = []
     for factor in (1.0 - LOAD_STEP, 1.0 + LOAD_STEP):
         loaded = [dataclasses.replace(row, radial=row.radial * factor, axial=row.axial * factor) for row in rows]
-        at = conditions.conditions(problem.scene, loaded)
-        told.append(predicted.other_rows_at(problem, at, place[None])[0][0])
+        told.append(predicted.other_rows_at(problem, loaded, place[None])[0][0])
     slope = (told[1] - told[0]) / (2.0 * LOAD_STEP)  # by the logarithm of the loads
     share = 0.01 * np.array([float(row.load_sigma) for row in rows])
     return dataclasses.replace(problem, sigma=np.hypot(problem.sigma, np.nan_to_num(slope) * share))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.core import geometry
-from difftrb.fits import conditions, measured, predicted
+from difftrb.fits import measured, predicted
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.ring.ring import Load, largest_load, needed_axial
@@ -82,7 +82,7 @@ def next_measurements(
         raise MeasuredError(f"next_measurements: parameter = {parameter!r} was not fitted; use one of "
                             f"{', '.join(fit.parameters)}")  # fmt: skip
     measured.check_loads(fit.scene, among, "next_measurements")
-    values, slopes = (each[0] for each in _told(fit, among, fit.place[None]))
+    values, slopes = (each[0] for each in predicted.other_rows_at(fit.problem, among, fit.place[None]))
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, values, strict=True)])
     rows = slopes / sigma[:, None]
     prior = np.array([parameter.prior for parameter in fit.problem.parameters])
@@ -109,18 +109,10 @@ def telling(fit: Fit, others: np.ndarray) -> list[tuple[Measurement, float]]:
     parameters), and by how many sigma it would differ."""
     among = candidates(fit)
     places = np.concatenate([fit.place[None], fit.problem.bounds.coordinates(others)])
-    here, *there = _told(fit, among, places)[0]
+    here, *there = predicted.other_rows_at(fit.problem, among, places)[0]
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, here, strict=True)])
     apart = [np.nan_to_num(np.abs(other - here) / sigma) for other in there]
     return [(among[int(np.argmax(each))], float(np.max(each))) for each in apart]
-
-
-def _told(fit: Fit, among: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As `predicted.of_others`."""
-    every = conditions.in_parts(fit.scene, among, fit.problem.conditions)
-    parts = (predicted.other_rows_at(fit.problem, at, places) for at in every)
-    values, slopes = zip(*parts, strict=True)
-    return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
 
 def _sigma(fit: Fit, row: Measurement, value: float) -> float:

@@ -16,9 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from difftrb.core import arrays as xp
 from difftrb.core import machine, status
 from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
+from difftrb.core.taylor import Taylor
 from difftrb.fits import conditions, least_squares, rings_of_rows
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import COLUMN, ROW, Conditions, whole
@@ -27,7 +29,7 @@ from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.rings_of_rows import Values, stiffness, with_slopes
 from difftrb.ring.ring import Load
-from difftrb.scene.scene import Scene, healthy, is_plain
+from difftrb.scene.scene import Scene, is_plain
 
 ROBUST = ("squares", "huber", "student")
 HUBER = 1.345
@@ -58,6 +60,19 @@ def predicted(
     `solve`: `rings_of_rows.with_slopes` where nothing but first derivatives by `values` are wanted.
     """
 
+    of = _of(parameters, scene)
+    if sound is None:
+        at = conditions.of_changing(at)
+    spalled, code = solve(of, values, at)
+    if sound is None:
+        sound, other = solve(of, values, at, sound=True)
+        code = status.worst(code, other)
+    return _read(parameters, at, values, spalled, sound), code
+
+
+def _of(parameters: Sequence[Parameter], scene: Scene) -> rings_of_rows.Of:
+    """The prepared scene, and what bearings carry at a load, of values of its parameters."""
+
     def of(values: Values) -> tuple[Scene, Callable[[Load], Load]]:
         def loaded(load: Load) -> Load:
             for parameter, value in zip(parameters, values, strict=True):
@@ -66,27 +81,26 @@ def predicted(
 
         return fit_parameters.put(parameters, scene, values), loaded
 
-    if sound is None:
-        at = conditions.of_changing(at)
-    spalled, code = solve(of, values, at)
-    if sound is None:
-        sound, other = solve(of, values, at, sound=True)
-        code = status.worst(code, other)
+    return of
+
+
+def _read(parameters: Sequence[Parameter], at: Conditions, values: Any, spalled: Any, sound: Any) -> Any:
+    """Every row [% or N/mm], shape (rows,), from stiffness at the conditions with spalls and without."""
     spalled, sound = (pair[at.place, at.entry] for pair in (spalled, sound))
     # beside the diagonal there may be nothing of a healthy bearing: what spalls add is no share of it
-    beside = jnp.asarray(ROW != COLUMN)[at.entry]
-    sound = jnp.where(beside, spalled, sound)
-    added = jnp.where(beside, 0.0, sound / jnp.where(beside, 1.0, spalled) - 1.0)
+    beside = xp.module_of(at.entry).asarray(ROW != COLUMN)[at.entry]
+    sound = xp.where(beside, spalled, sound)
+    added = xp.where(beside, 0.0, sound / xp.where(beside, 1.0, spalled) - 1.0)
     for parameter, value in zip(parameters, values, strict=True):
         sound, added = parameter.measured(sound, added, value)
     left = 1.0 / (1.0 + added)
-    return jnp.where(at.loss, 100.0 * (1.0 - left), sound * left), code
+    return xp.where(at.loss, 100.0 * (1.0 - left), sound * left)
 
 
 def healthy_stiffness(scene: Scene, at: Conditions) -> np.ndarray | jax.Array:
     """Of the prepared scene without spalls, of every condition [N/mm], by `ENTRIES`, shape (size, entries)."""
     if is_plain(scene):
-        return rings_of_rows.of_numbers(healthy(scene), at)
+        return xp.value(rings_of_rows.of_numbers(_of((), scene), np.zeros(0), at, sound=True))
     none = np.zeros(0, int)  # it does not know the rows: one program for any number of them
     return _healthy_stiffness(scene, dataclasses.replace(at, place=none, entry=none, loss=none))
 
@@ -238,9 +252,35 @@ def by_ratios(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
     return least_squares.Evaluated(off, np.nan_to_num(slopes) * rate[..., None], (told,))
 
 
-def other_rows_at(problem: Problem, at: Conditions, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the model says of other rows at `places`, shape (cases, other rows), and its slopes by coordinates, shape
-    (cases, other rows, parameters)."""
+def other_rows_at(problem: Problem, rows: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the model says of other rows at `places`, shape (cases, rows), and its slopes by coordinates, shape
+    (cases, rows, parameters): of a plain ring by numbers, for they are few."""
+    scene, like = problem.scene, problem.conditions
+    if is_plain(scene):
+        at = conditions.conditions(scene, rows)
+        sound = None if problem.sound is None else healthy_stiffness(scene, at)
+        each = [_by_numbers(problem, at, sound, place) for place in places]
+        values, slopes = (np.stack(part) for part in zip(*each, strict=True))
+        return values, slopes
+    parts = [_by_program(problem, at, places) for at in conditions.in_parts(scene, rows, like)]
+    values, slopes = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    return values, slopes
+
+
+@np.errstate(all="ignore")
+def _by_numbers(problem: Problem, at: Conditions, sound: Any, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of one place: values, shape (rows,), and slopes, shape (rows, parameters)."""
+    of, values = _of(problem.parameters, problem.scene), problem.bounds.values(Taylor(place, by=np.eye(len(place))))
+    at = conditions.of_changing(at) if sound is None else at
+    spalled = rings_of_rows.of_numbers(of, values, at)
+    sound = rings_of_rows.of_numbers(of, values, at, sound=True) if sound is None else np.asarray(sound)
+    told = _read(problem.parameters, at, values, spalled, sound)
+    slopes = xp.by(told)
+    return xp.value(told), np.zeros((len(at.place), len(place))) if slopes is None else slopes.T
+
+
+def _by_program(problem: Problem, at: Conditions, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of many places, by the program that the problem has: what it has room for."""
     sound = None if problem.sound is None else healthy_stiffness(problem.scene, at)
     count, room = len(at.place), conditions.layout(problem.conditions).rows
     at = _longer(at, max(room - count, 0))

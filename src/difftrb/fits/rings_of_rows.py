@@ -47,31 +47,33 @@ def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) 
 
 
 @np.errstate(all="ignore")
-def of_numbers(scene: Scene, at: Conditions) -> np.ndarray:
-    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of a plain ring of numbers: all rings
-    at once, and means by a rule of more points."""
-    found, scene = np.full((at.size, len(ENTRIES)), np.nan), xp.numbers(scene)
+def of_numbers(of: Of, values: Values, at: Conditions, sound: bool = False) -> Any:
+    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of a plain ring of numbers at values
+    that are numbers, or an expansion by themselves: all rings at once, and means by a rule of more points."""
+    found: list[Any] = [np.full(len(ENTRIES), np.nan)] * at.size
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
-        here = dataclasses.replace(scene, definition=definition)
-        places, turned = _distinct(at, blocks), list[tuple[Any, Any]]()
-        for k, ring in places.values():
-            mean, load = int(blocks.mean[k]), Load(*blocks.loads[:, k, ring])
-            if mean < 0:
-                turned.append((blocks.phases[k, ring : ring + 1], np.ones(1)))
-                continue
-            still = None if blocks.still is None else np.asarray(blocks.still)[mean]
-            borders = pitch_borders(dataclasses.replace(here, load=load, phase=PitchMean()), still)
-            turned.append(xp.values(phase_rule.between(borders)))
-        each = [len(phases) for phases, _ in turned]
-        own = [np.repeat([blocks.loads[part, k, ring] for k, ring in places.values()], each) for part in (0, 1)]
-        loaded = dataclasses.replace(here, load=Load(*own))
-        rest = prepared.at_phases(here, np.concatenate([phases for phases, _ in turned]), loaded.load)
-        stiffness, ends = xp.values(prepared.as_defined(loaded, rest)), np.cumsum(each)[:-1]
-        parts = zip(np.split(stiffness, ends), np.split(xp.values(rest.displacement), ends), strict=True)
-        for (place, (k, _)), (_, weights), (own, u) in zip(places.items(), turned, parts, strict=True):
-            own = prepared.without_poles(here, u, own) if blocks.mean[k] >= 0 else own
-            found[place] = np.einsum("p,pe->e", weights, own[:, ROW, COLUMN])
-    return found
+        scene, loaded = of(values)
+        scene = dataclasses.replace(xp.numbers(healthy(scene) if sound else scene), definition=definition)
+        places = _distinct(at, blocks)
+        every = np.array([blocks.loads[:, k, ring] for k, ring in places.values()]).T
+        of_mean = np.array([blocks.mean[k] >= 0 for k, _ in places.values()])
+        turned = [(blocks.phases[k, ring : ring + 1], np.ones(1)) for k, ring in places.values()]
+        if of_mean.any():
+            here = dataclasses.replace(scene, load=loaded(Load(*every[:, of_mean])), phase=PitchMean())
+            means = [int(blocks.mean[k]) for k, _ in places.values() if blocks.mean[k] >= 0]
+            each = iter(pitch_borders(here, None if blocks.still is None else np.asarray(blocks.still)[means]))
+            turned = [
+                phase_rule.between(next(each)) if mean else own for mean, own in zip(of_mean, turned, strict=True)
+            ]
+        ends = np.cumsum([0, *(len(weights) for _, weights in turned)])
+        load = loaded(Load(*np.repeat(every, np.diff(ends), axis=1)))
+        rest = prepared.at_phases(scene, xp.concatenate([phases for phases, _ in turned]), load)
+        stiffness = prepared.as_defined(dataclasses.replace(scene, load=load), rest)
+        for place, (_, weights), mean, first, end in zip(places, turned, of_mean, ends[:-1], ends[1:], strict=True):
+            own, u = stiffness[first:end], rest.displacement[first:end]
+            own = prepared.without_poles(scene, u, own) if mean else own
+            found[place] = xp.einsum("p,pe->e", weights, own[:, ROW, COLUMN])
+    return xp.stack(found)
 
 
 def _distinct(at: Conditions, blocks: Blocks) -> dict[int, tuple[int, int]]:
@@ -127,15 +129,16 @@ def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[P
             k: jax.Array, state: tuple[Parts, jax.Array], definition: Definition = definition, every: Blocks = every,
             borders: Parts = borders,
         ) -> tuple[Parts, jax.Array]:  # fmt: skip
-            def block(values: Values, turn: Any) -> tuple[Any, Any]:
+            def block(values: Values, *turn: Any) -> tuple[Any, Any]:
                 scene, loaded = of(values)
                 scene = dataclasses.replace(healthy(scene) if sound else scene, definition=definition)
-                turned, share = _turned(every, turn, k)
+                turned, share = _turned(every, k, *turn)
                 solve = _at_once if told.expands else _one_by_one
                 each, code = solve(scene, turned, loaded(Load(*every.loads[:, k])))
                 return share[:, None] * each, xp.module_of(code).max(code)
 
-            each, code = told.parts(block, tuple(part[every.mean[k]] for part in borders))
+            turn = [tuple(part[every.mean[k]] for part in borders)] if borders else []
+            each, code = told.parts(block, *turn)
             added = tuple(s.at[every.of[k]].add(e) for s, e in zip(state[0], each, strict=True))
             return added, status.worst(state[1], code)
 
@@ -144,7 +147,10 @@ def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[P
 
 
 def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> Parts:
-    """Between which phases [rad] there is no kink, of every mean, shape (means, borders), as it is told."""
+    """Between which phases [rad] there is no kink, of every mean, shape (means, borders), as it is told; nothing where
+    there are none, for it is a third of a program."""
+    if not len(every.means):
+        return ()
 
     def one(k: jax.Array, found: Parts) -> Parts:
         def borders(values: Values) -> tuple[Any, None]:
@@ -159,9 +165,11 @@ def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> Parts:
     return jax.lax.fori_loop(0, every.turns, one, blank)
 
 
-def _turned(every: Blocks, borders: Any, k: jax.Array) -> tuple[Any, Any]:
+def _turned(every: Blocks, k: jax.Array, borders: Any = None) -> tuple[Any, Any]:
     """Phases of a block's rings [rad] and by how much they count, shape (rings,); `borders` of its mean, if it is of
-    one."""
+    one; None: no block is."""
+    if borders is None:
+        return every.phases[k], jnp.ones(every.phases.shape[1])
     mean = every.mean[k] >= 0
     blank = jnp.linspace(0.0, 1.0, len(borders))  # without a mean there may be no borders
     turned, share = phase_rule.between(xp.where(mean, borders, blank), (every.places[k], every.weights[k]))

@@ -56,11 +56,11 @@ def borders(
     terms: ring.Terms = ring.PLAIN, still: Any = None,
 ) -> Any:  # fmt: skip
     """Angles of roller 0 [rad] between which nothing has a kink, over the pitch that begins at 0, rising from there to
-    its end; shape (kinks + 2,).
+    its end; shape (kinks + 2,). If there are several loads, of parts of shape (loads,), so are these in front.
 
     The laws met, the outer raceway's first, say how far their edges reach. `at_rest`: healthy rings under the `load`
-    with `terms`, at phases of shape (kinks,): with few rollers a ring lies differently at every phase. `still`: of a
-    plain one the displacement [mm], shape (3,), if it is known and the same at all phases: then none is solved.
+    with `terms`, at phases of shape (…, kinks): with few rollers a ring lies differently at every phase. `still`: of a
+    plain one the displacement [mm], shape (…, 3), if it is known and the same at all phases: then none is solved.
     """
     whole = geometry.roller_pitch(bearing)
 
@@ -76,13 +76,15 @@ def borders(
     rows = 1 if terms.pair is None else 2
     inside = sum(spall.walls.size - 2 for one in met for spall in one.spalls)
     count = 2 * rows + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met) + inside
+    shape = (*np.shape(xp.value(load.radial)), count)
     if still is None:
-        kinks = loops.repeated(ROUNDS, moved, xp.module_of(jax.tree.leaves((bearing, load, met, terms))).zeros(count))
+        kinks = loops.repeated(ROUNDS, moved, xp.module_of(jax.tree.leaves((bearing, load, met, terms))).zeros(shape))
     else:
-        kinks = found(xp.broadcast_to(still, (count, 3)))
-    kinks = kinks[xp.module_of(kinks).argsort(xp.value(kinks))]
-    none = 0.0 * kinks[:1]
-    return xp.concatenate([none, kinks, none + whole])
+        kinks = found(xp.broadcast_to(still[..., None, :], (*shape, 3)))
+    order = xp.module_of(kinks).argsort(xp.value(kinks), axis=-1)
+    kinks = kinks[order] if order.ndim == 1 else xp.stack([own[k] for own, k in zip(kinks, order, strict=True)])
+    none = 0.0 * kinks[..., :1]
+    return xp.concatenate([none, kinks, none + whole], axis=-1)
 
 
 def between(borders: Any, rule: Rule | None = None) -> tuple[Any, Any]:
@@ -100,15 +102,15 @@ def between(borders: Any, rule: Rule | None = None) -> tuple[Any, Any]:
 def _kinks(
     bearing: TaperedBearing, met: tuple[Met, ...], displacement: Any, terms: ring.Terms, rest: ring.Equilibrium | None
 ) -> Any:
-    """Angles [rad] of the rollers at kinks, each as its own ring has them, shape (kinks,): where the load zone of every
-    row ends on either side, then where a roller begins to meet every edge of every spall, and where it has met it. They
-    come in pairs, of both sides. `displacement` [mm] of these rings, shape (kinks, 3); `rest`: all of them."""
+    """Angles [rad] of the rollers at kinks, each as its own ring has them, shape (…, kinks): where the load zone of
+    every row ends on either side, then where a roller begins to meet every edge of every spall, and where it has met
+    it. They come in pairs, of both sides. `displacement` [mm] of these rings, shape (…, kinks, 3); `rest`: all."""
     # without an equilibrium any phases will do: each of them will say so
     u = xp.where(xp.module_of(displacement).isfinite(xp.value(displacement)), displacement, 0.0)
     rows = (u,) if terms.pair is None else jax.vmap(lambda v: terms.pair.rows(v, bearing.outer_angle))(u)  # type: ignore[union-attr]
     sides, found, inside = np.array([1.0, -1.0]), list[Any](), list[Any]()
     for k, own in enumerate(rows):
-        found.append(_zone(bearing, own[2 * k : 2 * k + 2], sides))
+        found.append(_zone(bearing, own[..., 2 * k : 2 * k + 2, :], sides))
     for raceway, spalls, law in met:
         radius = geometry.arc_radius(bearing, raceway)
         share = None if rest is None or terms.seat is None or law.hard else _share(law, rest)
@@ -121,20 +123,25 @@ def _kinks(
                 continue
             mine = slice(2 * len(found), 2 * len(found) + 4)
             towards = roller_places.directions(bearing, xp.concatenate([edges, edges]))
-            approach = xp.einsum("ki,ki->k", towards, rows[spall.row - 1][mine, :3])
+            approach = xp.einsum("ki,...ki->...k", towards, rows[spall.row - 1][..., mine, :3])
             if share is not None:
-                approach = approach * share[mine]
-            begins, ends = (xp.broadcast_to(place, (4,)) for place in law.ramp(i, spall, approach))
-            found += [edges - sides * begins[:2] / radius, edges - sides * ends[2:] / radius]
-    return xp.concatenate([*found, *inside])
+                approach = approach * share[..., mine]
+            begins, ends = (xp.broadcast_to(place, approach.shape) for place in law.ramp(i, spall, approach))
+            found += [edges - sides * begins[..., :2] / radius, edges - sides * ends[..., 2:] / radius]
+    return xp.concatenate([_of_each(part, rows[0].shape[:-2]) for part in (*found, *inside)], axis=-1)
+
+
+def _of_each(part: Any, loads: tuple[int, ...]) -> Any:
+    """The same angles for each of so many loads, if they are not of each already."""
+    return part if part.ndim > len(loads) else xp.broadcast_to(part[None], (*loads, *part.shape))
 
 
 def _zone(bearing: TaperedBearing, u: Any, sides: np.ndarray) -> Any:
-    """Angles at which the load zone ends [rad] on the `sides`, at a displacement each, shape (2, 3); 0 without ends."""
-    forward = u[:, 0] > 0.0
-    radial = xp.where(forward, u[:, 0], 1.0)
-    aside = u[:, 1] / radial
-    cos_end = -u[:, 2] * xp.tan(bearing.outer_angle) / (radial * xp.sqrt(1.0 + aside * aside))
+    """Angles at which the load zone ends [rad] on the `sides`, at a displacement each, shape (…, 2, 3); 0 without."""
+    forward = u[..., 0] > 0.0
+    radial = xp.where(forward, u[..., 0], 1.0)
+    aside = u[..., 1] / radial
+    cos_end = -u[..., 2] * xp.tan(bearing.outer_angle) / (radial * xp.sqrt(1.0 + aside * aside))
     partly = (cos_end > -1.0) & (cos_end < 1.0) & forward
     ends = xp.arctan(aside) + sides * xp.arccos(xp.where(partly, cos_end, 0.0))
     return xp.where(partly, ends, 0.0)
@@ -142,7 +149,7 @@ def _zone(bearing: TaperedBearing, u: Any, sides: np.ndarray) -> Any:
 
 def _share(law: Law, rest: ring.Equilibrium) -> Any:
     """What part of the ring's approach to the most loaded roller is the contact's in which `law` holds, of every ring,
-    shape (kinks,)."""
+    shape (…, kinks)."""
     loads = xp.fixed(rest.loads)
     top = xp.module_of(loads).argmax(loads, axis=-1)
     whole = xp.taken(xp.moved_first(rest.approach), top)

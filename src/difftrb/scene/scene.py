@@ -285,7 +285,8 @@ def _here(scene: Scene, effect: Effect) -> Effect:
 
 @np.errstate(all="ignore")
 def pitch_borders(scene: Scene, still: Any = None) -> Any:
-    """Between which phases a prepared scene has no kink [rad]; `still` if it is plain: see `phase_rule.borders`."""
+    """Between which phases a prepared scene has no kink [rad]; `still` if it is plain: see `phase_rule.borders`. Of a
+    plain one loads may be several."""
     if is_plain(scene) and xp.are_numbers(scene):
         scene = xp.numbers(scene)
     acting = law_in_effect(scene, outer_law(scene))
@@ -299,7 +300,12 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
 
     def at_once(each: Any) -> ring.Equilibrium:
         own = ring_at(sound, acting, each)[1]
-        return plain_ring.equilibrium(scene.bearing, scene.load, (), acting, each, terms=own)
+
+        def of_phases(part: Any) -> Any:
+            return xp.broadcast_to(part[:, None], each.shape) if np.ndim(part) else part
+
+        load = xp.tree_map(of_phases, scene.load)
+        return plain_ring.equilibrium(scene.bearing, load, (), acting, each, terms=own)
 
     def by_program(each: Any) -> ring.Equilibrium:
         return jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))(each)
