@@ -454,6 +454,9 @@ def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
     light = dataclasses.replace(file, contact=dataclasses.replace(file.contact, load=3.0))
     assert "contact.load = 3 N: " in str(remarks.light_contact_load(light))
     assert remarks.light_ring_load(scene_file.parse(scene_file.example("mounting"))) is None
+    pressed = 'bearing = "32008J"\n[load]\nradial = {}\naxial = 0\n[effects.double_row]\npreload = 0.03\n'
+    assert remarks.light_ring_load(scene_file.parse(pressed.format(800))) is None
+    scene_file.check_ring(scene_file.parse(pressed.format(0)), "pair.toml")
     rows = measured_table.parse(measured_table.example())
     assert remarks.light_measured_load(file.bearing, rows) is None
     in_kn = [dataclasses.replace(row, radial=row.radial / 1e3, axial=row.axial / 1e3) for row in rows[1:]]

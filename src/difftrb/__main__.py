@@ -251,7 +251,8 @@ COMMANDS = (
     Command("stiffness", _by("report.stiffness_report"),
             "Stiffness over the cage's angle, for rotordynamics (no SCENE: that of run).", (
         SCENE,
-        _option("--phases", type=int, default=64, metavar="N", help="of the cage over one roller pitch (default 64)"),
+        _option("--phases", type=int, metavar="N",
+                help="of the cage over one roller pitch (default 64); over its whole turn where rollers differ"),
         _option("--out", metavar="FILE", type=Path, help="write a table: .csv, .json or .npz; or an .fmu"),
         _option("--units", type=str.lower, choices=("mm", "si"), default="mm", help="N/mm (default) or N/m"),
         _option("--speed", type=float, metavar="RPM", help="of the inner ring: times and defect frequencies"),

@@ -145,14 +145,17 @@ def test_one_row_alone_holds_no_tilt(bearing) -> None:
 
 
 @pytest.mark.parametrize("preload", [-1.0, -0.1, -1e-6, 0.0, 1e-9, 0.01, 1.0])
-@pytest.mark.parametrize("load", [(9000.0, 0.0), (1.0, 100.0), (1e6, 2e5), (0.0, 4500.0)], ids=str)
+@pytest.mark.parametrize("load", [(9000.0, 0.0), (1.0, 100.0), (1e6, 2e5), (0.0, 4500.0), (0.0, 0.0)], ids=str)
 @pytest.mark.parametrize("spacing", [None, 30.0], ids=["parallel", "tilting"])
 def test_every_load_and_preload_has_an_equilibrium(bearing, preload: float, load, spacing) -> None:
     """And finite derivatives; but for a shaft that tilts, if nothing presses the second row."""
     deep = tuple(dataclasses.replace(spall, depth=10.0) for spall in SPALLS)  # 1e6 N press rollers on any other bottom
     start = scene(bearing, effects.DoubleRow(preload, spacing=spacing), trb.Load(*load), deep)
     r = _solved(start)
-    if spacing is not None and load[0] == 0.0 and preload <= 0.01:  # 4500 N lift it off
+    if load == (0.0, 0.0) and preload <= 0.0:  # nothing presses
+        assert int(r.status_code) in (status.NO_EQUILIBRIUM, status.UNPRESSED)
+        return
+    if spacing is not None and load == (0.0, 4500.0) and preload <= 0.01:  # 4500 N lift it off
         assert int(r.status_code) == status.LOOSE
         return
     assert bool(r.converged)
@@ -221,6 +224,19 @@ def test_life_of_two_rows(bearing) -> None:
     off = trb.solve(scene(bearing, effects.DoubleRow(-0.5), spalls=(), more=(effects.Life(),))).check()
     alone = life.reference(bearing, one, off.loads, off.loads)
     assert float(off.effects["reference_life"]) == pytest.approx(float(alone), rel=1e-12)
+
+
+def test_basic_life_of_a_preloaded_pair_is_that_of_its_rows(bearing) -> None:
+    """Of the load alone it was 153 times as long as of one row held at half the preload under half the load."""
+    pair = scene(bearing, effects.DoubleRow(0.03), trb.Load(3000.0, 0.0), (), more=(effects.Life(),))
+    row = dataclasses.replace(pair, load=trb.Load(1500.0, 0.0), effects=(effects.Mounting(0.015), effects.Life()))
+    both, alone = (trb.solve(each).check() for each in (pair, row))
+    ratio = float(both.effects["basic_life"]) / float(alone.effects["basic_life"])
+    assert ratio == pytest.approx(2.0 ** (-8 / 9), rel=1e-9)
+    loaded = dataclasses.replace(pair, load=trb.Load(0.0, 4500.0), effects=(effects.DoubleRow(-0.1), effects.Life()))
+    slope = jax.grad(lambda s: trb.solve(s).effects["basic_life"])(loaded).load.axial  # the second row carries nothing
+    assert np.isfinite(float(slope))
+    assert float(slope) < 0.0
 
 
 def test_a_law_at_edges_meets_the_first_row_only(bearing, power) -> None:

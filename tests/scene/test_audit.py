@@ -50,6 +50,18 @@ def test_a_roller_on_an_edge_is_not_promised(scene: trb.Scene) -> None:
     assert not remarks.of_solution(scene, trb.solve(scene))
 
 
+def test_a_secant_that_is_no_stiffness_is_said() -> None:
+    """10 N on a ring held by 4500 N: the spall alone moves it 20 times as far, and F/u loses 96 %, or 105 %."""
+    light = trb.Scene("32008J", trb.Load(10.0, 4500.0), trb.Spall(4.0, 7.0), law="table", definition="secant")
+    for load, sentences in ((light.load, 1), (trb.Load(9000.0, 4500.0), 0)):
+        ready = trb.prepare(dataclasses.replace(light, load=load))
+        found = remarks.of_result(ready, trb.assess(ready))
+        assert len(found) == sentences
+    ready = trb.prepare(light)
+    (sentence,) = remarks.of_result(ready, trb.assess(ready))
+    assert sentence.startswith("radial: the secant F/u loses 95.7 % and the tangent 1.53 %")
+
+
 def test_rollers_beyond_the_range_are_said_first(scene: trb.Scene) -> None:
     heavy = dataclasses.replace(scene, load=trb.Load(40000.0, 20000.0))
     found = trb.solve(heavy).check()

@@ -131,6 +131,15 @@ def test_defect_frequencies_are_differentiable() -> None:
     assert float(slope) == pytest.approx((high - low) / 2e-7, rel=1e-5)
 
 
+def test_orders_of_a_whole_turn_are_no_aliases() -> None:
+    """One roller 1 nm thicker: 64 phases of the turn gave 1610 N/mm at the first order, the third of the passage."""
+    differ = trb.effects.Diameters((1e-6, *[0.0] * 22))
+    scene = trb.Scene("32008J", trb.Load(9000.0, 4500.0), trb.Spall(4.0, 7.0), law="palmgren", effects=(differ,))
+    whole = trb.stiffness(scene)
+    assert whole.cage.shape == (64 * 23,)
+    assert float(abs(whole.orders(1).stiffness[1, 0, 0])) < 1.0
+
+
 def test_what_moves_along_does_not_repeat(turn: CageTurn) -> None:
     """Where rollers differ the cage's whole turn is one period; other spans have no orders."""
     differ = trb.effects.Diameters(tuple([1e-4] + [0.0] * 22))
@@ -139,6 +148,8 @@ def test_what_moves_along_does_not_repeat(turn: CageTurn) -> None:
     assert float(whole.span) == pytest.approx(2.0 * np.pi)
     radial = np.asarray(whole.stiffness[:, 0, 0])
     assert radial.max() > radial.min()
+    with pytest.raises(trb.SceneError, match="give phases = 368 or more"):
+        whole.orders()
     scene = trb.Scene("32008J", trb.Load(9000.0, 4500.0), law="liu2018")
     part = trb.stiffness(scene, np.int64(4), span=0.1)  # type: ignore[arg-type]
     one_sided = [[1e6, 9e6, 0.0], [0.0, 1e6, 0.0], [0.0, 0.0, 1e6]]

@@ -31,6 +31,7 @@ OUTSIDE = 13
 SLIVER = 14
 OTHER_CONTACT = 15
 TILTS = 16
+UNPRESSED = 17
 UNDEFINED = 100
 
 SENTENCES = {
@@ -63,6 +64,7 @@ SENTENCES = {
     "contact.law = 'direct' or 'auto', or another design load",
     TILTS: "a roller between both raceways tilts over a spall off its middle, which this roller law does not know: use "
     "contact.law = 'direct', or hold rollers by effects.raceways.rollers = 'upright'",
+    UNPRESSED: "no roller is pressed, so nothing resists: raise load.radial, or the preload above the end play",
     UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }
 

@@ -106,7 +106,7 @@ def page(run: Run, figures: Mapping[str, str], missing: Sequence[str] = ()) -> s
     scene, spalled = run.scene, run.result.spalled
     title = f"{_bearing(run)}: {_spalls(scene)}"
     about = f"{Path(run.path).name}: {_where(scene)}. {spalled.status}; difftrb {difftrb.__version__}."
-    notes = remarks.of_solution(scene, spalled)
+    notes = remarks.of_result(scene, run.result)
     parts = [
         f"<header><h1>{escape(title)}</h1>",
         f'<p class="soft">{escape(about)}</p>',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,23 +12,27 @@ from difftrb.contact import gap
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import effect_base, effects, life, roller_places
 from difftrb.ring.effects import Through
+from difftrb.scene.prepared import assess_prepared
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
 from difftrb.scene.scene_file import SceneFile
-from difftrb.scene.solution import Solution
+from difftrb.scene.solution import Assessment, Solution
 
 LEAST = 0.02
 """Equivalent load by load rating under which a maker's tapered rollers may slide instead of roll: SKF, Rolling
 bearings, "Requisite minimum load"."""
+LEAST_LOSS = 0.5
+"""Losses of secant and tangent stiffness that differ by less are alike [%]."""
 THOUSAND = 1000.0
 """N in a kN."""
 
 
 def light_ring_load(file: SceneFile) -> str | None:
     """The remark on a ring's `load.radial` and `load.axial`, if there is one; none with `effects.mounting`, which sets
-    the axial load itself."""
-    if effect_base.among(file.effects, effects.Mounting) is not None:
+    the axial load itself, or where a preload presses two rows besides."""
+    pair = effect_base.among(file.effects, effects.DoubleRow)
+    if effect_base.among(file.effects, effects.Mounting) is not None or (pair is not None and pair.preload > 0.0):
         return None
-    rows = 1 if effect_base.among(file.effects, effects.DoubleRow) is None else 2
+    rows = 1 if pair is None else 2
     share = float(_share(file.bearing, file.load.radial, file.load.axial, rows))
     given = f"load.radial = {file.load.radial:g} N, load.axial = {file.load.axial:g} N"
     return _light(given, share)
@@ -80,8 +85,13 @@ def _light(given: str, share: float) -> str | None:
     )
 
 
+def of_result(scene: Scene, result: Assessment) -> list[str]:
+    """What a reader has to know before the numbers of a prepared scene, a sentence each."""
+    return [*of_solution(scene, result.spalled), *_of_secants(scene, result)]
+
+
 def of_solution(scene: Scene, solution: Solution) -> list[str]:
-    """What a reader has to know before the numbers, a sentence each."""
+    """The same of one solution."""
     found, of = list(solution.remarks), solution.law
     loads, (low, high) = np.asarray(solution.loads), (float(v) for v in of.load_range)
     if float(loads.max()) > high * (1.0 + 1e-9):
@@ -94,6 +104,23 @@ def of_solution(scene: Scene, solution: Solution) -> list[str]:
             f"{count} roller{'s stand' if count > 1 else ' stands'} on a spall's rolling edge, which law {of.name!r} "
             "does not know: in or out, with nothing between; use 'table' or 'direct'"
         )
+    return found
+
+
+def _of_secants(scene: Scene, result: Assessment) -> list[str]:
+    """Where F/u is no measure of stiffness, for the rings do not lie at u = 0 without that force: a preload or a spall
+    moves them. It is told by the loss of tangent stiffness, which is about the same elsewhere."""
+    if scene.definition == "tangent" or isinstance(scene.phase, PitchMean) or not bool(result.spalled.converged):
+        return []
+    tangent = np.asarray(assess_prepared(dataclasses.replace(scene, definition="tangent")).loss)
+    found = []
+    for name, own, other in zip(("radial", "axial"), np.asarray(result.loss), tangent, strict=True):
+        if np.isfinite(own) and abs(own - other) > max(LEAST_LOSS, 0.5 * max(abs(own), abs(other))):
+            found.append(
+                f"{name}: the secant F/u loses {own:.3g} % and the tangent {other:.3g} %: a preload or the spall "
+                "moves the rings without this force, so F/u is no measure of stiffness here; use "
+                "stiffness.definition = 'tangent'"
+            )
     return found
 
 

@@ -65,7 +65,7 @@ def run_json(
         **({"picked": dataclasses.asdict(spalled.picked)} if spalled.picked is not None else {}),
         **({"audit": audit.record()} if audit is not None else {}),
         **({"estimated": estimated.record()} if estimated is not None else {}),
-        **({"remarks": said} if (said := remarks.of_solution(scene, spalled)) else {}),
+        **({"remarks": said} if (said := remarks.of_result(scene, result)) else {}),
         "seconds": seconds,
     })  # fmt: skip
 
@@ -139,7 +139,7 @@ def run_text(
         lines.append(audit.sentence)
     if estimated is not None:
         lines.append(estimated.sentence)
-    first = (Text(f"note: {sentence}") for sentence in remarks.of_solution(scene, spalled))
+    first = (Text(f"note: {sentence}") for sentence in remarks.of_result(scene, result))
     tables = [_stiffness_table(scene, result, "" if mean is None else " at this phase")]
     if mean is not None:
         tables.append(_stiffness_table(scene, mean, " in the mean over the cage's turn"))

@@ -46,6 +46,8 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
         print(json.dumps(record(found), indent=1))
         return console.EXIT_OK
     console.show(text(found))
+    if turn.repeats == "turn" and turn.no_orders is not None:
+        console.show(f"note: no orders: {turn.no_orders}")
     if found.frequencies is not None:
         console.show(_told(found.frequencies, file, options.speed))
     if file.catalogue is not None:
@@ -139,7 +141,7 @@ def in_units(turn: CageTurn, units: Units = "mm", speed_rpm: float | None = None
         arrays = {"time": np.asarray(turn.time(speed_rpm)), **arrays}
         unit["time"] = "s"
     orders = {}
-    if turn.repeats != "never":
+    if turn.no_orders is None:
         found = turn.orders(min(16, len(arrays["cage"]) // 2))
         orders = {"order": np.asarray(found.order), "stiffness": np.asarray(found.stiffness) * by,
                   "displacement": np.asarray(found.displacement) * length}  # fmt: skip

@@ -87,11 +87,24 @@ def _slower(ratio: Real) -> Real:
     return ((1.0 - ratio) / (1.0 + ratio)) ** (143.0 / 108.0)
 
 
+def _of_rows(of: Ring, rating: Real, loads: jax.Array) -> jax.Array:
+    """Basic rating life [million revolutions] of two rows by what each of them carries, shape (2, rollers): by `rating`
+    of both a preload would not count."""
+    alpha = of.bearing.outer_angle
+    square = (loads @ jnp.cos(of.angles)) ** 2 + (loads @ jnp.sin(of.angles)) ** 2
+    some = square > 0.0  # a row may carry nothing
+    radial = jnp.cos(alpha) * jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0)
+    axial = jnp.sin(alpha) * jnp.sum(loads, axis=1)
+    worn = equivalent_load(of.bearing, radial, axial) * 2.0 ** (7.0 / 9.0) / rating
+    return jnp.sum(worn**3.75) ** (-8.0 / 9.0)  # ISO 281: rows live as raceways do, all or none
+
+
 @register
 @dataclasses.dataclass(frozen=True)
 class Life(Effect):
     """Rating life: basic, of a catalogue's load rating (ISO 281), and reference, of the loads of every roller
-    (ISO/TS 16281). With phase "mean" the mean of lives.
+    (ISO/TS 16281). With phase "mean" the mean of lives. The basic one of two rows with a preload, which a catalogue's
+    equivalent load does not know, is that of what each row carries.
 
     Attributes:
       load_rating: basic dynamic load rating C [N], 1…1e9, with `DoubleRow` the pair's. Default: by ISO 281 from the
@@ -114,9 +127,12 @@ class Life(Effect):
         rating = rating if self.load_rating is None else jnp.asarray(self.load_rating, float)
         axial = of.load.axial if terms.axial is None else axial_force(rest, of.bearing)
         outer = rest.loads if rest.second_loads is None else jnp.stack([rest.loads, rest.second_loads])
+        life = basic(of.bearing, rating, of.load.radial, axial, rows)
+        if terms.pair is not None:
+            life = jnp.where(terms.pair.preload > 0.0, _of_rows(of, rating, outer), life)
         inner = outer if terms.seat is None else roller_balance.inner_load(terms.seat, outer)
         return {
             "load_rating": rating,
-            "basic_life": basic(of.bearing, rating, of.load.radial, axial, rows),
+            "basic_life": life,
             "reference_life": reference(of.bearing, rating, inner, outer),
         }

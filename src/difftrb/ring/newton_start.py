@@ -26,6 +26,8 @@ EXPONENTS = 1.1, 1.3
 NARROWEST = 0.98
 """Of F_r tan α/F_a, up to which the integrals stand for the sums: beyond, two or three rollers carry all."""
 DEGREE = 8
+LEAST = 1e-9
+"""Load [N] from which a pair of rows begins that none presses but its preload."""
 
 
 def _integrals(s: np.ndarray, exponent: float) -> tuple[np.ndarray, np.ndarray]:
@@ -98,7 +100,7 @@ def start(rollers: Rollers, healthy: RollerCurves, force: jax.Array, terms: Term
         total = norm(force)
         if terms.tilting is not None:  # moments may be all that presses
             total = total + norm(terms.tilting.moments / terms.tilting.longest)
-        largest, narrow = total / (count * axial), jnp.zeros(())
+        largest, narrow = jnp.maximum(total, LEAST) / (count * axial), jnp.zeros(())
     clear = jnp.maximum(jnp.min(rollers.curves.each.shift - rollers.interference), 0.0)
     u = xp.fixed(pressed(sound, largest, narrow, axial, clear))
     if terms.pair is None:

@@ -198,9 +198,9 @@ def _is_held(bearing: TaperedBearing, load: Load, phase: Real, terms: Terms) -> 
         spare = spare - bearing.rollers * terms.seat.least * jnp.sin(bearing.outer_angle)
     if terms.axial is not None:
         return jnp.asarray(True)
-    if terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it
+    if terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it, or both by the preload
         moments = 0.0 if terms.tilting is None else jnp.sum(jnp.abs(terms.tilting.moments))
-        return jnp.asarray(load.radial + load.axial + moments > 0.0)
+        return jnp.asarray((load.radial + load.axial + moments > 0.0) | (terms.pair.preload > 0.0))
     return is_enough(spare, needed_axial(bearing, load.radial, phase, terms.tilting))
 
 
@@ -262,8 +262,10 @@ def status_of_laws(
 
 
 def _not_held(rest: Equilibrium, unheld: jax.Array | None, terms: Terms) -> jax.Array:
-    """Status: whether the ring rests on what may hold it, land or both of two rows."""
+    """Status: whether the ring rests on what may hold it: anything, land, or both of two rows."""
     code = jnp.asarray(status.CONVERGED)
+    if terms.axial is not None or terms.pair is not None:
+        code = jnp.where(jnp.sum(rest.loads) > 0.0, code, status.UNPRESSED)
     if unheld is not None:
         code = jnp.where(unheld, status.NO_EQUILIBRIUM, code)
     if terms.pair is not None and terms.tilting is not None and terms.slices is None:

@@ -291,7 +291,8 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
     tilt, load = effect_base.among(file.effects, effects.Tilt), file.load
     row = effect_base.among(file.effects, effects.DoubleRow)
     moments = [m for one in (tilt, row) if one is not None for m in (one.moment_radial, one.moment_lateral)]
-    if load.axial == load.radial == 0.0 and (row is None or not any(moments)):
+    held = row is not None and (any(moments) or row.preload > 0.0)
+    if load.axial == load.radial == 0.0 and not held:
         raise NoEquilibriumError(
             f"{path}: load.axial = 0 N and load.radial = 0 N: there is nothing to hold; give a load"
         )

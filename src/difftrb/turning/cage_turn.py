@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from jaxtyping import Complex, Float, Int
 
 TURN_PHASES = 64
+ENOUGH = 16
+"""Phases a roller's passage from which orders are told where rollers differ: with fewer, those of its passage stand
+among those of the cage."""
 MOST = 4096
 FINEST = 1e-4
 """Accuracy of contact solves that "auto" may need to fall back on."""
@@ -84,6 +87,20 @@ class CageTurn(status.Judged):
     repeats: Repeats = dataclasses.field(metadata={"static": True})
 
     @property
+    def no_orders(self) -> str | None:
+        """Why no orders are told, in one sentence: nothing repeats, or a roller's passage would pass for one of the
+        cage's orders. None: they are."""
+        if self.repeats == "never":
+            return "nothing repeats over this span; leave span out, and spalls on other surfaces"
+        count, least = self.cage.shape[0], ENOUGH * self.bearing.rollers
+        if self.repeats == "turn" and count < least:
+            return (
+                f"{count} phases of a whole turn do not tell a roller's passage from the cage's turn; give phases = "
+                f"{least} or more"
+            )
+        return None
+
+    @property
     def mean_stiffness(self) -> jax.Array:
         """Over the phases [N/mm], shape (axes, axes)."""
         return jnp.mean(self.stiffness, axis=0)
@@ -101,9 +118,9 @@ class CageTurn(status.Judged):
 
     def orders(self, highest: int = 16) -> Orders:
         """Fourier orders 0 … `highest` (at most half the phases) of stiffness and displacement. Raises `SceneError` if
-        nothing repeats, or there are too few phases."""
-        if self.repeats == "never":
-            raise SceneError("orders: nothing repeats over this span; leave span out, and spalls on other surfaces")
+        nothing repeats, or there are too few phases: 16 a roller where rollers differ."""
+        if (sentence := self.no_orders) is not None:
+            raise SceneError(f"orders: {sentence}")
         count = self.cage.shape[0]
         if not is_whole(highest, 0, count // 2):
             raise SceneError(f"highest = {highest!r}: must be a whole number in 0 … {count // 2}, half of the phases")
@@ -169,13 +186,14 @@ def _as_matrix(stiffness: Any, axes: int) -> jax.Array:
 
 
 def stiffness(
-    scene: Scene, phases: int = TURN_PHASES, span: float | None = None, slopes: bool | None = None,
+    scene: Scene, phases: int | None = None, span: float | None = None, slopes: bool | None = None,
     progress: Progress | None = None,
 ) -> CageTurn:  # fmt: skip
     """A scene over its cage's angle, from `scene.phase` on (from 0 for "mean").
 
-    `phases` is how many, 1…4096, default 64. `span` is the angle they divide [rad]: by default one roller pitch, after
-    which spalls on the outer raceway meet the next roller alike; where rollers differ the cage's whole turn; with
+    `phases` is how many, 1…4096, default 64, and where rollers differ so many a roller, at most 4096. `span` is the
+    angle they divide [rad]: by default one roller pitch, after which spalls on the outer raceway meet the next roller
+    alike; where rollers differ the cage's whole turn; with
     spalls on the inner raceway or a roller one turn of the inner ring. Law "auto" is "table" where that knows all
     phases, else contacts are solved phase by phase, which takes minutes; `progress` is told. `slopes` asks for
     derivatives by the spalls' sizes; default: where they cost next to nothing, of a plain ring's numbers.
@@ -183,7 +201,7 @@ def stiffness(
     Differentiable by every number of the scene, `jit` and `vmap` as `solve`. Raises `SceneError` as `solve`; phases
     without a solution have NaN and a status.
     """
-    if not is_whole(phases, 1, MOST):
+    if phases is not None and not is_whole(phases, 1, MOST):
         raise SceneError(f"phases = {phases!r}: must be a whole number in 1 … {MOST}")
     scene = checks.checked(scene)
     start: Any = 0.0 if isinstance(scene.phase, PitchMean) else scene.phase
@@ -192,6 +210,8 @@ def stiffness(
         if xp.are_numbers(span) and not _is_above_0(span):
             raise SceneError(f"span = {span!r}: must be a number above 0 rad, and finite")
         repeats, natural = "never", span
+    if phases is None:
+        phases = min(TURN_PHASES * (scene.bearing.rollers if repeats == "turn" else 1), MOST)
     spread = natural * (np.arange(phases) / phases)
     found = _solved(dataclasses.replace(scene, phase=start), spread, slopes, progress)
     return CageTurn(jnp.asarray(start + spread), *found, natural, scene.bearing, repeats)
