@@ -32,6 +32,7 @@ from difftrb.fits.predicted import evaluated, solved
 from difftrb.law import base as laws
 from difftrb.report import console
 from difftrb.scene import scene_file
+from difftrb.scene.auto_law import by_table
 from experiments.speed_of_fit import ours, scipys
 
 pytestmark = pytest.mark.usefixtures("compiled_as_for_users")
@@ -468,6 +469,21 @@ def test_an_interval_holds_a_wide_minimum_behind_a_narrow_one(bearing: trb.Taper
     assert found.explained
     for (low, high), truth in zip(found.intervals, (4.0, 3.0), strict=True):
         assert low < truth < high
+
+
+def test_light_loads_that_the_law_does_not_know_are_not_advised(noisy_fit: trb.Fit) -> None:
+    """Half of the lightest load is below a table's range: it made all advice "nan"."""
+    among = [*BLANK, Measurement(90.0, 45.0, "radial_loss", 1.0, 1.0, None, 0.0)]
+    table = dataclasses.replace(noisy_fit.problem, scene=by_table(noisy_fit.scene.replace(law="table")))
+    values, slopes = predicted.other_rows_at(table, among, noisy_fit.place[None])
+    assert np.isnan(values[0, -1])
+    assert np.isfinite(values[0, :-1]).all()
+    assert np.isfinite(slopes[0, :-1]).all()
+    light = dataclasses.replace(noisy_fit, problem=table)
+    advised = optimal_design.next_measurements(light, among, count=9)
+    assert len(advised) == len(BLANK)
+    assert all(np.isfinite(list(each.errors.values())).all() for each in advised)
+    assert optimal_design.next_measurements(light, among[-1:]) == ()
 
 
 def test_rows_by_numbers_are_those_of_the_program(noisy_fit: trb.Fit) -> None:

@@ -185,6 +185,8 @@ LINE = "bearing = {{ d = 30, D = 62, T = 17.25, {0} }}\nload = {{ radial = 5000.
         ("e = 0.37, rollers = 'many'", "bearing.rollers = 'many': must be a whole number in 3 … 400"),
         ("e = 0.37, rollers = 40, roller_diameter = 8", "at most 19 fit side by side"),
         ("e = 0.37, C = 43", "bearing.C = 43: is the load rating [N], of which bearings of this size have about"),
+        ("e = 0.37, C = 50000, C0 = 50.0", "bearing.C0 = 50: is the load rating [N]"),
+        ("e = 0.37, C = 50000, C0 = 500.0", "bearing.C0 = 500: is the load rating [N]"),
         ("contact_angle_deg = 0.24", "if it is in radians, it is 13.75 °"),
         ("e = 0.37, roller_length = 30", "must be less than the bearing's T = 17.25 mm"),
         ("e = 0.37, roller_diameter = 25", "leave no rings between d = 30 and D = 62 mm"),

@@ -77,7 +77,7 @@ def profiles(fit: Fit, ax: Axes) -> Axes:
         away = 2.0 * (values - fit.values[i]) / ((high - low) or 1.0)
         rise = np.maximum(fit.profiles.rise[i], 0.0)
         near = rise < 4.0 * limit
-        label = f"{name} {fit.values[i]:.3g} ({low:.3g} … {high:.3g}) {fit.units[i]}"
+        label = f"{name} {fit.values[i]:.4g} ({low:.4g} … {high:.4g}) {fit.units[i]}"
         ax.plot(away[near], rise[near], style, color=colour, label=label)
     ax.axhline(limit, color="black", lw=0.8)
     ax.text(0.02, limit, PERCENT, va="bottom", transform=ax.get_yaxis_transform())

@@ -95,7 +95,10 @@ def next_measurements(
         more = 1.0 + np.sum(towards * rows, axis=1)
         of_one = None if parameter is None else towards[:, fit.parameters.index(parameter)]
         worth = more if of_one is None else of_one**2 / more
-        k = int(np.argmax(np.where(left & np.isfinite(worth), worth, -1.0)))
+        known = left & np.isfinite(worth)  # the law may not know the rollers of a lighter load
+        if not known.any():
+            break
+        k = int(np.argmax(np.where(known, worth, -1.0)))
         left[k] = False
         covariance = covariance - np.outer(towards[k], towards[k]) / more[k]
         errors = dict(zip(fit.parameters, (np.sqrt(np.diag(covariance)) * slope).tolist(), strict=True))

@@ -55,25 +55,37 @@ def of_numbers(of: Of, values: Values, at: Conditions, sound: bool = False) -> A
         scene, loaded = of(values)
         scene = dataclasses.replace(xp.numbers(healthy(scene) if sound else scene), definition=definition)
         places = _distinct(at, blocks)
-        every = np.array([blocks.loads[:, k, ring] for k, ring in places.values()]).T
-        of_mean = np.array([blocks.mean[k] >= 0 for k, _ in places.values()])
-        turned = [(blocks.phases[k, ring : ring + 1], np.ones(1)) for k, ring in places.values()]
-        if of_mean.any():
-            here = dataclasses.replace(scene, load=loaded(Load(*every[:, of_mean])), phase=PitchMean())
-            means = [int(blocks.mean[k]) for k, _ in places.values() if blocks.mean[k] >= 0]
-            each = iter(pitch_borders(here, None if blocks.still is None else np.asarray(blocks.still)[means]))
-            turned = [
-                phase_rule.between(next(each)) if mean else own for mean, own in zip(of_mean, turned, strict=True)
-            ]
-        ends = np.cumsum([0, *(len(weights) for _, weights in turned)])
-        load = loaded(Load(*np.repeat(every, np.diff(ends), axis=1)))
-        rest = prepared.at_phases(scene, xp.concatenate([phases for phases, _ in turned]), load)
-        stiffness = prepared.as_defined(dataclasses.replace(scene, load=load), rest)
-        for place, (_, weights), mean, first, end in zip(places, turned, of_mean, ends[:-1], ends[1:], strict=True):
-            own, u = stiffness[first:end], rest.displacement[first:end]
-            own = prepared.without_poles(scene, u, own) if mean else own
-            found[place] = xp.einsum("p,pe->e", weights, own[:, ROW, COLUMN])
+        told = _together(scene, loaded, blocks, list(places.values()))
+        if not all(np.isfinite(xp.value(one)).any() for one in told):  # of what has no solution all are told together
+            told = [_together(scene, loaded, blocks, [one])[0] for one in places.values()]
+        for place, one in zip(places, told, strict=True):
+            found[place] = one
     return xp.stack(found)
+
+
+def _together(
+    scene: Scene, loaded: Callable[[Load], Load], blocks: Blocks, rings: list[tuple[int, int]]
+) -> list[Any]:  # fmt: skip
+    """The same of conditions that begin at these blocks and `rings` of them."""
+    loads = np.array([blocks.loads[:, k, ring] for k, ring in rings]).T
+    means = [int(blocks.mean[k]) for k, _ in rings]
+    turned = [(blocks.phases[k, ring : ring + 1], np.ones(1)) for k, ring in rings]
+    turning = [n for n, mean in enumerate(means) if mean >= 0]
+    if turning:
+        here = dataclasses.replace(scene, load=loaded(Load(*loads[:, turning])), phase=PitchMean())
+        still = None if blocks.still is None else np.asarray(blocks.still)[[means[n] for n in turning]]
+        for n, borders in zip(turning, pitch_borders(here, still), strict=True):
+            turned[n] = phase_rule.between(borders)
+    ends = np.cumsum([0, *(len(weights) for _, weights in turned)])
+    load = loaded(Load(*np.repeat(loads, np.diff(ends), axis=1)))
+    rest = prepared.at_phases(scene, xp.concatenate([phases for phases, _ in turned]), load)
+    stiffness = prepared.as_defined(dataclasses.replace(scene, load=load), rest)
+    found = []
+    for n, (_, weights) in enumerate(turned):
+        own, u = (each[ends[n] : ends[n + 1]] for each in (stiffness, rest.displacement))
+        own = prepared.without_poles(scene, u, own) if n in turning else own
+        found.append(xp.einsum("p,pe->e", weights, own[:, ROW, COLUMN]))
+    return found
 
 
 def _distinct(at: Conditions, blocks: Blocks) -> dict[int, tuple[int, int]]:

@@ -34,6 +34,9 @@ COVERED = 2.0
 """Coverage factor k of all uncertainties that are told: about 95 of 100 (GUM)."""
 ROUNDS = 12
 STEP = 1e-5
+RATINGS = "C", "C0"
+OTHER_UNIT = 8.0
+"""Load ratings farther from those of bearings of this size, by this factor, are none of these."""
 
 Function = Callable[[TaperedBearing, float], Any]
 """Of a bearing and its rollers' design load [N]."""
@@ -177,6 +180,7 @@ def _believed(known: Catalogue) -> _Belief:
         off = [math.log(each.relation(inside) / each.value) / each.spread for each in every]
         return np.array([*((x - prior) / spread), *off])
 
+    _right_size(known, every, prior)
     x = prior
     for _ in range(ROUNDS):
         slopes = _slopes(apart, x)
@@ -217,18 +221,32 @@ def _agree(known: Catalogue, every: list[Told], prior: np.ndarray, x: np.ndarray
         value = float(each.relation(_inside(known, x)))
         if abs(math.log(value / each.value)) <= ALIKE * each.spread:
             continue
-        if each.key.startswith("C"):
-            usual = float(each.relation(_inside(known, prior)))
-            cup = ", or leave it out: the cup's width has no place here" if each.value < known.D else ""
-            raise SceneError(
-                f"bearing.{each.key} = {each.value:g}: is the load rating [N], of which bearings of this size have "
-                f"about {usual:,.0f}; check it and its unit{cup}"
-            )
+        if each.key in RATINGS:
+            raise _wrong_rating(known, each, prior)
         large = known.roller_large_diameter or 0.0
         raise SceneError(
             f"bearing.{each.key} = {large:g}: has no common apex with the raceways; with all else told it would "
             f"have to be {large - each.value + value:.4g} mm"
         )
+
+
+def _right_size(known: Catalogue, every: list[Told], prior: np.ndarray) -> None:
+    """Refuse a rating that is far from those of bearings of this size, for it is in another unit, say: there may be no
+    bearing with what is sought for both."""
+    for each in every:
+        if each.key in RATINGS:
+            off = math.log(float(each.relation(_inside(known, prior))) / each.value)
+            if abs(off) > math.log(OTHER_UNIT):
+                raise _wrong_rating(known, each, prior)
+
+
+def _wrong_rating(known: Catalogue, rating: Told, prior: np.ndarray) -> SceneError:
+    usual = float(rating.relation(_inside(known, prior)))
+    cup = ", or leave it out: the cup's width has no place here" if rating.key == "C" and rating.value < known.D else ""
+    return SceneError(
+        f"bearing.{rating.key} = {rating.value:g}: is the load rating [N], of which bearings of this size have about "
+        f"{usual:,.0f}; check it and its unit{cup}"
+    )
 
 
 def _usual(known: Catalogue, prior: np.ndarray, spread: np.ndarray, x: np.ndarray) -> str | None:

@@ -70,7 +70,7 @@ def sweep_map(result: Swept, name: str, ax: Any = None, x: str | None = None, y:
         known = np.isfinite(size) & (size > 0.0)
         if known.any():
             rise = rise * np.minimum(1.0, LONGEST * np.median(size[known]) / np.where(known, size, 1.0))
-            ax.quiver(*places[:, known], *rise[:, known], color="black", angles="uv", width=0.004, pivot="mid")
+            ax.quiver(*places[:, known], *rise[:, known], color="white", angles="uv", width=0.005, pivot="mid")
     ax.set(xlabel=_label(result, x), ylabel=_label(result, y))
     ax.set_title(_where(result, (x, y)), fontsize=8)
     return ax
