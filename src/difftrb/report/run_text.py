@@ -278,7 +278,9 @@ def picked_text(picked: Picked) -> str:
     way, kept = _way(picked.law, picked.accuracy), picked.error <= picked.asked
     asked = f"stiffness and peak load within {picked.asked:g}"
     off = f"{'nine in ten are' if picked.law == 'table' else 'they are'} off by up to {number(picked.error, '.1e')}"
-    text = f"picked: {way}, for {asked}; {off}" if kept else f"picked: {way}; no law is known to keep {asked}; {off}"
+    text = f"picked: {way}, for {asked}; {off}"
+    if not kept:
+        text = f"picked: {way}; {off}, more than asked: no law is known to keep {asked} here"
     if picked.finer is None:
         return text
     finer = picked.finer
