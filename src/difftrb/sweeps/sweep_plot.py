@@ -63,14 +63,14 @@ def sweep_map(result: Swept, name: str, ax: Any = None, x: str | None = None, y:
         ax.clabel(lines, fontsize=7, fmt="%.4g")
     ax.figure.colorbar(mesh, ax=ax, label=_label(result, name))
     if x in slope and y in slope:
-        shown = np.ix_(*(np.arange(n // 12 // 2, n, max(1, n // 12)) for n in values.shape))
+        shown = np.ix_(*(np.arange(n // 9 // 2, n, max(1, -(-n // 9))) for n in values.shape))
         rise = np.array([slope[x][shown] * np.ptp(across), slope[y][shown] * np.ptp(up)])
         places = np.array(np.meshgrid(across[shown[0].ravel()], up[shown[1].ravel()], indexing="ij"))
         size = np.hypot(*rise)
         known = np.isfinite(size) & (size > 0.0)
         if known.any():
             rise = rise * np.minimum(1.0, LONGEST * np.median(size[known]) / np.where(known, size, 1.0))
-            ax.quiver(*places[:, known], *rise[:, known], color="white", angles="uv", width=0.005, pivot="mid")
+            ax.quiver(*places[:, known], *rise[:, known], color="white", angles="uv", width=0.003, pivot="mid")
     ax.set(xlabel=_label(result, x), ylabel=_label(result, y))
     ax.set_title(_where(result, (x, y)), fontsize=8)
     return ax
