@@ -489,8 +489,10 @@ def test_light_loads_that_the_law_does_not_know_are_not_advised(noisy_fit: trb.F
 def test_rows_by_numbers_are_those_of_the_program(noisy_fit: trb.Fit) -> None:
     """What may be measured next is told by numpy, with all slopes; means by a rule of more points."""
     single = [row for row in noisy_fit.rows if row.phase != "mean"]
-    places = np.stack([noisy_fit.place, noisy_fit.place + 0.3])
+    places, known = np.stack([noisy_fit.place, noisy_fit.place + 0.3]), set(predicted._compiled)
     values, slopes = predicted.other_rows_at(noisy_fit.problem, noisy_fit.rows, places)
+    assert len(optimal_design.next_measurements(noisy_fit)) == 3
+    assert predicted._compiled == known
     expected, rates = predicted._plainly(noisy_fit.problem, places)
     own = [row in single for row in noisy_fit.rows]
     np.testing.assert_allclose(values[:, own], expected[:, own], rtol=1e-12)

@@ -36,24 +36,33 @@ def scene_of(name: str) -> trb.Scene:
 
 
 @jax.jit
-def by_program(scene: trb.Scene) -> trb.Solution:
-    """By the ring of JAX."""
-    return prepared._traced(trb.prepare(scene))
+def by_program(scene: trb.Scene) -> tuple[trb.Solution, jax.Array]:
+    """By the ring of JAX, and the slopes by spall sizes by differentiating its program."""
+    ready = trb.prepare(scene)
+
+    def both(scene: trb.Scene) -> tuple[jax.Array, trb.Solution]:
+        solution = prepared._traced(scene)
+        return solution.both_stiffnesses, solution
+
+    slopes, found = prepared.by_sizes(both, ready)
+    return found, slopes
 
 
 @pytest.mark.slow
 @pytest.mark.exact
 def test_numbers_are_those_of_the_program() -> None:
-    """Their derivatives are tested by differences, below: those of the program take a minute to compile."""
+    """Which takes a minute to compile."""
     scene = scene_of("both")
-    ours, theirs = trb.solve(scene), by_program(scene)
-    assert ours.converged
-    assert ours.residual < 1e-12
+    ours, (theirs, slopes) = trb.assess(scene), by_program(scene)
+    assert ours.spalled.converged
+    assert ours.spalled.residual < 1e-12
     for field in ("displacement", "approach", "loads", "stiffness"):
-        one, other = np.asarray(getattr(ours, field)), np.asarray(getattr(theirs, field))
+        one, other = np.asarray(getattr(ours.spalled, field)), np.asarray(getattr(theirs, field))
         np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-11 * np.abs(other).max(), err_msg=field)
     for key, own in theirs.effects.items():
-        np.testing.assert_allclose(ours.effects[key], own, atol=1e-11 * np.abs(own).max(), err_msg=key)
+        np.testing.assert_allclose(ours.spalled.effects[key], own, atol=1e-11 * np.abs(own).max(), err_msg=key)
+    by_size = np.stack([ours.by_length, ours.by_width], axis=-1)
+    np.testing.assert_allclose(by_size, slopes, rtol=1e-8, atol=1e-8 * np.abs(slopes).max(initial=1.0))
 
 
 def stiffness(scene: trb.Scene) -> jax.Array:

@@ -14,6 +14,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import geometry
 from difftrb.report import stiffness_report
+from difftrb.turning import ross
 from difftrb.turning.cage_turn import CageTurn
 
 
@@ -150,6 +151,8 @@ def test_what_moves_along_does_not_repeat(turn: CageTurn) -> None:
     assert radial.max() > radial.min()
     with pytest.raises(trb.SceneError, match="give phases = 368 or more"):
         whole.orders()
+    with pytest.raises(trb.SceneError, match="give phases = 368 or more"):
+        ross.over_axes(whole)
     scene = trb.Scene("32008J", trb.Load(9000.0, 4500.0), law="liu2018")
     part = trb.stiffness(scene, np.int64(4), span=0.1)  # type: ignore[arg-type]
     one_sided = [[1e6, 9e6, 0.0], [0.0, 1e6, 0.0], [0.0, 0.0, 1e6]]

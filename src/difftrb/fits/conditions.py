@@ -154,8 +154,7 @@ def in_parts(
 ) -> list[Conditions]:
     """Those of `rows` in parts, as few as have each the room of others: the program that these have is theirs, too.
 
-    For measurements that may be made: means over phases are divided by one healthy ring also where such rings are not
-    all alike (see `phase_rule.ALIKE`), for which there would be another program to compile, half a minute."""
+    For measurements that may be made, of rings with effects."""
     kinks, room, parts, first = _kinks(scene), layout(like), list[Conditions](), 0
     for behind in range(1, len(rows) + 1):
         longer = _laid_out(scene, rows[first:behind], points, kinks, room)
@@ -165,7 +164,7 @@ def in_parts(
             parts.append(_laid_out(scene, rows[first:behind], points, kinks, room))
         else:
             parts[-1] = longer
-    return [_with_still(scene, part, alike=np.inf) for part in parts]
+    return parts
 
 
 def whole(count: int) -> int:
@@ -193,22 +192,20 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int, roo
     return Blocks(means, np.array(len(turning)), None, loads, phases, mean, at, weight, of, np.array(len(found)))
 
 
-def _with_still(scene: Scene, at: Conditions, alike: float = phase_rule.ALIKE) -> Conditions:
+def _with_still(scene: Scene, at: Conditions) -> Conditions:
     """The same with what is known of healthy rings."""
-    known = (
-        blocks._replace(still=_still(scene, np.asarray(blocks.means), int(blocks.turns), alike)) for blocks in at.blocks
-    )
+    known = (blocks._replace(still=_still(scene, np.asarray(blocks.means), int(blocks.turns))) for blocks in at.blocks)
     return dataclasses.replace(at, blocks=tuple(known))
 
 
-def _still(scene: Scene, means: np.ndarray, count: int, alike: float) -> np.ndarray | None:
+def _still(scene: Scene, means: np.ndarray, count: int) -> np.ndarray | None:
     """See `Blocks.still`, of the first `count` of these means; None, too, where rings are not `alike` at other
     phases."""
     if scene.effects or not is_plain(scene):
         return None
     still = np.zeros((len(means), 3))
     if count:
-        found = prepared.still(scene, means[:count], alike)
+        found = prepared.still(scene, means[:count])
         if found is None:
             return None
         still[:count] = found

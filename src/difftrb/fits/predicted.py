@@ -59,7 +59,6 @@ def predicted(
     `scene` is prepared; `values` of shape (parameters,); `sound` is `healthy_stiffness` where no parameter changes it.
     `solve`: `rings_of_rows.with_slopes` where nothing but first derivatives by `values` are wanted.
     """
-
     of = _of(parameters, scene)
     if sound is None:
         at = conditions.of_changing(at)
@@ -114,7 +113,7 @@ def healthy_rows(problem: Problem) -> np.ndarray:
 
 @jit_quickly()
 def _healthy_stiffness(scene: Scene, at: Conditions) -> jax.Array:
-    return stiffness(lambda _: (scene, lambda load: load), jnp.zeros(0), at, sound=True)[0]
+    return stiffness(_of((), scene), jnp.zeros(0), at, sound=True)[0]
 
 
 @jax.tree_util.register_dataclass

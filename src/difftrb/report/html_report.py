@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import difftrb
 from difftrb.core import packaged_bearings
-from difftrb.report import figure_style, remarks, run_text
+from difftrb.report import figure_style, run_text
 from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.report.run_text import number
 from difftrb.ring import effect_base, effects
@@ -106,7 +106,7 @@ def page(run: Run, figures: Mapping[str, str], missing: Sequence[str] = ()) -> s
     scene, spalled = run.scene, run.result.spalled
     title = f"{_bearing(run)}: {_spalls(scene)}"
     about = f"{Path(run.path).name}: {_where(scene)}. {spalled.status}; difftrb {difftrb.__version__}."
-    notes = remarks.of_result(scene, run.result)
+    notes = run.record.get("remarks", [])
     parts = [
         f"<header><h1>{escape(title)}</h1>",
         f'<p class="soft">{escape(about)}</p>',

@@ -234,9 +234,9 @@ def rings_at(
 
 
 @np.errstate(all="ignore")
-def still(scene: Scene, loads: np.ndarray, alike: float = phase_rule.ALIKE) -> np.ndarray | None:
+def still(scene: Scene, loads: np.ndarray) -> np.ndarray | None:
     """Displacement [mm] of a plain scene's healthy ring under radial and axial `loads` [N], shape (loads, 2), which no
-    size of a spall changes; shape (loads, 3). None where rings are not `alike` at other phases, and with raceways in
+    size of a spall changes; shape (loads, 3). None where rings are not `ALIKE` at other phases, and with raceways in
     series, of which a displacement does not tell how they share it."""
     if scene.effects:
         return None
@@ -245,7 +245,7 @@ def still(scene: Scene, loads: np.ndarray, alike: float = phase_rule.ALIKE) -> n
     rest = at_phases(xp.numbers(healthy(scene)), np.tile(turned, len(loads)), each)
     found = xp.values(rest.displacement).reshape(len(loads), len(turned), 3)
     apart = np.ptp(found, axis=1).max(axis=1)
-    return found[:, 0] if np.all(apart <= alike * np.abs(found).max(axis=(1, 2))) else None
+    return found[:, 0] if np.all(apart <= phase_rule.ALIKE * np.abs(found).max(axis=(1, 2))) else None
 
 
 def with_sizes_expanded(scene: Scene) -> Scene:

@@ -53,12 +53,10 @@ def axes(load_angle: float = DOWN, axial: Axial = 1) -> np.ndarray:
 
 def over_axes(turn: CageTurn, load_angle: float = DOWN, axial: Axial = 1) -> tuple[np.ndarray, np.ndarray]:
     """Stiffness [N/m], shape (phases, 3, 3), and waveform [m], shape (phases, 3), over x, y, z. Raises `SceneError` if
-    a phase has no solution, or nothing repeats."""
+    a phase has no solution, nothing repeats, or phases are too few to tell passages from the cage's turn."""
     turn.check()
-    if turn.repeats == "never":
-        raise SceneError(
-            "nothing repeats over this span of the cage's angle: leave span out, and spalls on other surfaces"
-        )
+    if (sentence := turn.no_orders) is not None:
+        raise SceneError(sentence)
     across = axes(load_angle, axial)
     stiff = PER_METRE * np.einsum("ai,pij,bj->pab", across, np.asarray(turn.stiffness)[:, :3, :3], across)
     return stiff, np.einsum("ai,pi->pa", across, np.asarray(turn.waveform)[:, :3]) / PER_METRE
