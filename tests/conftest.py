@@ -20,6 +20,7 @@ KEPT = {
     # what is compiled here runs a few times; processes that tests start compile the package's own programs as for users
     "XLA_FLAGS": "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
     " --xla_cpu_parallel_codegen_split_count=1 --xla_cpu_prefer_vector_width=128" + OLDER_EMITTERS,  # a fifth less
+    "JAX_TRACEBACK_IN_LOCATIONS_LIMIT": "0",  # where a line of a program comes from, which nobody reads: a tenth
     "OPENBLAS_NUM_THREADS": "1",  # threads of several processes wait for each other: ten times as long for small ones
     "TF_CPP_MIN_LOG_LEVEL": "3",  # else XLA reports its own tuning hints whenever it loads a kept program
 }

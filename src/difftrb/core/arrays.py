@@ -315,6 +315,11 @@ def are_numbers(tree: Any) -> bool:
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
+def of_jax(tree: Any) -> bool:
+    """Whether there is an array of JAX in a pytree."""
+    return any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(tree))
+
+
 def expands(tree: Any) -> bool:
     """Whether there is an expansion in a pytree."""
     leaves = jax.tree.leaves(tree, is_leaf=lambda leaf: isinstance(leaf, Taylor))

@@ -19,7 +19,7 @@ def repeated(count: int, function: Callable[[Any], Any], start: Any) -> Any:
 
 def counted(count: int, function: Callable[[Any, Any], Any], start: Any) -> Any:
     """`function(k, x)` of what it returned, for k from 0 on, as `repeated`."""
-    if _traced(start):
+    if xp.of_jax(start):
         start, once = _started(function, start)
         return jax.lax.fori_loop(0, count, once, start)
     for k in range(count):
@@ -29,7 +29,7 @@ def counted(count: int, function: Callable[[Any, Any], Any], start: Any) -> Any:
 
 def repeated_while(going: Callable[[Any], Any], function: Callable[[Any], Any], start: Any) -> Any:
     """`function` of what it returned, as long as `going`."""
-    if _traced(start):
+    if xp.of_jax(start):
         return jax.lax.while_loop(going, function, start)
     while going(start):
         start = function(start)
@@ -39,7 +39,7 @@ def repeated_while(going: Callable[[Any], Any], function: Callable[[Any], Any], 
 def done_if(needed: Any, function: Callable[[Any], Any], start: Any) -> Any:
     """`function(start)` where it is `needed`; else `start`, at once: in a batch, too, by a loop that may have no
     rounds. Without reverse derivatives."""
-    if _traced(start):
+    if xp.of_jax(start):
         start, once = _started(lambda _, x: function(x), start)
         first = jnp.asarray(needed), start
         return jax.lax.while_loop(
@@ -51,12 +51,7 @@ def done_if(needed: Any, function: Callable[[Any], Any], start: Any) -> Any:
 def together(tree: Any) -> Any:
     """The same pytree, whose parts a program may use only when all of them are there: XLA then computes none of them a
     second time where it is used."""
-    return jax.lax.optimization_barrier(tree) if _traced(tree) else tree
-
-
-def _traced(tree: Any) -> bool:
-    """Whether there is an array of JAX."""
-    return any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(tree))
+    return jax.lax.optimization_barrier(tree) if xp.of_jax(tree) else tree
 
 
 def _started(function: Callable[[Any, Any], Any], start: Any) -> tuple[Any, Callable[[Any, Any], Any]]:

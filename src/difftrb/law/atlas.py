@@ -296,6 +296,7 @@ base.register(
         "table",
         "contacts of every crowned roller, solved once for all and read from the package's atlas",
         make=lambda of: atlas_law(of.contact, of.spalls),
+        of_all_loads=True,
         inner=True,
         frozen=None,
     )

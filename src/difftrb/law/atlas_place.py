@@ -52,8 +52,11 @@ def place_of(length: Real, axial_offset: Real, number: Real) -> Place:
     tiny = 1e-9
     fits = xp.where(over_end, taken, inside)
     known = (fits >= -tiny) & (fits <= 1.0 + tiny) & (over_end | (share <= 1.0 + tiny))
-    within = xp.within
-    return Place(within(fits, 0.0, 1.0), within(xp.where(over_end, 0.0, share), 0.0, 1.0), over_end, known)
+
+    def kept(x: Any) -> Any:  # with its derivatives at both ends, too: a spall in the middle is at one
+        return xp.where(x >= -tiny, xp.where(x <= 1.0 + tiny, x, 1.0), 0.0)
+
+    return Place(kept(fits), kept(xp.where(over_end, 0.0, share)), over_end, known)
 
 
 def spall_at(length: float, aside: float, over_end: bool, number: float) -> tuple[float, float]:

@@ -188,7 +188,8 @@ class Request(NamedTuple):
 
     Attributes:
       contact: of the rollers with the raceway.
-      least, largest: estimated largest roller load [N] of the lightest loaded scene and of this one.
+      least, largest: estimated largest roller load [N] of the lightest loaded scene and of this one; NaN for a law that
+        is of all loads.
       spalls: on this raceway.
       accuracy: relative, of contact solves.
       progress: told how many of how many contacts are solved.
@@ -211,6 +212,7 @@ class LawKind:
       make: the law for a `Request`.
       by_samples: its contacts are solved one by one, outside of jit, so it needs numbers.
       solves: contacts are solved to make it, so it has an accuracy.
+      of_all_loads: it is made without looking at the loads.
       longest: the longest spall that it knows [mm], of the roller's length [mm]; longer ones are refused by this.
       inner: whether it knows the inner raceway by itself, as effects.raceways needs.
       bearing: the only bearing that it is for; None is all.
@@ -227,6 +229,7 @@ class LawKind:
     make: Callable[[Request], Law]
     by_samples: bool = False
     solves: bool = False
+    of_all_loads: bool = False
     longest: Callable[[float], float] = lambda roller_length: LENGTH_SHARE * roller_length
     inner: bool = False
     bearing: str | None = None
@@ -286,6 +289,11 @@ def one_scene(name: str) -> bool:
 def by_samples(name: str) -> bool:
     """Whether the law called `name` needs contacts solved one by one, outside of jit."""
     return name in LAWS and LAWS[name].by_samples
+
+
+def of_all_loads(name: str) -> bool:
+    """Whether the law called `name` is made without looking at the loads."""
+    return name in LAWS and LAWS[name].of_all_loads
 
 
 def made(name: str, request: Request) -> Law:

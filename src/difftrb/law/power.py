@@ -256,6 +256,7 @@ base.register(
         "palmgren",
         "Palmgren's line contact of one raceway, without crown, on the land that a spall leaves",
         make=lambda request: Palmgren(request.contact.length),
+        of_all_loads=True,
         longest=lambda roller_length: PALMGREN_SHARE * roller_length,
     )
 )
@@ -276,6 +277,7 @@ base.register(
         "liu2018",
         "Q = K δⁿ as printed in Table 2 of Liu et al. 2018",
         make=lambda request: liu2018(),
+        of_all_loads=True,
         longest=lambda roller_length: float(TABLE_2[-1, 0]),
         bearing="32008J",
         promises=False,  # told by contacts that were cut off

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import jax
 import jax.core
@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 from difftrb.contact.contact_solution import is_given
+from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.core.status import SceneError
@@ -24,12 +25,12 @@ tilt counts as not held."""
 Moment = Annotated[Real, Interval(ge=-1e9, le=1e9), Unit("N mm")]
 
 
-def reach_of_pair(bearing: TaperedBearing, spacing: Real, back_to_back: bool) -> jax.Array:
+def reach_of_pair(bearing: TaperedBearing, spacing: Real, back_to_back: bool) -> Any:
     """See `Pair`; `spacing` is the distance between the middles of both rows' outer contacts [mm]."""
     # the contacts' normals meet the axis R tanα from the rows, behind the rollers' large ends
-    apart = 0.5 * spacing * jnp.cos(bearing.outer_angle)
-    centre = geometry.outer_raceway_radius(bearing) * jnp.sin(bearing.outer_angle)
-    return jnp.asarray(centre + apart if back_to_back else centre - apart)
+    apart = 0.5 * spacing * xp.cos(bearing.outer_angle)
+    centre = geometry.outer_raceway_radius(bearing) * xp.sin(bearing.outer_angle)
+    return xp.asarray(centre + apart if back_to_back else centre - apart)
 
 
 @register
@@ -71,7 +72,12 @@ class DoubleRow(Effect):
     moment_radial: Moment = 0.0
     moment_lateral: Moment = 0.0
 
-    def reach(self, bearing: TaperedBearing) -> jax.Array | None:
+    @property
+    def expands(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Rings that stay parallel."""
+        return self.spacing is None
+
+    def reach(self, bearing: TaperedBearing) -> Any | None:
         """See `Pair`."""
         return (
             None if self.spacing is None else reach_of_pair(bearing, self.spacing, self.arrangement == "back_to_back")
@@ -95,8 +101,8 @@ class DoubleRow(Effect):
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """A second row, both pressed by half the preload, and the shaft's tilt."""
         reach = self.reach(of.bearing)
-        pressed = 0.5 * self.preload * jnp.sin(of.bearing.outer_angle)
-        terms = terms.thicker(jnp.asarray(pressed, float))._replace(pair=Pair(self.preload, reach))
+        pressed = 0.5 * self.preload * xp.sin(of.bearing.outer_angle)
+        terms = terms.thicker(xp.asarray(pressed))._replace(pair=Pair(self.preload, reach))
         if reach is None:
             return terms
         moments = jnp.stack([jnp.asarray(m, float) for m in (self.moment_radial, self.moment_lateral)])
@@ -112,7 +118,7 @@ class DoubleRow(Effect):
         alpha = of.bearing.outer_angle
         found: Results = {"second_row_loads": second}
         for name, loads in (("first", rest.loads), ("second", second)):
-            found[f"{name}_row_radial"] = jnp.cos(alpha) * jnp.sum(loads * jnp.cos(of.angles))
-            found[f"{name}_row_axial"] = jnp.sin(alpha) * jnp.sum(loads)
-        found["second_row_share"] = 100.0 * jnp.sum(second) / (jnp.sum(rest.loads) + jnp.sum(second))
+            found[f"{name}_row_radial"] = xp.cos(alpha) * xp.total(loads * xp.cos(of.angles))
+            found[f"{name}_row_axial"] = xp.sin(alpha) * xp.total(loads)
+        found["second_row_share"] = 100.0 * xp.total(second) / (xp.total(rest.loads) + xp.total(second))
         return found

@@ -14,12 +14,13 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import jax
 
+from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry
 from difftrb.core.bad_input import shown
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law.base import Law
-from difftrb.ring import ring, roller_balance, roller_places
+from difftrb.ring import plain_ring, ring, roller_balance, roller_places
 from difftrb.ring.ring import Equilibrium, Load
 from difftrb.ring.terms import PLAIN, Terms, beside
 
@@ -74,7 +75,9 @@ class Ring(NamedTuple):
     def equilibrium(self, terms: Terms) -> Equilibrium:
         """At rest with these terms."""
         outer = roller_places.spalls_on(self.spalls, "outer")
-        return ring.equilibrium(self.bearing, self.load, outer, self.law, self.phase, terms)
+        given = self.bearing, self.load, outer, self.law, self.phase
+        at_once = getattr(self.law, "expands", False) and (xp.expands((given, terms)) or not xp.of_jax((given, terms)))
+        return (plain_ring if at_once else ring).equilibrium(*given, terms=terms)
 
 
 class Asked(NamedTuple):

@@ -9,10 +9,9 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import pkgutil
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
-import jax
-import jax.numpy as jnp
+import numpy as np
 from annotated_types import Interval, Unit
 
 import difftrb.ring
@@ -182,28 +181,29 @@ class Centrifugal(Effect):
     label = "centrifugal force on the rollers"
     stage = Stage.SPEED
     presses = True
+    expands = True
     units = {**ON_THE_INNER_RING, "centrifugal_force": "N", "axial_force": "N"}  # noqa: RUF012
 
     speed_rpm: Annotated[Real, Interval(ge=0.0, le=1e5), Unit("rev/min")]
     control: Literal["force", "position"] = dataclasses.field(default="force", metadata={"static": True})
     convention: Literal["balance", "printed"] = dataclasses.field(default="balance", metadata={"static": True})
 
-    def force(self, bearing: TaperedBearing) -> jax.Array:
+    def force(self, bearing: TaperedBearing) -> Any:
         """On one roller [N]."""
-        turning = self.speed_rpm * jnp.pi / 30.0
+        turning = self.speed_rpm * np.pi / 30.0
         cage = turning * geometry.cage_share(bearing)
         metres = 1e-3 * geometry.pitch_radius(bearing)
-        return jnp.asarray(geometry.roller_mass(bearing) * metres * cage**2)
+        return xp.asarray(geometry.roller_mass(bearing) * metres * cage**2)
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers thrown outwards; the ring held where it is at rest if asked."""
         if self.control == "position" and terms.axial is None:
             rest = of.equilibrium(terms)
-            terms = terms._replace(axial=rest.displacement[2], laws_status=rest.status_code)
+            terms = terms._replace(axial=rest.displacement[..., 2], laws_status=rest.status_code)
         if self.convention == "printed":
             force = (1 if terms.pair is None else 2) * self.force(of.bearing)
-            thrown = force * jnp.stack([jnp.sum(jnp.cos(of.angles)), jnp.sum(jnp.sin(of.angles))])
-            return terms._replace(extra=-jnp.append(thrown, 0.0))  # Liu et al. 2018, eq. (5)
+            thrown = [-force * xp.total(function(of.angles)) for function in (xp.cos, xp.sin)]
+            return terms._replace(extra=xp.stack([*thrown, xp.zeros_like(thrown[0])], axis=-1))  # Liu 2018, eq. (5)
         return terms._replace(seat=of.seat(terms)._replace(centrifugal=self.force(of.bearing)))
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
@@ -225,6 +225,7 @@ class Diameters(Effect):
     key = "diameters"
     label = "rollers of different diameters"
     presses = True
+    expands = True
     per_turn = True
 
     deviations: tuple[Length, ...]
@@ -239,8 +240,8 @@ class Diameters(Effect):
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Added to the rollers' approach."""
-        more = jnp.stack([jnp.asarray(deviation, float) for deviation in self.deviations])
-        return terms.thicker(more if terms.pair is None else jnp.concatenate([more, jnp.zeros_like(more)]))
+        more = xp.stack(self.deviations)
+        return terms.thicker(more if terms.pair is None else xp.concatenate([more, xp.zeros_like(more)]))
 
 
 @register
@@ -262,6 +263,7 @@ class Mounting(Effect):
     key = "mounting"
     label = "rings held at a position, with fits and warmth"
     presses = True
+    expands = True
     units = {"axial_force": "N", "tightened": "mm"}  # noqa: RUF012
 
     preload: Length = 0.0
@@ -288,7 +290,7 @@ class Mounting(Effect):
     def tightened(self, bearing: TaperedBearing) -> Real:
         """What inner raceway and rollers grow into the outer raceway by, in diameter [mm]: fits and warmth."""
         outer = 2.0 * geometry.outer_raceway_radius(bearing)
-        inner = outer * jnp.sin(bearing.inner_angle) / jnp.sin(bearing.outer_angle)
+        inner = outer * xp.sin(bearing.inner_angle) / xp.sin(bearing.outer_angle)
         grown = self.expansion * self.warmer * outer  # NSK E728g: inner ring and rollers together
         if self.bore is not None:
             k, hollow = self.bore / inner, self.shaft_bore / self.bore
@@ -301,13 +303,13 @@ class Mounting(Effect):
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """The axial position, and rollers that are too thick."""
-        normal = 0.5 * self.tightened(of.bearing) * jnp.cos(of.bearing.outer_angle)
-        return terms.thicker(normal)._replace(axial=jnp.asarray(self.preload, float))
+        normal = 0.5 * self.tightened(of.bearing) * xp.cos(of.bearing.outer_angle)
+        return terms.thicker(normal)._replace(axial=xp.asarray(self.preload))
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`axial_force` that holds the rings [N]; `tightened`: growth of inner raceway and rollers [mm]."""
         held = axial_force(rest, of.bearing)
-        return {"axial_force": held, "tightened": jnp.asarray(self.tightened(of.bearing), float)}
+        return {"axial_force": held, "tightened": xp.asarray(self.tightened(of.bearing))}
 
 
 @register

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Annotated, Any
 
-import jax
-import jax.numpy as jnp
 from annotated_types import Interval, Unit
 
 from difftrb.core import arrays as xp
@@ -56,47 +54,50 @@ def equivalent_load(bearing: TaperedBearing, radial: Real, axial: Real, rows: in
     return xp.where(light, radial, 0.4 * radial + 0.4 / tan * axial)
 
 
-def basic(bearing: TaperedBearing, rating: Real, radial: Real, axial: Real, rows: int = 1) -> jax.Array:
+def basic(bearing: TaperedBearing, rating: Real, radial: Real, axial: Real, rows: int = 1) -> Any:
     """Basic rating life L10 [million revolutions]; `rating` is that of all rows."""
     return (rating / equivalent_load(bearing, radial, axial, rows)) ** (10.0 / 3.0)  # ISO 281
 
 
-def reference(bearing: TaperedBearing, rating: Real, inner_loads: jax.Array, outer_loads: jax.Array) -> jax.Array:
+def reference(bearing: TaperedBearing, rating: Real, inner_loads: Any, outer_loads: Any, rows: int = 1) -> Any:
     """Basic reference rating life L10r [million revolutions], inner ring turning, from what every roller presses on
-    inner and outer raceway [N], shape (rollers,) or (rows, rollers), evenly along its length; `rating` is that of all
-    rows."""
+    inner and outer raceway [N], shape (…, rollers), of two rows (…, 2, rollers), evenly along its length; `rating` is
+    that of all rows."""
     slower = (1.038 * _slower(gamma(bearing))) ** 4.5
-    rows = outer_loads.size // bearing.rollers
-    each = rating / (bearing.rollers * jnp.cos(bearing.outer_angle) * rows ** (7.0 / 9.0))
+    each = rating / (bearing.rollers * xp.cos(bearing.outer_angle) * rows ** (7.0 / 9.0))
     inner_rating = each / 0.378 * (1.0 + slower) ** (2.0 / 9.0)  # ISO/TS 16281
     outer_rating = each / 0.364 * (1.0 + 1.0 / slower) ** (2.0 / 9.0)  # ISO/TS 16281
     inner = _mean(inner_loads, 4.0) / inner_rating
     outer = _mean(outer_loads, 4.5) / outer_rating
-    return jnp.sum(inner**4.5 + outer**4.5) ** (-8.0 / 9.0)  # ISO/TS 16281: rows live as raceways do, all or none
+    worn = inner**4.5 + outer**4.5
+    # ISO/TS 16281: rows live as raceways do, all or none
+    return (worn if rows == 1 else xp.total(worn)) ** (-8.0 / 9.0)
 
 
-def _mean(loads: jax.Array, power: float) -> jax.Array:
-    """Over every row, shape () or (rows,)."""
-    top = jnp.max(loads, axis=-1, keepdims=True)
-    shares = loads / jnp.where(top > 0.0, top, 1.0)  # a row may carry nothing
-    mean = jnp.mean(shares**power, axis=-1)
-    return top[..., 0] * jnp.where(mean > 0.0, mean, 1.0) ** (1.0 / power)
+def _mean(loads: Any, power: float) -> Any:
+    """Over the rollers of every row, shape (…)."""
+    top = xp.module_of(loads).max(xp.fixed(loads), axis=-1)
+    top = xp.where(top > 0.0, top, 1.0)  # a row may carry nothing
+    mean = xp.total((loads / top[..., None]) ** power) / loads.shape[-1]
+    some = mean > 0.0
+    return top * xp.where(some, xp.where(some, mean, 1.0) ** (1.0 / power), 0.0)
 
 
 def _slower(ratio: Real) -> Real:
     return ((1.0 - ratio) / (1.0 + ratio)) ** (143.0 / 108.0)
 
 
-def _of_rows(of: Ring, rating: Real, loads: jax.Array) -> jax.Array:
-    """Basic rating life [million revolutions] of two rows by what each of them carries, shape (2, rollers): by `rating`
-    of both a preload would not count."""
+def _of_rows(of: Ring, rating: Real, loads: Any) -> Any:
+    """Basic rating life [million revolutions] of two rows by what each of them carries, shape (…, 2, rollers): by
+    `rating` of both a preload would not count."""
     alpha = of.bearing.outer_angle
-    square = (loads @ jnp.cos(of.angles)) ** 2 + (loads @ jnp.sin(of.angles)) ** 2
+    along, across = (xp.einsum("...ir,...r->...i", loads, function(of.angles)) for function in (xp.cos, xp.sin))
+    square = along * along + across * across
     some = square > 0.0  # a row may carry nothing
-    radial = jnp.cos(alpha) * jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0)
-    axial = jnp.sin(alpha) * jnp.sum(loads, axis=1)
-    worn = equivalent_load(of.bearing, radial, axial) * 2.0 ** (7.0 / 9.0) / rating
-    return jnp.sum(worn**3.75) ** (-8.0 / 9.0)  # ISO 281: rows live as raceways do, all or none
+    radial = xp.cos(alpha) * xp.where(some, xp.sqrt(xp.where(some, square, 1.0)), 0.0)
+    axial = xp.sin(alpha) * xp.total(loads)
+    worn = equivalent_load(of.bearing, radial, axial) * (2.0 ** (7.0 / 9.0) / rating)
+    return xp.total(worn**3.75) ** (-8.0 / 9.0)  # ISO 281: rows live as raceways do, all or none
 
 
 @register
@@ -114,6 +115,7 @@ class Life(Effect):
     key = "life"
     label = "rating life"
     stage = Stage.OUTCOME
+    expands = True
     units = {  # noqa: RUF012
         "load_rating": "N", "basic_life": "million revolutions", "reference_life": "million revolutions"
     }  # fmt: skip
@@ -124,15 +126,16 @@ class Life(Effect):
         """`load_rating` [N] of all rows, `basic_life`, `reference_life` [million revolutions]."""
         rows = 1 if terms.pair is None else 2
         rating = load_rating(of.bearing, rows)
-        rating = rating if self.load_rating is None else jnp.asarray(self.load_rating, float)
+        rating = xp.asarray(rating if self.load_rating is None else self.load_rating)
         axial = of.load.axial if terms.axial is None else axial_force(rest, of.bearing)
-        outer = rest.loads if rest.second_loads is None else jnp.stack([rest.loads, rest.second_loads])
-        life = basic(of.bearing, rating, of.load.radial, axial, rows)
+        loads, second = rest.loads, rest.second_loads
+        outer = loads if second is None else xp.stack([loads, second], axis=loads.ndim - 1)
+        life = xp.asarray(basic(of.bearing, rating, of.load.radial, axial, rows))
         if terms.pair is not None:
-            life = jnp.where(terms.pair.preload > 0.0, _of_rows(of, rating, outer), life)
+            life = xp.where(terms.pair.preload > 0.0, _of_rows(of, rating, outer), life)
         inner = outer if terms.seat is None else roller_balance.inner_load(terms.seat, outer)
         return {
             "load_rating": rating,
             "basic_life": life,
-            "reference_life": reference(of.bearing, rating, inner, outer),
+            "reference_life": reference(of.bearing, rating, inner, outer, rows),
         }

@@ -72,13 +72,14 @@ def norm(force: Any) -> Any:
 
 
 def aligned(force: Any, u: Any) -> Any:
-    """The force beside displacements u, shape (…, n), of one ring or of several under one load."""
+    """The force beside displacements u, shape (…, n), of one ring or of several under one load; or anything that ends
+    as another thing does."""
     return force.reshape(*(1,) * (u.ndim - force.ndim), *force.shape)
 
 
 def of_each(rings: Any, value: Any) -> Any:
     """What is known of all rings, or of each, beside a value that begins with them."""
-    return rings.reshape(rings.shape + (1,) * (value.ndim - rings.ndim)) if np.ndim(rings) else rings
+    return rings.reshape(*rings.shape, *(1,) * (value.ndim - rings.ndim)) if np.ndim(rings) else rings
 
 
 class System(NamedTuple):
@@ -132,12 +133,17 @@ def _linearised(u: jax.Array, carried: RollerLoads, system: System) -> tuple[jax
     unbalanced = (pushed - aligned(force, u)) / of_each(size, u)  # Liu et al. 2018, eq. (5)
     jacobian = tangent(rollers.normals, slopes)
     jacobian = jacobian / of_each(size, jacobian)
-    if axial is None:
-        return unbalanced, jacobian
-    free = jnp.arange(u.size) != 2
-    scale = 1.0 / jax.lax.stop_gradient(jnp.maximum(jnp.abs(start[2]), 1e-9))  # forces and [mm] in one size
-    unbalanced = jnp.where(free, unbalanced, (u - axial) * scale)
-    return unbalanced, jnp.where(free[:, None], jacobian, scale * jnp.eye(u.size))
+    return (unbalanced, jacobian) if axial is None else with_axial(axial, start, u, unbalanced, jacobian)
+
+
+def with_axial(axial: Any, start: Any, u: Any, unbalanced: Any, jacobian: Any) -> tuple[Any, Any]:
+    """The unbalanced force and its derivative by u where in place of the axial force the axial displacement is given
+    [mm]; `start` as in `System`."""
+    unit = np.eye(u.shape[-1])
+    scale = 1.0 / xp.maximum(xp.abs(xp.fixed(start)[..., 2]), 1e-9)  # forces and [mm] in one size
+    off, given = (u - of_each(axial, u)) * of_each(scale, u), aligned(unit[2] > 0.0, u)
+    moved = of_each(scale, jacobian) * aligned(unit, jacobian)
+    return xp.where(given, off, unbalanced), xp.where(given[..., None], moved, jacobian)
 
 
 def _respond(u: jax.Array, carried: RollerLoads, system: System, right: jax.Array) -> jax.Array:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
@@ -86,24 +85,29 @@ def pressed(healthy: Curve, largest: Any, narrow: Any, axial: Any, clear: Any) -
     return xp.stack([deep * (narrow / radial), xp.zeros_like(deep), deep * ((1.0 - narrow) / axial)], axis=-1)
 
 
-def start(rollers: Rollers, healthy: RollerCurves, force: jax.Array, terms: Terms) -> jax.Array:
-    """Where Newton's method begins: the load zone of a healthy ring, or, of a pair of rows, all rollers as loaded as
-    were the load shared equally. If all are clear of what they stand over, beyond the least of these gaps: without a
-    loaded roller Newton's method knows no way."""
+def start(rollers: Rollers, healthy: RollerCurves, force: Any, terms: Terms) -> Any:
+    """Where Newton's method begins [mm], shape (…, 3): the load zone of a healthy ring, or, of a pair of rows, all
+    rollers as loaded as were the load shared equally. If all are clear of what they stand over, beyond the least of
+    these gaps: without a loaded roller Newton's method knows no way. All of these are numbers, or of one ring."""
+    rollers, healthy, force, terms = xp.fixed((rollers, healthy, force, terms))
+    count, axial = rollers.normals.shape[-2], rollers.normals.reshape(-1, 3)[0, 2]
+    none = xp.zeros_like(rollers.normals[..., 0, 0])
     if terms.axial is not None:
-        return jnp.zeros(3).at[2].set(terms.axial)
-    sound, count, axial = load_curve.one_of(healthy.each, 0), rollers.normals.shape[0], rollers.normals[0, 2]
-    force = xp.fixed(force)
+        return xp.stack([none, none, none + terms.axial], axis=-1)
+    sound = load_curve.one_of(healthy.each, 0)
+    while sound.middle.ndim:  # the same at all phases
+        sound = load_curve.one_of(sound, 0)
     if terms.pair is None:
         largest, narrow = in_load_zone(sound, force, count, axial)
     else:
         total = norm(force)
         if terms.tilting is not None:  # moments may be all that presses
             total = total + norm(terms.tilting.moments / terms.tilting.longest)
-        largest, narrow = jnp.maximum(total, LEAST) / (count * axial), jnp.zeros(())
-    clear = jnp.maximum(jnp.min(rollers.curves.each.shift - rollers.interference), 0.0)
-    u = xp.fixed(pressed(sound, largest, narrow, axial, clear))
+        largest, narrow = xp.maximum(total, LEAST) / (count * axial), 0.0
+    shift = rollers.curves.each.shift
+    clear = shift if rollers.interference is None else shift - rollers.interference
+    u = pressed(sound, largest, narrow, axial, xp.maximum(xp.module_of(clear).min(clear, axis=-1), 0.0))
     if terms.pair is None:
         return u
     # the first row pressed by the load, or both by the preload
-    return u.at[2].set(jnp.maximum(u[2] - 0.5 * jax.lax.stop_gradient(terms.pair.preload), 0.0))
+    return xp.stack([u[..., 0], u[..., 1], xp.maximum(u[..., 2] - 0.5 * terms.pair.preload, 0.0)], axis=-1)

@@ -107,7 +107,7 @@ def _kinks(
     it. They come in pairs, of both sides. `displacement` [mm] of these rings, shape (…, kinks, 3); `rest`: all."""
     # without an equilibrium any phases will do: each of them will say so
     u = xp.where(xp.module_of(displacement).isfinite(xp.value(displacement)), displacement, 0.0)
-    rows = (u,) if terms.pair is None else jax.vmap(lambda v: terms.pair.rows(v, bearing.outer_angle))(u)  # type: ignore[union-attr]
+    rows = (u,) if terms.pair is None else terms.pair.rows(u, bearing.outer_angle)
     sides, found, inside = np.array([1.0, -1.0]), list[Any](), list[Any]()
     for k, own in enumerate(rows):
         found.append(_zone(bearing, own[..., 2 * k : 2 * k + 2, :], sides))

@@ -18,6 +18,7 @@ from annotated_types import Interval, Unit
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, status
 from difftrb.core.geometry import FILE_RULES, Real, Spall, TaperedBearing
+from difftrb.law import edge_ramp
 from difftrb.law.base import Law, Rest
 from difftrb.ring import newton, newton_start, roller_balance, roller_places
 from difftrb.ring.newton import Rollers, System
@@ -92,15 +93,15 @@ class Equilibrium:
 
 
 def _of_all_rows(first: jax.Array, second: jax.Array | None) -> jax.Array:
-    return first if second is None else jnp.concatenate([first, second])
+    return first if second is None else xp.concatenate([first, second], axis=-1)
 
 
-def axial_force(rest: Equilibrium, bearing: TaperedBearing) -> jax.Array:
+def axial_force(rest: Equilibrium, bearing: TaperedBearing) -> Any:
     """That rollers push the rings apart with [N]."""
-    pressed = jnp.sum(rest.loads)
+    pressed = xp.total(rest.loads)
     if rest.second_loads is not None:
-        pressed = pressed - jnp.sum(rest.second_loads)
-    return pressed * jnp.sin(bearing.outer_angle)
+        pressed = pressed - xp.total(rest.second_loads)
+    return pressed * xp.sin(bearing.outer_angle)
 
 
 def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Tilting | None = None) -> jax.Array:
@@ -160,7 +161,7 @@ def equilibrium(
     """
     angles = roller_places.roller_angles(bearing, phase)
     normals = roller_places.directions(bearing, angles)
-    valid, held = is_valid(load, spalls, phase), _is_held(bearing, load, phase, terms)
+    valid, held = is_valid(load, spalls, phase), is_held(bearing, load, phase, terms)
     force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
     if terms.extra is not None:
         force = force + terms.extra
@@ -173,12 +174,16 @@ def equilibrium(
     system = _system(force, angles, normals, spalls, away, roller_law, terms)
     rest, unheld = _at_rest(system, angles, terms)
     laws_status = status_of_laws(bearing, spalls, away, roller_law, rest, terms)
-    rest = judged(rest, valid, held, laws_status, roller_law, _not_held(rest, unheld, terms))
+    rest = judged(rest, valid, held, laws_status, roller_law, not_held(rest, unheld, terms))
 
-    if terms.pair is None:
-        return rest
-    first, second = jnp.split(rest.loads, 2)
-    near, far = jnp.split(rest.approach, 2)
+    return rest if terms.pair is None else in_rows(rest)
+
+
+def in_rows(rest: Equilibrium) -> Equilibrium:
+    """With the rollers of both rows, which were behind each other, apart."""
+    (near, far), (first, second) = (
+        (part[..., : part.shape[-1] // 2], part[..., part.shape[-1] // 2 :]) for part in (rest.approach, rest.loads)
+    )
     return dataclasses.replace(rest, approach=near, loads=first, second_approach=far, second_loads=second)
 
 
@@ -191,16 +196,16 @@ def is_valid(load: Load, spalls: tuple[Spall, ...], phase: Any) -> Any:
     return valid
 
 
-def _is_held(bearing: TaperedBearing, load: Load, phase: Real, terms: Terms) -> jax.Array:
+def is_held(bearing: TaperedBearing, load: Load, phase: Any, terms: Terms) -> Any:
     """Whether rollers, which only push, can hold the load."""
     spare = load.axial
     if terms.seat is not None and terms.seat.centrifugal is not None:  # thrown rollers push the rings apart
-        spare = spare - bearing.rollers * terms.seat.least * jnp.sin(bearing.outer_angle)
+        spare = spare - bearing.rollers * terms.seat.least * xp.sin(bearing.outer_angle)
     if terms.axial is not None:
-        return jnp.asarray(True)
+        return np.asarray(True)
     if terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it, or both by the preload
         moments = 0.0 if terms.tilting is None else jnp.sum(jnp.abs(terms.tilting.moments))
-        return jnp.asarray((load.radial + load.axial + moments > 0.0) | (terms.pair.preload > 0.0))
+        return (load.radial + load.axial + moments > 0.0) | (terms.pair.preload > 0.0)
     return is_enough(spare, needed_axial(bearing, load.radial, phase, terms.tilting))
 
 
@@ -220,11 +225,17 @@ def _system(
         rollers = rollers._replace(normals=terms.tilting.directions(rollers.normals, angles))
         force = jnp.concatenate([force, terms.tilting.moments / terms.tilting.longest])
         start = jnp.concatenate([start, jnp.zeros(2)])
+    return System(rollers, force, start, size_of_forces(force, start, rollers, terms), terms.axial)
+
+
+def size_of_forces(force: Any, start: Any, rollers: Rollers, terms: Terms) -> Any:
+    """What forces are measured by [N], shape () or of each ring, without derivatives: the load, or what presses without
+    one, were the outer contacts alone to give way."""
     size = newton.norm(force)
-    if terms.axial is not None or terms.pair is not None:  # what presses without a load
-        still = start if terms.pair is None else jnp.zeros_like(start)
-        size = jnp.maximum(size, jax.lax.stop_gradient(jnp.sum(rollers.carried(rollers.approach(still))[0])))
-    return System(rollers, force, start, size, terms.axial)
+    if terms.axial is None and terms.pair is None:
+        return size
+    still, fixed = start if terms.pair is None else xp.zeros_like(start), xp.fixed(rollers)
+    return xp.maximum(size, xp.total(edge_ramp.roller_loads(fixed.curves, fixed.approach(still))[0]))
 
 
 def _at_rest(system: System, angles: jax.Array, terms: Terms) -> tuple[Equilibrium, jax.Array | None]:
@@ -261,11 +272,11 @@ def status_of_laws(
     return status.worst(code, terms.facing.tilts(roller_law, spalls, away, state), terms.facing.judge(inner))
 
 
-def _not_held(rest: Equilibrium, unheld: jax.Array | None, terms: Terms) -> jax.Array:
+def not_held(rest: Equilibrium, unheld: Any | None, terms: Terms) -> Any:
     """Status: whether the ring rests on what may hold it: anything, land, or both of two rows."""
-    code = jnp.asarray(status.CONVERGED)
+    code: Any = np.asarray(status.CONVERGED)
     if terms.axial is not None or terms.pair is not None:
-        code = jnp.where(jnp.sum(rest.loads) > 0.0, code, status.UNPRESSED)
+        code = xp.where(xp.total(rest.loads) > 0.0, code, status.UNPRESSED)
     if unheld is not None:
         code = jnp.where(unheld, status.NO_EQUILIBRIUM, code)
     if terms.pair is not None and terms.tilting is not None and terms.slices is None:
@@ -275,16 +286,16 @@ def _not_held(rest: Equilibrium, unheld: jax.Array | None, terms: Terms) -> jax.
 
 
 def judged(
-    rest: Equilibrium, valid: Any, held: Any, laws_status: Any, law: Law, not_held: Any = status.CONVERGED
+    rest: Equilibrium, valid: Any, held: Any, laws_status: Any, law: Law, unpressed: Any = status.CONVERGED
 ) -> Equilibrium:
     """With its status, and with NaN for numbers that nothing stands for.
 
-    What comes later says more: a ring that did not converge, that is `not_held`, whose laws do not know its state,
-    under too small an axial load, with bad input.
+    What comes later says more: a ring that did not converge, that is not held (`unpressed`), whose laws do not know its
+    state, under too small an axial load, with bad input.
     """
     of, usable = xp.module_of(rest.residual, laws_status, valid, held), valid & held
     code = of.where(_converged(rest), status.CONVERGED, status.NOT_CONVERGED)
-    for other in (not_held, laws_status):
+    for other in (unpressed, laws_status):
         code = of.where(other == status.CONVERGED, code, other)
         usable = usable & (other == status.CONVERGED)
     code = of.where(held, code, status.NO_EQUILIBRIUM)

@@ -120,7 +120,7 @@ def outer_loads(
         load, slope = edge_ramp.roller_loads(outer_curves, approach)
         if seat.centrifugal is None:
             return load, slope
-        return jnp.maximum(load, seat.least), jnp.where(load > seat.least, slope, 0.0)
+        return xp.maximum(load, seat.least), xp.where(load > seat.least, slope, 0.0)
     near = _looked_for(seat, outer_curves, approach) if inside is None else inside
     pressed = _followed(seat, outer_curves, approach, near)
     rest = _balance(seat, outer_curves, approach, pressed)
@@ -132,7 +132,11 @@ def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any,
     """As `edge_ramp.expanded_loads`, of rollers that rest at `inside` between outer raceway and a seat that gives way:
     where they rest is carried along (implicit function theorem)."""
     if seat is None or not seat.gives_way:
-        return edge_ramp.expanded_loads(outer_curves, approach)
+        loads = edge_ramp.expanded_loads(outer_curves, approach)
+        if seat is None or seat.centrifugal is None:
+            return loads
+        least = xp.with_variable(approach, seat)[1].least
+        return xp.where(loads > least, loads, least)
     count = parameters_of((approach, seat, outer_curves))
     if xp.module_of(inside) is jnp:  # JAX, too, may differentiate
         own_seat, own_curves, at = xp.values((seat, outer_curves, approach))

@@ -69,26 +69,28 @@ class Pair(NamedTuple):
     preload: Real
     reach: Real | None = None
 
-    def rows(self, displacement: jax.Array, outer_angle: Real) -> tuple[jax.Array, jax.Array]:
-        """Radial, lateral and axial displacement [mm] of the rings of either row, both of shape (3,), at the shaft's
+    def rows(self, displacement: Any, outer_angle: Real) -> tuple[Any, Any]:
+        """Radial, lateral and axial displacement [mm] of the rings of either row, both of shape (…, 3), at the shaft's
         `displacement` ([mm] and, if it tilts, [rad])."""
-        u, half, moved = displacement, 0.5 * self.preload, jnp.zeros(2)
+        u, half, aside = [displacement[..., k] for k in range(displacement.shape[-1])], 0.5 * self.preload, (0.0, 0.0)
         if self.reach is not None:
-            moved = self.reach / jnp.cos(outer_angle) * jnp.stack([-u[4], u[3]])
-        first = jnp.append(u[:2] + moved, u[2] + half)
-        return first, jnp.append(u[:2] - moved, half - u[2])
+            lever = self.reach / xp.cos(outer_angle)
+            aside = -lever * u[4], lever * u[3]
+        first = xp.stack([u[0] + aside[0], u[1] + aside[1], u[2] + half], axis=-1)
+        return first, xp.stack([u[0] - aside[0], u[1] - aside[1], half - u[2]], axis=-1)
 
 
-def both(normals: jax.Array) -> jax.Array:
-    """Normals of both rows in (radial, lateral, axial), shape (2 · rollers, 3), from those of the first."""
-    return jnp.concatenate([normals, normals * jnp.array([[1.0, 1.0, -1.0]])])
+def both(normals: Any) -> Any:
+    """Normals of both rows in (radial, lateral, axial), shape (…, 2 · rollers, 3), from those of the first."""
+    towards = np.array([1.0, 1.0, -1.0]).reshape(*[1] * (normals.ndim - 1), 3)
+    return xp.concatenate([normals, normals * towards], axis=normals.ndim - 2)
 
 
-def beside(distances: jax.Array, spalls: tuple[Spall, ...]) -> jax.Array:
-    """`distances` from the `spalls` [mm], shape (spalls, 2 · rollers), from those of one row, shape (spalls, rollers):
-    from a row's rollers to the other row's spalls it is far."""
-    first = np.array([spall.row == 1 for spall in spalls], bool)[:, None]
-    return jnp.concatenate([jnp.where(own, distances, NOWHERE) for own in (first, ~first)], axis=1)
+def beside(distances: Any, spalls: tuple[Spall, ...]) -> Any:
+    """`distances` from the `spalls` [mm], shape (spalls, …, 2 · rollers), from those of one row, shape (spalls, …,
+    rollers): from a row's rollers to the other row's spalls it is far."""
+    first = np.array([spall.row == 1 for spall in spalls], bool).reshape(-1, *[1] * (distances.ndim - 1))
+    return xp.concatenate([xp.where(own, distances, NOWHERE) for own in (first, ~first)], axis=-1)
 
 
 class Tilting(NamedTuple):
@@ -133,10 +135,11 @@ class Terms(NamedTuple):
     Attributes:
       interference: what rollers are too thick, added to their approach [mm], one number or shape (rollers,).
       seat: what holds rollers besides the outer raceway; None: an inner ring that does not give way.
-      axial: axial displacement [mm] at which the rings are held, whatever axial force that takes; None: the load's.
+      axial: axial displacement [mm] at which the rings are held, whatever axial force that takes, one number or of
+        each ring; None: the load's.
       slices: what slices of rollers carry, shape (rollers · slices,), roller by roller; None: rollers are whole.
       tilting: of rings that tilt; None: they stay parallel.
-      extra: force on the ring beside the load [N], shape (3,).
+      extra: force on the ring beside the load [N], shape (3,) or, of several rings, (…, 3).
       laws_status: status of what else is known of the scene; None: nothing is.
       facing: the inner raceway's law and spalls, where there is one that gives way; None: there is none.
       pair: a second row; None: there is none. With it, rollers in all else are those of both rows, the first's first.
@@ -152,7 +155,7 @@ class Terms(NamedTuple):
     facing: Facing | None = None
     pair: Pair | None = None
 
-    def thicker(self, more: jax.Array) -> Terms:
+    def thicker(self, more: Any) -> Terms:
         """Rollers too thick by `more` than they are so far [mm], shape () or (rollers,)."""
         return self._replace(interference=more if self.interference is None else self.interference + more)
 

@@ -19,7 +19,7 @@ from difftrb.law.base import Law
 from difftrb.ring import plain_ring, ring, roller_places
 from difftrb.ring.effect_base import among
 from difftrb.ring.effects import Raceways, Through
-from difftrb.scene.scene import Scene, law_in_effect, ring_at
+from difftrb.scene.scene import Scene, is_plain, law_in_effect, ring_at
 
 WIDE, SPARE = 1.0, 2.5
 """From a spall this wide on, by rollers' pitch, or where effects press: curves reach farther."""
@@ -34,7 +34,15 @@ def largest_load(scene: Scene) -> Real:
     if not through and not any(effect.presses for effect in scene.effects):
         return largest
     alone = single(scene, power.Palmgren(scene.bearing.roller_length))
-    return jnp.maximum(largest, _pressed(alone if through else dataclasses.replace(alone, spalls=())))
+    if through:
+        return jnp.maximum(largest, _pressed(alone))
+    alone = dataclasses.replace(alone, spalls=())
+    if not (is_plain(alone) and xp.are_numbers(alone)):
+        return jnp.maximum(largest, _pressed(alone))
+    with np.errstate(all="ignore"):
+        alone = xp.numbers(alone)
+        here, terms = ring_at(alone, cast(Law, alone.law), np.zeros(1))
+        return max(float(largest), float(np.max(np.nan_to_num(xp.values(here.equilibrium(terms)).all_loads))))
 
 
 def largest_for_curves(scene: Scene) -> float:

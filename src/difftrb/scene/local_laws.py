@@ -232,13 +232,13 @@ def _at_once(scene: Scene) -> Rests:
     each, _ = phases(scene)
     found, here, terms = prepared.rings_at(scene, each)
     rest = xp.values(found)
-    loads: dict[Raceway, Any] = {"outer": rest.loads}
+    loads: dict[Raceway, Any] = {"outer": rest.all_loads}
     if terms.facing is not None and terms.seat is not None:
-        loads["inner"] = roller_balance.inner_load(terms.seat, rest.loads)
+        loads["inner"] = roller_balance.inner_load(terms.seat, rest.all_loads)
     away: dict[Raceway, Any] = {
         raceway: np.moveaxis(np.asarray(here.distances(raceway, terms)), 0, 1) for raceway in loads
     }
-    return Rests(loads, away, rest.approach, terms.seat)
+    return Rests(loads, away, rest.all_approaches, terms.seat)
 
 
 @jit_quickly()

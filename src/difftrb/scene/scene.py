@@ -299,12 +299,11 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
     here, terms = ring_at(sound, acting, 0.0)
 
     def at_once(each: Any) -> ring.Equilibrium:
-        own = ring_at(sound, acting, each)[1]
-
         def of_phases(part: Any) -> Any:
             return xp.broadcast_to(part[:, None], each.shape) if np.ndim(part) else part
 
         load = xp.tree_map(of_phases, scene.load)
+        own = ring_at(dataclasses.replace(sound, load=load), acting, each)[1]
         return plain_ring.equilibrium(scene.bearing, load, (), acting, each, terms=own)
 
     def by_program(each: Any) -> ring.Equilibrium:

@@ -8,7 +8,6 @@ takes a third of the contacts.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -33,7 +32,17 @@ from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
 from difftrb.scene.local_laws import holding, local_laws
-from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, is_plain, phases, raceway_contact, ring_at
+from difftrb.scene.scene import (
+    LawName,
+    PitchMean,
+    Scene,
+    has_map,
+    healthy,
+    is_plain,
+    phases,
+    raceway_contact,
+    ring_at,
+)
 
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
@@ -108,7 +117,10 @@ def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real 
     by_samples = laws.by_samples(given.name)
     if by_samples and not xp.are_numbers(scene):
         raise SceneError(TRACED)
-    largest = expected_loads.largest_for_curves(scene) if by_samples else expected_loads.largest_load(scene)
+    if laws.of_all_loads(given.name):
+        largest = np.nan
+    else:
+        largest = expected_loads.largest_for_curves(scene) if by_samples else expected_loads.largest_load(scene)
     request = laws.Request(contact, largest if least is None else least, largest, spalls, scene.accuracy, progress)
     return laws.made(given.name, request)
 
@@ -156,18 +168,21 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: Any) -> tuple[An
     ring [mm], shape (rows, phases, rollers)."""
     bearing, law = scene.bearing, cast(DirectLaw, scene.law)
     away = roller_places.distances(bearing, law.spalls, roller_places.roller_angles(bearing, phases), raceway)
+    sound = healthy(scene)
     if not is_plain(scene):
-        return away, _approaches(scene, phases)
-    return away, expected_loads.healthy_plain_ring(scene, law, phases).approach[None]
+        return away, _approaches(sound, phases)
+    with np.errstate(all="ignore"):
+        here, terms = ring_at(xp.numbers(sound), xp.numbers(law), np.asarray(phases))
+        every = xp.values(here.equilibrium(terms)).all_approaches
+    return away, np.moveaxis(every.reshape(len(every), -1, scene.bearing.rollers), 1, 0)
 
 
 @jit_quickly()
 def _approaches(scene: Scene, phases: jax.Array) -> jax.Array:
-    """Of the healthy ring with effects, at every phase."""
-    law = cast(DirectLaw, scene.law)
+    """Of the ring with effects, at every phase."""
 
     def at(phase: jax.Array) -> jax.Array:
-        here, terms = ring_at(dataclasses.replace(scene, spalls=()), law, phase)
+        here, terms = ring_at(scene, cast(Law, scene.law), phase)
         rest = here.equilibrium(terms)
         return rest.all_approaches.reshape(-1, rest.approach.size)
 
