@@ -195,6 +195,26 @@ def test_law_says_what_it_does_not_know(law: atlas.AtlasLaw, wide: atlas.AtlasLa
         assert int(law.judge((shallow,), away, rest)) == wanted
 
 
+@pytest.mark.gradient
+def test_slopes_at_the_ends_of_what_it_knows() -> None:
+    """A spall in the middle, and the longest: there its places' range ends, not how it changes."""
+    aside = [float(jax.grad(lambda o: atlas_place.place_of(0.3, o, 1e-4).aside)(at)) for at in (0.0, 1e-6)]
+    bend = float(jax.hessian(lambda o: atlas_place.place_of(0.3, o, 1e-4).aside)(0.0))
+    assert aside[0] == 0.0
+    assert bend == pytest.approx(aside[1] / 1e-6, rel=1e-6)
+    assert bend > 1.0
+    bearing = trb.bearing("32008J")
+    longest = atlas_place.LONGEST * bearing.roller_length
+
+    def stiffness(length: float) -> jax.Array:
+        scene = trb.Scene(bearing, trb.Load(9000.0, 6000.0), (trb.Spall(length, 5.0),), law="table")
+        return trb.solve(scene).stiffness[0, 0]
+
+    slopes = [float(jax.grad(stiffness)(length)) for length in (longest, np.nextafter(longest, 0.0), longest - 1e-6)]
+    less = float(stiffness(longest - 1e-4))
+    np.testing.assert_allclose(slopes, (float(stiffness(longest)) - less) / 1e-4, rtol=1e-3)
+
+
 def test_places_come_back() -> None:
     """Length and offset to the atlas's variables and back."""
     for length, aside, over_end in ((0.0, 0.3, False), (0.4, 1.0, False), (1.0, 0.0, False), (0.3, 0.0, True)):

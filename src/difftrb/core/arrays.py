@@ -128,8 +128,8 @@ def diff(x: Any, **options: Any) -> Any:
 
 
 def within(x: Any, low: Any, high: Any) -> Any:
-    """As clip, whose derivative in JAX, a half at either end, costs divisions."""
-    return where(x > low, where(x < high, x, high), low)
+    """As clip, whose derivative in JAX, a half at either end, costs divisions; here it is whole at the ends."""
+    return where(x >= low, where(x <= high, x, high), low)
 
 
 def magnitude(x: Any) -> Any:

@@ -37,6 +37,7 @@ def set_up_jax(cache: bool) -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_traceback_in_locations_limit", 0)  # where a line of a program comes from, which nobody reads
     gc.set_threshold(50_000, 20, 100)  # tracing makes many objects: looking through them takes a tenth of the time
     if cache:
         from difftrb.core.user_cache import keep_compiled
