@@ -124,7 +124,7 @@ def test_run_with_effects(capsys, tmp_path: Path) -> None:
     code, out, _ = call(capsys, "run", str(path), "--json")
     record = json.loads(out)
     assert code == 0
-    assert set(record) == RUN_KEYS | {"effects", "edge_stress"}
+    assert set(record) == RUN_KEYS | {"effects", "edge_stress", "mean"}
     (edge,) = record["edge_stress"]
     assert set(edge) == {"spall", "roller", "raceway", "load", "land", "intensity", "within"}
     assert edge["load"] == record["loads"][0]
@@ -138,6 +138,16 @@ def test_run_with_effects(capsys, tmp_path: Path) -> None:
                   f"K = {edge['intensity']:.0f} N"):  # fmt: skip
         assert words in " ".join(out.split())
     assert max(len(line) for line in out.splitlines()) <= 80
+
+
+@pytest.mark.parametrize(
+    "name", ["diameters", "flange", "healthy", "mounting", "other_bearing", "raceways", "speed", "spall"]
+)
+def test_packaged_scenes_of_parallel_rings_are_solved(capsys, tmp_path: Path, name: str) -> None:
+    path = tmp_path / f"{name}.toml"
+    path.write_text(scene_file.example(name), encoding="utf-8")
+    code, out, err = call(capsys, "run", str(path), "--json")
+    assert (code, json.loads(out)["converged"]) == (0, True), err
 
 
 @pytest.mark.portable

@@ -226,9 +226,15 @@ def test_gradients_of_numbers_outside_jit_compile_next_to_nothing() -> None:
     np.testing.assert_allclose(found.spalls[0].length, gradient(scene).spalls[0].length, rtol=1e-11)
 
 
-@pytest.mark.parametrize("command", [("run",), ("run", "--mean", "--json"), ("check", "{scene}")])
+@pytest.mark.parametrize(
+    "command", [("run",), ("run", "--mean", "--json"), ("check", "{scene}"), ("run", "{scene}", "--mean")]
+)
 def test_commands_on_numbers_compile_nothing(command: tuple[str, ...], tmp_path) -> None:
-    (tmp_path / "scene.toml").write_text('bearing = "32008J"\n[load]\nradial = 9000\naxial = 4500\n', encoding="utf-8")
+    (tmp_path / "scene.toml").write_text(
+        'bearing = "32008J"\n[load]\nradial = 9000\naxial = 4500\n[[spall]]\nlength = 4\nwidth = 7\n[effects]\n'
+        "raceways = {}\ncentrifugal = { speed_rpm = 3000 }\ndouble_row = { preload = 0.01 }\nflange = {}\n",
+        encoding="utf-8",
+    )
     assert programs(*(part.format(scene=tmp_path / "scene.toml") for part in command)) == 0
 
 
