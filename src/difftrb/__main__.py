@@ -53,6 +53,7 @@ def _run(options: Any) -> int:
     import jax
 
     from difftrb.report import catalogue_uncertainty, remarks, run_text
+    from difftrb.ring.effect_base import differ
     from difftrb.scene import scene_file, solving
     from difftrb.scene.scene import is_plain
 
@@ -68,7 +69,8 @@ def _run(options: Any) -> int:
         result = jax.device_get(difftrb.assess(scene))
         edges = difftrb.edge_stresses(scene, result.spalled)
     mean = None
-    if (options.mean or is_plain(scene)) and bool(result.spalled.converged):
+    at_once = is_plain(scene) and not differ(scene.effects)  # else it takes a turn of the cage
+    if (options.mean or at_once) and bool(result.spalled.converged):
         with console.busy("solving the ring at all phases"):
             mean = jax.device_get(solving.assess_mean(scene))
     checked = None

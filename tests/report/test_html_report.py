@@ -89,6 +89,8 @@ def test_a_page_of_effects_says_what_acts(capsys, tmp_path: Path) -> None:
     html, page = written(tmp_path, text)
     assert "centrifugal force on the rollers: speed_rpm = " in html
     assert "(effects.centrifugal)" not in html
+    assert "stiffness" in page.ids
+    html, page = written(tmp_path, scene_file.example("diameters"))  # which repeats once a turn
     assert "stiffness" not in page.ids
     assert "<code>difftrb stiffness</code> tells it of all" in html
 

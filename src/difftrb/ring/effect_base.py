@@ -106,6 +106,8 @@ class Effect:
     """Keys of effects that cannot be had together with this one, and why."""
     presses: ClassVar[bool] = False
     """Whether rollers may carry more with it than the bearing's load lets expect."""
+    holds_axially: ClassVar[bool] = False
+    """Whether the rings' axial position is given, and the axial force comes out."""
     expands: ClassVar[bool] = False
     """Whether its terms and results are over `core.arrays`, and `plain_ring` takes them: see `law.base.Law`."""
     per_turn: ClassVar[bool] = False

@@ -188,6 +188,11 @@ class Centrifugal(Effect):
     control: Literal["force", "position"] = dataclasses.field(default="force", metadata={"static": True})
     convention: Literal["balance", "printed"] = dataclasses.field(default="balance", metadata={"static": True})
 
+    @property
+    def holds_axially(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Where it is that at rest."""
+        return self.control == "position"
+
     def force(self, bearing: TaperedBearing) -> Any:
         """On one roller [N]."""
         turning = self.speed_rpm * np.pi / 30.0
@@ -263,6 +268,7 @@ class Mounting(Effect):
     key = "mounting"
     label = "rings held at a position, with fits and warmth"
     presses = True
+    holds_axially = True
     expands = True
     units = {"axial_force": "N", "tightened": "mm"}  # noqa: RUF012
 

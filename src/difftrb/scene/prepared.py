@@ -194,10 +194,7 @@ def _traced(scene: Scene) -> Solution:
 
     def at(phase: Any, scene: Scene) -> tuple[ring.Equilibrium, jax.Array, Results]:
         rest, more = at_phase(scene, phase)
-        if scene.definition == "tangent":
-            return rest, rest.tangent, more
-        axial = more.get("axial_force", scene.load.axial)
-        return rest, _secant(dataclasses.replace(scene.load, axial=axial), rest.displacement), more
+        return rest, as_defined(scene, rest), more
 
     each, weights = phases(scene)
     every, stiffness, more = at_all_phases(at, scene, each)
@@ -260,8 +257,13 @@ def with_sizes_expanded(scene: Scene) -> Scene:
 
 
 def as_defined(scene: Scene, rest: ring.Equilibrium) -> Any:
-    """A plain ring's stiffness, tangent or secant as the scene defines it [N/mm], shape (…, 3, 3)."""
-    return rest.tangent if scene.definition == "tangent" else _secant(scene.load, rest.displacement)
+    """Stiffness, tangent or secant as the scene defines it [N/mm], shape (…, n, n)."""
+    if scene.definition == "tangent":
+        return rest.tangent
+    load = scene.load
+    if any(effect.holds_axially for effect in scene.effects):
+        load = dataclasses.replace(load, axial=ring.axial_force(rest, scene.bearing))
+    return _secant(load, rest.displacement)
 
 
 def _secant(load: Load, displacement: Any) -> Any:

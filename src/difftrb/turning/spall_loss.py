@@ -13,6 +13,7 @@ from difftrb.core import geometry, status
 from difftrb.core.taylor import Taylor
 from difftrb.law import base
 from difftrb.law.base import Law
+from difftrb.ring import effect_base
 from difftrb.scene.prepared import as_defined, at_phases, solve_prepared, still
 from difftrb.scene.scene import PitchMean, Scene, healthy, is_plain, outer_law
 from difftrb.scene.scene import phases as phases_of
@@ -121,7 +122,7 @@ def sizes_around(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _is_for_all_phases(scene: Scene) -> bool:
-    stays = all(spall.surface == "outer" for spall in scene.spalls)
+    stays = all(spall.surface == "outer" for spall in scene.spalls) and not effect_base.differ(scene.effects)
     return is_plain(scene) and stays and not base.one_scene(cast(Law, scene.law).name)
 
 
