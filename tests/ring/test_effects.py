@@ -296,24 +296,25 @@ LEAN = {("raceways", "flange"), ("centrifugal", "mounting"), ("diameters", "thro
 """By programs, in as few pairs as can be; others that need one are slow."""
 
 
+def in_few(pair: tuple[str, str]) -> bool:
+    return bool({pair, pair[::-1]} & LEAN)
+
+
+def needs_a_program(pair: tuple[str, str]) -> bool:
+    return not all(KINDS[name].expands for name in pair)
+
+
 @pytest.mark.parametrize(
     "pair",
     [
-        pytest.param(
-            pair,
-            marks=pytest.mark.portable
-            if {pair, pair[::-1]} & LEAN
-            else ()
-            if KINDS[pair[0]].expands and KINDS[pair[1]].expands
-            else pytest.mark.slow,
-        )
+        pytest.param(pair, marks=[pytest.mark.portable] * in_few(pair) or [pytest.mark.slow] * needs_a_program(pair))
         for pair in PAIRS
     ],
     ids="+".join,
 )
 def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
     """In equilibrium to 1e-9, and their derivatives equal central differences to 1e-6."""
-    by_program = bool({pair, pair[::-1]} & LEAN) or not all(KINDS[name].expands for name in pair)
+    by_program = in_few(pair) or needs_a_program(pair)
     slopes_too = ALL or not by_program or bool({pair, pair[::-1]} & (FEW | LEAN))
     roller_law = Palmgren(bearing.roller_length) if "tilt" in pair else LIU
     held = "mounting" in pair

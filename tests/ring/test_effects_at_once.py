@@ -56,22 +56,22 @@ def both(scene: trb.Scene) -> tuple[jax.Array, trb.Solution]:
     return solution.both_stiffnesses, solution
 
 
-def assert_same(ours: trb.Solution, theirs: trb.Solution) -> None:
+def assert_same(ours: trb.Solution, theirs: trb.Solution, near: float = 1e-11) -> None:
     assert ours.converged
     assert ours.residual < 1e-12
     for field in ("displacement", "approach", "loads", "stiffness", "load_span", "stiffness_span"):
         one, other = np.asarray(getattr(ours, field)), np.asarray(getattr(theirs, field))
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-10 * np.abs(other).max(), err_msg=field)
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=near * np.abs(other).max(), err_msg=field)
     assert set(ours.effects) == set(theirs.effects)
     for key, own in theirs.effects.items():
-        np.testing.assert_allclose(ours.effects[key], own, atol=1e-10 * np.abs(own).max(), err_msg=key)
+        np.testing.assert_allclose(ours.effects[key], own, atol=near * np.abs(own).max(), err_msg=key)
 
 
 @pytest.mark.slow
 @pytest.mark.exact
 def test_numbers_are_those_of_the_program() -> None:
     """Slopes, too, which are those of a differentiated program that takes a minute to compile."""
-    scene = scene_of("inner")
+    scene = scene_of("both")
     ours = trb.assess(scene)
     slopes, theirs = jax.jit(lambda scene: prepared.by_sizes(both, trb.prepare(scene)))(scene)
     assert_same(ours.spalled, theirs)
@@ -90,7 +90,9 @@ def test_effects_are_those_of_the_program(name: str, mean: bool) -> None:
         secant = trb.solve(dataclasses.replace(scene, definition="secant")).check()
         force = trb.solve(dataclasses.replace(scene, phase=0.15)).effects["axial_force"]
         np.testing.assert_allclose(secant.stiffness[2, 2], force / 0.01, rtol=1e-2 if mean else 1e-12)
-    assert_same(trb.solve(scene), jax.jit(lambda scene: both(trb.prepare(scene))[1])(scene))
+    # where rings at rest place those at speed, the phases of a mean differ by what those leave unbalanced
+    near = 1e-10 if mean and name == "position" else 1e-11
+    assert_same(trb.solve(scene), jax.jit(lambda scene: both(trb.prepare(scene))[1])(scene), near)
 
 
 def stiffness(scene: trb.Scene) -> jax.Array:

@@ -53,9 +53,8 @@ def place_of(length: Real, axial_offset: Real, number: Real) -> Place:
     fits = xp.where(over_end, taken, inside)
     known = (fits >= -tiny) & (fits <= 1.0 + tiny) & (over_end | (share <= 1.0 + tiny))
 
-    def kept(x: Any) -> Any:  # with its derivatives at both ends, which rounding may overstep
-        near = (x >= -tiny) & (x <= 1.0 + tiny)
-        return xp.within(xp.where(near, x + xp.fixed(xp.within(x, 0.0, 1.0) - x), x), 0.0, 1.0)
+    def kept(x: Any) -> Any:  # with its derivatives at both ends, too, which rounding may overstep
+        return x + xp.fixed(xp.within(x, 0.0, 1.0) - x)
 
     return Place(kept(fits), kept(xp.where(over_end, 0.0, share)), over_end, known)
 

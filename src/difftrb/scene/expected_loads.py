@@ -16,10 +16,10 @@ from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import power
 from difftrb.law.base import Law
-from difftrb.ring import plain_ring, ring, roller_places
+from difftrb.ring import ring, roller_places
 from difftrb.ring.effect_base import among
 from difftrb.ring.effects import Raceways, Through
-from difftrb.scene.scene import Scene, is_plain, law_in_effect, ring_at
+from difftrb.scene.scene import Scene, healthy, is_plain, law_in_effect, ring_at
 
 WIDE, SPARE = 1.0, 2.5
 """From a spall this wide on, by rollers' pitch, or where effects press: curves reach farther."""
@@ -34,15 +34,11 @@ def largest_load(scene: Scene) -> Real:
     if not through and not any(effect.presses for effect in scene.effects):
         return largest
     alone = single(scene, power.Palmgren(scene.bearing.roller_length))
-    if through:
-        return jnp.maximum(largest, _pressed(alone))
-    alone = dataclasses.replace(alone, spalls=())
+    alone = alone if through else healthy(alone)
     if not (is_plain(alone) and xp.are_numbers(alone)):
         return jnp.maximum(largest, _pressed(alone))
-    with np.errstate(all="ignore"):
-        alone = xp.numbers(alone)
-        here, terms = ring_at(alone, cast(Law, alone.law), np.zeros(1))
-        return max(float(largest), float(np.max(np.nan_to_num(xp.values(here.equilibrium(terms)).all_loads))))
+    loads = healthy_ring(alone, cast(Law, alone.law), np.zeros(1)).all_loads
+    return max(float(largest), float(np.max(np.nan_to_num(np.asarray(loads)))))
 
 
 def largest_for_curves(scene: Scene) -> float:
@@ -66,15 +62,15 @@ def _in_narrow_zone(scene: Scene) -> float:
     at = float(geometry.roller_pitch(scene.bearing)) * np.linspace(0.0, 1.0, TRIED_PHASES)
     law = power.Palmgren(scene.bearing.roller_length)
     one_carries_all = float(scene.load.radial / np.cos(scene.bearing.outer_angle))
-    loads = healthy_plain_ring(scene, law, at).loads
+    loads = healthy_ring(dataclasses.replace(scene, effects=()), law, at).loads
     return float(np.max(np.where(np.isfinite(loads), loads, one_carries_all)))  # at some phases there may be no rest
 
 
 @np.errstate(all="ignore")
-def healthy_plain_ring(scene: Scene, law: Law, phases: Any) -> ring.Equilibrium:
-    """Of numbers, without spalls and effects, at phases of shape (phases,), by any law."""
-    at_rest = plain_ring.equilibrium(xp.numbers(scene.bearing), xp.numbers(scene.load), (), law, phases)
-    return xp.values(at_rest)
+def healthy_ring(scene: Scene, law: Law, phases: Any) -> ring.Equilibrium:
+    """Of numbers, without spalls, at phases of shape (phases,), by a law and with effects in any arithmetic."""
+    here, terms = ring_at(xp.numbers(healthy(scene)), xp.numbers(law), np.asarray(phases))
+    return xp.values(here.equilibrium(terms))
 
 
 def is_through(scene: Scene) -> bool:

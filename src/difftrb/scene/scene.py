@@ -22,7 +22,7 @@ from difftrb.law import base as laws
 from difftrb.law import local, power
 from difftrb.law.base import Law
 from difftrb.law.local import LocalLaw, States
-from difftrb.ring import effect_base, effects, phase_rule, plain_ring, ring, roller_places
+from difftrb.ring import effect_base, effects, phase_rule, ring, roller_places
 from difftrb.ring.effect_base import Effect
 from difftrb.ring.ring import Load
 
@@ -303,8 +303,8 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
             return xp.broadcast_to(part[:, None], each.shape) if np.ndim(part) else part
 
         load = xp.tree_map(of_phases, scene.load)
-        own = ring_at(dataclasses.replace(sound, load=load), acting, each)[1]
-        return plain_ring.equilibrium(scene.bearing, load, (), acting, each, terms=own)
+        here, own = ring_at(dataclasses.replace(sound, load=load), acting, each)
+        return here.equilibrium(own)
 
     def by_program(each: Any) -> ring.Equilibrium:
         return jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))(each)

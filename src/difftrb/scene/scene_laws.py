@@ -168,12 +168,9 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: Any) -> tuple[An
     ring [mm], shape (rows, phases, rollers)."""
     bearing, law = scene.bearing, cast(DirectLaw, scene.law)
     away = roller_places.distances(bearing, law.spalls, roller_places.roller_angles(bearing, phases), raceway)
-    sound = healthy(scene)
     if not is_plain(scene):
-        return away, _approaches(sound, phases)
-    with np.errstate(all="ignore"):
-        here, terms = ring_at(xp.numbers(sound), xp.numbers(law), np.asarray(phases))
-        every = xp.values(here.equilibrium(terms)).all_approaches
+        return away, _approaches(healthy(scene), phases)
+    every = np.asarray(expected_loads.healthy_ring(scene, law, phases).all_approaches)
     return away, np.moveaxis(every.reshape(len(every), -1, scene.bearing.rollers), 1, 0)
 
 
