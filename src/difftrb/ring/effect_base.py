@@ -13,6 +13,7 @@ import keyword
 from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import jax
+import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry
@@ -73,10 +74,11 @@ class Ring(NamedTuple):
         return roller_balance.seat(self.bearing) if terms.seat is None else terms.seat
 
     def equilibrium(self, terms: Terms) -> Equilibrium:
-        """At rest with these terms."""
+        """At rest with these terms. Many phases are solved at once, which only laws that expand can."""
         outer = roller_places.spalls_on(self.spalls, "outer")
         given = self.bearing, self.load, outer, self.law, self.phase
-        at_once = getattr(self.law, "expands", False) and (xp.expands((given, terms)) or not xp.of_jax((given, terms)))
+        expands = getattr(self.law, "expands", False) and (xp.expands((given, terms)) or not xp.of_jax((given, terms)))
+        at_once = expands or np.ndim(xp.value(self.phase)) > 0
         return (plain_ring if at_once else ring).equilibrium(*given, terms=terms)
 
 
