@@ -281,15 +281,20 @@ def in_few(function: Callable[..., Any], *scalars: Any) -> Any:
     seeds = list(scalars)
     for row, k in zip(np.eye(len(moving)), moving, strict=True):
         seeds[k] = Taylor(scalars[k].value, by=row)
-    rates = [by(scalars[k]) for k in moving]
-    every = module_of(list(scalars)).stack(rates)  # (scalars, parameters)
 
     def chained_on(x: Any) -> Any:
-        if by(x) is None:
-            return x
-        return Taylor(x.value, by=module_of(x, every).tensordot(every.T, x.by, 1))
+        return x if by(x) is None else along(x.value, list(x.by), [scalars[k] for k in moving])
 
     return tree_map(chained_on, function(*seeds))
+
+
+def along(value: Any, rates: Sequence[Any], scalars: Sequence[Any]) -> Any:
+    """The array that has this value, and these derivatives by scalars, of which some are expanded."""
+    moving = [(rate, by(x)) for rate, x in zip(rates, scalars, strict=True) if by(x) is not None]
+    if not moving:
+        return value
+    own, every = (module_of(value).stack(parts) for parts in zip(*moving, strict=True))  # (scalars, …)
+    return Taylor(value, by=module_of(value, every).tensordot(every.T, own, 1))
 
 
 def solved(matrix: Any, right: Any) -> Any:

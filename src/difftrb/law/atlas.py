@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import importlib.resources
+from collections.abc import Sequence
 from functools import cache, cached_property
 from typing import Any
 
@@ -21,6 +22,7 @@ from difftrb.contact import crown, gap
 from difftrb.core import arrays as xp
 from difftrb.core import series, status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
+from difftrb.core.taylor import Taylor
 from difftrb.law import atlas_place, base, edge_ramp, equivalent_edge, load_curve, ramp_fit
 from difftrb.law.atlas_place import Place
 from difftrb.law.base import LawKind, Rest, of_one_deep_spall, within_range
@@ -198,18 +200,13 @@ class AtlasLaw:
     def _beside(self, spall: Spall, healthy: Healthy) -> Ramp:
         atlas, contact, place = self.atlas, self.contact, _place(self.contact, spall)
         number, unit = xp.log(number_of(contact)), crown.scale(contact)
-        at = _weights(atlas.log_numbers, number)
-        along = _at_place(atlas.lengths, atlas.asides, place)
-        # by the contact's number first: where that is one for a batch, this is done once
-        log_full, sunk = (
-            xp.einsum("ij,ij...->...", along, xp.einsum("n,n...->...", at, table)) for table in (atlas.full, atlas.sunk)
-        )
+        nodes = atlas.log_numbers, atlas.lengths, atlas.asides
+        log_full, sunk = _read((atlas.full, atlas.sunk), nodes, number, place)
         shift = ramp_fit.shift_over(contact, spall)
         approaches = xp.maximum(unit * xp.exp(log_full), (shift * (1.0 + 1e-9))[None])
         full = load_curve.through(atlas.log_loads + xp.log(contact.design_load), approaches, shift)
-        at_edges = _weights(atlas.edge_numbers, number)
-        along_edges = _at_place(atlas.edge_lengths, atlas.edge_asides, place)
-        share = xp.einsum("ij,ij...->...", along_edges, xp.einsum("n,n...->...", at_edges, atlas.share_in_powers))
+        nodes = atlas.edge_numbers, atlas.edge_lengths, atlas.edge_asides
+        (share,) = _read((atlas.share_in_powers,), nodes, number, place)
         by_load = xp.log(unit / contact.design_load)
         rise = ramp_fit.rise_over(contact, spall)
         return healthy.beside(np.zeros(()), full, _plus(sunk, by_load), rise, share)
@@ -231,6 +228,29 @@ def _weights(nodes: np.ndarray, x: Any) -> Any:
 def _of_nodes(z: tuple[float, ...]) -> np.ndarray:
     """By Chebyshev polynomials, what the values at `z` count, shape (polynomials, nodes)."""
     return np.linalg.inv(np.polynomial.chebyshev.chebvander(np.array(z), len(z) - 1))
+
+
+def _read(tables: Sequence[np.ndarray], nodes: tuple[np.ndarray, ...], number: Any, place: Place) -> list[Any]:
+    """What tables of shape (numbers, lengths, asides + 1, …) hold at a log λ and a place, shape (…): by their nodes.
+
+    By the contact's number first: where that is one for a batch, this is done once. Derivatives by the number and the
+    place come first, which are three, then those by what these depend on, which may be many.
+    """
+    scalars = number, place.length, place.aside
+    by_number, by_place = xp.by(number) is not None, xp.by(place.length) is not None or xp.by(place.aside) is not None
+    at = _weights(nodes[0], xp.variable(xp.value(number)))
+    length, aside = (Taylor(xp.value(x), by=row) for x, row in zip(scalars[1:], np.eye(2), strict=True))
+    beside = _at_place(nodes[1], nodes[2], place._replace(length=length, aside=aside))
+    of = xp.module_of(at, beside)
+    rows = of.concatenate([at.value[None], at.by]) if by_number else at.value[None]
+    found = []
+    for table in tables:
+        held = xp.einsum("kn,n...->k...", rows, table)
+        own = xp.einsum("ij,kij...->k...", beside.value, held)
+        rates = [own[-1]]
+        rates += list(xp.einsum("mij,ij...->m...", beside.by, held[0])) if by_place else rates * 2
+        found.append(xp.along(own[0], rates, scalars))
+    return found
 
 
 def _at_place(lengths: np.ndarray, asides: np.ndarray, place: Place) -> Any:
