@@ -24,9 +24,12 @@ BLOCK_OF_GPU = 2**18
 with 40 000 at once, 1.1 and 2.6 with 1000 (experiments/sweep_on_gpu.py batch)."""
 MEMBER = 2**15
 """Bytes of a GPU's memory for each of them: measured were 2 … 9 thousand."""
-BLOCK_OF_CONTACTS = 128
+BLOCK_OF_CONTACTS = 48
 """The same on a CPU where the contact itself is swept: each member reads the atlas for itself, which a core's cache has
-to hold (2.2 times as long with 1024)."""
+to hold (1.4 times as long with 120, 2.6 with 400)."""
+FEW = 4
+"""Blocks of fewer values of an axis have one: for every axis in a block JAX goes through the whole program once more,
+which takes seconds."""
 CALLS = 16
 """Calls by which a chunk is computed."""
 CHUNKS = 64
@@ -73,7 +76,9 @@ class Grid:
     def of(cls, counts: tuple[int, ...], most: int, unit: tuple[int, ...] | None = None) -> Grid:
         """Cut into boxes of `most` members or about one value of the cut axis, each of whole boxes of shape `unit`."""
         cut = next((i for i in range(len(counts) - 1, 0, -1) if math.prod(counts[i:]) >= most), 0)
-        parts = up(counts[cut], max(1, most // math.prod(counts[cut + 1 :])))
+        taken = most // math.prod(counts[cut + 1 :])
+        few = unit is None and taken < FEW and cut < len(counts) - 1
+        parts = up(counts[cut], 1 if few else max(1, taken))
         step = unit[cut] if unit else 1
         return cls(counts, (*(1,) * cut, up(up(counts[cut], parts), step) * step, *counts[cut + 1 :]))
 

@@ -164,7 +164,9 @@ def _member(plan: Plan, at: Sequence[jax.Array]) -> dict[str, jax.Array]:
     by: dict[str, jax.Array] = {}
     if plan.gradients:
         numbers = jnp.stack([jnp.asarray(number_at(tree, key), float) for key in plan.gradients])
-        by, found = jax.jacfwd(both, has_aux=True)(numbers)
+        # jacfwd puts the whole program through vmap, which takes JAX as long as to trace it
+        _, moved, found = jax.linearize(both, numbers, has_aux=True)
+        by = jax.vmap(moved, out_axes=-1)(jnp.eye(len(numbers)))
     else:
         found = both(jnp.zeros(0))[1]
     columns = {name: value for name, value in found.items() if name != STATUS}
