@@ -46,7 +46,7 @@ from difftrb.core.machine import lanes_of
 from difftrb.report import figure_style
 from difftrb.scene import scene_file
 from difftrb.sweeps import chunks, sweep_plot, sweeping
-from difftrb.sweeps.boxes import LARGEST_CHUNK
+from difftrb.sweeps.blocks import LARGEST_CHUNK
 from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.store import done_in, store_of
 from difftrb.sweeps.swept import coordinates_of, labelled, manifest_of

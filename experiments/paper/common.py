@@ -27,7 +27,7 @@ from difftrb.law import atlas
 from difftrb.law.base import Law
 from difftrb.report import figure_style, run_text
 from difftrb.ring import effects
-from difftrb.scene import scene as scenes
+from difftrb.scene.cage_phases import phases as phases_of
 from difftrb.scene.scene import PitchMean
 from experiments.paper import clipped
 
@@ -339,7 +339,7 @@ def both_stiffnesses(one: trb.Scene) -> jax.Array:
 
     if not isinstance(one.phase, PitchMean):
         return at(one.phase)
-    phases, weights = scenes.phases(trb.prepare(one))
+    phases, weights = phases_of(trb.prepare(one))
     return weights @ jax.vmap(at)(phases)
 
 

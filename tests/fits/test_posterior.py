@@ -14,8 +14,8 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.fits import fit_report, predicted
 from difftrb.fits import posterior as posteriors
+from difftrb.fits.fit_figure import corner
 from difftrb.fits.nested_sampling import Sampled, sampled
-from difftrb.fits.posterior_figure import corner
 from difftrb.fits.spall_count import count_spalls
 from difftrb.report import figure_style
 

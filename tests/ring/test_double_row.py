@@ -18,7 +18,7 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.law import base
 from difftrb.law.power import Palmgren, PowerLaw
 from difftrb.ring import double_row, effects, life, roller_places, terms
-from difftrb.scene import scene as scenes
+from difftrb.scene import cage_phases
 from tests.bearings import of_many
 
 pytestmark = pytest.mark.exact
@@ -202,7 +202,7 @@ def test_where_load_zones_end_phases_are_divided_for_both_rows(bearing) -> None:
     start = dataclasses.replace(scene(bearing, effects.DoubleRow(0.02), spalls=()), phase="mean")
     phases = (jnp.arange(500) + 0.5) / 500 * geometry.roller_pitch(bearing)
     every = jax.jit(jax.vmap(lambda p: trb.solve(dataclasses.replace(start, phase=p)).stiffness))(phases)
-    borders = [jax.eval_shape(lambda one=one: scenes.pitch_borders(one)).size
+    borders = [jax.eval_shape(lambda one=one: cage_phases.pitch_borders(one)).size
                for one in (dataclasses.replace(start, effects=()), start)]  # fmt: skip
     assert borders == [4, 6]
     mean = jnp.mean(every, axis=0)

@@ -10,8 +10,7 @@ import pytest
 import difftrb as trb
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
-from difftrb.scene import expected_loads, prepared
-from difftrb.scene import scene as scenes
+from difftrb.scene import cage_phases, expected_loads, prepared
 
 pytestmark = pytest.mark.exact
 
@@ -31,7 +30,7 @@ def brute(scene: trb.Scene, values) -> jax.Array:
 
 
 def test_weights_are_a_mean(scene) -> None:
-    phases, weights = scenes.phases(trb.prepare(scene))
+    phases, weights = cage_phases.phases(trb.prepare(scene))
     assert phases.shape == weights.shape == (50,)
     assert float(weights.sum()) == pytest.approx(1.0, abs=1e-12)
     assert float(weights.min()) > -1e-15  # two kinks may coincide
@@ -195,7 +194,7 @@ def test_sizes_that_are_none_warn_of_nothing(bearing: trb.TaperedBearing) -> Non
     """Warnings are errors here; a solve says what is wrong by its status."""
     ready = trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), "table", phase="mean"))
     nothing = dataclasses.replace(ready, spalls=(trb.Spall(float("nan"), 7.0),))
-    assert scenes.pitch_borders(nothing).size == 8
+    assert cage_phases.pitch_borders(nothing).size == 8
     assert "not a number" in trb.solve(nothing).status
 
 
@@ -206,9 +205,9 @@ def test_means_of_many_loads_are_divided_at_once_as_one_by_one(bearing: trb.Tape
     ready = trb.prepare(both)
     radial, axial = np.array([9000.0, 3000.0]), np.array([4500.0, 4500.0])
     for scene in (ready, prepared.with_sizes_expanded(ready)):
-        every = scenes.pitch_borders(dataclasses.replace(scene, load=trb.Load(radial, axial)))
+        every = cage_phases.pitch_borders(dataclasses.replace(scene, load=trb.Load(radial, axial)))
         for k, load in enumerate(zip(radial.tolist(), axial.tolist(), strict=True)):
-            one = scenes.pitch_borders(dataclasses.replace(scene, load=trb.Load(*load)))
+            one = cage_phases.pitch_borders(dataclasses.replace(scene, load=trb.Load(*load)))
             np.testing.assert_allclose(xp.value(every)[k], xp.value(one), atol=1e-12)
             if xp.by(one) is not None:
                 np.testing.assert_allclose(xp.by(every)[:, k], xp.by(one), atol=1e-12)

@@ -13,8 +13,8 @@ import difftrb as trb
 from difftrb.core import status
 from difftrb.law.local import LocalLaw
 from difftrb.ring import phase_rule
+from difftrb.scene.cage_phases import nearest_phase, phases
 from difftrb.scene.prepared import solve_prepared
-from difftrb.scene.scene import nearest_phase, phases
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("compiled_as_for_users")]
 LOAD = trb.Load(9000.0, 4500.0)

@@ -16,7 +16,7 @@ import difftrb as trb
 from difftrb.core import status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.scene import prepared
-from difftrb.scene.scene import phases
+from difftrb.scene.cage_phases import phases
 
 SCENES = {
     "wide": (9000.0, 4500.0, (trb.Spall(4.0, 7.0),)),

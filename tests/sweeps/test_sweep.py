@@ -25,7 +25,7 @@ from difftrb.law import power
 from difftrb.report import figure_style
 from difftrb.ring import ring
 from difftrb.scene import scene_file
-from difftrb.sweeps import axes, boxes, chunks, shared_law, store, sweep_file, sweep_plot, sweeping
+from difftrb.sweeps import axes, blocks, chunks, shared_law, store, sweep_file, sweep_plot, sweeping
 from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.swept import front, manifest_of
 
@@ -89,9 +89,9 @@ def test_axes_from_lists_and_ranges() -> None:
 @pytest.mark.parametrize("batch", [1, 4, 7, 1000])
 def test_boxes_hold_every_member_once_in_order(counts: tuple[int, ...], batch: int) -> None:
     """Blocks of chunks and chunks of the sweep; in a chunk whole blocks follow one another."""
-    blocks = boxes.Grid.of(counts, batch)
-    chunks = boxes.Grid.of(counts, 3 * blocks.size, blocks.shape)
-    for grid in (blocks, chunks):
+    of_blocks = blocks.Grid.of(counts, batch)
+    of_chunks = blocks.Grid.of(counts, 3 * of_blocks.size, of_blocks.shape)
+    for grid in (of_blocks, of_chunks):
         seen = []
         for box in range(grid.number):
             places = [np.atleast_1d(np.asarray(p)) for p in grid.values(jnp.asarray(box))]
@@ -102,9 +102,9 @@ def test_boxes_hold_every_member_once_in_order(counts: tuple[int, ...], batch: i
             assert numbers[: len(members)].tolist() == list(members) == slices.ravel().tolist()
             seen += members
         assert seen == list(range(int(np.prod(counts))))
-    inside = [block for chunk in range(chunks.number) for block in blocks.within(chunks.slices(chunk))]
-    assert inside == list(range(blocks.number))
-    assert blocks.size <= max(batch, 1)
+    inside = [block for chunk in range(of_chunks.number) for block in of_blocks.within(of_chunks.slices(chunk))]
+    assert inside == list(range(of_blocks.number))
+    assert of_blocks.size <= max(batch, 1)
 
 
 def test_a_million_million_members_are_planned_at_once(plan: Plan) -> None:
@@ -244,7 +244,7 @@ def test_the_same_bits_from_any_number_of_lanes(plan: Plan, whole: Path, tmp_pat
 
 
 def test_the_same_bits_from_chunks_of_any_size(plan: Plan, whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("difftrb.sweeps.boxes.CALLS", 4)
+    monkeypatch.setattr("difftrb.sweeps.blocks.CALLS", 4)
     other = dataclasses.replace(plan)
     assert other.chunks > plan.chunks
     program = Program(other, machine.lanes_of(1))
@@ -427,7 +427,7 @@ def test_a_full_disk_leaves_what_is_written(
 
         with monkeypatch.context() as patch:
             patch.setattr(store.Zarr if kind == "zarr" else store.Npz, "write", full)
-            patch.setattr("difftrb.sweeps.boxes.CHUNKS_AT_ONCE", 1)
+            patch.setattr("difftrb.sweeps.blocks.CHUNKS_AT_ONCE", 1)
             with pytest.raises(trb.SweepError, match=r"File too large: 2 of 5 chunks are written and stay good; make"):
                 chunks.run(plan, out, resume=True, devices=1)
     assert chunks.run(plan, out, resume=True).computed == plan.chunks - 2

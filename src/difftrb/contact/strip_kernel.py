@@ -61,7 +61,7 @@ def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> Any
     result = xp.where(near, over_hats(from_zero), over_hats(from_infinity))
     result = xp.where(far[hat_pairs][None], by_moments[:, hat_pairs], result)
     summed = result[:, 0] + result[:, 1] if mirrored else result[:, 0]
-    return xp.moved_last(summed)
+    return xp.moveaxis(summed, 0, -1)
 
 
 class Moments(NamedTuple):

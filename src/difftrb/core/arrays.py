@@ -256,20 +256,13 @@ def block_diagonal(blocks: Sequence[Any]) -> Any:
     return concatenate(rows)
 
 
-def moved_last(x: Any) -> Any:
-    """The first axis behind all others."""
-    if not isinstance(x, Taylor):
-        return module_of(x).moveaxis(x, 0, -1)
+def moveaxis(x: Any, start: int, end: int) -> Any:
+    """As numpy's; of the axes 0 and −1."""
     xp = module_of(x)
-    return x.mapped(lambda part: xp.moveaxis(part, 0, -1), lambda part: xp.moveaxis(part, 1, -1))
-
-
-def moved_first(x: Any) -> Any:
-    """The last axis before all others."""
     if not isinstance(x, Taylor):
-        return module_of(x).moveaxis(x, -1, 0)
-    xp = module_of(x)
-    return x.mapped(lambda part: xp.moveaxis(part, -1, 0), lambda part: xp.moveaxis(part, -1, 1))
+        return xp.moveaxis(x, start, end)
+    up = {0: 1, -1: -1}  # behind the parameters
+    return x.mapped(lambda part: xp.moveaxis(part, start, end), lambda part: xp.moveaxis(part, up[start], up[end]))
 
 
 def in_few(function: Callable[..., Any], *scalars: Any) -> Any:

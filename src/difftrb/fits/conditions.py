@@ -17,7 +17,8 @@ from difftrb.core.numeric import gauss_legendre
 from difftrb.fits.measured import ENTRIES, Measurement
 from difftrb.ring import phase_rule
 from difftrb.scene import prepared
-from difftrb.scene.scene import Definition, PitchMean, Scene, is_plain, pitch_borders
+from difftrb.scene.cage_phases import pitch_borders
+from difftrb.scene.scene import Definition, PitchMean, Scene, is_plain
 
 ROW, COLUMN = (np.array(part) for part in zip(*ENTRIES.values(), strict=True))
 """Of the stiffness matrix, of every entry that can be measured."""

@@ -1,5 +1,5 @@
 """What `difftrb fit` does; a fit, its posterior and how many spalls rows need, for people (text) and for machines
-(JSON). The figures are those of `fit_figure` and `posterior_figure`."""
+(JSON). The figures are those of `fit_figure`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rich.text import Text
 from difftrb.core import status
 from difftrb.fits import estimated_bearing, measured, measured_table
 from difftrb.fits.conditions import Condition, row_conditions
-from difftrb.fits.fit_figure import PERCENT, fit_panels
+from difftrb.fits.fit_figure import PERCENT, corner, fit_panels
 from difftrb.fits.fit_problem import prepare_fit
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.fitting import fit
@@ -23,7 +23,6 @@ from difftrb.fits.measured import Measurement
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
 from difftrb.fits.parameters import PARAMETERS
 from difftrb.fits.posterior import Posterior, posterior
-from difftrb.fits.posterior_figure import corner
 from difftrb.fits.profile_intervals import CONFIDENCE
 from difftrb.fits.spall_count import SpallCount, count_spalls
 from difftrb.report import console, remarks, run_text

@@ -21,7 +21,8 @@ from difftrb.fits.measured import ENTRIES
 from difftrb.ring import phase_rule
 from difftrb.ring.ring import Load
 from difftrb.scene import prepared, solving
-from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain, pitch_borders
+from difftrb.scene.cage_phases import pitch_borders
+from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain
 
 Values = Any
 """Of parameters, shape (parameters,): an array, or an expansion by themselves."""

@@ -33,7 +33,7 @@ ROUNDS = 4, 12
 KEPT = 4
 NEAR = 0.3
 """Cases this close, of what parts basins, are one."""
-SEARCH = 1
+ADAM_STEPS = 1
 """Steps of Adam before Levenberg–Marquardt ends it."""
 MEET = 0.3
 """Cases that come this close to each other go on as one: of what parts basins."""
@@ -147,7 +147,7 @@ def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = N
     """Where least squares end that go down from these places, roughly, and then exactly from what is left of them;
     `free` as in `minima`."""
     enough = _enough(problem)
-    found = predicted.solved(_rough(problem), place, _moving(place, free), SEARCH, least_squares.STEPS, enough)
+    found = predicted.solved(_rough(problem), place, _moving(place, free), ADAM_STEPS, least_squares.STEPS, enough)
     place = found.place[distinct(problem, found) or [0]]
     return once_round(problem, predicted.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, enough))
 

@@ -194,7 +194,7 @@ class LocalLaw:
         powers = xp.stack([apart**k for k in range(TILT_DEGREE + 1)], axis=-1)
         found = ramp_fit.least_squares(powers, states.tilts, NOTHING)
         here = xp.log(xp.maximum(xp.einsum("...sr,...r->...s", at, loads), 1e-9)) - middle
-        return xp.einsum("...s,...sr->...r", series.polynomial(xp.moved_first(found), here), at)
+        return xp.einsum("...s,...sr->...r", series.polynomial(xp.moveaxis(found, -1, 0), here), at)
 
     def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:
         """See `Law`: from where the edge enters a healthy contact to where it surely has left it, whatever else is
@@ -225,7 +225,7 @@ def through(log_loads: Any, approaches: Any, lowest: Any) -> Curve:
     narrowed = 0.5 * (log_loads[..., -1] - log_loads[..., 0]) < 0.5 * (1.0 + NARROWER) * SPREAD  # see `NARROWER`
     powers[3:] = [xp.where(narrowed[..., None], 0.0, power) for power in powers[3:]]
     found = ramp_fit.least_squares(xp.stack(powers, axis=-1), log_loads, NOTHING)
-    return Curve(xp.moved_first(found), middle, reach, lowest + xp.zeros_like(middle))
+    return Curve(xp.moveaxis(found, -1, 0), middle, reach, lowest + xp.zeros_like(middle))
 
 
 def healthy(law: Law) -> Law:

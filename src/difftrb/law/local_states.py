@@ -99,8 +99,8 @@ def _solved(
         for _, under, away, load, tilt in missing
     ]
     if missing:
-        solve = samples.all_turning if turning else samples.all_solved
-        solved = solve(base.contact, cases, accuracy_at_edges(float(base.error)), progress)
+        solve = samples.solved_turning if turning else samples.solved
+        solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress, solve)
         known.update(zip(missing, solved, strict=True))
     return [[known[key] for key in row] for row in asked]
 

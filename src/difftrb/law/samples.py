@@ -212,23 +212,11 @@ def _least(values: np.ndarray) -> float:
 
 
 def all_solved(
-    contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
-) -> list[Node]:
-    """Solve every case, with slopes; once for all processes where things are kept."""
-    return _all(solved, contact, cases, accuracy, progress)
-
-
-def all_turning(
-    contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None
-) -> list[Node]:
-    """As `all_solved`, each with its `turning`."""
-    return _all(solved_turning, contact, cases, accuracy, progress)
-
-
-def _all(
-    solve: Callable[[LineContact, Case, float], Node], contact: LineContact, cases: Sequence[Case], accuracy: float,
-    progress: Progress | None,
+    contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None,
+    solve: Callable[[LineContact, Case, float], Node] = solved,
 ) -> list[Node]:  # fmt: skip
+    """Every case, with slopes; once for all processes where things are kept. `solve`: or `solved_turning`."""
+
     def anew() -> list[Node]:
         return mapped(lambda case: solve(contact, case, accuracy), cases, progress)
 

@@ -281,42 +281,36 @@ def _bearing(known: Catalogue, x: np.ndarray, rollers: int, lean: float = LEAN) 
     )
 
 
-def _made(
-    belief: _Belief, x: np.ndarray, rollers: int, lean: float = LEAN, log_crown: float = 0.0
-) -> tuple[TaperedBearing, float]:
+_Made = tuple[TaperedBearing, float]
+
+
+def _made(belief: _Belief, x: np.ndarray, rollers: int, lean: float = LEAN, log_crown: float = 0.0) -> _Made:
     """A bearing that is believed in, and its design load [N]."""
     bearing = _bearing(belief.known, x, rollers, lean)
     return bearing, float(catalogue_relations.crown(bearing)) * math.exp(log_crown)
 
 
-class _Pair(NamedTuple):
-    """Two bearings either way along a direction, and how many of their half distances are one standard deviation."""
-
-    plus: tuple[TaperedBearing, float]
-    minus: tuple[TaperedBearing, float]
-    deviations: float = 1.0
-
-
-def _pairs(belief: _Belief) -> Iterator[_Pair]:
-    """Along every independent direction."""
+def _pairs(belief: _Belief) -> Iterator[tuple[_Made, _Made, float]]:
+    """Along every independent direction two bearings either way, and how many of their half distances are one standard
+    deviation."""
     x, z = belief.mean, belief.rollers
     columns = belief.columns if belief.per_roller is None else belief.columns[:, :-1]
     _, sizes, directions = np.linalg.svd(columns.T, full_matrices=False)
     for size, direction in zip(sizes, directions, strict=True):
         if size > 1e-6:
             step = size * direction
-            yield _Pair(_made(belief, x + step, z), _made(belief, x - step, z))
+            yield _made(belief, x + step, z), _made(belief, x - step, z), 1.0
     if belief.per_roller is not None:
         per_log = belief.per_roller
         spread = math.hypot(float(np.linalg.norm(belief.columns[:, -1]) / np.linalg.norm(per_log)) * z, 1.0 / 12.0**0.5)
         steps = [(x + per_log * math.log((z + k) / z), z + k) for k in (1, -1) if z + k >= 3]
         ends = [_made(belief, *step) if not _overlap(belief.known, *step) else _made(belief, x, z)
                 for step in steps]  # fmt: skip
-        yield _Pair(ends[0], ends[-1], spread * 2.0 / max(abs(ends[0][0].rollers - ends[-1][0].rollers), 1))
+        yield ends[0], ends[-1], spread * 2.0 / max(abs(ends[0][0].rollers - ends[-1][0].rollers), 1)
     leans = [_made(belief, x, z, lean=LEAN + sign * LEAN_SPREAD) for sign in (1.0, -1.0)]
-    yield _Pair(leans[0], leans[1])
+    yield leans[0], leans[1], 1.0
     crowns = [_made(belief, x, z, log_crown=sign * CROWN_SPREAD) for sign in (1.0, -1.0)]
-    yield _Pair(crowns[0], crowns[1])
+    yield crowns[0], crowns[1], 1.0
 
 
 def _spread(belief: _Belief, function: Function) -> Any:

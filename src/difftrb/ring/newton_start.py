@@ -7,9 +7,8 @@ loaded, and grows without limit as the zone becomes a point.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax
 import numpy as np
 
 from difftrb.core import arrays as xp
@@ -49,20 +48,14 @@ def _fits(exponent: float) -> np.ndarray:
 _FITS = np.array([_fits(exponent) for exponent in EXPONENTS])
 
 
-class LoadZone(NamedTuple):
-    """s [-], and the largest roller load by F_a/(Z sin α) [-], any one shape."""
-
-    narrowness: jax.Array
-    largest: jax.Array
-
-
-def load_zone(ratio: Any, exponent: Any) -> LoadZone:
-    """The load zone at F_r tan α/F_a and n, any shape, both to some per cent."""
+def load_zone(ratio: Any, exponent: Any) -> tuple[Any, Any]:
+    """How narrow the load zone is, s [-], and the largest roller load by F_a/(Z sin α) [-], at F_r tan α/F_a and n, any
+    shape, both to some per cent."""
     ratio = xp.within(ratio, 0.0, NARROWEST)
     way = xp.within((exponent - EXPONENTS[0]) / (EXPONENTS[1] - EXPONENTS[0]), 0.0, 2.0)
     ends = [[numeric.horner(one, ratio) for one in fits] for fits in _FITS]
     narrow, wide = (low + way * (high - low) for low, high in zip(*ends, strict=True))
-    return LoadZone(narrow * ratio / (1.0 - ratio), xp.sqrt(wide / (1.0 - ratio)))
+    return narrow * ratio / (1.0 - ratio), xp.sqrt(wide / (1.0 - ratio))
 
 
 def in_load_zone(healthy: Curve, force: Any, rollers: int, axial: Any) -> tuple[Any, Any]:
@@ -74,8 +67,8 @@ def in_load_zone(healthy: Curve, force: Any, rollers: int, axial: Any) -> tuple[
     share = push / (rollers * axial)
     at_share = load_curve.approach(healthy, share)
     load, slope = load_curve.load(healthy, at_share)
-    zone = load_zone(force[..., 0] * axial / (radial * push), at_share * slope / load)
-    return share * zone.largest, zone.narrowness
+    narrow, largest = load_zone(force[..., 0] * axial / (radial * push), at_share * slope / load)
+    return share * largest, narrow
 
 
 def pressed(healthy: Curve, largest: Any, narrow: Any, axial: Any, clear: Any) -> Any:

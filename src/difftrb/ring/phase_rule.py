@@ -152,7 +152,7 @@ def _share(law: Law, rest: ring.Equilibrium) -> Any:
     shape (…, kinks)."""
     loads = xp.fixed(rest.loads)
     top = xp.module_of(loads).argmax(loads, axis=-1)
-    whole = xp.taken(xp.moved_first(rest.approach), top)
+    whole = xp.taken(xp.moveaxis(rest.approach, -1, 0), top)
     healthy = law.curves((), cast(Any, np.zeros((0, 1)))).each
     curve = xp.fixed(load_curve.one_of(healthy, 0))
     own = load_curve.approach(curve, xp.maximum(xp.module_of(loads).max(loads, axis=-1), 1.0))

@@ -28,8 +28,9 @@ from difftrb.ring import effect_base, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import checks, solving
 from difftrb.scene.audit_states import AtPhase, Key, State, at_phase, solve_contacts
+from difftrb.scene.cage_phases import at_phase_numbered, phases
 from difftrb.scene.prepared import solve_prepared
-from difftrb.scene.scene import LawName, PitchMean, Scene, at_phase_numbered, phases, raceway_contact
+from difftrb.scene.scene import LawName, PitchMean, Scene, raceway_contact
 from difftrb.scene.solution import Solution
 
 AUDITED_PHASES = 7

@@ -21,7 +21,8 @@ from difftrb.core.geometry import Raceway
 from difftrb.law.local import LocalLaw
 from difftrb.ring import roller_places
 from difftrb.ring.effects import Life, SeriesRaceways, Through
-from difftrb.scene.scene import PitchMean, Scene, nearest_phase, raceway_contact
+from difftrb.scene.cage_phases import nearest_phase
+from difftrb.scene.scene import PitchMean, Scene, raceway_contact
 from difftrb.scene.solution import Solution
 from difftrb.scene.solving import solve
 

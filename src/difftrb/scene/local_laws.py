@@ -26,7 +26,8 @@ from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene import prepared
-from difftrb.scene.scene import PitchMean, Scene, at_all_phases, is_plain, phases, ring_at
+from difftrb.scene.cage_phases import at_all_phases, phases
+from difftrb.scene.scene import PitchMean, Scene, is_plain, ring_at
 
 ROUNDS = 8
 """Of contact solves around the rollers' loads, at most."""

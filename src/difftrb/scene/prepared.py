@@ -25,17 +25,8 @@ from difftrb.ring import effects, phase_rule, plain_ring, ring, roller_places
 from difftrb.ring.effects import Results
 from difftrb.ring.ring import Load
 from difftrb.scene import checks
-from difftrb.scene.scene import (
-    PitchMean,
-    Scene,
-    at_all_phases,
-    healthy,
-    is_plain,
-    law_in_effect,
-    outer_law,
-    phases,
-    ring_at,
-)
+from difftrb.scene.cage_phases import at_all_phases, phases
+from difftrb.scene.scene import PitchMean, Scene, healthy, is_plain, law_in_effect, outer_law, ring_at
 from difftrb.scene.solution import Assessment, Solution
 
 

@@ -26,7 +26,7 @@ from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effect_base import Effect
 from difftrb.ring.ring import Load, needed_axial, too_light
 from difftrb.scene import checks
-from difftrb.scene.file_tables import in_full, validated
+from difftrb.scene.file_schema import in_full, validated
 from difftrb.scene.scene import COARSEST, DEFAULT_LAW, Definition, DesignLoad, Phase, Scene
 
 PACKAGED_MAPS = ("spall_map.npz",)

@@ -31,18 +31,9 @@ from difftrb.law.samples import Progress
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
+from difftrb.scene.cage_phases import phases
 from difftrb.scene.local_laws import holding, local_laws
-from difftrb.scene.scene import (
-    LawName,
-    PitchMean,
-    Scene,
-    has_map,
-    healthy,
-    is_plain,
-    phases,
-    raceway_contact,
-    ring_at,
-)
+from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, healthy, is_plain, raceway_contact, ring_at
 
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "

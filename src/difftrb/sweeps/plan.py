@@ -1,6 +1,6 @@
 """What is swept, and the program that computes it on devices or threads.
 
-Blocks of members (`boxes`) are computed one after another by `lax.map`, the members of one by `vmap` along
+Blocks of members (`blocks`) are computed one after another by `lax.map`, the members of one by `vmap` along
 one axis after another, so that what an axis does not change is computed once. A chunk, which is stored as one, is a box
 of blocks, computed by calls of equally many. Devices or threads take calls as they are free; their number changes no
 bit.
@@ -28,9 +28,9 @@ from jax.sharding import SingleDeviceSharding
 from difftrb.core import jax_config, status, traced_programs
 from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
-from difftrb.sweeps import boxes
+from difftrb.sweeps import blocks
 from difftrb.sweeps.axes import Axis, number_at, replaced
-from difftrb.sweeps.boxes import Grid, up
+from difftrb.sweeps.blocks import Grid, up
 from difftrb.sweeps.outputs import STATUS
 
 
@@ -84,7 +84,7 @@ class Plan:
     @cached_property
     def grid(self) -> Grid:
         """The chunks."""
-        most = max(boxes.CALLS * self.blocks.size, min(self.members // boxes.CHUNKS, boxes.LARGEST_CHUNK))
+        most = max(blocks.CALLS * self.blocks.size, min(self.members // blocks.CHUNKS, blocks.LARGEST_CHUNK))
         return Grid.of(self.counts, most, self.blocks.shape)
 
     @property
@@ -95,7 +95,7 @@ class Plan:
     @cached_property
     def call(self) -> int:
         """Blocks that one call of the program computes."""
-        return up(math.prod(map(up, self.grid.shape, self.blocks.shape)), boxes.CALLS)
+        return up(math.prod(map(up, self.grid.shape, self.blocks.shape)), blocks.CALLS)
 
     @property
     def arguments(self) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -237,9 +237,9 @@ class Program:
     def in_turn(self, deal: Callable[[int], Any], chunks: Iterable[int]) -> Generator[Any]:
         """What `deal` gives for every chunk, as they finish, a few at once in threads. A program serves one of these:
         its lanes end with it."""
-        with ThreadPoolExecutor(boxes.CHUNKS_AT_ONCE) as threads:
+        with ThreadPoolExecutor(blocks.CHUNKS_AT_ONCE) as threads:
             try:
-                yield from in_turn(partial(threads.submit, deal), chunks, boxes.CHUNKS_AT_ONCE)
+                yield from in_turn(partial(threads.submit, deal), chunks, blocks.CHUNKS_AT_ONCE)
             finally:  # of a sweep that stopped early
                 threads.shutdown(wait=False, cancel_futures=True)
                 self._pool.shutdown(cancel_futures=True)

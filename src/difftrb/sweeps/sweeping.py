@@ -26,9 +26,9 @@ from difftrb.law.samples import Progress
 from difftrb.scene import checks
 from difftrb.scene.scene import Scene
 from difftrb.sweeps import axes as axes_
-from difftrb.sweeps import boxes, outputs, shared_law
+from difftrb.sweeps import blocks, outputs, shared_law
 from difftrb.sweeps.axes import Axis
-from difftrb.sweeps.boxes import up
+from difftrb.sweeps.blocks import up
 from difftrb.sweeps.outputs import STATUS
 from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.swept import Swept, coordinates_of, labelled, manifest_of
@@ -73,7 +73,7 @@ def plan_sweep(
         dims = {name: outputs.OUTPUTS[name].dims for name in names}
     if law and isinstance(base, Scene):
         base = shared_law.with_shared_law(base, made, gradients, progress)
-    return Plan(base, made, function, tuple(gradients), units, dims, boxes.of_block(made, batch), title, text)
+    return Plan(base, made, function, tuple(gradients), units, dims, blocks.of_block(made, batch), title, text)
 
 
 def _ends(base: Any, made: Sequence[Axis]) -> Iterator[Any]:
@@ -106,14 +106,14 @@ def bytes_of_member(plan: Plan) -> int:
 
 def _bytes_of_chunks(plan: Plan) -> int:
     """Bytes of the chunks that are in memory at once while a sweep runs: in parts, and put together."""
-    return 3 * boxes.CHUNKS_AT_ONCE * plan.grid.size * bytes_of_member(plan)
+    return 3 * blocks.CHUNKS_AT_ONCE * plan.grid.size * bytes_of_member(plan)
 
 
 def _check_members(counts: Sequence[int], columns: int) -> None:
     """Refuse more members than any sweep can have; `columns` are results and derivatives, one number or more each."""
-    if (members := math.prod(counts)) > boxes.MOST:
+    if (members := math.prod(counts)) > blocks.MOST:
         disk = f"which take {_in_bytes(2 * members * (8 * columns + 1))} of disk or more"
-        raise SweepError(f"{_product(counts)}, {disk}: must be at most {boxes.MOST:,}; give fewer")
+        raise SweepError(f"{_product(counts)}, {disk}: must be at most {blocks.MOST:,}; give fewer")
 
 
 def check_chunks(plan: Plan) -> None:

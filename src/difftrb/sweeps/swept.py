@@ -18,7 +18,7 @@ from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
 from difftrb.law.base import Law
 from difftrb.scene.scene import PitchMean, Scene
-from difftrb.sweeps.boxes import Grid
+from difftrb.sweeps.blocks import Grid
 from difftrb.sweeps.outputs import STATUS, label_of
 from difftrb.sweeps.plan import Plan, column_of
 

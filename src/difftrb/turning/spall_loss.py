@@ -14,9 +14,9 @@ from difftrb.core.taylor import Taylor
 from difftrb.law import base
 from difftrb.law.base import Law
 from difftrb.ring import effect_base
+from difftrb.scene.cage_phases import phases as phases_of
 from difftrb.scene.prepared import as_defined, at_phases, solve_prepared, still
 from difftrb.scene.scene import PitchMean, Scene, healthy, is_plain, outer_law
-from difftrb.scene.scene import phases as phases_of
 
 
 class Turn(NamedTuple):
