@@ -33,7 +33,7 @@ def test_options_that_xla_does_not_know_are_left_out(monkeypatch) -> None:
     try:
         with pytest.raises(jax.errors.JaxRuntimeError, match="No such compile option"):
             jax.jit(lambda: 0.0, compiler_options=jax_config.OPTIONS)()
-        double = jax_config.jit_quickly(static_argnames="times")(lambda x, times: times * x)
+        double = jax_config.jit_quickly(static_argnames=("times",))(lambda x, times: times * x)
         assert float(double(2.0, times=3.0)) == 6.0
         assert jax_config.quick() == known
     finally:

@@ -129,7 +129,7 @@ def test_within_another_program_it_is_traced_as_ever(keeping: Path) -> None:
 
 
 def test_errors_are_those_of_the_function(keeping: Path) -> None:
-    @jax_config.jit_quickly(static_argnames="name")
+    @jax_config.jit_quickly(static_argnames=("name",))
     def fails(x: Any, name: str) -> Any:
         raise KeyError(name)
 

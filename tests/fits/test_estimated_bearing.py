@@ -44,7 +44,7 @@ def test_values_move_as_a_fit_to_other_rows_does(made: trb.CatalogueBearing) -> 
 def test_all_that_is_not_known_is_told(made: trb.CatalogueBearing) -> None:
     scene = trb.Scene(made.bearing, trb.Load(*LOADS[0]), trb.Spall(3.0, 5.0), law="table", design_load=made.design_load)
     own = trb.fit(scene, rows(made.bearing, made.design_load), ["length"])
-    about = estimated_bearing.uncertainty(own, made)
+    about = made.uncertainty(estimated_bearing.moves(own))
     crown = made.estimates["design_load"].uncertainty
     low, high = (estimated_bearing.moves(own)(made.bearing, made.design_load + k * crown) for k in (-0.5, 0.5))
     assert abs(high - low)[0] / 2.0 < about[0] < 1.0

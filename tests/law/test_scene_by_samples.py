@@ -24,7 +24,7 @@ def prepared(bearing, roller_law: str, **changes) -> trb.Scene:
     return trb.prepare(dataclasses.replace(scene, **changes))
 
 
-@jit_quickly(static_argnums=1)
+@jit_quickly(static_argnames=("derivative",))
 def slopes(scene: trb.Scene, derivative: Callable) -> tuple[jax.Array, trb.Solution]:
     """Of radial stiffness by length, width, angle, design load and modulus; the solution."""
 
@@ -82,9 +82,9 @@ def test_exact_laws_solve_more_exact_edges(closed, bearing, monkeypatch, accurac
     asked: list[float] = []
     solved = samples.all_solved
 
-    def all_solved(contact, cases, accuracy, progress=None):
+    def all_solved(contact, cases, accuracy, *more):
         asked.append(accuracy)
-        return solved(contact, cases, accuracy, progress)
+        return solved(contact, cases, accuracy, *more)
 
     monkeypatch.setattr(samples, "all_solved", all_solved)
     prepared(bearing, "direct", accuracy=accuracy)

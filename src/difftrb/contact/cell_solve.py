@@ -91,7 +91,7 @@ def solve_numbers(
     return solution, tuple(_by_inputs(leaves, form, bed, by) for by in slopes)
 
 
-@jit_quickly(static_argnums=(3, 4))
+@jit_quickly(static_argnames=("mirrored", "gradients"))
 def _program(
     bed: Bed, level: Any, columns: Any, mirrored: bool, gradients: int
 ) -> tuple[PressedCells, tuple[Bed, ...]]:

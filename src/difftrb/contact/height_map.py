@@ -101,10 +101,7 @@ class HeightMap:
         places = 0.5 * (rises + even) - 0.5 * (columns + 1)
         return of.concatenate([places[-1:], places[:-1]]) * self.pitch_x
 
-    @property
-    def ends(self) -> tuple[Real, Real]:
-        """As `Spall.ends`."""
-        return self.axial_offset - 0.5 * self.length, self.axial_offset + 0.5 * self.length
+    ends = Spall.ends
 
     @property
     def extent(self) -> tuple[Real, Real]:

@@ -239,7 +239,7 @@ def _of_numbers(
     return _lattice_slopes(inputs, accuracy, gradients) if gradients else (_by(method, inputs, False, 0, accuracy),)
 
 
-@jit_quickly(static_argnums=(1, 2))
+@jit_quickly(static_argnames=("accuracy", "gradients"))
 def _lattice_slopes(inputs: Inputs, accuracy: float, gradients: int) -> tuple:
     """The same on a lattice: of the approach and, if two are asked for, of the moment."""
 

@@ -78,7 +78,7 @@ def edge_intensity(
     return _solve(inputs, is_symmetric(spall), land, columns)
 
 
-@jit_quickly(static_argnums=(1, 2, 3))
+@jit_quickly(static_argnames=("mirrored", "land", "columns"))
 def _solve(inputs: Inputs, mirrored: bool, land: int, columns: int) -> EdgeIntensity:
     contact, load, spall, offset, _ = inputs
     assert isinstance(spall, Spall)

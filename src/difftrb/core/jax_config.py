@@ -62,8 +62,8 @@ def _taken(name: str, value: Any) -> bool:
     return True
 
 
-def jit_quickly(**arguments: Any) -> Callable[[F], F]:
-    """As `partial(jax.jit, **arguments)`, compiled with `quick` options where it is the outermost, and traced once for
+def jit_quickly(static_argnames: tuple[str, ...] = ()) -> Callable[[F], F]:
+    """As `jax.jit`, compiled with `quick` options where it is the outermost, and traced once for
     all processes where programs are kept. Within another program and for what is traced JAX takes no options. They are
     probed at the first call, so that an import starts no backend. Like a jitted function's, its programs are forgotten
     by `clear_cache()`."""
@@ -73,13 +73,13 @@ def jit_quickly(**arguments: Any) -> Callable[[F], F]:
         def compiled(outermost: bool) -> Any:
             import jax
 
-            return jax.jit(function, compiler_options=quick() if outermost else None, **arguments)
+            return jax.jit(function, compiler_options=quick() if outermost else None, static_argnames=static_argnames)
 
         @functools.cache
         def kept() -> Any:
             from difftrb.core.traced_programs import Kept
 
-            return Kept(function, quick(), **arguments)
+            return Kept(function, quick(), static_argnames)
 
         @functools.wraps(function)
         def call(*a: Any, **k: Any) -> Any:

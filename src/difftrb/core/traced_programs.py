@@ -33,11 +33,13 @@ def jit_kept(
 class Kept:
     """The programs of one function: those of this process, and by their files those of earlier ones."""
 
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any], **static: Any) -> None:
+    def __init__(
+        self, function: Callable[..., Any], options: dict[str, Any], static_argnames: Sequence[str] = ()
+    ) -> None:
         """Arguments but the first are `jax.jit`'s: options of the compiler, which arguments are static."""
         self.function, self.options = function, options
         self.signature = inspect.signature(function)
-        self.static = _names(self.signature, **static)
+        self.static = static_argnames
         self.programs: dict[Any, Callable[..., Any] | None] = {}
 
     def clear_cache(self) -> None:
@@ -66,7 +68,8 @@ def kept(
     """`function`, which all that it `depends` on tells from others, jitted for such arguments or shapes: read from the
     folder, or traced and written there. None where it cannot be kept."""
     leaves, structure = jax.tree.flatten((arguments, named))
-    shapes = [(leaf.shape, str(leaf.dtype), leaf.weak_type) for leaf in map(_typed, leaves)]
+    types = (leaf if isinstance(leaf, jax.ShapeDtypeStruct) else jax.typeof(leaf) for leaf in leaves)
+    shapes = [(leaf.shape, str(leaf.dtype), leaf.weak_type) for leaf in types]
     file = place(folder, function.__name__, (depends, structure.unflatten(range(len(leaves))), shapes, _context()))
     if file is None:
         return None
@@ -100,22 +103,6 @@ def _jitted(
 
     call.__name__ = name  # by which logs call it
     return jax.jit(call, compiler_options=options)
-
-
-def _typed(leaf: Any) -> Any:
-    return leaf if isinstance(leaf, jax.ShapeDtypeStruct) else jax.typeof(leaf)
-
-
-def _names(
-    signature: inspect.Signature,
-    static_argnums: int | tuple[int, ...] = (),
-    static_argnames: str | tuple[str, ...] = (),
-) -> set[str]:
-    """Of the static arguments, however they are given to `jax.jit`."""
-    every = list(signature.parameters)
-    numbers = (static_argnums,) if isinstance(static_argnums, int) else static_argnums
-    names = (static_argnames,) if isinstance(static_argnames, str) else static_argnames
-    return {*names, *(every[k] for k in numbers)}
 
 
 def _context() -> tuple[str, bool]:

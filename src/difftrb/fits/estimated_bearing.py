@@ -12,17 +12,10 @@ from difftrb.fits import predicted
 from difftrb.fits.conditions import COLUMN, ROW, Condition, row_conditions
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import ENTRIES
-from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.ring import Load
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, healthy
 from difftrb.scene.scene_laws import with_any_width
-
-
-def uncertainty(fit: Fit, catalogue: CatalogueBearing) -> np.ndarray:
-    """Expanded uncertainty (k = 2) of the fitted values by what the catalogue does not print, shape (parameters,); NaN
-    where a bearing of this catalogue line has no solution."""
-    return catalogue.uncertainty(moves(fit))
 
 
 def moves(fit: Fit) -> Callable[[TaperedBearing, float], np.ndarray]:

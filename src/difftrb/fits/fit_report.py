@@ -62,7 +62,7 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     texts, figures = [fit_text(result, suggestions)], [("fit", lambda: fit_panels(result))]
     if file.catalogue is not None and bool(result.converged):
         with console.busy("asking other bearings of this catalogue line"):
-            about = estimated_bearing.uncertainty(result, file.catalogue)
+            about = file.catalogue.uncertainty(estimated_bearing.moves(result))
         record["left_by_catalogue"] = run_text.plain(dict(zip(result.parameters, about, strict=True)))
         texts.insert(0, Text(f"note: {estimated_bearing.sentence(result, about)}"))  # not to be overlooked
     if options.posterior and bool(result.converged):
@@ -257,9 +257,9 @@ def posterior_json(posterior: Posterior) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def posterior_text(posterior: Posterior, heading: str = "Posterior") -> RenderableType:
+def posterior_text(posterior: Posterior) -> RenderableType:
     """A table of its parameters."""
-    table = run_text.house_table(f"{heading}, log evidence {posterior.log_evidence:.2f} ± {posterior.error:.2f}")
+    table = run_text.house_table(f"Posterior, log evidence {posterior.log_evidence:.2f} ± {posterior.error:.2f}")
     for name in ("", "mean", "standard deviation", f"{100.0 * CONFIDENCE:g} % interval", "unit"):
         table.add_column(name, justify="left" if name in ("", "unit") else "right")
     parts = zip(posterior.parameters, posterior.units, posterior.values.T, posterior.intervals(), strict=True)

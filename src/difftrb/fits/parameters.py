@@ -364,7 +364,7 @@ def _size_limits(scene: Scene) -> tuple[jax.Array, jax.Array]:
     return longest, _limit(lambda v: _known(scene, length=longest, width=v), 0.5 * half_way, 0.01)
 
 
-@jit_quickly(static_argnames="parameter")
+@jit_quickly(static_argnames=("parameter",))
 def _limits_of_law(parameter: Parameter, scene: Scene, longest: jax.Array, between: Real) -> jax.Array:
     """Between which values the law knows the shortest and the longest spalls, going from the first of `between` towards
     the other two."""

@@ -99,8 +99,7 @@ def _solved(
         for _, under, away, load, tilt in missing
     ]
     if missing:
-        solve = samples.solved_turning if turning else samples.solved
-        solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress, solve)
+        solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress, turning)
         known.update(zip(missing, solved, strict=True))
     return [[known[key] for key in row] for row in asked]
 

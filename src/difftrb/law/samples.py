@@ -213,9 +213,11 @@ def _least(values: np.ndarray) -> float:
 
 def all_solved(
     contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None,
-    solve: Callable[[LineContact, Case, float], Node] = solved,
+    turning: bool = False,
 ) -> list[Node]:  # fmt: skip
-    """Every case, with slopes; once for all processes where things are kept. `solve`: or `solved_turning`."""
+    """Solve every case, with slopes, and with its `turning` if asked for; once for all processes where things are
+    kept."""
+    solve = solved_turning if turning else solved
 
     def anew() -> list[Node]:
         return mapped(lambda case: solve(contact, case, accuracy), cases, progress)

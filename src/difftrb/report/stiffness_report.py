@@ -61,13 +61,11 @@ def _told(frequencies: DefectFrequencies, file: scene_file.SceneFile, speed: flo
     """Frequencies in one line; of an estimated bearing with what its catalogue leaves of them."""
     hertz = [f"{name.upper()} {float(value):.4g}" for name, value in vars(frequencies).items()]
     if file.catalogue is not None:
-        about = file.catalogue.uncertainty(lambda bearing, _: _numbers(defect_frequencies(bearing, speed)))
+        about = file.catalogue.uncertainty(
+            lambda bearing, _: np.array(list(vars(defect_frequencies(bearing, speed)).values()), float)
+        )
         hertz = [f"{text} ± {by:.2g}" if by > 0.0 else text for text, by in zip(hertz, about, strict=True)]
     return f"frequencies [Hz] at {speed:g} rev/min: {', '.join(hertz)}"
-
-
-def _numbers(frequencies: DefectFrequencies) -> np.ndarray:
-    return np.array([float(each) for each in vars(frequencies).values()])
 
 
 def springs(given: str, turn: CageTurn) -> np.ndarray:

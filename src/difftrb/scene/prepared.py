@@ -118,7 +118,7 @@ def _solution(build: Build, scene: Scene) -> Solution:
     return _expanded(ready) if at_once else _traced(ready)
 
 
-_by_program = jit_quickly(static_argnums=0)(_solution)
+_by_program = jit_quickly(static_argnames=("build",))(_solution)
 
 
 def _expanded(scene: Scene) -> Solution:
