@@ -107,6 +107,15 @@ def test_boxes_hold_every_member_once_in_order(counts: tuple[int, ...], batch: i
     assert of_blocks.size <= max(batch, 1)
 
 
+def test_blocks_of_hardly_more_than_the_last_axis_lie_along_it() -> None:
+    assert [blocks.Grid.of((200, 100), most).shape for most in (99, 100, 399, 400)] == [
+        (1, 50),
+        (1, 100),
+        (1, 100),
+        (4, 100),
+    ]
+
+
 def test_a_million_million_members_are_planned_at_once(plan: Plan) -> None:
     thousand = {"from": 1.0, "to": 2.0, "count": 1000}
     keys = ("spall.0.length", "spall.0.width", "load.axial", "stiffness.phase")

@@ -282,7 +282,7 @@ def in_few(function: Callable[..., Any], *scalars: Any) -> Any:
 
 
 def along(value: Any, rates: Sequence[Any], scalars: Sequence[Any]) -> Any:
-    """The array that has this value, and these derivatives by scalars, of which some are expanded."""
+    """The array that has this value, and these derivatives by scalars; those of what is not expanded may be None."""
     moving = [(rate, by(x)) for rate, x in zip(rates, scalars, strict=True) if by(x) is not None]
     if not moving:
         return value

@@ -63,10 +63,10 @@ def _taken(name: str, value: Any) -> bool:
 
 
 def jit_quickly(static_argnames: tuple[str, ...] = ()) -> Callable[[F], F]:
-    """As `jax.jit`, compiled with `quick` options where it is the outermost, and traced once for
-    all processes where programs are kept. Within another program and for what is traced JAX takes no options. They are
-    probed at the first call, so that an import starts no backend. Like a jitted function's, its programs are forgotten
-    by `clear_cache()`."""
+    """As `jax.jit`, compiled with `quick` options where it is the outermost, and traced once for all processes where
+    programs are kept. Within another program and for what is traced JAX takes no options. They are probed at the first
+    call, so that an import starts no backend. Like a jitted function's, its programs are forgotten by
+    `clear_cache()`."""
 
     def decorate(function: F) -> F:
         @functools.cache

@@ -33,9 +33,7 @@ def jit_kept(
 class Kept:
     """The programs of one function: those of this process, and by their files those of earlier ones."""
 
-    def __init__(
-        self, function: Callable[..., Any], options: dict[str, Any], static_argnames: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any], static_argnames: Sequence[str]) -> None:
         """Arguments but the first are `jax.jit`'s: options of the compiler, which arguments are static."""
         self.function, self.options = function, options
         self.signature = inspect.signature(function)

@@ -34,6 +34,8 @@ LIGHTEST = 0.03
 """Least load of the most loaded roller by the design load; the lighter ones then weigh too little for their error."""
 DEEPEST = 140.0
 """No approach in the atlas is larger, in its unit."""
+SEEDS = np.eye(2)
+"""Of a place's length and aside, as the parameters of an expansion."""
 NO_LAND = 1.0
 """Height of the crown [mm] that stands for what lies beyond the roller's end: no approach is as large."""
 
@@ -236,20 +238,22 @@ def _read(tables: Sequence[np.ndarray], nodes: tuple[np.ndarray, ...], number: A
     By the contact's number first: where that is one for a batch, this is done once. Derivatives by the number and the
     place come first, which are three, then those by what these depend on, which may be many.
     """
-    scalars = number, place.length, place.aside
-    by_number, by_place = xp.by(number) is not None, xp.by(place.length) is not None or xp.by(place.aside) is not None
-    at = _weights(nodes[0], xp.variable(xp.value(number)))
-    length, aside = (Taylor(xp.value(x), by=row) for x, row in zip(scalars[1:], np.eye(2), strict=True))
-    beside = _at_place(nodes[1], nodes[2], place._replace(length=length, aside=aside))
-    of = xp.module_of(at, beside)
-    rows = of.concatenate([at.value[None], at.by]) if by_number else at.value[None]
+    moves, shifts = xp.by(number) is not None, xp.by(place.length) is not None or xp.by(place.aside) is not None
+    at, beside = xp.value(number), xp.values(place)
+    if moves:
+        at = xp.variable(at)
+    if shifts:
+        beside = beside._replace(length=Taylor(beside.length, by=SEEDS[0]), aside=Taylor(beside.aside, by=SEEDS[1]))
+    at, beside = _weights(nodes[0], at), _at_place(nodes[1], nodes[2], beside)
+    rows = xp.value(at)[None]
+    if moves:
+        rows = xp.concatenate([rows, xp.by(at)])
     found = []
     for table in tables:
         held = xp.einsum("kn,n...->k...", rows, table)
-        own = xp.einsum("ij,kij...->k...", beside.value, held)
-        rates = [own[-1]]
-        rates += list(xp.einsum("mij,ij...->m...", beside.by, held[0])) if by_place else rates * 2
-        found.append(xp.along(own[0], rates, scalars))
+        value, *by_number = xp.einsum("ij,kij...->k...", xp.value(beside), held)
+        by_place = xp.einsum("mij,ij...->m...", xp.by(beside), held[0]) if shifts else (None, None)
+        found.append(xp.along(value, [by_number[0] if moves else None, *by_place], (number, place.length, place.aside)))
     return found
 
 

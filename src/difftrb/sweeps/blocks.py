@@ -28,8 +28,8 @@ BLOCK_OF_CONTACTS = 48
 """The same on a CPU where the contact itself is swept: each member reads the atlas for itself, which a core's cache has
 to hold (1.4 times as long with 120, 2.6 with 400)."""
 FEW = 4
-"""Blocks of fewer values of an axis have one: for every axis in a block JAX goes through the whole program once more,
-which takes seconds."""
+"""Blocks that would have fewer values of the axis they cut have one, and lie along the axes behind it: for every axis
+in a block JAX goes through the whole program once more, which takes seconds."""
 CALLS = 16
 """Calls by which a chunk is computed."""
 CHUNKS = 64

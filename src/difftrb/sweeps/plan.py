@@ -164,7 +164,7 @@ def _member(plan: Plan, at: Sequence[jax.Array]) -> dict[str, jax.Array]:
     by: dict[str, jax.Array] = {}
     if plan.gradients:
         numbers = jnp.stack([jnp.asarray(number_at(tree, key), float) for key in plan.gradients])
-        # jacfwd puts the whole program through vmap, which takes JAX as long as to trace it
+        # jacfwd would put the whole program, of which nothing is mapped, through one more vmap
         _, moved, found = jax.linearize(both, numbers, has_aux=True)
         by = jax.vmap(moved, out_axes=-1)(jnp.eye(len(numbers)))
     else:
