@@ -158,6 +158,9 @@ def test_every_load_and_preload_has_an_equilibrium(bearing, preload: float, load
     if spacing is not None and load == (0.0, 4500.0) and preload <= 0.01:  # 4500 N lift it off
         assert int(r.status_code) == status.LOOSE
         return
+    if spacing is not None and load == (1.0, 100.0) and preload <= -0.1:  # one roller of the second row is touched
+        assert int(r.status_code) == status.FREE
+        return
     assert bool(r.converged)
     assert float(r.residual) < 1e-9
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(_slopes(start)))

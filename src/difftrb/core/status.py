@@ -32,6 +32,7 @@ SLIVER = 14
 OTHER_CONTACT = 15
 TILTS = 16
 UNPRESSED = 17
+FREE = 18
 UNDEFINED = 100
 
 SENTENCES = {
@@ -65,6 +66,8 @@ SENTENCES = {
     TILTS: "a roller between both raceways tilts over a spall off its middle, which this roller law does not know: use "
     "contact.law = 'direct', or hold rollers by effects.raceways.rollers = 'upright'",
     UNPRESSED: "no roller is pressed, so nothing resists: raise load.radial, or the preload above the end play",
+    FREE: "the rollers that carry leave the ring free to move in one direction, so it has no one place, no stiffness "
+    "and no derivatives: raise load.axial or the preload, or turn the cage (phase)",
     UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }
 

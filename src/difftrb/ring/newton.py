@@ -27,8 +27,13 @@ TOLERANCE = 1e-12
 tenth of this."""
 LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-9, 1e-4, 1e6
 """What is added to the diagonal of the jacobian, in parts of its trace: it falls tenfold with every step that is taken,
-to 0 below the least; grows tenfold with every one that is not, from the first on; with more than the most no step
+to 0 below the least; grows tenfold with every one that is not, from 0 to the first; with more than the most no step
 leads on."""
+LEAST_SHARE = 1e-9
+"""Of all loads, from which a roller's share is more than what is left over where an equilibrium counts as found."""
+LEAST_HOLD = 1e-11
+"""By how much a ring must be held in every direction, by the most: 400 rollers of which three neighbours carry hold it
+by 1e-9."""
 RollerLoads = tuple[jax.Array, jax.Array]
 """Load [N] and its slope [N/mm] of every roller, both of shape (rollers,)."""
 
@@ -63,6 +68,23 @@ class Rollers(NamedTuple):
 def tangent(normals: Any, slopes: Any) -> Any:
     """Σ dQ/dδ n nᵀ [N/mm], shape (…, 3, 3)."""
     return xp.einsum("...r,...rij->...ij", slopes, normals[..., :, None] * normals[..., None, :])
+
+
+def is_free(normals: Any, pressed: Any, held_axially: bool) -> Any:
+    """Whether rollers that carry `pressed` [N], shape (…, rollers), leave a direction free: where their normals, shape
+    (…, rollers, n), do not reach. Their stiffness does not tell: as a roller is touched it rises too steeply."""
+    of = xp.module_of(normals, pressed)
+    total = of.sum(pressed, axis=-1, keepdims=True)
+    gram = tangent(normals, (pressed > LEAST_SHARE * total) * 1.0)
+    if held_axially:
+        axial = np.arange(gram.shape[-1]) == 2
+        gram = gram + aligned(normals.shape[-2] * np.diag(axial), gram)
+    if gram.shape[-1] != 3:
+        values = of.linalg.eigvalsh(gram)
+        return values[..., 0] <= LEAST_HOLD * values[..., -1]
+    minors, determinant = _cofactors(gram)
+    minors, most = (of.trace(one, axis1=-2, axis2=-1) for one in (minors, gram))
+    return determinant <= LEAST_HOLD * most * minors  # their ratio is about the smallest eigenvalue
 
 
 def norm(force: Any) -> Any:
@@ -198,6 +220,7 @@ def damped(
         u, now, p, damping, count, inside = state
         of = xp.module_of(new)
         better = of.sum(new.residual * p, axis=-1) <= 0.5 * of.abs(of.sum(now.residual * p, axis=-1))
+        better = better & of.isfinite(_largest(new))  # a step may be so long that loads overflow
 
         def kept(one: Any, other: Any) -> Any:
             return of.where(better.reshape(better.shape + (1,) * (one.ndim - better.ndim)), one, other)
@@ -205,7 +228,7 @@ def damped(
         u, now = kept(u + p, u), jax.tree.map(kept, new, now)
         relaxed, stiffened = (
             of.where(damping > LEAST_DAMPING, 0.1 * damping, 0.0),
-            of.maximum(10.0 * damping, FIRST_DAMPING),
+            of.where(damping > 0.0, 10.0 * damping, FIRST_DAMPING),
         )
         if settle is not None:
             relaxed = of.where(of.any(p != 0.0, axis=-1), relaxed, damping)
@@ -285,10 +308,17 @@ def _newton_settling(system: System, seat: Seat, curves: RollerCurves) -> tuple[
 def solve(matrix: Any, right: Any) -> Any:
     """x with matrix · x = right, shapes (…, n, n), (…, n); of three by cofactors: in a batch many times faster than a
     factorisation."""
-    of = xp.module_of(matrix, right)
     if right.shape[-1] != 3:
-        return of.linalg.solve(matrix, right[..., None])[..., 0]
+        return xp.module_of(matrix, right).linalg.solve(matrix, right[..., None])[..., 0]
+    cofactors, determinant = _cofactors(matrix)
+    x = right[..., 0:1] * cofactors[..., 0, :]
+    x = x + right[..., 1:2] * cofactors[..., 1, :] + right[..., 2:3] * cofactors[..., 2, :]
+    return x / determinant[..., None]
+
+
+def _cofactors(matrix: Any) -> tuple[Any, Any]:
+    """Of matrices of shape (…, 3, 3), and their determinants."""
+    of = xp.module_of(matrix)
     a, b, c = (matrix[..., k, :] for k in range(3))
     bc, ca, ab = of.cross(b, c), of.cross(c, a), of.cross(a, b)
-    x = right[..., 0:1] * bc + right[..., 1:2] * ca + right[..., 2:3] * ab
-    return x / of.sum(a * bc, axis=-1, keepdims=True)
+    return of.stack([bc, ca, ab], axis=-2), of.sum(a * bc, axis=-1)

@@ -16,7 +16,7 @@ from difftrb.core import numeric
 from difftrb.law import load_curve
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve
-from difftrb.ring.newton import Rollers, norm
+from difftrb.ring.newton import Rollers, norm, of_each
 from difftrb.ring.terms import Terms
 
 EXPONENTS = 1.1, 1.3
@@ -26,6 +26,9 @@ NARROWEST = 0.98
 DEGREE = 8
 LEAST = 1e-9
 """Load [N] from which a pair of rows begins that none presses but its preload."""
+AHEAD = 0.4
+"""Cosine from the load line up to which a roller is looked at where the rings are held axially: of three there is
+one."""
 
 
 def _integrals(s: np.ndarray, exponent: float) -> tuple[np.ndarray, np.ndarray]:
@@ -79,28 +82,42 @@ def pressed(healthy: Curve, largest: Any, narrow: Any, axial: Any, clear: Any) -
 
 
 def start(rollers: Rollers, healthy: RollerCurves, force: Any, terms: Terms) -> Any:
-    """Where Newton's method begins [mm], shape (…, 3): the load zone of a healthy ring, or, of a pair of rows, all
-    rollers as loaded as were the load shared equally. If all are clear of what they stand over, beyond the least of
-    these gaps: without a loaded roller Newton's method knows no way. All of these are numbers, or of one ring."""
+    """Where Newton's method begins [mm], shape (…, 3): the load zone of a healthy ring; of a pair of rows, all rollers
+    as loaded as were the load shared equally; of rings held axially, moved until a roller carries half the load. If all
+    are clear of what they stand over, beyond the least of these gaps, and beyond what speed alone presses them by:
+    without a loaded roller Newton's method knows no way. All of these are numbers, or of one ring."""
     rollers, healthy, force, terms = xp.fixed((rollers, healthy, force, terms))
     count, axial = rollers.normals.shape[-2], rollers.normals.reshape(-1, 3)[0, 2]
-    none = xp.zeros_like(rollers.normals[..., 0, 0])
-    if terms.axial is not None:
-        return xp.stack([none, none, none + terms.axial], axis=-1)
     sound = load_curve.one_of(healthy.each, 0)
     while sound.middle.ndim:  # the same at all phases
         sound = load_curve.one_of(sound, 0)
+    shift = rollers.curves.each.shift
+    clear = shift if rollers.interference is None else shift - rollers.interference
+    least = 0.0 if terms.seat is None else terms.seat.least
+    if terms.axial is not None:
+        return held_axially(sound, rollers.normals, force, clear, least, terms.axial)
     if terms.pair is None:
         largest, narrow = in_load_zone(sound, force, count, axial)
     else:
         total = norm(force)
         if terms.tilting is not None:  # moments may be all that presses
             total = total + norm(terms.tilting.moments / terms.tilting.longest)
-        largest, narrow = xp.maximum(total, LEAST) / (count * axial), 0.0
-    shift = rollers.curves.each.shift
-    clear = shift if rollers.interference is None else shift - rollers.interference
+        largest, narrow = least + xp.maximum(total, LEAST) / (count * axial), 0.0
     u = pressed(sound, largest, narrow, axial, xp.maximum(xp.module_of(clear).min(clear, axis=-1), 0.0))
     if terms.pair is None:
         return u
     # the first row pressed by the load, or both by the preload
     return xp.stack([u[..., 0], u[..., 1], xp.maximum(u[..., 2] - 0.5 * terms.pair.preload, 0.0)], axis=-1)
+
+
+def held_axially(healthy: Curve, normals: Any, force: Any, clear: Any, least: Any, axial: Any) -> Any:
+    """At the displacement `axial` [mm], and along the load line as far as a roller there needs to carry half the load
+    and `least` [N], shape (…, 3); `clear` as it is of every roller [mm]."""
+    load, along = norm(force), normals[..., 0]
+    deep = load_curve.approach(healthy, least + 0.5 * xp.maximum(load, LEAST))
+    ahead = along > AHEAD * xp.sqrt(along**2 + normals[..., 1] ** 2)
+    missing = (clear + deep - of_each(axial, clear) * normals[..., 2]) / xp.where(ahead, along, 1.0)
+    of = xp.module_of(missing)
+    way = of.maximum(of.min(of.where(ahead, missing, np.inf), axis=-1), 0.0)
+    way = of.where(force[..., 0] > 0.0, way, 0.0)
+    return of.stack([way, of.zeros_like(way), way * 0.0 + axial], axis=-1)

@@ -59,7 +59,10 @@ def equilibrium(
     # a ring that nothing stands for carries nothing, and is no reason to refuse others
     approach, loads = (xp.where(newton.of_each(usable, each), each, 0.0) for each in (rest.approach, rest.loads))
     state, own = xp.fixed((dataclasses.replace(rest, approach=approach, loads=loads), terms))
-    codes = ring.status_of_laws(at[0], at[2], xp.fixed(away), fixed_law, state, own), ring.not_held(state, None, own)
+    codes = (
+        ring.status_of_laws(at[0], at[2], xp.fixed(away), fixed_law, state, own),
+        ring.not_held(state, xp.fixed(normals), state.loads, own),
+    )
     known, unpressed = codes if alone else (xp.module_of(code).max(code) for code in codes)
     rest = ring.judged(rest, valid, held, status.worst(laws_status, known), fixed_law, unpressed)
     return rest if terms.pair is None else ring.in_rows(rest)

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from jax import Array
     from jaxtyping import Float, Int
 
-LIFTED = 1e-9
-"""Share of all loads below which a row does not hold a shaft's tilt: one that is lifted off may be left touching."""
 BARE = 1e-9
 """Share of all loads above which slices without land count as what holds the ring."""
 OF_ONE_RACEWAY = 0.75
@@ -172,10 +170,9 @@ def equilibrium(
         angles, normals = jnp.tile(angles, 2), both(normals)
 
     system = _system(force, angles, normals, spalls, away, roller_law, terms)
-    rest, unheld = _at_rest(system, angles, terms)
+    rest, loads = _at_rest(system, angles, terms)
     laws_status = status_of_laws(bearing, spalls, away, roller_law, rest, terms)
-    rest = judged(rest, valid, held, laws_status, roller_law, not_held(rest, unheld, terms))
-
+    rest = judged(rest, valid, held, laws_status, roller_law, not_held(rest, system.rollers.normals, loads, terms))
     return rest if terms.pair is None else in_rows(rest)
 
 
@@ -238,21 +235,18 @@ def size_of_forces(force: Any, start: Any, rollers: Rollers, terms: Terms) -> An
     return xp.maximum(size, xp.total(edge_ramp.roller_loads(fixed.curves, fixed.approach(still))[0]))
 
 
-def _at_rest(system: System, angles: jax.Array, terms: Terms) -> tuple[Equilibrium, jax.Array | None]:
-    """Where the ring rests, roller by roller of all rows, not judged yet; and whether it is held by slices without
-    land, which are left a trace of stiffness (None: there are no slices)."""
-    u, (loads, slopes), (residual, iterations, _) = newton.found(system)
-    approach = system.rollers.approach(u)
+def _at_rest(system: System, angles: jax.Array, terms: Terms) -> tuple[Equilibrium, jax.Array]:
+    """Where the ring rests, roller by roller of all rows, not judged yet; and what is carried [N] by all that was
+    pressed, rollers or their slices."""
+    u, (pressed, slopes), (residual, iterations, _) = newton.found(system)
+    approach, loads = system.rollers.approach(u), pressed
     tangent = newton.tangent(system.rollers.normals, slopes)
-    unheld = None
     if terms.slices is not None:
-        bare = jnp.sum(jnp.where(without_land(terms.slices), loads, 0.0))
-        unheld = bare > BARE * jnp.sum(loads)
         approach, loads = approach.reshape(angles.size, -1), loads.reshape(angles.size, -1)
         approach, loads = jnp.mean(approach, axis=1), jnp.sum(loads, axis=1)
     if terms.tilting is not None:
         u, tangent = terms.tilting.in_radians(u, tangent)
-    return Equilibrium(u, approach, loads, tangent, residual, iterations, jnp.asarray(status.CONVERGED)), unheld
+    return Equilibrium(u, approach, loads, tangent, residual, iterations, jnp.asarray(status.CONVERGED)), pressed
 
 
 def status_of_laws(
@@ -272,16 +266,20 @@ def status_of_laws(
     return status.worst(code, terms.facing.tilts(roller_law, spalls, away, state), terms.facing.judge(inner))
 
 
-def not_held(rest: Equilibrium, unheld: Any | None, terms: Terms) -> Any:
-    """Status: whether the ring rests on what may hold it: anything, land, or both of two rows."""
-    code: Any = np.asarray(status.CONVERGED)
+def not_held(rest: Equilibrium, normals: Any, loads: Any, terms: Terms) -> Any:
+    """Status: whether the ring rests on what may hold it: anything, in all directions, on land, or on both of two rows.
+    `normals` and `loads` [N] of rollers, or of their slices, which are left a trace of stiffness without land."""
+    thrown = 0.0 if terms.seat is None else terms.seat.least
+    free = newton.is_free(*xp.fixed((normals, loads - thrown)), held_axially=terms.axial is not None)
+    code: Any = xp.where(free, status.FREE, status.CONVERGED)
     if terms.axial is not None or terms.pair is not None:
         code = xp.where(xp.total(rest.loads) > 0.0, code, status.UNPRESSED)
-    if unheld is not None:
-        code = jnp.where(unheld, status.NO_EQUILIBRIUM, code)
+    if terms.slices is not None:
+        bare = jnp.sum(jnp.where(without_land(terms.slices), loads, 0.0))
+        code = jnp.where(bare > BARE * jnp.sum(loads), status.NO_EQUILIBRIUM, code)
     if terms.pair is not None and terms.tilting is not None and terms.slices is None:
         rows = jnp.sum(rest.loads.reshape(2, -1), axis=1)
-        code = jnp.where(_converged(rest) & (jnp.min(rows) <= LIFTED * jnp.sum(rows)), status.LOOSE, code)
+        code = jnp.where(_converged(rest) & (jnp.min(rows) <= newton.LEAST_SHARE * jnp.sum(rows)), status.LOOSE, code)
     return code
 
 
