@@ -55,7 +55,6 @@ def _run(options: Any) -> int:
     from difftrb.report import catalogue_uncertainty, remarks, run_text
     from difftrb.ring.effect_base import differ
     from difftrb.scene import scene_file, solving
-    from difftrb.scene.scene import is_plain
 
     source, path = _source(options)
     file = scene_file.parse(source, path)
@@ -69,8 +68,7 @@ def _run(options: Any) -> int:
         result = jax.device_get(difftrb.assess(scene))
         edges = difftrb.edge_stresses(scene, result.spalled)
     mean = None
-    at_once = is_plain(scene) and not differ(scene.effects)  # else it takes a turn of the cage
-    if (options.mean or at_once) and bool(result.spalled.converged):
+    if (options.mean or not differ(scene.effects)) and bool(result.spalled.converged):
         with console.busy("solving the ring at all phases"):
             mean = jax.device_get(solving.assess_mean(scene))
     checked = None

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import difftrb as trb
 from difftrb import __main__ as command_line
+from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Real
 from difftrb.law import base, load_curve
@@ -37,7 +37,7 @@ class Spring(base.HardWindow):
 
     def curves(self, spalls, distances):
         K = self.stiffness * (1.0 - base.lengths_of(spalls) / self.length)
-        return base.in_window(load_curve.power(K, jnp.ones_like(K)), spalls, distances)
+        return base.in_window(load_curve.power(K, xp.ones_like(K)), spalls, distances)
 
     def judge(self, spalls, distances, rest=None):
         return status.worst(

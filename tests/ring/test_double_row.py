@@ -108,7 +108,7 @@ def test_moments_and_loads_balance_and_stiffness_is_their_derivative(bearing) ->
     angles = np.asarray(roller_places.roller_angles(bearing, 0.0))
     turned = float(reach) * np.stack([np.sin(angles), -np.cos(angles)])
     np.testing.assert_allclose(np.hstack([turned, -turned]) @ every, [-2e4, 1e5], atol=1e-9 * 3e5)
-    normals = np.asarray(terms.both(roller_places.directions(bearing, angles)))
+    normals = np.asarray(terms.of_rows(roller_places.directions(bearing, np.tile(angles, 2))))
     np.testing.assert_allclose(normals.T @ every, [9000.0, 0.0, 4500.0], atol=1e-9 * 9000.0)
     assert float(r.residual) < 1e-9
     compliance = np.linalg.inv(np.asarray(r.stiffness))

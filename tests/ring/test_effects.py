@@ -3,7 +3,6 @@
 import dataclasses
 import io
 import itertools
-import os
 
 import jax
 import jax.numpy as jnp
@@ -287,35 +286,20 @@ PAIRS = [
 ]  # fmt: skip
 
 
-ALL = bool(os.environ.get("DIFFTRB_ALL_PAIRS"))
-"""Whether derivatives are compared for all pairs that need a program: minutes of compiling more."""
-FEW = {("centrifugal", "through"), ("mounting", "tilt"), ("diameters", "through"), ("tilt", "double_row")}
-"""Every effect of these at least once."""
 LEAN = {("raceways", "flange"), ("centrifugal", "mounting"), ("diameters", "through"), ("tilt", "double_row"),
         ("life", "double_row")}  # fmt: skip
-"""By programs, in as few pairs as can be; others that need one are slow."""
+"""By programs, in as few pairs as can be."""
 
 
 def in_few(pair: tuple[str, str]) -> bool:
     return bool({pair, pair[::-1]} & LEAN)
 
 
-def needs_a_program(pair: tuple[str, str]) -> bool:
-    return not all(KINDS[name].expands for name in pair)
-
-
 @pytest.mark.parametrize(
-    "pair",
-    [
-        pytest.param(pair, marks=[pytest.mark.portable] * in_few(pair) or [pytest.mark.slow] * needs_a_program(pair))
-        for pair in PAIRS
-    ],
-    ids="+".join,
+    "pair", [pytest.param(pair, marks=[pytest.mark.portable] * in_few(pair)) for pair in PAIRS], ids="+".join
 )
 def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
     """In equilibrium to 1e-9, and their derivatives equal central differences to 1e-6."""
-    by_program = in_few(pair) or needs_a_program(pair)
-    slopes_too = ALL or not by_program or bool({pair, pair[::-1]} & (FEW | LEAN))
     roller_law = Palmgren(bearing.roller_length) if "tilt" in pair else LIU
     held = "mounting" in pair
     acting = tuple(KINDS[name] for name in pair)
@@ -332,21 +316,16 @@ def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
             every = r.loads + r.effects.get("second_row_loads", 0.0)
             return numbers, jnp.concatenate([every, r.residual[None], r.status_code[None]])
 
-        if not slopes_too:
-            value, more = solved(by)
-            return value[None], more
         value, slope, more = jax.jvp(solved, (by,), (jnp.ones(()),), has_aux=True)
         return jnp.stack([value, slope]), more
 
-    answer = jit_quickly()(answer) if by_program else answer
+    answer = jit_quickly()(answer) if in_few(pair) else answer
     found, more = answer(jnp.zeros(()))
     loads, residual, code = more[:-2], more[-2], more[-1]
     assert int(code) == 0
     assert float(residual) < 1e-9
     normals = np.asarray(roller_places.directions(bearing, roller_places.roller_angles(bearing, 0.0)))
     np.testing.assert_allclose((normals.T @ np.asarray(loads))[:2], [9000.0, 0.0], atol=1e-9 * 9000.0)
-    if not slopes_too:
-        return
     h, slope = 1e-6, found[1]
     differences = (answer(jnp.asarray(h))[0][0] - answer(jnp.asarray(-h))[0][0]) / (2.0 * h)
     np.testing.assert_allclose(slope, differences, rtol=1e-6, atol=1e-6 * float(jnp.abs(differences).max()))
@@ -355,11 +334,11 @@ def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
 def test_absent_effects_leave_no_trace(bearing, monkeypatch: pytest.MonkeyPatch) -> None:
     """The traced program is the one of a package in which effects do nothing at all."""
     prepared = trb.prepare(plain(bearing))
-    ours = str(jax.make_jaxpr(prepared_scene._traced)(prepared))
+    ours = str(jax.make_jaxpr(prepared_scene._solved)(prepared))
     monkeypatch.setattr(effects, "terms", lambda *_: ring.PLAIN)
     monkeypatch.setattr(effects, "results", lambda *_: {})
     monkeypatch.setattr(prepared_scene, "law_in_effect", lambda _, roller_law: roller_law)
-    assert str(jax.make_jaxpr(prepared_scene._traced)(prepared)) == ours
+    assert str(jax.make_jaxpr(prepared_scene._solved)(prepared)) == ours
     assert trb.solve(plain(bearing)).effects == {}
 
 

@@ -17,6 +17,7 @@ from annotated_types import Interval, Unit
 
 import difftrb as trb
 from difftrb.__main__ import main
+from difftrb.core import arrays as xp
 from difftrb.core.geometry import Real
 from difftrb.ring import effect_base as register_of
 from difftrb.ring import effects
@@ -56,11 +57,11 @@ class Toy(effects.Effect):
 
     def terms(self, terms: effects.Terms, of: effects.Ring) -> effects.Terms:
         """Thicker rollers."""
-        return terms.thicker(jnp.asarray(self.amount, float))
+        return terms.thicker(xp.asarray(self.amount))
 
     def results(self, rest: Equilibrium, terms: effects.Terms, of: effects.Ring) -> effects.Results:
         """`squeeze` [µm]."""
-        return {"squeeze": 1e3 * jnp.asarray(self.amount, float)}
+        return {"squeeze": 1e3 * xp.asarray(self.amount)}
 
 
 @pytest.fixture(autouse=True, scope="module")

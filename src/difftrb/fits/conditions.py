@@ -18,7 +18,7 @@ from difftrb.fits.measured import ENTRIES, Measurement
 from difftrb.ring import phase_rule
 from difftrb.scene import prepared
 from difftrb.scene.cage_phases import pitch_borders
-from difftrb.scene.scene import Definition, PitchMean, Scene, is_plain
+from difftrb.scene.scene import Definition, PitchMean, Scene
 
 ROW, COLUMN = (np.array(part) for part in zip(*ENTRIES.values(), strict=True))
 """Of the stiffness matrix, of every entry that can be measured."""
@@ -83,9 +83,9 @@ class Condition(NamedTuple):
 
 def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_rule.POINTS_IN_FITS) -> Conditions:
     """Those of `rows`; what they leave open is the scene's."""
-    # what may be measured next is told by a ring with effects in the same program, and may be a mean
-    room = Layout() if is_plain(scene) else Layout(means=SIZE)
-    return _with_still(scene, _laid_out(scene, rows, points, _kinks(scene), room))
+    at = _laid_out(scene, rows, points)
+    known = (blocks._replace(still=_still(scene, np.asarray(blocks.means), int(blocks.turns))) for blocks in at.blocks)
+    return dataclasses.replace(at, blocks=tuple(known))
 
 
 def row_conditions(scene: Scene, rows: Sequence[Measurement]) -> tuple[list[int], list[Condition]]:
@@ -95,34 +95,17 @@ def row_conditions(scene: Scene, rows: Sequence[Measurement]) -> tuple[list[int]
     return [place[condition] for condition in every], list(place)
 
 
-class Layout(NamedTuple):
-    """For how many rows, conditions, means and blocks there is room."""
-
-    rows: int = SIZE
-    conditions: int = SIZE
-    means: int = 0
-    blocks: int = SIZE
-
-
-def layout(at: Conditions) -> Layout:
-    """The room that conditions have, their rows once they are laid out."""
-    means, blocks = (max(map(len, each)) for each in zip(*((b.means, b.phases) for b in at.blocks), strict=True))
-    return Layout(whole(len(at.place)), at.size, means, blocks)
-
-
-def _laid_out(
-    scene: Scene, rows: Sequence[Measurement], points: int, kinks: int, room: Layout = Layout()  # noqa: B008
-) -> Conditions:  # fmt: skip
-    """Conditions with this much room, or as much more as they need."""
+def _laid_out(scene: Scene, rows: Sequence[Measurement], points: int) -> Conditions:
+    """Not knowing of healthy rings."""
     own_place, every = row_conditions(scene, rows)
     place = {condition: k for k, condition in enumerate(every)}
     definitions: tuple[Definition, ...] = tuple({condition.definition: None for condition in place})
-    size = max(whole(len(place)), room.conditions)
+    size, kinks = whole(len(place)), _kinks(scene)
     own = [{c: k for c, k in place.items() if c.definition == definition} for definition in definitions]
     return Conditions(
         definitions=definitions,
         size=size,
-        blocks=tuple(_blocks(each, kinks, size, points, room) for each in own),
+        blocks=tuple(_blocks(each, kinks, size, points) for each in own),
         place=np.array(own_place),
         entry=np.array([list(ENTRIES).index(row.entry) for row in rows]),
         loss=np.array([row.is_loss for row in rows]),
@@ -137,10 +120,7 @@ def _condition(scene: Scene, row: Measurement) -> Condition:
 
 def _kinks(scene: Scene) -> int:
     """Into how many parts a mean over phases of a scene like this is divided."""
-    at = dataclasses.replace(scene, phase=PitchMean())
-    if is_plain(scene):  # by numpy, in milliseconds
-        return pitch_borders(at).size - 1
-    return jax.eval_shape(lambda: pitch_borders(at)).size - 1
+    return pitch_borders(dataclasses.replace(scene, phase=PitchMean())).size - 1
 
 
 def phases(at: Conditions) -> np.ndarray:
@@ -150,30 +130,12 @@ def phases(at: Conditions) -> np.ndarray:
     return np.unique(np.concatenate(own))
 
 
-def in_parts(
-    scene: Scene, rows: Sequence[Measurement], like: Conditions, points: int = phase_rule.POINTS_IN_FITS
-) -> list[Conditions]:
-    """Those of `rows` in parts, as few as have each the room of others: the program that these have is theirs, too.
-
-    For measurements that may be made, of rings with effects."""
-    kinks, room, parts, first = _kinks(scene), layout(like), list[Conditions](), 0
-    for behind in range(1, len(rows) + 1):
-        longer = _laid_out(scene, rows[first:behind], points, kinks, room)
-        fits = behind - first <= room.rows and layout(longer)[1:] == room[1:]
-        if behind - first == 1 or not fits:
-            first = behind - 1
-            parts.append(_laid_out(scene, rows[first:behind], points, kinks, room))
-        else:
-            parts[-1] = longer
-    return parts
-
-
 def whole(count: int) -> int:
     """So many are laid out for `count` of them."""
     return -(-count // SIZE) * SIZE
 
 
-def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int, room: Layout) -> Blocks:
+def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> Blocks:
     single, turning = ([c for c in place if (c.phase is None) == mean] for mean in (False, True))
     found: list[tuple[Any, ...]] = []
     for k in range(0, len(single), kinks):
@@ -185,24 +147,18 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int, roo
     for number, c in enumerate(turning):
         for at, weight in rule:
             found.append(([c[:2]] * kinks, [0.0] * kinks, number, [at], [weight], [place[c]] * kinks))
-    blank = [found[0]] * (max(whole(len(found)), room.blocks) - len(found))
+    blank = [found[0]] * (whole(len(found)) - len(found))
     loads, phases, mean, at, weight, of = (np.array(each) for each in zip(*found, *blank, strict=True))
-    means = np.zeros((max(whole(len(turning)), room.means), 2))
+    means = np.zeros((whole(len(turning)), 2))
     means[: len(turning)] = [c[:2] for c in turning] or np.zeros((0, 2))
     loads = np.moveaxis(loads, -1, 0)
     return Blocks(means, np.array(len(turning)), None, loads, phases, mean, at, weight, of, np.array(len(found)))
 
 
-def _with_still(scene: Scene, at: Conditions) -> Conditions:
-    """The same with what is known of healthy rings."""
-    known = (blocks._replace(still=_still(scene, np.asarray(blocks.means), int(blocks.turns))) for blocks in at.blocks)
-    return dataclasses.replace(at, blocks=tuple(known))
-
-
 def _still(scene: Scene, means: np.ndarray, count: int) -> np.ndarray | None:
     """See `Blocks.still`, of the first `count` of these means; None, too, where rings are not `alike` at other
     phases."""
-    if scene.effects or not is_plain(scene):
+    if scene.effects:
         return None
     still = np.zeros((len(means), 3))
     if count:

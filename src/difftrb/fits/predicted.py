@@ -29,7 +29,7 @@ from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.rings_of_rows import Values, stiffness, with_slopes
 from difftrb.ring.ring import Load
-from difftrb.scene.scene import Scene, is_plain
+from difftrb.scene.scene import Scene
 
 ROBUST = ("squares", "huber", "student")
 HUBER = 1.345
@@ -98,10 +98,7 @@ def _read(parameters: Sequence[Parameter], at: Conditions, values: Any, spalled:
 
 def healthy_stiffness(scene: Scene, at: Conditions) -> np.ndarray | jax.Array:
     """Of the prepared scene without spalls, of every condition [N/mm], by `ENTRIES`, shape (size, entries)."""
-    if is_plain(scene):
-        return xp.value(rings_of_rows.of_numbers(_of((), scene), np.zeros(0), at, sound=True))
-    none = np.zeros(0, int)  # it does not know the rows: one program for any number of them
-    return _healthy_stiffness(scene, dataclasses.replace(at, place=none, entry=none, loss=none))
+    return xp.value(rings_of_rows.of_numbers(_of((), scene), np.zeros(0), at, sound=True))
 
 
 def healthy_rows(problem: Problem) -> np.ndarray:
@@ -109,11 +106,6 @@ def healthy_rows(problem: Problem) -> np.ndarray:
     healthy bearing as it is, or that has losses alone."""
     at, sound = problem.conditions, problem.sound
     return np.where(at.loss, 0.0, 0.0 if sound is None else np.asarray(sound)[at.place, at.entry])
-
-
-@jit_quickly()
-def _healthy_stiffness(scene: Scene, at: Conditions) -> jax.Array:
-    return stiffness(_of((), scene), jnp.zeros(0), at, sound=True)[0]
 
 
 @jax.tree_util.register_dataclass
@@ -253,16 +245,11 @@ def by_ratios(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
 
 def other_rows_at(problem: Problem, rows: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the model says of other rows at `places`, shape (cases, rows), and its slopes by coordinates, shape
-    (cases, rows, parameters): of a plain ring by numbers, for they are few."""
-    scene, like = problem.scene, problem.conditions
-    if is_plain(scene):
-        at = conditions.conditions(scene, rows)
-        sound = None if problem.sound is None else healthy_stiffness(scene, at)
-        each = [_by_numbers(problem, at, sound, place) for place in places]
-        values, slopes = (np.stack(part) for part in zip(*each, strict=True))
-        return values, slopes
-    parts = [_by_program(problem, at, places) for at in conditions.in_parts(scene, rows, like)]
-    values, slopes = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    (cases, rows, parameters): by numbers, for they are few."""
+    at = conditions.conditions(problem.scene, rows)
+    sound = None if problem.sound is None else healthy_stiffness(problem.scene, at)
+    each = [_by_numbers(problem, at, sound, place) for place in places]
+    values, slopes = (np.stack(part) for part in zip(*each, strict=True))
     return values, slopes
 
 
@@ -276,15 +263,6 @@ def _by_numbers(problem: Problem, at: Conditions, sound: Any, place: np.ndarray)
     told = _read(problem.parameters, at, values, spalled, sound)
     slopes = xp.by(told)
     return xp.value(told), np.zeros((len(at.place), len(place))) if slopes is None else slopes.T
-
-
-def _by_program(problem: Problem, at: Conditions, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of many places, by the program that the problem has: what it has room for."""
-    sound = None if problem.sound is None else healthy_stiffness(problem.scene, at)
-    count, room = len(at.place), conditions.layout(problem.conditions).rows
-    at = _longer(at, max(room - count, 0))
-    values, slopes = _plainly(dataclasses.replace(problem, conditions=at, sound=sound), places)
-    return values[:, :count], slopes[:, :count]
 
 
 def _plainly(problem: Problem, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

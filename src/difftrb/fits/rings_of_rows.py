@@ -20,9 +20,9 @@ from difftrb.fits.conditions import COLUMN, ROW, Blocks, Conditions
 from difftrb.fits.measured import ENTRIES
 from difftrb.ring import phase_rule
 from difftrb.ring.ring import Load
-from difftrb.scene import prepared, solving
+from difftrb.scene import prepared
 from difftrb.scene.cage_phases import pitch_borders
-from difftrb.scene.scene import Definition, PitchMean, Scene, healthy, is_plain
+from difftrb.scene.scene import Definition, PitchMean, Scene, healthy
 
 Values = Any
 """Of parameters, shape (parameters,): an array, or an expansion by themselves."""
@@ -35,7 +35,7 @@ Parts = tuple[Any, ...]
 def stiffness(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
     """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), and the worst status; `sound`: without
     the scene's spalls, which say where the phases of means are anyway."""
-    (found,), code = _summed(of, at, sound, ValueOrSlopes(values, slopes=False, expands=False))
+    (found,), code = _summed(of, at, sound, ValueOrSlopes(values, slopes=False))
     return found, code
 
 
@@ -43,13 +43,13 @@ def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) 
     """`stiffness` that is differentiable by `values` alone, and once: its slopes are solved beside it, block by block,
     for to differentiate a loop takes several times as long to trace."""
     here = jax.lax.stop_gradient(values)
-    (found, slopes), code = _summed(of, at, sound, ValueOrSlopes(here, slopes=True, expands=is_plain(of(here)[0])))
+    (found, slopes), code = _summed(of, at, sound, ValueOrSlopes(here, slopes=True))
     return found + slopes @ (values - here), code
 
 
 @np.errstate(all="ignore")
 def of_numbers(of: Of, values: Values, at: Conditions, sound: bool = False) -> Any:
-    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of a plain ring of numbers at values
+    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of numbers at values
     that are numbers, or an expansion by themselves: all rings at once, and means by a rule of more points."""
     found: list[Any] = [np.full(len(ENTRIES), np.nan)] * at.size
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
@@ -100,31 +100,22 @@ def _distinct(at: Conditions, blocks: Blocks) -> dict[int, tuple[int, int]]:
 
 
 class ValueOrSlopes(NamedTuple):
-    """How functions of `values`, shape (parameters,), are told: by what they are there, or by that and their slopes: of
-    one expansion, if all in them `expands`, which is traced in a third of the time; else by JAX."""
+    """How functions of `values`, shape (parameters,), are told: by what they are there, or by that and their slopes, of
+    one expansion."""
 
     values: jax.Array
     slopes: bool
-    expands: bool
 
     def parts(self, function: Callable[..., tuple[Any, Any]], *given: Parts) -> tuple[Parts, Any]:
         """Parts of the first thing that `function(values, …)` returns, and the other; what else it takes, by parts."""
         if not self.slopes:
             own, beside = function(self.values, *(part for (part,) in given))
             return (own,), beside
-        if self.expands:
-            turned = (Taylor(part, jnp.moveaxis(slopes, -1, 0)) for part, slopes in given)
-            own, beside = function(Taylor(self.values, jnp.eye(len(self.values))), *turned)
-            value, slopes = xp.value(own), xp.by(own)
-            none = jnp.zeros((*value.shape, len(self.values)))
-            return (value, none if slopes is None else jnp.moveaxis(slopes, 0, -1)), xp.values(beside)
-
-        def twice(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, Any]]:
-            own, beside = function(values, *(part + slopes @ (values - self.values) for part, slopes in given))
-            return own, (own, beside)
-
-        slopes, (own, beside) = jax.jacfwd(twice, has_aux=True)(self.values)
-        return (own, slopes), beside
+        turned = (Taylor(part, jnp.moveaxis(slopes, -1, 0)) for part, slopes in given)
+        own, beside = function(Taylor(self.values, jnp.eye(len(self.values))), *turned)
+        value, slopes = xp.value(own), xp.by(own)
+        none = jnp.zeros((*value.shape, len(self.values)))
+        return (value, none if slopes is None else jnp.moveaxis(slopes, 0, -1)), xp.values(beside)
 
     def zeros(self, *shape: int) -> Parts:
         """Of what has this shape."""
@@ -146,8 +137,7 @@ def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[P
                 scene, loaded = of(values)
                 scene = dataclasses.replace(healthy(scene) if sound else scene, definition=definition)
                 turned, share = _turned(every, k, *turn)
-                solve = _at_once if told.expands else _one_by_one
-                each, code = solve(scene, turned, loaded(Load(*every.loads[:, k])))
+                each, code = _at_once(scene, turned, loaded(Load(*every.loads[:, k])))
                 return share[:, None] * each, xp.module_of(code).max(code)
 
             turn = [tuple(part[every.mean[k]] for part in borders)] if borders else []
@@ -190,18 +180,8 @@ def _turned(every: Blocks, k: jax.Array, borders: Any = None) -> tuple[Any, Any]
 
 
 def _at_once(scene: Scene, turned: Any, loads: Load) -> tuple[Any, Any]:
-    """Stiffness of plain rings at all these phases [N/mm], each under its load, shape (rings, entries), and their
+    """Stiffness of rings at all these phases [N/mm], each under its load, shape (rings, entries), and their
     statuses."""
     rest = prepared.at_phases(scene, turned, loads)
     found = prepared.as_defined(dataclasses.replace(scene, load=loads), rest)
     return found[:, ROW, COLUMN], rest.status_code
-
-
-def _one_by_one(scene: Scene, turned: jax.Array, loads: Load) -> tuple[jax.Array, jax.Array]:
-    """As `_at_once`, of rings with effects."""
-
-    def one(phase: jax.Array, load: Load) -> tuple[jax.Array, jax.Array]:
-        at = solving.solve(dataclasses.replace(scene, phase=phase, load=load))
-        return at.stiffness[ROW, COLUMN], at.status_code
-
-    return jax.vmap(one)(turned, loads)

@@ -130,7 +130,6 @@ class AtlasLaw:
     atlas: Atlas = dataclasses.field(default_factory=shipped, metadata={"static": True})
     name = "table"
     hard = False
-    expands = True
 
     @property
     def load_range(self) -> tuple[Real, Real]:

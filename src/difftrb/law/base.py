@@ -60,7 +60,8 @@ class Rest(NamedTuple):
 
 class Law(Protocol):
     """What a law has to answer. `distances` are of the rollers' contacts from the spalls' centres in the rolling
-    direction [mm], shape (spalls, rollers).
+    direction [mm], shape (spalls, …, rollers). Formulas are over `core.arrays`: numbers are solved by numpy, and
+    derivatives come from one expansion.
 
     Attributes:
       name: as in a scene file.
@@ -68,8 +69,6 @@ class Law(Protocol):
       load_range: smallest and largest load that the law was made for [N].
       error: largest relative error of Q in that range against what the law was fitted to; NaN if unknown.
       status_code: worst status of the contact solves behind the law.
-      expands: optional; whether its formulas are over `core.arrays`, so that numbers are solved by numpy, and
-        derivatives come from one expansion. Others go by JAX.
     """
 
     @property

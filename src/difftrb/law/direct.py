@@ -103,7 +103,6 @@ class DirectLaw:
     status_code: Real
     name = "direct"
     hard = False
-    expands = True
 
     @property
     def load_range(self) -> tuple[Real, Real]:

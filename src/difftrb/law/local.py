@@ -85,7 +85,6 @@ class LocalLaw:
     free_to_tilt: bool = dataclasses.field(default=False, metadata={"static": True})
     name = "direct"
     hard = False
-    expands = True
 
     @property
     def contact(self) -> LineContact:

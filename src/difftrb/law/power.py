@@ -66,8 +66,6 @@ class PowerLaw(HardWindow):
     fitted: tuple[LineContact, Real] | None = None
     contact: LineContact | None = None
 
-    expands = True
-
     def coefficients(self, spall_length: Any) -> tuple[Any, Any]:
         """K [N/mmⁿ] and n for spalls of `spall_length` [mm], shape (n,), up to the longest node."""
         at = load_curve.weights(self.lengths, spall_length)
@@ -109,7 +107,6 @@ class Palmgren(HardWindow):
 
     length: Real
     name = "palmgren"
-    expands = True
     load_range = (0.0, np.inf)
     error = np.nan
     status_code = float(status.CONVERGED)

@@ -12,7 +12,7 @@ from difftrb.core.geometry import TaperedBearing
 from difftrb.law.base import LAWS
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.scene.prepared import solve_prepared
-from difftrb.scene.scene import Scene, healthy, is_plain
+from difftrb.scene.scene import Scene, healthy
 from difftrb.scene.scene_laws import with_any_width
 
 
@@ -56,7 +56,7 @@ class Estimated(NamedTuple):
 def estimated(scene: Scene, catalogue: CatalogueBearing, stiffness: Any) -> Estimated:
     """Of a prepared scene and its radial and axial stiffness [N/mm], shape (2,)."""
     kind = LAWS.get(getattr(scene.law, "name", ""))
-    follows = is_plain(scene) and kind is not None and kind.at_once
+    follows = kind is not None and kind.at_once
 
     known = np.asarray(stiffness, float)
     if not follows:

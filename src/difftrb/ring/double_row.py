@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import jax
 import jax.core
-import jax.numpy as jnp
+import numpy as np
 from annotated_types import Interval, Unit
 
 from difftrb.contact.contact_solution import is_given
@@ -72,11 +72,6 @@ class DoubleRow(Effect):
     moment_radial: Moment = 0.0
     moment_lateral: Moment = 0.0
 
-    @property
-    def expands(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Rings that stay parallel."""
-        return self.spacing is None
-
     def reach(self, bearing: TaperedBearing) -> Any | None:
         """See `Pair`."""
         return (
@@ -105,9 +100,9 @@ class DoubleRow(Effect):
         terms = terms.thicker(xp.asarray(pressed))._replace(pair=Pair(self.preload, reach))
         if reach is None:
             return terms
-        moments = jnp.stack([jnp.asarray(m, float) for m in (self.moment_radial, self.moment_lateral)])
-        levers = jnp.full(of.bearing.rollers, 1.0) * reach
-        return terms._replace(tilting=Tilting(jnp.concatenate([levers, -levers]), moments))
+        moments = xp.stack([xp.asarray(m) for m in (self.moment_radial, self.moment_lateral)])
+        levers = np.ones(of.bearing.rollers) * reach
+        return terms._replace(tilting=Tilting(xp.concatenate([levers, -levers]), moments))
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`second_row_loads` on its outer raceway [N], shape (rollers,); `first_row_radial`, `first_row_axial`,

@@ -13,15 +13,13 @@ import keyword
 from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import jax
-import numpy as np
 
-from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry
 from difftrb.core.bad_input import shown
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law.base import Law
-from difftrb.ring import plain_ring, ring, roller_balance, roller_places
+from difftrb.ring import ring, roller_balance, roller_places
 from difftrb.ring.ring import Equilibrium, Load
 from difftrb.ring.terms import PLAIN, Terms, beside
 
@@ -74,12 +72,9 @@ class Ring(NamedTuple):
         return roller_balance.seat(self.bearing) if terms.seat is None else terms.seat
 
     def equilibrium(self, terms: Terms) -> Equilibrium:
-        """At rest with these terms. Many phases are solved at once, which only laws that expand can."""
+        """At rest with these terms."""
         outer = roller_places.spalls_on(self.spalls, "outer")
-        given = self.bearing, self.load, outer, self.law, self.phase
-        expands = getattr(self.law, "expands", False) and (xp.expands((given, terms)) or not xp.of_jax((given, terms)))
-        at_once = expands or np.ndim(xp.value(self.phase)) > 0
-        return (plain_ring if at_once else ring).equilibrium(*given, terms=terms)
+        return ring.equilibrium(self.bearing, self.load, outer, self.law, self.phase, terms)
 
 
 class Asked(NamedTuple):
@@ -95,7 +90,8 @@ class Effect:
     """Of all effects. What is not overridden adds nothing.
 
     Fields are numbers annotated with `Interval` and `Unit`, or `Literal` texts. Numbers are leaves of the pytree; texts
-    and whole numbers have the metadata `{"static": True}`.
+    and whole numbers have the metadata `{"static": True}`. Terms and results are over `core.arrays`, with the cage
+    phases in front.
     """
 
     __pydantic_config__ = FILE_RULES
@@ -110,8 +106,6 @@ class Effect:
     """Whether rollers may carry more with it than the bearing's load lets expect."""
     holds_axially: ClassVar[bool] = False
     """Whether the rings' axial position is given, and the axial force comes out."""
-    expands: ClassVar[bool] = False
-    """Whether its terms and results are over `core.arrays`, and `plain_ring` takes them: see `law.base.Law`."""
     per_turn: ClassVar[bool] = False
     """Whether rollers differ, so that a ring repeats once a turn of the cage, no longer once a pitch."""
     units: ClassVar[dict[str, str]] = {}

@@ -74,7 +74,6 @@ class Raceways(Effect):
     """
 
     key = "raceways"
-    expands = True
     label = "outer and inner raceway in series"
     stage = Stage.SEAT
     units = {**ON_THE_INNER_RING, "roller_tilts": "mrad"}  # noqa: RUF012
@@ -97,11 +96,6 @@ class SeriesRaceways(Raceways):
     """`Raceways` prepared: with the inner raceway's law."""
 
     law: Law | None = None
-
-    @property
-    def expands(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """As the inner raceway's law does."""
-        return getattr(self.law, "expands", False)
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Inner contacts that give way."""
@@ -137,7 +131,6 @@ class Flange(Effect):
     """
 
     key = "flange"
-    expands = True
     label = "the flange of the inner ring"
     stage = Stage.SEAT
     units = {**ON_THE_INNER_RING, "flange_angle": "rad"}  # noqa: RUF012
@@ -181,7 +174,6 @@ class Centrifugal(Effect):
     label = "centrifugal force on the rollers"
     stage = Stage.SPEED
     presses = True
-    expands = True
     units = {**ON_THE_INNER_RING, "centrifugal_force": "N", "axial_force": "N"}  # noqa: RUF012
 
     speed_rpm: Annotated[Real, Interval(ge=0.0, le=1e5), Unit("rev/min")]
@@ -230,7 +222,6 @@ class Diameters(Effect):
     key = "diameters"
     label = "rollers of different diameters"
     presses = True
-    expands = True
     per_turn = True
 
     deviations: tuple[Length, ...]
@@ -269,7 +260,6 @@ class Mounting(Effect):
     label = "rings held at a position, with fits and warmth"
     presses = True
     holds_axially = True
-    expands = True
     units = {"axial_force": "N", "tightened": "mm"}  # noqa: RUF012
 
     preload: Length = 0.0

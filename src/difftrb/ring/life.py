@@ -115,7 +115,6 @@ class Life(Effect):
     key = "life"
     label = "rating life"
     stage = Stage.OUTCOME
-    expands = True
     units = {  # noqa: RUF012
         "load_rating": "N", "basic_life": "million revolutions", "reference_life": "million revolutions"
     }  # fmt: skip

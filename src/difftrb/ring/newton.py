@@ -133,8 +133,9 @@ class Reported(NamedTuple):
 def found(system: System) -> tuple[jax.Array, RollerLoads, Reported]:
     """The displacement in equilibrium [mm], shape (3,) (with tilt (5,)), what rollers carry there, and how it was
     found."""
-    if xp.module_of(system.start) is np:
+    if not xp.of_jax(system):
         return _newton(system)
+    system = system._replace(start=jnp.asarray(system.start))
     return implicit.root(_unbalanced, _carried, _newton, _respond, system)
 
 
@@ -309,11 +310,23 @@ def solve(matrix: Any, right: Any) -> Any:
     """x with matrix · x = right, shapes (…, n, n), (…, n); of three by cofactors: in a batch many times faster than a
     factorisation."""
     if right.shape[-1] != 3:
-        return xp.module_of(matrix, right).linalg.solve(matrix, right[..., None])[..., 0]
+        solved = jnp.linalg.solve if xp.of_jax((matrix, right)) else _by_numpy
+        return solved(matrix, right[..., None])[..., 0]
     cofactors, determinant = _cofactors(matrix)
     x = right[..., 0:1] * cofactors[..., 0, :]
     x = x + right[..., 1:2] * cofactors[..., 1, :] + right[..., 2:3] * cofactors[..., 2, :]
     return x / determinant[..., None]
+
+
+def _by_numpy(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """As numpy's, and NaN where a matrix is singular, as JAX has it."""
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        if matrix.ndim == 2:
+            return np.full(right.shape, np.nan)
+    every = np.broadcast_to(matrix, (*right.shape[:-2], *matrix.shape[-2:]))
+    return np.stack([_by_numpy(*each) for each in zip(every, right, strict=True)])
 
 
 def _cofactors(matrix: Any) -> tuple[Any, Any]:

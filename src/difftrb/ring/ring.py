@@ -11,7 +11,6 @@ import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from annotated_types import Interval, Unit
 
@@ -20,9 +19,10 @@ from difftrb.core import fields, geometry, status
 from difftrb.core.geometry import FILE_RULES, Real, Spall, TaperedBearing
 from difftrb.law import edge_ramp
 from difftrb.law.base import Law, Rest
-from difftrb.ring import newton, newton_start, roller_balance, roller_places
+from difftrb.law.edge_ramp import RollerCurves
+from difftrb.ring import expanded_rest, newton, newton_start, roller_balance, roller_places
 from difftrb.ring.newton import Rollers, System
-from difftrb.ring.terms import PLAIN, Terms, Tilting, beside, both, without_land
+from difftrb.ring.terms import PLAIN, Terms, Tilting, beside, of_rows, of_slices, without_land
 
 if TYPE_CHECKING:
     from jax import Array
@@ -115,13 +115,15 @@ def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Ti
     if tilting is None:
         reach = xp.module_of(edges).max(xp.cos(edges), axis=-1) / np.cos(half)
         return radial * xp.tan(bearing.outer_angle) * reach
-    low, high = jnp.min(tilting.levers), jnp.max(tilting.levers)
-    about_radial, about_lateral = tilting.moments
-    force = jnp.stack([radial / jnp.cos(bearing.outer_angle), jnp.zeros(())])
-    upper = (jnp.stack([-about_lateral, about_radial]) - low * force) / (high - low)
-    ends = jnp.stack([force - upper, upper])
-    beyond = ends[:, :1] * jnp.cos(edges)[None, :] + ends[:, 1:] * jnp.sin(edges)[None, :]
-    return jnp.sin(bearing.outer_angle) * jnp.sum(jnp.max(beyond, axis=1)) / jnp.cos(half)
+    levers, (about_radial, about_lateral) = xp.fixed(tuple(tilting))
+    low, high = levers.min(), levers.max()
+    upper = (-about_lateral - low * radial / xp.cos(bearing.outer_angle)) / (high - low), about_radial / (high - low)
+    lower = radial / xp.cos(bearing.outer_angle) - upper[0], -upper[1]
+    of, beyond = xp.module_of(edges, upper), 0.0
+    for along, aside in (upper, lower):
+        along, aside = (part[..., None] if np.ndim(part) else part for part in (along, aside))
+        beyond = beyond + of.max(along * xp.cos(edges) + aside * xp.sin(edges), axis=-1)
+    return xp.sin(bearing.outer_angle) * beyond / np.cos(half)
 
 
 def is_enough(axial: Real, needed: Real) -> Any:
@@ -149,30 +151,40 @@ def largest_load(bearing: TaperedBearing, load: Load) -> Real:
 
 
 def equilibrium(
-    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], roller_law: Law, phase: Real, terms: Terms = PLAIN
-) -> Equilibrium:
+    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], law: Law, phase: Any, terms: Terms = PLAIN,
+    laws_status: Any = status.CONVERGED,
+) -> Equilibrium:  # fmt: skip
     """The ring's rest position under `load`, its roller loads and tangent stiffness.
 
     `spalls` are those met on the outer raceway (`roller_places.spalls_on`); `phase` is the angle of roller 0 from the
-    load line [rad]. Differentiable by everything, forward and reverse, at the solution. Where there is no equilibrium
-    the numbers are NaN and the status says so.
+    load line [rad], of any shape, which is then in front of all else. So may the load's parts be: each ring is then
+    judged by itself. `laws_status` is the status of what else is known of the scene; the worst is returned.
+
+    In any arithmetic: numbers without a program; expansions with all their derivatives; arrays of JAX, differentiable
+    by everything, forward and reverse, at the solution. Where there is no equilibrium the numbers are NaN and the
+    status says so.
     """
+    at = xp.fixed((bearing, load, spalls, phase))
+    alone = bool(np.ndim(xp.value(load.radial)))
+    valid, held = is_valid(*at[1:]), is_held(at[0], at[1], at[3], xp.fixed(terms))
+    if not alone:
+        valid, held = (xp.module_of(one).all(one) for one in (valid, held))
+    usable = valid & held
     angles = roller_places.roller_angles(bearing, phase)
-    normals = roller_places.directions(bearing, angles)
-    valid, held = is_valid(load, spalls, phase), is_held(bearing, load, phase, terms)
-    force = jnp.stack([jnp.asarray(load.radial, float), jnp.zeros(()), jnp.asarray(load.axial, float)])
-    if terms.extra is not None:
-        force = force + terms.extra
-    force = jnp.where(valid & held, force, jnp.array([0.0, 0.0, 1.0]))
     away = roller_places.distances(bearing, spalls, angles)
     if terms.pair is not None:
-        away = beside(away, spalls)
-        angles, normals = jnp.tile(angles, 2), both(normals)
-
-    system = _system(force, angles, normals, spalls, away, roller_law, terms)
-    rest, loads = _at_rest(system, angles, terms)
-    laws_status = status_of_laws(bearing, spalls, away, roller_law, rest, terms)
-    rest = judged(rest, valid, held, laws_status, roller_law, not_held(rest, system.rollers.normals, loads, terms))
+        away, angles = beside(away, spalls), xp.concatenate([angles, angles], axis=-1)
+    system = _system(bearing, forces(load, usable, terms), angles, law, law.curves(spalls, away), terms)
+    rest, pressed = _at_rest(system, angles.shape[-1], terms)
+    # a ring that nothing stands for carries nothing, and is no reason to refuse others
+    approach, loads = (xp.where(newton.of_each(usable, each), each, 0.0) for each in (rest.approach, rest.loads))
+    state, own = xp.fixed((dataclasses.replace(rest, approach=approach, loads=loads), terms))
+    codes = (
+        status_of_laws(at[0], at[2], xp.fixed(away), xp.fixed(law), state, own),
+        not_held(state, xp.fixed(system.rollers.normals), xp.fixed(pressed), own),
+    )
+    known, unpressed = codes if alone else (xp.module_of(code).max(code) for code in codes)
+    rest = judged(rest, valid, held, status.worst(laws_status, known), xp.fixed(law), unpressed)
     return rest if terms.pair is None else in_rows(rest)
 
 
@@ -201,28 +213,45 @@ def is_held(bearing: TaperedBearing, load: Load, phase: Any, terms: Terms) -> An
     if terms.axial is not None:
         return np.asarray(True)
     if terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it, or both by the preload
-        moments = 0.0 if terms.tilting is None else jnp.sum(jnp.abs(terms.tilting.moments))
+        moments = 0.0 if terms.tilting is None else abs(terms.tilting.moments).sum()
         return (load.radial + load.axial + moments > 0.0) | (terms.pair.preload > 0.0)
     return is_enough(spare, needed_axial(bearing, load.radial, phase, terms.tilting))
 
 
-def _system(
-    force: jax.Array, angles: jax.Array, normals: jax.Array, spalls: tuple[Spall, ...], away: jax.Array,
-    roller_law: Law, terms: Terms,
-) -> System:  # fmt: skip
+def forces(load: Load, usable: Any, terms: Terms) -> Any:
+    """What rollers push against [N], shape (…, 3); a force that any ring holds where this one is not `usable`."""
+    radial, axial = xp.asarray(load.radial), xp.asarray(load.axial)
+    force = xp.stack([radial, xp.zeros_like(radial), axial], axis=-1)
+    if terms.extra is not None:
+        force = newton.aligned(force, terms.extra) + terms.extra
+    unit = newton.aligned(np.array([0.0, 0.0, 1.0]), force)
+    return xp.where(newton.of_each(usable, force), force, unit)
+
+
+def _system(bearing: TaperedBearing, force: Any, angles: Any, law: Law, curves: RollerCurves, terms: Terms) -> System:
     """What presses the rollers of all rows, what they carry, and where Newton's method begins."""
-    extra = jnp.broadcast_to(0.0 if terms.interference is None else terms.interference, angles.shape)
-    healthy = roller_law.curves((), away[:0])
-    rollers = Rollers(normals, extra, roller_law.curves(spalls, away) if spalls else healthy, terms.seat)
+    across = normals(bearing, angles, terms)
+    fixed_law = xp.fixed(law)
+    healthy = fixed_law.curves((), np.zeros((0, *across.shape[:-1])))
+    extra = None if terms.interference is None else newton.aligned(xp.asarray(terms.interference), angles)
+    rollers = Rollers(across, extra, curves, terms.seat)
     start = newton_start.start(rollers, healthy, force, terms)
     if terms.slices is not None:
-        count = terms.slices.each.shift.size // angles.size
-        rollers = Rollers(jnp.repeat(normals, count, axis=0), jnp.repeat(extra, count), terms.slices)
+        count = terms.slices.each.shift.shape[-1] // angles.shape[-1]
+        angles = of_slices(angles, count)
+        extra = extra if extra is None or extra.shape[-1] == 1 else of_slices(extra, count)
+        rollers = Rollers(normals(bearing, angles, terms), extra, terms.slices)
     if terms.tilting is not None:
         rollers = rollers._replace(normals=terms.tilting.directions(rollers.normals, angles))
-        force = jnp.concatenate([force, terms.tilting.moments / terms.tilting.longest])
-        start = jnp.concatenate([start, jnp.zeros(2)])
+        force = terms.tilting.forces(force)
+        start = xp.concatenate([start, xp.zeros_like(start[..., :2])], axis=-1)
     return System(rollers, force, start, size_of_forces(force, start, rollers, terms), terms.axial)
+
+
+def normals(bearing: TaperedBearing, angles: Any, terms: Terms) -> Any:
+    """Of all rollers or slices at these angles [rad], of both rows behind each other; shape (…, 3)."""
+    found = roller_places.directions(bearing, angles)
+    return found if terms.pair is None else of_rows(found)
 
 
 def size_of_forces(force: Any, start: Any, rollers: Rollers, terms: Terms) -> Any:
@@ -235,18 +264,21 @@ def size_of_forces(force: Any, start: Any, rollers: Rollers, terms: Terms) -> An
     return xp.maximum(size, xp.total(edge_ramp.roller_loads(fixed.curves, fixed.approach(still))[0]))
 
 
-def _at_rest(system: System, angles: jax.Array, terms: Terms) -> tuple[Equilibrium, jax.Array]:
-    """Where the ring rests, roller by roller of all rows, not judged yet; and what is carried [N] by all that was
+def _at_rest(system: System, count: int, terms: Terms) -> tuple[Equilibrium, Any]:
+    """Where the ring rests, by all `count` rollers of its rows, not judged yet; and what is carried [N] by all that was
     pressed, rollers or their slices."""
-    u, (pressed, slopes), (residual, iterations, _) = newton.found(system)
-    approach, loads = system.rollers.approach(u), pressed
-    tangent = newton.tangent(system.rollers.normals, slopes)
+    u, (pressed, slopes), (residual, iterations, inside) = newton.found(xp.values(system))
+    if xp.expands(system):
+        u, approach, pressed, tangent = expanded_rest.expanded(system, u, inside)
+    else:
+        approach, tangent = system.rollers.approach(u), newton.tangent(system.rollers.normals, slopes)
+    loads = pressed
     if terms.slices is not None:
-        approach, loads = approach.reshape(angles.size, -1), loads.reshape(angles.size, -1)
-        approach, loads = jnp.mean(approach, axis=1), jnp.sum(loads, axis=1)
+        approach, loads = (part.reshape(*part.shape[:-1], count, -1) for part in (approach, pressed))
+        approach, loads = xp.total(approach) / approach.shape[-1], xp.total(loads)
     if terms.tilting is not None:
         u, tangent = terms.tilting.in_radians(u, tangent)
-    return Equilibrium(u, approach, loads, tangent, residual, iterations, jnp.asarray(status.CONVERGED)), pressed
+    return Equilibrium(u, approach, loads, tangent, residual, iterations, np.asarray(status.CONVERGED)), pressed
 
 
 def status_of_laws(
@@ -275,11 +307,12 @@ def not_held(rest: Equilibrium, normals: Any, loads: Any, terms: Terms) -> Any:
     if terms.axial is not None or terms.pair is not None:
         code = xp.where(xp.total(rest.loads) > 0.0, code, status.UNPRESSED)
     if terms.slices is not None:
-        bare = jnp.sum(jnp.where(without_land(terms.slices), loads, 0.0))
-        code = jnp.where(bare > BARE * jnp.sum(loads), status.NO_EQUILIBRIUM, code)
+        bare = xp.total(xp.where(without_land(terms.slices), loads, 0.0))
+        code = xp.where(bare > BARE * xp.total(loads), status.NO_EQUILIBRIUM, code)
     if terms.pair is not None and terms.tilting is not None and terms.slices is None:
-        rows = jnp.sum(rest.loads.reshape(2, -1), axis=1)
-        code = jnp.where(_converged(rest) & (jnp.min(rows) <= newton.LEAST_SHARE * jnp.sum(rows)), status.LOOSE, code)
+        rows = xp.total(rest.loads.reshape(*rest.loads.shape[:-1], 2, -1))
+        least = xp.module_of(rows).min(rows, axis=-1)
+        code = xp.where(_converged(rest) & (least <= newton.LEAST_SHARE * xp.total(rows)), status.LOOSE, code)
     return code
 
 

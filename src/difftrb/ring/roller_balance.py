@@ -131,19 +131,20 @@ def outer_loads(
 def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any, inside: Any) -> Taylor:
     """As `edge_ramp.expanded_loads`, of rollers that rest at `inside` between outer raceway and a seat that gives way:
     where they rest is carried along (implicit function theorem)."""
-    if seat is None or not seat.gives_way:
-        loads = edge_ramp.expanded_loads(outer_curves, approach)
-        if seat is None or seat.centrifugal is None:
-            return loads
-        least = xp.with_variable(approach, seat)[1].least
-        return xp.where(loads > least, loads, least)
     count = parameters_of((approach, seat, outer_curves))
-    if xp.module_of(inside) is jnp:  # JAX, too, may differentiate
-        own_seat, own_curves, at = xp.values((seat, outer_curves, approach))
-        inside = _followed(own_seat, own_curves, at, inside)
 
     def spread(of: Any) -> Any:  # by as many parameters as all the rest
         return of + Taylor(np.zeros([1] * of.ndim), np.zeros((count, *[1] * of.ndim))) if count else of
+
+    if seat is None or (seat.centrifugal is None and not seat.gives_way):
+        return edge_ramp.expanded_loads(outer_curves, approach)
+    if not seat.gives_way:
+        loads = edge_ramp.expanded_loads(outer_curves, spread(approach))
+        least = xp.with_variable(approach, seat)[1].least
+        return xp.where(loads > least, loads, least)
+    if xp.module_of(inside) is jnp:  # JAX, too, may differentiate
+        own_seat, own_curves, at = xp.values((seat, outer_curves, approach))
+        inside = _followed(own_seat, own_curves, at, inside)
 
     place, held = xp.with_variable(spread(inside), seat)
     inner, moved = _placed(held, place)

@@ -37,7 +37,7 @@ def distances(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: Any, r
     if not spalls:
         return np.zeros((0, *angles.shape))
     radius = geometry.arc_radius(bearing, raceway)
-    first = np.arange(bearing.rollers) == 0
+    first = (np.arange(bearing.rollers) == 0).reshape((1,) * (angles.ndim - 1) + (-1,))
 
     def away(spall: Spall) -> Any:
         if spall.surface != "roller":

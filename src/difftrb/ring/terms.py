@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
@@ -17,6 +16,7 @@ from difftrb.core.geometry import Real, Spall
 from difftrb.law import local
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
+from difftrb.ring import newton
 from difftrb.ring.roller_balance import Seat
 
 NOWHERE = 1e4
@@ -80,10 +80,11 @@ class Pair(NamedTuple):
         return first, xp.stack([u[0] - aside[0], u[1] - aside[1], half - u[2]], axis=-1)
 
 
-def both(normals: Any) -> Any:
-    """Normals of both rows in (radial, lateral, axial), shape (…, 2 · rollers, 3), from those of the first."""
-    towards = np.array([1.0, 1.0, -1.0]).reshape(*[1] * (normals.ndim - 1), 3)
-    return xp.concatenate([normals, normals * towards], axis=normals.ndim - 2)
+def of_rows(normals: Any) -> Any:
+    """Normals in (radial, lateral, axial), shape (…, rollers of both rows, 3): the second row's point the other way."""
+    count, _ = normals.shape[-2:]
+    towards = np.where(np.arange(count)[:, None] < count // 2, 1.0, [1.0, 1.0, -1.0])
+    return normals * towards.reshape(*[1] * (normals.ndim - 2), count, 3)
 
 
 def beside(distances: Any, spalls: tuple[Spall, ...]) -> Any:
@@ -102,31 +103,44 @@ class Tilting(NamedTuple):
       moments: about the radial and the lateral axis through that centre [N mm], shape (2,).
     """
 
-    levers: jax.Array
-    moments: jax.Array
+    levers: Any
+    moments: Any
 
-    def directions(self, normals: jax.Array, angles: jax.Array) -> jax.Array:
+    def directions(self, normals: Any, angles: Any) -> Any:
         """Directions in (radial, lateral, axial, about radial, about lateral), the last two times the longest lever;
-        from normals of shape (rollers · slices, 3) of rollers at `angles` [rad], shape (rollers,)."""
-        turned = jnp.stack([jnp.sin(angles), -jnp.cos(angles)], axis=-1)  # n·(θ × p) = (θ_r sinφ − θ_l cosφ) x
-        turned = jnp.repeat(turned, self.levers.size // angles.size, axis=0)
-        return jnp.concatenate([normals, turned * (self.levers / self.longest)[:, None]], axis=1)
+        from normals of shape (…, 3) of rollers or slices at `angles` [rad], shape (…,)."""
+        levers = newton.aligned(self.levers / self.longest, angles)  # n·(θ × p) = (θ_r sinφ − θ_l cosφ) x
+        turned = xp.stack([levers * xp.sin(angles), -levers * xp.cos(angles)], axis=-1)
+        return xp.concatenate([normals, turned], axis=-1)
+
+    def forces(self, force: Any) -> Any:
+        """Forces [N], shape (…, 3), with the moments by the longest lever behind them, shape (…, 5)."""
+        moments = newton.aligned(self.moments / self.longest, force)
+        return xp.concatenate([force, xp.broadcast_to(moments, (*force.shape[:-1], 2))], axis=-1)
 
     @property
-    def longest(self) -> jax.Array:
-        """The longest lever [mm]."""
-        return jax.lax.stop_gradient(jnp.max(jnp.abs(self.levers)))
+    def longest(self) -> Any:
+        """The longest lever [mm], without derivatives."""
+        return abs(xp.fixed(self.levers)).max()
 
-    def in_radians(self, displacement: jax.Array, tangent: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def in_radians(self, displacement: Any, tangent: Any) -> tuple[Any, Any]:
         """Displacement [mm], [rad] and stiffness of the same units, from those by tilt times the longest lever."""
-        scale = jnp.ones(displacement.size).at[3:].set(self.longest)
-        return displacement / scale, tangent * scale[:, None] * scale[None, :]
+        longest = self.longest
+        scale = xp.stack([1.0, 1.0, 1.0, longest, longest])
+        by_two = newton.aligned(scale[:, None] * scale[None, :], tangent)
+        return displacement / newton.aligned(scale, displacement), tangent * by_two
 
 
-def without_land(slices: RollerCurves) -> jax.Array:
-    """Which slices a spall takes all land from, shape (rollers · slices,)."""
-    stiffness = slices.each.coefficients[0]  # its logarithm
-    return stiffness < jnp.max(stiffness) + 0.5 * np.log(LEAST)
+def of_slices(value: Any, count: int) -> Any:
+    """What is known of rollers, shape (…, rollers), for `count` slices of each, shape (…, rollers · count)."""
+    shape = value.shape
+    return xp.broadcast_to(value[..., None], (*shape, count)).reshape(*shape[:-1], -1)
+
+
+def without_land(slices: RollerCurves) -> Any:
+    """Which slices a spall takes all land from, shape (…, rollers · slices)."""
+    stiffness = xp.fixed(slices.each.coefficients[0])  # its logarithm
+    return stiffness < stiffness.max() + 0.5 * np.log(LEAST)
 
 
 class Terms(NamedTuple):

@@ -7,21 +7,21 @@ and P the profile. Each carries by its own approach; one over a spall by the par
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-import jax
-import jax.numpy as jnp
+import numpy as np
 from annotated_types import Interval, Unit
 
 from difftrb.contact import crown, gap
 from difftrb.contact.contact_solution import is_given
+from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import load_curve
 from difftrb.law.base import spalls_under
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.power import Palmgren
-from difftrb.ring import roller_places
+from difftrb.ring import newton, roller_places
 from difftrb.ring.double_row import DoubleRow, Moment
 from difftrb.ring.effect_base import Asked, Effect, Ring, Stage, among, register
 from difftrb.ring.terms import LEAST, Terms, Tilting
@@ -32,33 +32,33 @@ HARD_SLICES = (
 )
 
 
-def places(contact: LineContact, count: int) -> jax.Array:
+def places(contact: LineContact, count: int) -> Any:
     """Middles of `count` slices along the roller from its own middle [mm], shape (count,)."""
-    return contact.length * ((jnp.arange(count) + 0.5) / count - 0.5)
+    return contact.length * ((np.arange(count) + 0.5) / count - 0.5)
 
 
-def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: jax.Array, count: int) -> RollerCurves:
-    """What every slice carries of rollers at `distances` [mm] from `spalls`, shape (spalls, rollers), in `count` slices
-    each; shape (rollers · slices,), roller by roller."""
+def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: Any, count: int) -> RollerCurves:
+    """What every slice carries of rollers at `distances` [mm] from `spalls`, shape (spalls, …, rollers), in `count`
+    slices each; shape (…, rollers · slices), roller by roller."""
     at = places(contact, count)
     stiffness = gap.lamina_stiffness(contact.length) / count  # ISO/TS 16281:2008, eq. (38)
-    land = jnp.stack([jnp.ones(count), *(1.0 - _covered(contact, spall, at) for spall in spalls)])
+    land = xp.stack([np.ones(count), *(1.0 - _covered(contact, spall, at) for spall in spalls)])
     under = spalls_under(spalls, distances)
-    here = (under[:, None] == jnp.arange(land.shape[0])[None, :])[..., None]  # no gather: slow in a batch
-    left = jnp.sum(jnp.where(here, land[None], 0.0), axis=1)
-    K = stiffness * jnp.maximum(left, LEAST)
-    slices = load_curve.power(K.ravel(), jnp.full(K.size, 10.0 / 9.0))
-    profile = 2.0 * crown.height(at, contact)  # both raceways
-    return RollerCurves(dataclasses.replace(slices, shift=jnp.tile(profile, under.size)))
+    kinds = np.arange(1 + len(spalls)).reshape(*[1] * under.ndim, -1)
+    left = xp.einsum("...k,ks->...s", (under[..., None] == kinds) * 1.0, land)  # no gather: slow in a batch
+    K = (stiffness * xp.maximum(left, LEAST)).reshape(*under.shape[:-1], -1)
+    slices = load_curve.power(K, 10.0 / 9.0 * xp.ones_like(K))
+    profile = xp.ones_like(left) * newton.aligned(2.0 * crown.height(at, contact), left)  # both raceways
+    return RollerCurves(dataclasses.replace(slices, shift=profile.reshape(*under.shape[:-1], -1)))
 
 
-def _covered(contact: LineContact, spall: Spall, places: jax.Array) -> jax.Array:
+def _covered(contact: LineContact, spall: Spall, places: Any) -> Any:
     """What part of every slice a spall takes the land from, 0…1."""
     half = 0.5 * contact.length / places.size
     begins, ends = spall.ends
-    low = jnp.maximum(places - half, begins)
-    high = jnp.minimum(places + half, ends)
-    return jnp.maximum(high - low, 0.0) / (2.0 * half)
+    low = xp.maximum(places - half, begins)
+    high = xp.minimum(places + half, ends)
+    return xp.maximum(high - low, 0.0) / (2.0 * half)
 
 
 @register
@@ -127,12 +127,13 @@ class Tilt(Effect):
             return terms._replace(tilting=self.of_one_row(of.bearing, of.contact, self.reach))
         levers, moments = self.of_one_row(of.bearing, of.contact, terms.pair.reach)
         moments = moments + terms.tilting.moments
-        return terms._replace(tilting=Tilting(jnp.concatenate([levers, -levers]), moments))
+        return terms._replace(tilting=Tilting(xp.concatenate([levers, -levers]), moments))
 
     def of_one_row(self, bearing: TaperedBearing, contact: LineContact, reach: Real) -> Tilting:
         """What the tilt does to the slices of one row about a centre at `reach` [mm]."""
-        moments = jnp.stack([jnp.asarray(m, float) for m in (self.moment_radial, self.moment_lateral)])
-        return Tilting(jnp.tile(places(contact, self.slices) + reach, bearing.rollers), moments)
+        levers = places(contact, self.slices) + reach
+        every = xp.broadcast_to(levers[None], (bearing.rollers, self.slices)).reshape(-1)
+        return Tilting(every, xp.stack([xp.asarray(m) for m in (self.moment_radial, self.moment_lateral)]))
 
     def remarks(self, spalls: tuple[Spall, ...]) -> tuple[str, ...]:
         """That spalls are cut hard."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, cast
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Raceway, Spall
 from difftrb.law import samples
 from difftrb.law.base import Rest
@@ -16,7 +16,6 @@ from difftrb.law.roller_tilt import RollerContacts, at_rest
 from difftrb.law.samples import Case, Node, Progress
 from difftrb.ring import effect_base, effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Through
-from difftrb.ring.terms import both
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import Scene, law_in_effect, raceway_contact, ring_at
 from difftrb.scene.solution import Solution
@@ -65,18 +64,13 @@ def at_phase(at: Scene) -> AtPhase:
     phase = cast(float, at.phase)
     found = solve_prepared(at)
     here, terms = ring_at(at, law_in_effect(at, found.law), phase)
-    angles, loads, approach = here.angles, np.asarray(found.loads), np.asarray(found.approach)
-    normals = roller_places.directions(at.bearing, angles)
+    rest, angles = here.equilibrium(terms), here.angles
     if terms.pair is not None:
-        pressed = 0.5 * terms.pair.preload * jnp.sin(at.bearing.outer_angle)  # in both, the rows' places and thickness
-        second = terms.pair.rows(found.displacement, at.bearing.outer_angle)[1]
-        thicker = jnp.broadcast_to(0.0 if terms.interference is None else terms.interference, (2 * angles.size,))
-        more = jnp.matmul(normals, second, precision=jax.lax.Precision.HIGHEST) + (thicker - pressed)[angles.size :]
-        loads = np.concatenate([loads, np.asarray(found.effects["second_row_loads"])])
-        approach = np.concatenate([approach, np.asarray(more)])
-        normals = both(normals)
+        angles = xp.concatenate([angles, angles])
+    normals = ring.normals(at.bearing, angles, terms)
     if terms.tilting is not None:
-        normals = terms.tilting.directions(normals, jnp.tile(angles, normals.shape[0] // angles.size))
+        normals = terms.tilting.directions(normals, angles)
+    approach, loads = np.asarray(rest.all_approaches), np.asarray(rest.all_loads)
     states = _states(at, here, terms, approach, loads)
     return AtPhase(at, found, here, terms, np.asarray(normals), approach, loads, states)
 

@@ -4,11 +4,9 @@ what the rollers meet. See `ring.phase_rule`."""
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
@@ -16,7 +14,7 @@ from difftrb.core import geometry
 from difftrb.core.numeric import gauss_legendre
 from difftrb.law.local import LocalLaw, States
 from difftrb.ring import phase_rule, ring, roller_places
-from difftrb.scene.scene import PitchMean, Scene, healthy, inner_law, is_plain, law_in_effect, outer_law, ring_at
+from difftrb.scene.scene import PitchMean, Scene, healthy, inner_law, law_in_effect, outer_law, ring_at
 
 
 def phases(scene: Scene, still: Any = None) -> tuple[Any, Any]:
@@ -27,19 +25,6 @@ def phases(scene: Scene, still: Any = None) -> tuple[Any, Any]:
     rule = gauss_legendre(phase_rule.POINTS_BY_CONTACTS) if isinstance(scene.law, LocalLaw) else None
     found = phase_rule.between(pitch_borders(scene, still), rule)
     return found if xp.expands(scene) else xp.values(found)
-
-
-def at_all_phases(solve: Callable[[Any, Scene], Any], scene: Scene, each: Any) -> Any:
-    """`solve(phase, scene)` of a prepared scene at the phases `each` [rad], in arrays of JAX with the phases in front.
-    A law by contacts of every phase of a mean is given it as of that phase."""
-    if not isinstance(scene.phase, PitchMean):
-        return jax.tree.map(lambda value: jnp.asarray(value)[None], solve(each[0], scene))
-    parts, made_of = jax.tree.flatten(scene, is_leaf=_is_states)
-    of_phases = [_is_states(part) for part in parts]
-    if not scene.spalls:  # a healthy bearing has other phases, and no roller over a spall
-        parts = [None if own else part for part, own in zip(parts, of_phases, strict=True)]
-    axes = made_of.unflatten([0 if own and scene.spalls else None for own in of_phases])
-    return jax.vmap(solve, in_axes=(0, axes))(each, made_of.unflatten(parts))
 
 
 def nearest_phase(scene: Scene, angle: float) -> Scene:
@@ -61,18 +46,18 @@ def _is_states(part: Any) -> bool:
 
 @np.errstate(all="ignore")
 def pitch_borders(scene: Scene, still: Any = None) -> Any:
-    """Between which phases a prepared scene has no kink [rad]; `still` if it is plain: see `phase_rule.borders`. Of a
-    plain one loads may be several."""
-    if is_plain(scene) and xp.are_numbers(scene):
+    """Between which phases a prepared scene has no kink [rad]; `still` as in `phase_rule.borders`. Loads may be
+    several."""
+    if xp.are_numbers(scene):
         scene = xp.numbers(scene)
     acting = law_in_effect(scene, outer_law(scene))
     met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
     if (inner := inner_law(scene)) is not None:
         met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), inner))
     sound = healthy(scene)
-    here, terms = ring_at(sound, acting, 0.0)
+    terms = ring_at(sound, acting, 0.0)[1]
 
-    def at_once(each: Any) -> ring.Equilibrium:
+    def at_rest(each: Any) -> ring.Equilibrium:
         def of_phases(part: Any) -> Any:
             return xp.broadcast_to(part[:, None], each.shape) if np.ndim(part) else part
 
@@ -80,8 +65,4 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
         here, own = ring_at(dataclasses.replace(sound, load=load), acting, each)
         return here.equilibrium(own)
 
-    def by_program(each: Any) -> ring.Equilibrium:
-        return jax.vmap(lambda phase: here._replace(phase=phase).equilibrium(terms))(each)
-
-    at_rest = at_once if is_plain(scene) and (xp.are_numbers(scene) or xp.expands(scene)) else by_program
     return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms, still)

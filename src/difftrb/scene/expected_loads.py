@@ -6,20 +6,17 @@ import dataclasses
 import math
 from typing import Any, cast
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Real
-from difftrb.core.jax_config import jit_quickly
 from difftrb.law import power
 from difftrb.law.base import Law
 from difftrb.ring import ring, roller_places
 from difftrb.ring.effect_base import among
 from difftrb.ring.effects import Raceways, Through
-from difftrb.scene.scene import Scene, healthy, is_plain, law_in_effect, ring_at
+from difftrb.scene.scene import Scene, healthy, law_in_effect, ring_at
 
 WIDE, SPARE = 1.0, 2.5
 """From a spall this wide on, by rollers' pitch, or where effects press: curves reach farther."""
@@ -35,10 +32,7 @@ def largest_load(scene: Scene) -> Real:
         return largest
     alone = single(scene, power.Palmgren(scene.bearing.roller_length))
     alone = alone if through else healthy(alone)
-    if not (is_plain(alone) and xp.are_numbers(alone)):
-        return jnp.maximum(largest, _pressed(alone))
-    loads = healthy_ring(alone, cast(Law, alone.law), np.zeros(1)).all_loads
-    return max(float(largest), float(np.max(np.nan_to_num(np.asarray(loads)))))
+    return xp.maximum(largest, _pressed(alone))
 
 
 def largest_for_curves(scene: Scene) -> float:
@@ -85,17 +79,13 @@ def single(scene: Scene, law: Law) -> Scene:
     return dataclasses.replace(scene, law=law, effects=acting, accuracy=1e-3)  # one accuracy is one program for all
 
 
-@jit_quickly()
-def _pressed(scene: Scene) -> jax.Array:
+@np.errstate(all="ignore")
+def _pressed(scene: Scene) -> Any:
     """The largest load [N] on the ring by Palmgren's law, with through spalls at several phases: by a third or so too
     large for one contact alone, and by more if the inner one gives way, too."""
+    scene = xp.numbers(scene) if xp.are_numbers(scene) else scene
+    turned = np.linspace(0.0, 1.0, TRIED_PHASES) if scene.spalls else np.zeros(1)
     acting = law_in_effect(scene, cast(Law, scene.law))
-
-    def at(phase: jax.Array) -> jax.Array:
-        here, terms = ring_at(scene, acting, phase)
-        rest = here.equilibrium(terms)
-        loads = rest.all_loads
-        return jnp.nan_to_num(jnp.max(loads))
-
-    turned = jnp.linspace(0.0, 1.0, TRIED_PHASES) if scene.spalls else jnp.zeros(1)
-    return jnp.max(jax.vmap(at)(geometry.roller_pitch(scene.bearing) * turned))
+    here, terms = ring_at(scene, acting, geometry.roller_pitch(scene.bearing) * turned)
+    loads = xp.value(here.equilibrium(terms).all_loads)
+    return xp.module_of(loads).nan_to_num(loads).max()

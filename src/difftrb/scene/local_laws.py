@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import Raceway, Spall
-from difftrb.core.jax_config import jit_quickly
 from difftrb.law import local_states, roller_tilt
 from difftrb.law.base import Law, Rest
 from difftrb.law.direct import DirectLaw
@@ -26,8 +25,8 @@ from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene import prepared
-from difftrb.scene.cage_phases import at_all_phases, phases
-from difftrb.scene.scene import PitchMean, Scene, is_plain, ring_at
+from difftrb.scene.cage_phases import phases
+from difftrb.scene.scene import PitchMean, Scene
 
 ROUNDS = 8
 """Of contact solves around the rollers' loads, at most."""
@@ -223,13 +222,10 @@ class Rests(NamedTuple):
     seat: Seat | None
 
 
-def _rest_at(scene: Scene) -> Rests:
-    """The rings of a prepared scene at all its phases: at once, or with effects that need it by a program."""
-    return _at_once(xp.numbers(scene)) if is_plain(scene) else _by_program(scene)
-
-
 @np.errstate(all="ignore")
-def _at_once(scene: Scene) -> Rests:
+def _rest_at(scene: Scene) -> Rests:
+    """The rings of a prepared scene at all its phases, in numbers."""
+    scene = xp.numbers(scene)
     each, _ = phases(scene)
     found, here, terms = prepared.rings_at(scene, each)
     rest = xp.values(found)
@@ -240,19 +236,3 @@ def _at_once(scene: Scene) -> Rests:
         raceway: np.moveaxis(np.asarray(here.distances(raceway, terms)), 0, 1) for raceway in loads
     }
     return Rests(loads, away, rest.all_approaches, terms.seat)
-
-
-@jit_quickly()
-def _by_program(scene: Scene) -> Rests:
-
-    def at(phase: Any, scene: Scene) -> Rests:
-        law = cast(LocalLaw, scene.law)
-        here, terms = ring_at(scene, law, phase)
-        rest = here.equilibrium(terms)
-        loads: dict[Raceway, jax.Array] = {"outer": rest.all_loads}
-        if terms.facing is not None and terms.seat is not None:
-            loads["inner"] = roller_balance.inner_load(terms.seat, rest.all_loads)
-        away: dict[Raceway, jax.Array] = {raceway: here.distances(raceway, terms) for raceway in loads}
-        return Rests(loads, away, rest.all_approaches, terms.seat)
-
-    return at_all_phases(at, scene, phases(scene)[0])

@@ -1,6 +1,6 @@
 """The solution of a scene whose laws are built: loads, stiffness, and what spalls take of it.
 
-A plain ring in numbers is solved at once, in numpy; what is traced, and what needs effects, by a program of JAX.
+Numbers are solved at once, in numpy; what is traced by a program of JAX, of the same functions.
 """
 
 from __future__ import annotations
@@ -12,41 +12,43 @@ from functools import partial
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact.height_map import resized
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, implicit, status
-from difftrb.core.geometry import Real, Spall
+from difftrb.core.geometry import Spall
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.taylor import Taylor
-from difftrb.ring import effects, phase_rule, plain_ring, ring, roller_places
+from difftrb.ring import effects, phase_rule, ring, roller_places
 from difftrb.ring.effects import Results
 from difftrb.ring.ring import Load
 from difftrb.scene import checks
-from difftrb.scene.cage_phases import at_all_phases, phases
-from difftrb.scene.scene import PitchMean, Scene, healthy, is_plain, law_in_effect, outer_law, ring_at
+from difftrb.scene.cage_phases import phases
+from difftrb.scene.scene import PitchMean, Scene, healthy, law_in_effect, outer_law, ring_at
 from difftrb.scene.solution import Assessment, Solution
 
 
 def assess_prepared(scene: Scene) -> Assessment:
-    """`assess` of a scene whose laws are built: of a plain ring's numbers at once, else by a program."""
-    if is_plain(scene) and xp.are_numbers(scene):
-        with np.errstate(all="ignore"):
-            return jax.device_put(_assess_numbers(xp.numbers(scene)))
-    return assess_by_program(scene)
+    """`assess` of a scene whose laws are built: of numbers at once, else by a program."""
+    if not xp.are_numbers(scene):
+        return assess_by_program(scene)
+    with np.errstate(all="ignore"):
+        return jax.device_put(_assess(xp.numbers(scene)))
 
 
-def _assess_numbers(scene: Scene) -> Assessment:
+def _assess(scene: Scene) -> Assessment:
     count = len(scene.spalls)
-    spalled = _expanded(with_sizes_expanded(scene))
-    slopes = np.zeros((2, count, 2))
-    stiffness = spalled.stiffness
+    spalled = _solved(with_sizes_expanded(scene))
+    stiffness, slopes = spalled.stiffness, np.zeros((2, count, 2))
     if isinstance(stiffness, Taylor) and stiffness.by is not None:
-        slopes = np.stack([stiffness.by[:, k, k] for k in (0, 2)]).reshape(slopes.shape)
-    spalled, whole = xp.values((spalled, _expanded(healthy(scene))))
+        of = xp.module_of(stiffness.by)
+        slopes = of.stack([stiffness.by[:, k, k] for k in (0, 2)]).reshape(slopes.shape)
+    spalled, whole = xp.values((spalled, _solved(healthy(scene))))
     return _assessed(spalled, whole, slopes)
+
+
+assess_by_program = jit_quickly()(_assess)
 
 
 def _assessed(spalled: Solution, whole: Solution, slopes: Any) -> Assessment:
@@ -58,33 +60,9 @@ def _assessed(spalled: Solution, whole: Solution, slopes: Any) -> Assessment:
     return Assessment(spalled, whole, 100.0 * (1.0 - ours / theirs), slopes[..., 0], slopes[..., 1])
 
 
-def by_sizes(of: Callable[[Scene], tuple[jax.Array, Any]], scene: Scene) -> tuple[jax.Array, Any]:
-    """Derivatives of the first that `of` a scene gives by every spall's length and width, shape (…, spalls, 2), and the
-    second."""
-
-    def sized(sizes: jax.Array) -> tuple[jax.Array, Any]:
-        spalls = (resized(s, *v) for s, v in zip(scene.spalls, sizes, strict=True))
-        return of(dataclasses.replace(scene, spalls=tuple(spalls)))
-
-    sizes = jnp.array([[spall.length, spall.width] for spall in scene.spalls]).reshape(-1, 2)
-    return jax.jacfwd(sized, has_aux=True)(sizes)
-
-
-@jit_quickly()
-def assess_by_program(scene: Scene) -> Assessment:
-    """See `assess_prepared`."""
-
-    def both(scene: Scene) -> tuple[jax.Array, Solution]:
-        solution = solve_prepared(scene)
-        return solution.both_stiffnesses, solution
-
-    slopes, spalled = by_sizes(both, scene)
-    return _assessed(spalled, solve_prepared(healthy(scene)), slopes)
-
-
 def solve_prepared(scene: Scene) -> Solution:
-    """The solution of a scene whose laws are built: of a plain ring's numbers at once, else by a program."""
-    return solve_plain(_as_it_is, scene) if is_plain(scene) else _by_program(_as_it_is, scene)
+    """The solution of a scene whose laws are built."""
+    return solve_built(_as_it_is, scene)
 
 
 def _as_it_is(scene: Scene) -> Scene:
@@ -95,9 +73,9 @@ Build = Callable[[Scene], Scene]
 """What builds a scene's laws, in any arithmetic."""
 
 
-def solve_plain(build: Build, scene: Scene) -> Solution:
-    """A plain ring: numbers at once, also those that `jax.grad` differentiates outside `jit`; else by a program. Its
-    derivatives are those of its expansion."""
+def solve_built(build: Build, scene: Scene) -> Solution:
+    """Of numbers at once, also those that `jax.grad` differentiates outside `jit`; else by a program. Derivatives are
+    those of its expansion."""
     if not xp.are_numbers(scene):
         return implicit.expanded(partial(_at_once_or_by_program, build), scene)
     solution = xp.values(_at_once_or_by_program(build, scene))
@@ -109,20 +87,18 @@ def _at_once_or_by_program(build: Build, scene: Scene) -> Solution:
     if not xp.are_numbers(scene):
         return _by_program(build, scene)
     with np.errstate(all="ignore"):
-        return _solution(build, xp.numbers(scene))
+        return _built_and_solved(build, xp.numbers(scene))
 
 
-def _solution(build: Build, scene: Scene) -> Solution:
-    ready = build(scene)
-    at_once = is_plain(ready) and (xp.are_numbers(ready) or xp.expands(ready))
-    return _expanded(ready) if at_once else _traced(ready)
+def _built_and_solved(build: Build, scene: Scene) -> Solution:
+    return _solved(build(scene))
 
 
-_by_program = jit_quickly(static_argnames=("build",))(_solution)
+_by_program = jit_quickly(static_argnames=("build",))(_built_and_solved)
 
 
-def _expanded(scene: Scene) -> Solution:
-    """A plain ring's solution in any arithmetic."""
+def _solved(scene: Scene) -> Solution:
+    """A prepared scene's solution in any arithmetic."""
     each, weights = phases(scene)
     rest, here, terms = rings_at(scene, each)
     more = effects.results(scene.effects, rest, terms, here)
@@ -180,31 +156,10 @@ def without_poles(scene: Scene, displacement: Any, stiffness: Any) -> Any:
     return xp.where(poles[None], np.nan, stiffness)
 
 
-def _traced(scene: Scene) -> Solution:
-    """The solution of a scene in arrays of JAX, with all its effects."""
-
-    def at(phase: Any, scene: Scene) -> tuple[ring.Equilibrium, jax.Array, Results]:
-        rest, more = at_phase(scene, phase)
-        return rest, as_defined(scene, rest), more
-
-    each, weights = phases(scene)
-    every, stiffness, more = at_all_phases(at, scene, each)
-    return _of_phases(scene, every, stiffness, weights, more)
-
-
-def at_phase(scene: Scene, phase: Real) -> tuple[ring.Equilibrium, Results]:
-    """The ring of a prepared scene at one cage phase, in arrays of JAX, and what its effects add."""
-    acting, within = law_in_effect(scene, outer_law(scene)), checks.code(scene)
-    here, terms = ring_at(scene, acting, phase)
-    terms = terms._replace(laws_status=within if terms.laws_status is None else status.worst(within, terms.laws_status))
-    rest = here.equilibrium(terms)
-    return rest, effects.results(scene.effects, rest, terms, here)
-
-
 def at_phases(
     scene: Scene, each: Any, loads: Load | None = None, spalls: tuple[Spall, ...] | None = None
 ) -> ring.Equilibrium:
-    """The plain ring of a prepared scene at all cage phases `each` [rad], shape (phases,), in any arithmetic: what it
+    """The ring of a prepared scene at all cage phases `each` [rad], shape (phases,), in any arithmetic: what it
     has is of shape (phases, …). `loads`: at every phase its own, both of shape (phases,), in place of the scene's;
     `spalls`: the same, what differs between phases of shape (phases, 1)."""
     return rings_at(scene, each, loads, spalls)[0]
@@ -216,9 +171,11 @@ def rings_at(
     """As `at_phases`; and what effects act on there, and what they add to it."""
     within = checks.code(xp.fixed(scene))
     scene = dataclasses.replace(scene, load=loads or scene.load, spalls=scene.spalls if spalls is None else spalls)
-    law, met = outer_law(scene), roller_places.spalls_on(scene.spalls, "outer")
+    law, met = law_in_effect(scene, outer_law(scene)), roller_places.spalls_on(scene.spalls, "outer")
     here, terms = ring_at(scene, law, each)
-    return plain_ring.equilibrium(scene.bearing, scene.load, met, law, each, within, terms), here, terms
+    if terms.laws_status is not None:
+        within = status.worst(within, terms.laws_status)
+    return ring.equilibrium(scene.bearing, scene.load, met, law, each, terms, within), here, terms
 
 
 @np.errstate(all="ignore")

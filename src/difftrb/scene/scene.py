@@ -224,11 +224,6 @@ def law_in_effect(scene: Scene, law: Law) -> Law:
     return power.AllThrough(law) if effect_base.among(scene.effects, effects.Through) is not None else law
 
 
-def is_plain(scene: Scene) -> bool:
-    """Whether a prepared scene is a ring for `plain_ring`: a law in any arithmetic, and no effects but such."""
-    return getattr(scene.law, "expands", False) and all(effect.expands for effect in scene.effects)
-
-
 def ring_at(scene: Scene, law: Law, phase: Any) -> tuple[effects.Ring, effects.Terms]:
     """The ring of a scene at a cage phase, or at many, by this law of the outer raceway, and what its effects make of
     it: the inner raceway's law is carried to the contact that it has now."""

@@ -20,7 +20,6 @@ from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Raceway, Real, Spall
-from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import direct
@@ -33,7 +32,7 @@ from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
 from difftrb.scene.cage_phases import phases
 from difftrb.scene.local_laws import holding, local_laws
-from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, healthy, is_plain, raceway_contact, ring_at
+from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, raceway_contact
 
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
@@ -127,16 +126,11 @@ def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | 
     }
     if not lacking or not isinstance(scene.law, LawName):
         return ready
-    every = phases(ready)[0] if is_plain(ready) else _phases(ready)
+    every = phases(ready)[0]
     edged: dict[Raceway, Law] = dict(made)
     for raceway, law in lacking.items():
         edged[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
     return holding(scene, edged)
-
-
-@jit_quickly()
-def _phases(scene: Scene) -> jax.Array:
-    return phases(scene)[0]
 
 
 def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw, every: Any) -> list[list[tuple[float, float]]]:
@@ -159,22 +153,8 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: Any) -> tuple[An
     ring [mm], shape (rows, phases, rollers)."""
     bearing, law = scene.bearing, cast(DirectLaw, scene.law)
     away = roller_places.distances(bearing, law.spalls, roller_places.roller_angles(bearing, phases), raceway)
-    if not is_plain(scene):
-        return away, _approaches(healthy(scene), phases)
     every = np.asarray(expected_loads.healthy_ring(scene, law, phases).all_approaches)
     return away, np.moveaxis(every.reshape(len(every), -1, scene.bearing.rollers), 1, 0)
-
-
-@jit_quickly()
-def _approaches(scene: Scene, phases: jax.Array) -> jax.Array:
-    """Of the ring with effects, at every phase."""
-
-    def at(phase: jax.Array) -> jax.Array:
-        here, terms = ring_at(scene, cast(Law, scene.law), phase)
-        rest = here.equilibrium(terms)
-        return rest.all_approaches.reshape(-1, rest.approach.size)
-
-    return jax.vmap(at, out_axes=1)(phases)
 
 
 def _may_meet_more(scene: Scene) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ from difftrb.law import base
 from difftrb.law.samples import Progress
 from difftrb.ring import effect_base
 from difftrb.scene import auto_law, checks, prepared, solving
-from difftrb.scene.scene import COARSEST, PitchMean, Scene, has_map, is_auto, is_plain, named
+from difftrb.scene.scene import COARSEST, PitchMean, Scene, has_map, is_auto, named
 from difftrb.turning.defect_frequencies import cage_rate
 
 if TYPE_CHECKING:
@@ -245,61 +245,44 @@ def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress |
         return _one_by_one(scene, spread, progress)
     ready = auto_law.by_table(scene) if by_table else solving.prepare(scene, progress)
     numbers = xp.are_numbers((ready, spread))
-    if numbers and is_plain(ready) and slopes is not False:
-        found = _by_numbers(ready, spread)
-    elif slopes:
-        found = _with_slopes(ready, spread)
-    else:
-        found = _without_slopes(ready, spread)
+    found = _by_numbers(ready, spread) if numbers and slopes is not False else _traced(ready, spread, bool(slopes))
     if by_table and numbers and np.isin(np.asarray(found.status_code), auto_law.UNKNOWN).any():
         return _one_by_one(named(scene, "direct", accuracy), spread, progress)
     return found
 
 
+@np.errstate(all="ignore")
 def _by_numbers(scene: Scene, spread: Any) -> _Found:
-    """A plain ring at all phases at once, in numpy, with slopes."""
-    with np.errstate(all="ignore"):
-        numbers = xp.numbers(scene)
-        rest = _plain(np.asarray(spread, float), prepared.with_sizes_expanded(numbers))
-        by = xp.by(rest.tangent)
-    tangent, count = xp.value(rest.tangent), len(scene.spalls)
-    slopes = np.zeros((2 * count, *tangent.shape)) if by is None else by
-    slopes = np.moveaxis(slopes.reshape(count, 2, *tangent.shape), (0, 1), (-2, -1))
-    slopes = np.where(np.isnan(tangent)[..., None, None], np.nan, slopes)
-    code = np.broadcast_to(rest.status_code, tangent.shape[:1])  # laws may judge all phases together
-    parts = xp.values((rest.displacement, rest.loads, tangent, slopes[..., 0], slopes[..., 1], code))
-    return _Found(*map(jnp.asarray, parts))
+    """At all phases at once, in numpy, with slopes."""
+    return jax.tree.map(jnp.asarray, _with_slopes(xp.numbers(scene), np.asarray(spread, float)))
 
 
-def _without_slopes(scene: Scene, spread: Any) -> _Found:
-    """Any ring: a plain one by one expansion, whose derivatives outside `jit` compile nothing; else by a program."""
-    rest = implicit.expanded(partial(_plain, spread), scene) if is_plain(scene) else _mapped(scene, spread)
+def _traced(scene: Scene, spread: Any, slopes: bool) -> _Found:
+    """Any ring: without slopes by one expansion, whose derivatives outside `jit` compile nothing; else by a program."""
+    if slopes:
+        return _program_with_slopes(scene, spread)
+    rest = implicit.expanded(partial(_at_rest, spread), scene)
     return _Found(rest.displacement, rest.loads, rest.tangent, None, None, rest.status_code)
 
 
-@jit_quickly()
 def _with_slopes(scene: Scene, spread: Any) -> _Found:
-    def at(scene: Scene) -> tuple[jax.Array, _Found]:
-        found = _without_slopes(scene, spread)
-        return found.stiffness, found
+    """In any arithmetic."""
+    rest, count = _at_rest(spread, prepared.with_sizes_expanded(scene)), len(scene.spalls)
+    tangent, by = xp.value(rest.tangent), xp.by(rest.tangent)
+    of = xp.module_of(tangent)
+    slopes = np.zeros((2 * count, *tangent.shape)) if by is None else by
+    slopes = of.moveaxis(slopes.reshape(count, 2, *tangent.shape), (0, 1), (-2, -1))
+    slopes = of.where(of.isnan(tangent)[..., None, None], np.nan, slopes)
+    code = of.broadcast_to(rest.status_code, tangent.shape[:1])  # laws may judge all phases together
+    return _Found(xp.value(rest.displacement), xp.value(rest.loads), tangent, slopes[..., 0], slopes[..., 1], code)
 
-    slopes, found = prepared.by_sizes(at, scene)
-    slopes = jnp.where(jnp.isnan(found.stiffness)[..., None, None], jnp.nan, slopes)
-    return found._replace(by_length=slopes[..., 0], by_width=slopes[..., 1])
+
+_program_with_slopes = jit_quickly()(_with_slopes)
 
 
-def _plain(spread: Any, scene: Scene) -> Any:
+def _at_rest(spread: Any, scene: Scene) -> Any:
     cage = xp.asarray(scene.phase) + spread
     return prepared.at_phases(scene, cage, spalls=_turned(scene, cage[:, None]).spalls)
-
-
-@jit_quickly()
-def _mapped(scene: Scene, spread: Any) -> Any:
-    def at(more: jax.Array) -> Any:
-        turned = _turned(scene, cast(Any, scene.phase) + more)
-        return prepared.at_phase(turned, turned.phase)[0]
-
-    return jax.vmap(at)(spread)
 
 
 def _turned(scene: Scene, cage: Any) -> Scene:
@@ -321,7 +304,7 @@ def _one_by_one(scene: Scene, spread: Any, progress: Progress | None) -> _Found:
     found = []
     for k, more in enumerate(np.asarray(spread, float)):
         ready = solving.prepare(_turned(scene, scene.phase + more))
-        found.append((_by_numbers if is_plain(ready) else _without_slopes)(ready, np.zeros(1)))
+        found.append(_by_numbers(ready, np.zeros(1)))
         if progress is not None:
             progress(k + 1, len(spread))
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), *found)

@@ -16,7 +16,7 @@ from difftrb.law.base import Law
 from difftrb.ring import effect_base
 from difftrb.scene.cage_phases import phases as phases_of
 from difftrb.scene.prepared import as_defined, at_phases, solve_prepared, still
-from difftrb.scene.scene import PitchMean, Scene, healthy, is_plain, outer_law
+from difftrb.scene.scene import PitchMean, Scene, healthy, outer_law
 
 
 class Turn(NamedTuple):
@@ -123,7 +123,7 @@ def sizes_around(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 def _is_for_all_phases(scene: Scene) -> bool:
     stays = all(spall.surface == "outer" for spall in scene.spalls) and not effect_base.differ(scene.effects)
-    return is_plain(scene) and stays and not base.one_scene(cast(Law, scene.law).name)
+    return stays and not base.one_scene(cast(Law, scene.law).name)
 
 
 def _losses(scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray, at_rest: Any) -> np.ndarray:
