@@ -19,7 +19,7 @@ from difftrb.fits.parameters import PARAMETERS
 from difftrb.law.base import LAWS
 from difftrb.ring import effects
 from difftrb.ring.catalogue_relations import Catalogue
-from difftrb.ring.ring import Load
+from difftrb.ring.load import Load
 from difftrb.scene.scene_file import ContactTable, StiffnessTable
 from difftrb.sweeps import outputs
 

@@ -13,7 +13,7 @@ import numpy as np
 import difftrb as trb
 from difftrb.contact import gap
 from difftrb.core import geometry, status
-from difftrb.ring import ring
+from difftrb.ring.load import needed_axial
 
 BEARING = trb.bearing("32008J")
 CONTACT = trb.LineContact.of(BEARING, "outer", 6500.0)
@@ -132,7 +132,7 @@ CONTACTS = (
 # ------------------------------------------------------------------------------------------------------------- rings
 
 PITCH = float(geometry.roller_pitch(BEARING))
-NEEDED = float(ring.needed_axial(BEARING, 9000.0, 0.0))
+NEEDED = float(needed_axial(BEARING, 9000.0, 0.0))
 """Axial load that 9000 N radial need at phase 0 [N]."""
 NONE, LONG = status.NO_EQUILIBRIUM, status.UNKNOWN_LENGTH
 EDGE = 3.5 / float(geometry.arc_radius(BEARING))

@@ -15,7 +15,7 @@ from difftrb.core import geometry, status
 from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.law.base import Law
 from difftrb.law.power import Palmgren
-from difftrb.ring import ring
+from difftrb.ring.load import needed_axial
 from difftrb.scene import checks
 from difftrb.scene.scene import Definition
 from experiments.stability.hazards import BEARING
@@ -69,7 +69,7 @@ def random_scenes(kind: Kind, count: int, seed: int) -> trb.Scene:
         for _ in range(kind.spalls)
     )  # fmt: skip
     phase, radial = between(-6.28, 6.28), decades(-3.0, 6.0)
-    needed = jax.vmap(ring.needed_axial)(bearing, radial, phase)
+    needed = jax.vmap(needed_axial)(bearing, radial, phase)
     axial = jnp.minimum(needed * (1.0 + decades(-5.0, 3.0)), 1e7)
     radial = jnp.where(needed * (1.0 + 1e-5) < 1e7, radial, 0.0)  # too heavy to be held by a load that a file may have
     law: Law = Palmgren(bearing.roller_length) if kind.law == "palmgren" else jax.tree.map(

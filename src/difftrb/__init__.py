@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from difftrb.law.power import PowerLaw, liu2018, power_law
     from difftrb.ring import effects
     from difftrb.ring.catalogue_inference import CatalogueBearing, Estimate, bearing_from_catalogue
-    from difftrb.ring.ring import Load
+    from difftrb.ring.load import Load
     from difftrb.scene.audit import Audit, verify
     from difftrb.scene.edge_stress import EdgeStress, edge_stresses
     from difftrb.scene.scene import Scene, healthy
@@ -66,7 +66,7 @@ _HOMES = {
     "fits.posterior": ("Posterior", "posterior"),
     "fits.spall_count": ("SpallCount", "count_spalls"),
     "ring.catalogue_inference": ("CatalogueBearing", "Estimate", "bearing_from_catalogue"),
-    "ring.ring": ("Load",),
+    "ring.load": ("Load",),
     "scene.scene": ("Scene", "healthy"),
     "scene.scene_file": ("load_scene",),
     "scene.solution": ("Assessment", "Solution"),

@@ -40,11 +40,11 @@ def _read(options: Any) -> tuple[Any, str]:
     return scene_file.parse(text, path), path
 
 
-def _by(module: str) -> Callable[[Any], int]:
-    """The command that `deliver` of a module carries out for a scene file."""
+def _by(module: str, read: bool = True) -> Callable[[Any], int]:
+    """The command that `deliver` of a module carries out for a scene file, which it gets `read`."""
 
     def run(options: Any) -> int:
-        return importlib.import_module(f"difftrb.{module}").deliver(options, *_read(options))
+        return importlib.import_module(f"difftrb.{module}").deliver(options, *(_read(options) if read else ()))
 
     return run
 
@@ -123,12 +123,6 @@ def _contact(options: Any) -> int:
         yield "pressure", pressure_figure.pressure_map(solution, patches=pressure_patches(**file.single_contact())[1])
 
     return console.deliver(options, path, record, partial(run_text.contact_text, solution, slopes), figures)
-
-
-def _sweep(options: Any) -> int:
-    from difftrb.sweeps import sweep_file
-
-    return sweep_file.deliver(options)
 
 
 def _explore(options: Any) -> int:
@@ -232,7 +226,8 @@ COMMANDS = (
         _option("--spalls", metavar="N,…", help="how likely rows make so many spalls, say 0,1,2"),
         *OUTPUT,
     )),
-    Command("sweep", _sweep, "Many scenes: a scene file's [sweep] names axes, outputs and gradients.", (
+    Command("sweep", _by("sweeps.sweep_file", read=False),
+            "Many scenes: a scene file's [sweep] names axes, outputs and gradients.", (
         FILE,
         _option("--out", metavar="DIR", help="where sweep.zarr and figures go: a folder, or a URL as s3://bucket/name"),
         _option("--resume", action="store_true", help="go on with the sweep in DIR, also while others compute it"),

@@ -12,7 +12,7 @@ from difftrb.contact import contact_extent, crown
 from difftrb.contact.height_map import HeightMap, height_at
 from difftrb.core import packaged_bearings, series
 from difftrb.core.geometry import LineContact, Spall
-from difftrb.ring import ring
+from difftrb.ring.load import largest_load, needed_axial
 
 pytestmark = pytest.mark.gradient
 
@@ -57,12 +57,12 @@ SMOOTH: dict[str, tuple[Function, list[float]]] = {
     "crown_at": (lambda v: crown.height(v[4], roller(v)), [3.6, 13.66, 1.1e5, 6500.0, 6.2]),
     "crown_at, straight": (lambda v: crown.height(v[1], LineContact(3.6, v[0], 1.1e5, v[2])), [13.66, 6.2, 10.0]),
     "straight": (polynomial, [5.3, 2.9, -0.14, 0.05, -1.3, -0.4, 0.7, 1.2]),
-    "needed_axial": (lambda v: ring.needed_axial(bearing(v[0]), v[1], v[2]), [0.25, 9000.0, 0.09]),
+    "needed_axial": (lambda v: needed_axial(bearing(v[0]), v[1], v[2]), [0.25, 9000.0, 0.09]),
     "largest_load, part loaded": (
-        lambda v: jnp.asarray(ring.largest_load(bearing(v[0]), trb.Load(v[1], v[2]))), [0.25, 9000.0, 3000.0],
+        lambda v: jnp.asarray(largest_load(bearing(v[0]), trb.Load(v[1], v[2]))), [0.25, 9000.0, 3000.0],
     ),
     "largest_load, all loaded": (
-        lambda v: jnp.asarray(ring.largest_load(bearing(v[0]), trb.Load(v[1], v[2]))), [0.25, 1000.0, 9000.0],
+        lambda v: jnp.asarray(largest_load(bearing(v[0]), trb.Load(v[1], v[2]))), [0.25, 1000.0, 9000.0],
     ),
 }  # fmt: skip
 
@@ -88,8 +88,8 @@ def test_both_modes_match_central_differences(name: str) -> None:
 EVEN = 2.08 * 9000.0 * np.tan(0.2473)  # the axial load under which both estimates of the largest load agree
 KINKS: dict[str, Function] = {
     "height_at": lambda x: height_at(HeightMap(HEIGHTS, 0.03, 0.05), 0.0, x[None], jnp.array([0.01]))[0, 0],
-    "needed_axial": lambda x: ring.needed_axial(trb.bearing("32008J"), 9000.0, x),
-    "largest_load": lambda x: jnp.asarray(ring.largest_load(trb.bearing("32008J"), trb.Load(9000.0, EVEN * (1.0 + x)))),
+    "needed_axial": lambda x: needed_axial(trb.bearing("32008J"), 9000.0, x),
+    "largest_load": lambda x: jnp.asarray(largest_load(trb.bearing("32008J"), trb.Load(9000.0, EVEN * (1.0 + x)))),
 }
 
 

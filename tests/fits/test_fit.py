@@ -517,7 +517,7 @@ def test_measurements_that_may_be_made_share_the_fits_program(bearing: trb.Taper
 
 def test_an_interval_that_ends_with_the_range_does_not_determine(rig: trb.Scene, exact: np.ndarray) -> None:
     """A spall as long as the law knows: a longer one would read as this one."""
-    longest = float(laws.longest("liu2018", float(rig.bearing.roller_length)))
+    longest = float(laws.kind("liu2018").longest(float(rig.bearing.roller_length)))
     spalled = dataclasses.replace(rig, spalls=(trb.Spall(0.99 * longest, 9.0),))
     values = [
         trb.assess(dataclasses.replace(spalled, load=trb.Load(*load), phase=phase)).loss

@@ -8,7 +8,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.core import status
-from difftrb.ring import newton
+from difftrb.ring import holding
 
 pytestmark = pytest.mark.hard
 END_PLAY = trb.effects.Mounting(preload=-0.3)
@@ -116,7 +116,7 @@ def test_what_holds_a_ring_is_a_matter_of_directions() -> None:
         loads = np.zeros(400)
         loads[list(which)] = 1.0
         loads[which[-1]] = share
-        return bool(newton.is_free(normals, loads, axial))
+        return bool(holding.is_free(normals, loads, axial))
 
     assert not free(0, 1, 2)
     assert not free(0, 1, axial=True)

@@ -12,6 +12,7 @@ from difftrb.core import geometry, status
 from difftrb.law import base
 from difftrb.law.power import Palmgren
 from difftrb.ring import newton_start, ring, roller_places
+from difftrb.ring.load import needed_axial
 from tests import shapes
 
 pytestmark = pytest.mark.exact
@@ -105,7 +106,7 @@ def test_needed_axial_is_where_pushing_rollers_can_no_longer_hold_the_load(beari
     """Against a linear programme: the least axial load for which some loads Q ≥ 0 balance the radial one."""
     normals = np.asarray(roller_places.directions(bearing, roller_places.roller_angles(bearing, phase)))
     answer = optimize.linprog(normals[:, 2], A_eq=normals[:, :2].T, b_eq=[9000.0, 0.0], bounds=(0, None))
-    assert float(ring.needed_axial(bearing, 9000.0, phase)) == pytest.approx(answer.fun, rel=1e-9)
+    assert float(needed_axial(bearing, 9000.0, phase)) == pytest.approx(answer.fun, rel=1e-9)
 
 
 def test_hard_window_counts_rollers(bearing) -> None:

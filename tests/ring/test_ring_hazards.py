@@ -11,6 +11,7 @@ import difftrb as trb
 from difftrb.core import geometry, status
 from difftrb.law import direct, ramp_fit
 from difftrb.ring import newton, ring
+from difftrb.ring.load import needed_axial
 from tests.bearings import of_many
 
 pytestmark = pytest.mark.hard
@@ -26,7 +27,7 @@ def test_random_rings_all_come_to_rest(bearing) -> None:
     length, width = rng.uniform(0, 8, count), rng.uniform(1, 100, count)
 
     def rest(radial, above, phase, length, width, angle):
-        load = trb.Load(radial, above * ring.needed_axial(bearing, radial, phase))
+        load = trb.Load(radial, above * needed_axial(bearing, radial, phase))
         spall = trb.Spall(length, width, depth=1e6, angle=angle)  # under 1e9 N rollers would meet any other bottom
         e = ring.equilibrium(bearing, load, (spall,), trb.liu2018(), phase)
         return e.status_code, e.residual, jnp.linalg.eigvalsh(e.tangent)[0], jnp.min(e.loads)

@@ -59,7 +59,7 @@ def test_the_moment_has_the_right_slopes(
 ) -> None:
     """Against central differences; and by load it is what the approach is by tilt (Maxwell)."""
     contact = LineContact.of(bearing)
-    _, by_approach, by = solver.gradients_of_approach_and_moment(contact, 1300.0, spall, offset, 1e-4, tilt)
+    _, by_approach, by = solver.approach_and_gradient(contact, 1300.0, spall, offset, 1e-4, tilt=tilt, moment=True)
     assert by_approach.tilt is not None
     assert float(by.load) == pytest.approx(float(by_approach.tilt), abs=0.01)
 

@@ -14,7 +14,8 @@ from difftrb.contact import halfspace
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
 from difftrb.law import base
-from difftrb.ring import ring, roller_places
+from difftrb.ring import roller_places
+from difftrb.ring.load import needed_axial
 
 pytestmark = pytest.mark.hard
 
@@ -151,7 +152,7 @@ ANY_RING = (RADIALS, MARGINS, PHASES, st.floats(0.0, 8.0), WIDTHS, st.floats(-3.
 
 
 def ring_of(radial, margin, phase, length, width, angle):
-    axial = float(ring.needed_axial(BEARING, radial, phase)) * (1.0 + margin)
+    axial = float(needed_axial(BEARING, radial, phase)) * (1.0 + margin)
     return axial, rest(radial, axial, phase, length, width, angle)
 
 
@@ -198,7 +199,7 @@ def test_loss_of_stiffness_is_no_gain(axial, share, length, width) -> None:
 def test_ring_is_symmetric_and_turns(radial, margin, phase, length, width, angle) -> None:
     """Mirrored about the load line; and with all rollers one place on."""
     _, (r, _) = ring_of(radial, margin, phase, length, width, angle)
-    axial = float(ring.needed_axial(BEARING, radial, phase)) * (1.0 + margin)
+    axial = float(needed_axial(BEARING, radial, phase)) * (1.0 + margin)
     turn = 2.0 * np.pi / BEARING.rollers
     away = np.abs(np.asarray(roller_places.distances(BEARING, (Spall(length, width, angle=angle),), r.angles))[0])
     hypothesis.assume(np.abs(away - 0.5 * width).min() > 1e-9)  # else rounding decides who is in the spall
@@ -226,7 +227,7 @@ def test_a_batch_of_rings_is_its_members() -> None:
     """To rounding, as far as Newton's method ends at another bit: 1e-10 of the largest load."""
     rng = np.random.default_rng(0)
     radial, phase = 10.0 ** rng.uniform(-1, 5, 32), rng.uniform(-6, 6, 32)
-    axial = np.array([float(ring.needed_axial(BEARING, r, p)) for r, p in zip(radial, phase, strict=True)])
+    axial = np.array([float(needed_axial(BEARING, r, p)) for r, p in zip(radial, phase, strict=True)])
     axial = axial * (1.0 + 10.0 ** rng.uniform(-3, 2, 32))
     rows = [radial, axial, phase, rng.uniform(0, 8, 32), rng.uniform(1, 100, 32), rng.uniform(-3, 3, 32)]
     together, _ = jax.vmap(rest)(*map(jnp.asarray, rows))

@@ -23,7 +23,7 @@ from difftrb import __main__ as cli
 from difftrb.core import jax_config, machine, status
 from difftrb.law import power
 from difftrb.report import figure_style
-from difftrb.ring import ring
+from difftrb.ring.load import largest_load
 from difftrb.scene import scene_file
 from difftrb.sweeps import axes, blocks, chunks, shared_law, store, sweep_file, sweep_plot, sweeping
 from difftrb.sweeps.plan import Plan, Program
@@ -322,7 +322,7 @@ def test_one_law_covers_all_loads(plan: Plan, monkeypatch: pytest.MonkeyPatch) -
     given = axes.axes_of({"load.axial": [3000.0, 30000.0], "spall.0.length": [1.0, 4.0]})
     shared_law.with_shared_law(named, given)
     low, high = asked[0][1]
-    single = [float(ring.largest_load(scene.bearing, trb.Load(9000.0, axial))) for axial in (3000.0, 30000.0)]
+    single = [float(largest_load(scene.bearing, trb.Load(9000.0, axial))) for axial in (3000.0, 30000.0)]
     assert (low, high) == (single[0] / 6.0, 1.2 * single[1])
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import difftrb as trb
+from difftrb.core.geometry import cage_rate
 from difftrb.turning.cage_turn import CageTurn
-from difftrb.turning.defect_frequencies import cage_rate
 
 there = all(importlib.util.find_spec(name) for name in ("pythonfmu", "fmpy"))
 needs_both = pytest.mark.skipif(not there, reason="PythonFMU and FMPy are not both installed")

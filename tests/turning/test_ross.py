@@ -7,8 +7,8 @@ import pytest
 from scipy import linalg
 
 import difftrb as trb
+from difftrb.core.geometry import cage_rate
 from difftrb.turning.cage_turn import CageTurn
-from difftrb.turning.defect_frequencies import cage_rate
 
 rs = pytest.importorskip("ross", exc_type=ImportError) if __import__("importlib.util").util.find_spec("ross") else None
 if rs is None:

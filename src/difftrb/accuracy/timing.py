@@ -179,7 +179,7 @@ def on_ring(rung: Rung, file: SceneFile, path: str | Path, batch: int, accelerat
     scene_file.check_ring(file, path)
     scene = dataclasses.replace(file.scene(), accuracy=rung.accuracy)  # to 1e-5, which a file may not ask for
     started = time.perf_counter()
-    ready = _of_one_program(prepare(scene))
+    ready = dataclasses.replace(prepare(scene), accuracy=1e-3)  # another one would compile the same program again
     solution = jax.block_until_ready(solve(ready))
     first = time.perf_counter() - started
     started = time.perf_counter()
@@ -218,11 +218,6 @@ def with_gradient(row: Row, ready: Scene, batch: int) -> Row:
 def _spread(ready: Scene, batch: int) -> jax.Array:
     """Radial loads [N], shape (batch,): the scene's and smaller ones, which are in equilibrium, too."""
     return ready.load.radial * (1.0 - 0.1 * jnp.arange(batch) / batch)
-
-
-def _of_one_program(ready: Scene) -> Scene:
-    """A prepared scene with one accuracy for all: another one would compile the same program again."""
-    return dataclasses.replace(ready, accuracy=1e-3)
 
 
 def _radial(sizes: jax.Array, radial: jax.Array, ready: Scene) -> jax.Array:

@@ -79,12 +79,8 @@ def mean_of_rows(lines: Real, contact: LineContact) -> Any:
     """Mean height between neighbouring `lines` [mm], shape (rows,); finite at the roller's ends, too."""
     t = xp.clip(2.0 * lines / contact.length, -1.0, 1.0)
     inside = xp.diff(t)
-    return scale(contact) * xp.diff(_integral(t)) / xp.where(inside > 0.0, inside, 1.0)
-
-
-def _integral(t: Real) -> Any:
-    """∫₀ᵗ ln(1/(1−s²)) ds."""
-    return xlogx(1.0 - t) - xlogx(1.0 + t) + 2.0 * t
+    integral = xlogx(1.0 - t) - xlogx(1.0 + t) + 2.0 * t  # ∫₀ᵗ ln(1/(1−s²)) ds
+    return scale(contact) * xp.diff(integral) / xp.where(inside > 0.0, inside, 1.0)
 
 
 def xlogx(v: Real) -> Any:

@@ -85,15 +85,10 @@ def first_level(cells: Cells, radius: Real) -> jax.Array:
     return 0.4 * xp.max(xp.fixed(curvature(cells, radius)))
 
 
-def tilt(cells: Cells, slope: Real) -> jax.Array:
-    """`slope`·y of a roller turned by `slope` [rad] about its middle, shape (rows, 1)."""
-    return (slope * cells.y)[:, None]
-
-
 def undeformed(cells: Cells, contact: LineContact, slope: Real | None) -> jax.Array:
     """Curvature, crown and tilt (None: not tilted), shape (rows, columns)."""
     gap = curvature(cells, contact.radius) + crown.mean_of_rows(cells.lines, contact)[:, None]
-    return gap if slope is None else gap + tilt(cells, slope)
+    return gap if slope is None else gap + (slope * cells.y)[:, None]
 
 
 def rest_at(y: jax.Array, contact: LineContact, slope: Real | None) -> jax.Array:

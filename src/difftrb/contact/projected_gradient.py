@@ -140,7 +140,7 @@ def descent(W: Operator, gap: jax.Array, force: jax.Array) -> tuple[Callable[[De
     def step(state: Descent) -> Descent:
         f, lifted = state.force, state.lifted
         displaced = lifted + gap
-        free = (f > 0.0) | (displaced < mean(displaced, jnp.where(f > 0.0, even, 0.0)))
+        free = (f > 0.0) | (displaced < jnp.average(displaced, weights=jnp.where(f > 0.0, even, 0.0)))
         balance, answer = balanced(measure, free, even)
         r = balance(displaced)
         z = answer(r)
@@ -167,11 +167,6 @@ def descent(W: Operator, gap: jax.Array, force: jax.Array) -> tuple[Callable[[De
     return step, Descent(
         force, lifted, force > 0.0, none, none, jnp.zeros(()), residual, jnp.asarray(0), jnp.asarray(1)
     )
-
-
-def mean(value: jax.Array, weight: jax.Array) -> jax.Array:
-    """Weighted mean."""
-    return jnp.sum(weight * value) / jnp.sum(weight)
 
 
 Linear = Callable[[jax.Array], jax.Array]
@@ -220,7 +215,7 @@ def _conjugate_gradient(W: Operator, loaded: jax.Array, right: jax.Array) -> tup
     p = answer(r)
     first = jnp.vdot(r, p)
     w, *_ = jax.lax.while_loop(unfinished, step, (jnp.zeros_like(r), r, p, first, jnp.asarray(0)))
-    return w, mean(halfspace.displacement(W, w) - right, jnp.where(loaded, even, 0.0))
+    return w, jnp.average(halfspace.displacement(W, w) - right, weights=jnp.where(loaded, even, 0.0))
 
 
 def _respond(W: Operator, loaded: jax.Array, right: jax.Array | None) -> tuple[jax.Array, jax.Array]:

@@ -141,24 +141,14 @@ def approach_and_slopes(
 
 def approach_and_gradient(
     contact: LineContact, load: Real, spall: Defect = None, offset: Real | Sequence[Real] = 0.0,
-    accuracy: float = 1e-3, method: Method = "auto", tilt: Real = 0.0,
-) -> tuple[ContactSolution, Inputs]:  # fmt: skip
-    """The solved contact and, from the same solve, the gradient of its approach: by contact, load, spall, offset and
-    tilt, each in the form of the input itself (None where that is None, or a tilt of 0). For numbers, not tracers;
-    by strips in numpy's."""
+    accuracy: float = 1e-3, method: Method = "auto", tilt: Real = 0.0, moment: bool = False,
+) -> tuple[Any, ...]:  # fmt: skip
+    """The solved contact and, from the same solve, the gradient of its approach: `Inputs` by contact, load, spall,
+    offset and tilt, each in the form of the input itself (None where that is None, or a tilt of 0); and, if asked for,
+    that of its `moment` [N mm]. For numbers, not tracers; by strips in numpy's."""
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
-    return _first_that_does(method, inputs, accuracy, partial(_of_numbers, inputs, mirrored, 1))  # type: ignore[return-value]
-
-
-def gradients_of_approach_and_moment(
-    contact: LineContact, load: Real, spall: Defect = None, offset: Real | Sequence[Real] = 0.0,
-    accuracy: float = 1e-3, tilt: Real = 0.0,
-) -> tuple[ContactSolution, Inputs, Inputs]:  # fmt: skip
-    """`approach_and_gradient`, and the gradient of the moment of the same solve [N mm]."""
-    inputs, mirrored, method = given(contact, load, spall, offset, tilt, "auto")
-    grid_for(accuracy)
-    return _first_that_does(method, inputs, accuracy, partial(_of_numbers, inputs, mirrored, 2))  # type: ignore[return-value]
+    return _first_that_does(method, inputs, accuracy, partial(_of_numbers, inputs, mirrored, 2 if moment else 1))
 
 
 # ------------------------------------------------------------------------------------------ which way is chosen

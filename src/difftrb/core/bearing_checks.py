@@ -121,8 +121,4 @@ def _ends(large: Any, small: Any, length: Any, outer: Any, roller: Any) -> list[
 
 def first(*checks: Callable[[Any], str | None], of: Any) -> str | None:
     """The first sentence there is."""
-    for check in checks:
-        sentence = check(of)
-        if sentence is not None:
-            return sentence
-    return None
+    return next((sentence for check in checks if (sentence := check(of)) is not None), None)

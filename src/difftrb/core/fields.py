@@ -171,18 +171,14 @@ def _of_number(field: Field, value: Any, key: str, not_finite: bool) -> str | No
     if isinstance(value, jax.core.Tracer):
         return None
     whole = is_whole(value)
-    real = whole or (isinstance(value, float | np.floating | np.ndarray | jax.Array) and _kind(value) in "iuf")
+    kind = getattr(getattr(value, "dtype", None), "kind", "f")
+    real = whole or (isinstance(value, float | np.floating | np.ndarray | jax.Array) and kind in "iuf")
     if math.isnan(field.low) or not real or (field.whole and not whole):
         return must_be(key, value, takes)
     number = value if isinstance(value, int) else float(value)
     if field.low <= number <= field.high or (not_finite and not -math.inf < number < math.inf):
         return None
     return must_be(key, number, takes)
-
-
-def _kind(value: Any) -> str:
-    """Of a number with a dtype its kind."""
-    return value.dtype.kind if hasattr(value, "dtype") else "f"
 
 
 def traced(tree: Any) -> Iterator[tuple[Any, float, float]]:

@@ -283,6 +283,11 @@ def cage_share(bearing: TaperedBearing) -> Real:
     return inner / (inner + outer)  # rolling without slip on both raceways
 
 
+def cage_rate(bearing: TaperedBearing, speed_rpm: Real) -> Real:
+    """Angular speed of the cage [rad/s], the inner ring at `speed_rpm` and the outer one at rest."""
+    return speed_rpm * (np.pi / 30.0) * cage_share(bearing)
+
+
 def spin_share(bearing: TaperedBearing) -> Real:
     """How often a roller turns about its axis in one turn of the cage, the outer ring at rest."""
     return xp.sin(bearing.outer_angle) / xp.sin(bearing.roller_angle)  # rolling on the outer raceway's cone

@@ -156,10 +156,8 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> 
 
 
 def _still(scene: Scene, means: np.ndarray, count: int) -> np.ndarray | None:
-    """See `Blocks.still`, of the first `count` of these means; None, too, where rings are not `alike` at other
+    """See `Blocks.still`, of the first `count` of these means; None, too, where rings are not `ALIKE` at other
     phases."""
-    if scene.effects:
-        return None
     still = np.zeros((len(means), 3))
     if count:
         found = prepared.still(scene, means[:count])

@@ -20,7 +20,7 @@ from difftrb.fits.parameters import OfSpall
 from difftrb.fits.predicted import Problem
 from difftrb.law import load_curve
 from difftrb.ring import roller_places
-from difftrb.ring.ring import largest_load
+from difftrb.ring.load import largest_load
 from difftrb.scene.scene import law_in_effect, outer_law
 
 FIELDS = "width", "angle"

@@ -9,10 +9,10 @@ import numpy as np
 
 from difftrb.core.geometry import TaperedBearing
 from difftrb.fits import predicted
-from difftrb.fits.conditions import COLUMN, ROW, Condition, row_conditions
+from difftrb.fits.conditions import Condition, row_conditions
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import ENTRIES
-from difftrb.ring.ring import Load
+from difftrb.ring.load import Load
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, healthy
 from difftrb.scene.scene_laws import with_any_width
@@ -76,8 +76,7 @@ def _told(fit: Fit, scene: Scene) -> np.ndarray:
     sound = [stiffness(healthy(scene), each) if k in wanted else None for k, each in enumerate(every)]
     told = np.empty(len(fit.rows))
     for k, row in enumerate(fit.rows):
-        number = list(ENTRIES).index(row.entry)
-        entry = ROW[number], COLUMN[number]
+        entry = ENTRIES[row.entry]
         told[k] = spalled[place[k]][entry]
         if row.is_loss and (whole := sound[place[k]]) is not None:
             told[k] = 100.0 * (1.0 - told[k] / whole[entry])

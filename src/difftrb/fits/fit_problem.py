@@ -12,8 +12,8 @@ from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.law.samples import Progress
+from difftrb.ring.load import Load, largest_load
 from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
-from difftrb.ring.ring import Load, largest_load
 from difftrb.scene.auto_law import by_table
 from difftrb.scene.scene import LawName, Scene, is_auto
 from difftrb.scene.solving import prepare

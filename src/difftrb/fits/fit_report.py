@@ -23,12 +23,11 @@ from difftrb.fits.measured import Measurement
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
 from difftrb.fits.parameters import PARAMETERS
 from difftrb.fits.posterior import Posterior, posterior
-from difftrb.fits.profile_intervals import CONFIDENCE
 from difftrb.fits.spall_count import SpallCount, count_spalls
 from difftrb.report import console, remarks, run_text
 from difftrb.ring import effect_base
 from difftrb.ring.effects import Raceways
-from difftrb.ring.ring import Load, largest_load
+from difftrb.ring.load import Load, largest_load
 from difftrb.scene import scene_file
 
 LIKELY = f"{PERCENT} interval"
@@ -149,12 +148,11 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
 
 def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
     """A fit for people: parameters, remarks, rows, and what to measure next."""
-    table = run_text.house_table("Fitted to the measurements")
-    for heading in ("", "value", "standard error", LIKELY, "unit", "determined"):
-        table.add_column(heading, justify="left" if heading in ("", "unit", "determined") else "right")
+    headings = "", "value", "standard error", LIKELY, "unit", "determined"
+    table = run_text.house_table("Fitted to the measurements", *headings, words=("", "unit", "determined"))
     for i, name in enumerate(fit.parameters):
         known = "yes" if fit.determined_each[i] else "no, see below"
-        values = f"{fit.values[i]:.4g}", _known(fit.standard_errors[i]), interval(fit, i), fit.units[i]
+        values = f"{fit.values[i]:.4g}", run_text.number(fit.standard_errors[i], ".2g"), interval(fit, i), fit.units[i]
         table.add_row(name, *values, known)
     rows = run_text.house_table("Measurements")
     for heading in ("row", "quantity", "radial [N]", "axial [N]", "phase", "measured", "model", "off [sigma]"):
@@ -230,10 +228,6 @@ def _amount(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.5g}"
 
 
-def _known(value: float) -> str:
-    return f"{value:.2g}" if math.isfinite(value) else "–"
-
-
 def _phase(phase: Any) -> str:
     return "scene's" if phase is None else phase if isinstance(phase, str) else f"{phase:.4g}"
 
@@ -259,9 +253,8 @@ def posterior_json(posterior: Posterior) -> dict[str, Any]:
 
 def posterior_text(posterior: Posterior) -> RenderableType:
     """A table of its parameters."""
-    table = run_text.house_table(f"Posterior, log evidence {posterior.log_evidence:.2f} ± {posterior.error:.2f}")
-    for name in ("", "mean", "standard deviation", f"{100.0 * CONFIDENCE:g} % interval", "unit"):
-        table.add_column(name, justify="left" if name in ("", "unit") else "right")
+    title = f"Posterior, log evidence {posterior.log_evidence:.2f} ± {posterior.error:.2f}"
+    table = run_text.house_table(title, "", "mean", "standard deviation", LIKELY, "unit")
     parts = zip(posterior.parameters, posterior.units, posterior.values.T, posterior.intervals(), strict=True)
     for name, unit, own, (low, high) in parts:
         table.add_row(name, f"{np.mean(own):.4g}", f"{np.std(own):.2g}", f"{low:.4g} … {high:.4g}", unit)
@@ -280,9 +273,7 @@ def count_json(counted: SpallCount) -> list[dict[str, Any]]:
 
 def count_text(counted: SpallCount) -> RenderableType:
     """A table of what speaks for each number of spalls."""
-    table = run_text.house_table("How many spalls")
-    for name in ("spalls", "log evidence", "probability"):
-        table.add_column(name, justify="right")
+    table = run_text.house_table("How many spalls", "spalls", "log evidence", "probability")
     parts = zip(counted.counts, counted.log_evidences, counted.errors, counted.shares, strict=True)
     for count, value, error, share in parts:
         table.add_row(str(count), f"{value:.2f} ± {error:.2f}", f"{100.0 * share:.3g} %")

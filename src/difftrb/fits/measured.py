@@ -11,7 +11,7 @@ from annotated_types import Interval, Unit
 from difftrb.core import fields, geometry
 from difftrb.core.geometry import FILE_RULES, Real
 from difftrb.core.status import DifftrbError
-from difftrb.ring.ring import needed_axial, too_light
+from difftrb.ring.load import needed_axial, too_light
 from difftrb.scene.scene import Definition, Phase, Scene
 
 Quantity = Literal[

@@ -12,7 +12,7 @@ from difftrb.core import geometry
 from difftrb.fits import measured, predicted
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import MeasuredError, Measurement
-from difftrb.ring.ring import Load, largest_load, needed_axial
+from difftrb.ring.load import Load, largest_load, needed_axial
 
 
 class Suggestion(NamedTuple):

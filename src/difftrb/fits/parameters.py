@@ -21,7 +21,7 @@ from difftrb.core.numeric import bisected
 from difftrb.fits.least_squares import Bounds
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.law.base import Law
-from difftrb.ring.ring import Load
+from difftrb.ring.load import Load
 from difftrb.scene.scene import Scene
 
 

@@ -28,7 +28,7 @@ from difftrb.fits.least_squares import Alone, Bounds, Enough, Least
 from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.rings_of_rows import Values, stiffness, with_slopes
-from difftrb.ring.ring import Load
+from difftrb.ring.load import Load
 from difftrb.scene.scene import Scene
 
 ROBUST = ("squares", "huber", "student")

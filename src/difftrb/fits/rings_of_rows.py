@@ -19,7 +19,7 @@ from difftrb.core.taylor import Taylor
 from difftrb.fits.conditions import COLUMN, ROW, Blocks, Conditions
 from difftrb.fits.measured import ENTRIES
 from difftrb.ring import phase_rule
-from difftrb.ring.ring import Load
+from difftrb.ring.load import Load
 from difftrb.scene import prepared
 from difftrb.scene.cage_phases import pitch_borders
 from difftrb.scene.scene import Definition, PitchMean, Scene, healthy

@@ -121,6 +121,11 @@ def load_over(
     return load[0], slope[0]
 
 
+def of_base(name: str) -> Any:
+    """A property that a law has of its `base`."""
+    return property(lambda self: getattr(self.base, name), doc="The other law's.")
+
+
 def spalls_under(spalls: tuple[Spall, ...], distances: Any) -> Any:
     """Which spall every roller is over, counted from 1; 0 is none; shape (…, rollers).
 
@@ -254,6 +259,11 @@ class LawKind:
         )
 
 
+def _not_by_name(request: Request) -> Law:
+    raise status.SceneError("a law that is not registered cannot be made by its name")
+
+
+OWN = LawKind("", "", make=_not_by_name)
 LAWS: dict[str, LawKind] = {}
 """Every law that a scene can name; filled by `register`."""
 
@@ -275,24 +285,9 @@ def unknown(name: str) -> str:
     return f"law = {shown(name)} is unknown; use one of {', '.join(names())}"
 
 
-def longest(name: str, roller_length: float) -> float:
-    """The longest spall [mm] that the law called `name` knows."""
-    return LAWS[name].longest(roller_length) if name in LAWS else LENGTH_SHARE * roller_length
-
-
-def one_scene(name: str) -> bool:
-    """Whether the law called `name` is made for one scene only; a law of the user's own is not."""
-    return name in LAWS and LAWS[name].one_scene
-
-
-def by_samples(name: str) -> bool:
-    """Whether the law called `name` needs contacts solved one by one, outside of jit."""
-    return name in LAWS and LAWS[name].by_samples
-
-
-def of_all_loads(name: str) -> bool:
-    """Whether the law called `name` is made without looking at the loads."""
-    return name in LAWS and LAWS[name].of_all_loads
+def kind(name: str) -> LawKind:
+    """The law called `name`; of one that is not registered, the user's own, what laws are unless they say otherwise."""
+    return LAWS.get(name, OWN)
 
 
 def made(name: str, request: Request) -> Law:

@@ -257,8 +257,8 @@ def with_edges(
             beside = healthy.beside(edge, full, law.sunk[i], rise, edge_ramp.guess())
             at = approach * np.geomspace(*WINDOW, EDGE_LOADS)
             healthy_loads, full_loads, low, high = edge_ramp.between(beside, np.asarray(at))
-            guessed = edge_ramp.guessed(healthy_loads, full_loads, edge_share.place(beside.edge, low, high))
-            loads[k] = np.maximum(guessed, np.exp(law.log_loads[0]))
+            left = edge_share.usual(edge_share.place(beside.edge, low, high))  # before any solve at the edge
+            loads[k] = np.maximum(full_loads + (healthy_loads - full_loads) * left, np.exp(law.log_loads[0]))
         distances = [distance for distance, _ in own]
         cases = [Case(q, spall, d) for d, row in zip(distances, loads, strict=True) for q in row]
         solved = samples.all_solved(law.contact, cases, accuracy_at_edges(float(law.error)), progress)

@@ -108,17 +108,7 @@ def carried(ramp: Ramp, approach: Any) -> Any:
     if ramp.narrow is not None:
         edge = equivalent_edge.of_both(edge, ramp.narrow, approach, low, high)
     t = edge_share.place(edge, low, high)
-    return full + (healthy - full) * edge_share.left(t, shares_at(ramp.share, level(ramp, healthy)))
-
-
-def shares_at(share: Any, level: Any) -> Any:
-    """Coefficients of s by u in powers of 2u − 1 at a level, shape (TERMS, …)."""
-    return series.polynomial(share, level[None])
-
-
-def guessed(healthy: Any, full: Any, t: Any) -> Any:
-    """About the load [N], before any solve at the edge."""
-    return full + (healthy - full) * edge_share.usual(t)
+    return full + (healthy - full) * edge_share.left(t, series.polynomial(ramp.share, level(ramp, healthy)[None]))
 
 
 def between(ramp: Ramp, approach: Any) -> tuple[Any, Any, Any, Any]:

@@ -14,9 +14,9 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import series, status
-from difftrb.core.geometry import LineContact, Real, Spall
+from difftrb.core.geometry import LineContact, Spall
 from difftrb.law import ramp_fit, samples
-from difftrb.law.base import Law, Rest
+from difftrb.law.base import Law, Rest, of_base
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve
@@ -86,25 +86,7 @@ class LocalLaw:
     name = "direct"
     hard = False
 
-    @property
-    def contact(self) -> LineContact:
-        """The roller's with this raceway, as it is now."""
-        return self.base.contact
-
-    @property
-    def load_range(self) -> tuple[Real, Real]:
-        """Smallest and largest load of the solves [N]."""
-        return self.base.load_range
-
-    @property
-    def error(self) -> Real:
-        """Of the contact solves [-], as asked for."""
-        return self.base.error
-
-    @property
-    def status_code(self) -> Real:
-        """Worst of all solves."""
-        return self.base.status_code
+    contact, load_range, error, status_code = map(of_base, ("contact", "load_range", "error", "status_code"))
 
     def at(self, contact: LineContact) -> LocalLaw:
         """The law carried to another contact near by."""

@@ -12,7 +12,7 @@ k = (√(e² + 3) − e)/3 and e in half-widths.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +63,7 @@ def sinking(near: Any, width: Any, half_width: Any) -> Any:
 def reaches_far_land(near: Any, width: Any, half_width: Any) -> Any:
     """Whether the far land carries, too; arguments as of `sinking`, which is that of one edge where it does not."""
     x = xp.maximum(width / xp.maximum(half_width, width / WIDEST), NARROWEST)
-    end = polynomial(_polynomials().of_width[:, 0], _variable(x))
+    end = polynomial(_polynomials()[:, 0], _variable(x))
     return 0.5 * x - near * (x / xp.maximum(width, NARROWEST * half_width)) < _farthest(x, end)
 
 
@@ -73,8 +73,8 @@ def _variable(x: Any) -> Any:
 
 
 def _of_width(x: Any) -> tuple[Any, Any, Any]:
-    """The rows of `Polynomials` and their first two derivatives by a width in half-widths, of shape (1, …)."""
-    every = _polynomials().of_width
+    """The rows of `_polynomials` and their first two derivatives by a width in half-widths, of shape (1, …)."""
+    every = _polynomials()
     every, w = every.reshape(*every.shape, *[1] * (x.ndim - 1)), _variable(x)
     (value, rate), bend = with_slope(every, w), polynomial(every, w, 2)
     rise = 2.0 * HALF * ((WIDEST + HALF) / WIDEST) / ((x + HALF) * (x + HALF))
@@ -83,7 +83,7 @@ def _of_width(x: Any) -> tuple[Any, Any, Any]:
 
 def _farthest(x: Any, end: Any) -> Any:
     """How far the spall's middle is from the roller's, in half-widths, where the far land begins to touch; `end`: the
-    first row of `Polynomials`."""
+    first row of `_polynomials`."""
     return 1.0 + x * (0.5 - end)
 
 
@@ -108,16 +108,11 @@ def _sunk_over_one(s: Any) -> tuple[Any, Any, Any]:
     return value, s - short, xp.where(above, (2.0 + (s - 1.0) / root) / 3.0, 0.0)
 
 
-class Polynomials(NamedTuple):
+@cache
+def _polynomials() -> np.ndarray:
     """Of a spall's width w in half-widths, coefficients of powers of the width's variable, shape (widths, 1 + places):
     of (e + 1)/w at the edge e where the far land begins to touch; and of what the sinking by w² is more than linear in
     the place p between the middle and there, by p(1 − p)."""
-
-    of_width: np.ndarray
-
-
-@cache
-def _polynomials() -> Polynomials:
     """Solved and fitted once for all."""
     rise = 0.5 * (1.0 - chebyshev_roots(24))
     share = rise * WIDEST / (WIDEST + HALF)
@@ -136,19 +131,14 @@ def _polynomials() -> Polynomials:
     inside = np.array([chebyshev.cheb2poly(row) for row in found])
     inside = np.array([chebyshev.cheb2poly(column) for column in inside.T])
     inside = np.pad(inside, ((0, len(end) - len(inside)), (0, 0)))
-    return Polynomials(np.concatenate([end[:, None], inside], axis=1))
-
-
-def _half(edge: np.ndarray) -> np.ndarray:
-    """Half the width of one land's contact."""
-    return (np.sqrt(edge * edge + 3.0) - edge) / 3.0
+    return np.concatenate([end[:, None], inside], axis=1)
 
 
 def _where_far_land_touches(widths: np.ndarray) -> np.ndarray:
     """The near edge at which the gap over the far one closes."""
 
     def closed(edge: np.ndarray) -> np.ndarray:
-        k = _half(edge)
+        k = (np.sqrt(edge * edge + 3.0) - edge) / 3.0  # half the width of one land's contact
         middle = edge + k
         z = widths - edge + middle
         root, area = np.sqrt(np.maximum(z * z - k * k, 0.0)), np.arccosh(np.maximum(z / k, 1.0))

@@ -17,7 +17,7 @@ from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.jax_config import jit_quickly
 from difftrb.law import base, load_curve
-from difftrb.law.base import HardWindow, Law, LawKind, Request, Rest
+from difftrb.law.base import HardWindow, Law, LawKind, Request, Rest, of_base
 from difftrb.law.edge_ramp import RollerCurves
 
 # Liu et al. 2018, Table 2: spall length [mm], K [N/mmⁿ], n, largest error of the fit
@@ -127,11 +127,6 @@ class Palmgren(HardWindow):
         return status.worst(base.known_up_to(longest, spalls), base.of_one_deep_spall(spalls, distances, rest))
 
 
-def _of_base(name: str) -> Any:
-    """A property that the other law has."""
-    return property(lambda self: getattr(self.base, name), doc="The other law's.")
-
-
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class AllThrough(HardWindow):
@@ -140,7 +135,7 @@ class AllThrough(HardWindow):
 
     base: Law
 
-    name, load_range, error, status_code = map(_of_base, ("name", "load_range", "error", "status_code"))
+    name, load_range, error, status_code = map(of_base, ("name", "load_range", "error", "status_code"))
 
     def at(self, contact: LineContact) -> AllThrough:
         """See `Law`."""
@@ -150,12 +145,12 @@ class AllThrough(HardWindow):
         """See `Law`."""
         each = self.base.curves((), distances[:0]).each
         under = base.spalls_under(spalls, distances)
-        depth = sum((jnp.where(under == i + 1, spall.depth, 0.0) for i, spall in enumerate(spalls)), jnp.zeros(()))
+        depth = sum((xp.where(under == i + 1, spall.depth, 0.0) for i, spall in enumerate(spalls)), 0.0)
         return RollerCurves(dataclasses.replace(each, shift=each.shift + depth))
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`: one spall under a roller, whose bottom it knows."""
-        deep = tuple(dataclasses.replace(spall, depth=jnp.inf) for spall in spalls)
+        deep = tuple(dataclasses.replace(spall, depth=np.inf) for spall in spalls)
         return status.worst(self.base.judge((), distances[:0], rest), base.of_one_deep_spall(deep, distances, rest))
 
 

@@ -144,8 +144,8 @@ def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
 
 def solved_turning(contact: LineContact, case: Case, accuracy: float) -> Node:
     """`solved`, with its `turning`."""
-    solution, by, by_moment = contacts.gradients_of_approach_and_moment(
-        contact, case.load, case.spall, case.distance, accuracy, case.tilt
+    solution, by, by_moment = contacts.approach_and_gradient(
+        contact, case.load, case.spall, case.distance, accuracy, tilt=case.tilt, moment=True
     )
     turning = Turning(_or_zero(by.tilt), _or_zero(by_moment.tilt), _by_inputs(case, by_moment))
     return dataclasses.replace(_node(contact, case, solution, by), turning=turning)

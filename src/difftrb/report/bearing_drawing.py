@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
 from difftrb.core import geometry
-from difftrb.core.geometry import Spall, TaperedBearing
+from difftrb.core.geometry import TaperedBearing
 from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED
 from difftrb.ring import roller_places
 from difftrb.scene.scene import Scene
@@ -33,10 +33,6 @@ def bearing(scene: Scene, solution: Solution) -> Figure:
     front_view(scene, solution, front)
     unrolled_view(scene, solution, unrolled)
     return figure
-
-
-def _outer(scene: Scene) -> tuple[Spall, ...]:
-    return roller_places.spalls_on(scene.spalls, "outer")
 
 
 def section_view(scene: Scene, ax: Axes) -> None:
@@ -70,7 +66,7 @@ def section_view(scene: Scene, ax: Axes) -> None:
     ax.add_patch(Polygon(roller, fc="white", ec=DARK, lw=1.4, zorder=3))
     ends = [(apex - 1.35 * reach) * along, (apex + 1.35 * reach) * along]
     ax.plot(*np.transpose(ends), color=DARK, lw=0.7, ls="-.", zorder=4)
-    for spall in _outer(scene)[:1]:
+    for spall in roller_places.spalls_on(scene.spalls, "outer")[:1]:
         middle, depth = slant + float(spall.axial_offset), float(spall.depth)
         p, q = on(outer, middle - 0.5 * float(spall.length)), on(outer, middle + 0.5 * float(spall.length))
         up = np.array([-np.sin(outer), np.cos(outer)])
@@ -125,7 +121,7 @@ def front_view(scene: Scene, solution: Solution, ax: Axes) -> None:
 def unrolled_view(scene: Scene, solution: Solution, ax: Axes) -> None:
     """The outer raceway about the first spall, or about the most loaded roller; contacts as wide as they are."""
     of: TaperedBearing = scene.bearing
-    spalls, loads = _outer(scene), np.asarray(solution.loads)
+    spalls, loads = roller_places.spalls_on(scene.spalls, "outer"), np.asarray(solution.loads)
     radius, half = float(geometry.arc_radius(of)), 0.5 * float(of.roller_length)
     middle = float(spalls[0].angle) if spalls else float(np.asarray(solution.angles)[loads.argmax()])
     pitch = radius * float(geometry.roller_pitch(of))

@@ -10,13 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from difftrb.contact import gap
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import pressure_patches
 from difftrb.contact.strip_model import Patch
 from difftrb.report.figure_style import SPALLED
 from difftrb.ring import roller_places
+from difftrb.scene.edge_stress import beside_spall
 from difftrb.scene.scene import Scene, raceway_contact
 from difftrb.scene.solution import Solution
 
@@ -41,8 +41,7 @@ def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
     loads = np.asarray(solution.loads_of(1 if spall is None else spall.row))
     rollers, away = [int(np.argmax(loads))], np.zeros(loads.size)
     if spall is not None:
-        away = np.asarray(roller_places.distances(scene.bearing, (spall,), solution.angles)[0])
-        half = gap.half_width(contact, loads)
+        _, away, half = beside_spall(scene, solution, spall)
         met = np.flatnonzero((np.abs(away) < 0.5 * float(spall.width) + half) & (loads > 0.0))
         nearest = met[np.argsort(np.abs(away[met]), kind="stable")[:MOST]]
         rollers = sorted((int(j) for j in nearest), key=lambda j: away[j]) or rollers

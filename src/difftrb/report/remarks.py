@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.contact import gap
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import effect_base, effects, life, roller_places
 from difftrb.ring.effects import Through
+from difftrb.scene.edge_stress import beside_spall
 from difftrb.scene.prepared import assess_prepared
-from difftrb.scene.scene import PitchMean, Scene, raceway_contact
+from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.scene_file import SceneFile
 from difftrb.scene.solution import Assessment, Solution
 
@@ -129,11 +129,9 @@ def _rollers_on_edges(scene: Scene, found: Solution) -> int:
     one phase."""
     if effect_base.among(scene.effects, Through) is not None:
         return 0
-    contact, on_edge = raceway_contact(scene, "outer"), set[tuple[int, int]]()
+    on_edge = set[tuple[int, int]]()
     for spall in roller_places.spalls_on(scene.spalls, "outer"):
-        loads = np.asarray(found.loads_of(spall.row))
-        half = gap.half_width(contact, loads)
-        away = np.asarray(roller_places.distances(scene.bearing, (spall,), found.angles))[0]
+        loads, away, half = beside_spall(scene, found, spall)
         near = (np.abs(np.abs(away) - 0.5 * float(spall.width)) < half) & (loads > 0.0)
         on_edge.update((spall.row, int(j)) for j in np.flatnonzero(near))
     return len(on_edge)

@@ -152,10 +152,8 @@ def _stiffness_table(scene: Scene, result: Assessment, where: str) -> Table:
     """Stiffness in either direction, its loss, and its slopes by the first spall's size; none where it is 0 because no
     roller stands on a rolling edge."""
     kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
-    table = house_table(f"Stiffness{where}, {kind} [N/mm]")
     columns = ["spalled", "loss [%]", "by length [/mm]", "by width [/mm]"] if scene.spalls else []
-    for heading in ("", "healthy", *columns):
-        table.add_column(heading, justify="right" if heading else "left")
+    table = house_table(f"Stiffness{where}, {kind} [N/mm]", "", "healthy", *columns)
     for row, name in enumerate(("radial", "axial")):
         if not scene.spalls:
             table.add_row(name, number(getattr(result.healthy, f"{name}_stiffness"), ",.0f"))
@@ -186,9 +184,8 @@ def roller_columns(scene: Scene, result: Assessment) -> dict[str, list[str]]:
 
 def _load_table(scene: Scene, result: Assessment) -> Table:
     """Every roller's load; where effects say nothing of it, a bar beside it."""
-    table, columns = house_table("Load distribution"), roller_columns(scene, result)
-    for heading in columns:
-        table.add_column(heading, justify="right")
+    columns = roller_columns(scene, result)
+    table = house_table("Load distribution", *columns)
     bars: list[Text] = []
     if set(columns) <= {"roller", "angle [rad]", "load [N]", "against healthy"}:
         table.add_column("", no_wrap=True)
@@ -306,7 +303,7 @@ def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> Renderabl
     derivatives.add_column("by")
     derivatives.add_column("", justify="right")
     for name, value in slopes.items():
-        each = "–" if value is None else ", ".join(_slope(v) for v in np.atleast_1d(np.asarray(value)))
+        each = "–" if value is None else ", ".join(number(1e3 * v, "+.5g") for v in np.atleast_1d(np.asarray(value)))
         derivatives.add_row(name, each if each == "–" else f"{each} µm/{units[name]}")
     rows, columns = solution.force.shape
     last = (
@@ -316,11 +313,10 @@ def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> Renderabl
     return Group(table, derivatives, Text(last))
 
 
-def _slope(value: float) -> str:
-    return f"{1e3 * value:+.5g}" if math.isfinite(value) else "–"
-
-
-def house_table(title: str) -> Table:
-    """An empty table of the house."""
-    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False,
-                 min_width=min(len(title), 60))  # fmt: skip
+def house_table(title: str, *headings: str, words: tuple[str, ...] = ("", "unit")) -> Table:
+    """An empty table of the house; under `headings` of `words` these stand left, numbers right."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False,
+                  min_width=min(len(title), 60))  # fmt: skip
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in words else "right")
+    return table

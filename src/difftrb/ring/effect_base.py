@@ -20,7 +20,8 @@ from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedB
 from difftrb.core.status import SceneError
 from difftrb.law.base import Law
 from difftrb.ring import ring, roller_balance, roller_places
-from difftrb.ring.ring import Equilibrium, Load
+from difftrb.ring.load import Load
+from difftrb.ring.ring import Equilibrium
 from difftrb.ring.terms import PLAIN, Terms, beside
 
 PART_OF_A_TURN = (

@@ -11,7 +11,6 @@ import importlib
 import pkgutil
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
-import numpy as np
 from annotated_types import Interval, Unit
 
 import difftrb.ring
@@ -187,10 +186,8 @@ class Centrifugal(Effect):
 
     def force(self, bearing: TaperedBearing) -> Any:
         """On one roller [N]."""
-        turning = self.speed_rpm * np.pi / 30.0
-        cage = turning * geometry.cage_share(bearing)
         metres = 1e-3 * geometry.pitch_radius(bearing)
-        return xp.asarray(geometry.roller_mass(bearing) * metres * cage**2)
+        return xp.asarray(geometry.roller_mass(bearing) * metres * geometry.cage_rate(bearing, self.speed_rpm) ** 2)
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers thrown outwards; the ring held where it is at rest if asked."""

@@ -29,11 +29,6 @@ LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-9, 1e-4, 1e6
 """What is added to the diagonal of the jacobian, in parts of its trace: it falls tenfold with every step that is taken,
 to 0 below the least; grows tenfold with every one that is not, from 0 to the first; with more than the most no step
 leads on."""
-LEAST_SHARE = 1e-9
-"""Of all loads, from which a roller's share is more than what is left over where an equilibrium counts as found."""
-LEAST_HOLD = 1e-11
-"""By how much a ring must be held in every direction, by the most: 400 rollers of which three neighbours carry hold it
-by 1e-9."""
 RollerLoads = tuple[jax.Array, jax.Array]
 """Load [N] and its slope [N/mm] of every roller, both of shape (rollers,)."""
 
@@ -68,23 +63,6 @@ class Rollers(NamedTuple):
 def tangent(normals: Any, slopes: Any) -> Any:
     """Σ dQ/dδ n nᵀ [N/mm], shape (…, 3, 3)."""
     return xp.einsum("...r,...rij->...ij", slopes, normals[..., :, None] * normals[..., None, :])
-
-
-def is_free(normals: Any, pressed: Any, held_axially: bool) -> Any:
-    """Whether rollers that carry `pressed` [N], shape (…, rollers), leave a direction free: where their normals, shape
-    (…, rollers, n), do not reach. Their stiffness does not tell: as a roller is touched it rises too steeply."""
-    of = xp.module_of(normals, pressed)
-    total = of.sum(pressed, axis=-1, keepdims=True)
-    gram = tangent(normals, (pressed > LEAST_SHARE * total) * 1.0)
-    if held_axially:
-        axial = np.arange(gram.shape[-1]) == 2
-        gram = gram + aligned(normals.shape[-2] * np.diag(axial), gram)
-    if gram.shape[-1] != 3:
-        values = of.linalg.eigvalsh(gram)
-        return values[..., 0] <= LEAST_HOLD * values[..., -1]
-    minors, determinant = _cofactors(gram)
-    minors, most = (of.trace(one, axis1=-2, axis2=-1) for one in (minors, gram))
-    return determinant <= LEAST_HOLD * most * minors  # their ratio is about the smallest eigenvalue
 
 
 def norm(force: Any) -> Any:
@@ -312,9 +290,9 @@ def solve(matrix: Any, right: Any) -> Any:
     if right.shape[-1] != 3:
         solved = jnp.linalg.solve if xp.of_jax((matrix, right)) else _by_numpy
         return solved(matrix, right[..., None])[..., 0]
-    cofactors, determinant = _cofactors(matrix)
-    x = right[..., 0:1] * cofactors[..., 0, :]
-    x = x + right[..., 1:2] * cofactors[..., 1, :] + right[..., 2:3] * cofactors[..., 2, :]
+    rows, determinant = cofactors(matrix)
+    x = right[..., 0:1] * rows[..., 0, :]
+    x = x + right[..., 1:2] * rows[..., 1, :] + right[..., 2:3] * rows[..., 2, :]
     return x / determinant[..., None]
 
 
@@ -329,7 +307,7 @@ def _by_numpy(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.stack([_by_numpy(*each) for each in zip(every, right, strict=True)])
 
 
-def _cofactors(matrix: Any) -> tuple[Any, Any]:
+def cofactors(matrix: Any) -> tuple[Any, Any]:
     """Of matrices of shape (…, 3, 3), and their determinants."""
     of = xp.module_of(matrix)
     a, b, c = (matrix[..., k, :] for k in range(3))

@@ -20,7 +20,7 @@ from difftrb.core.numeric import gauss_legendre
 from difftrb.law import load_curve
 from difftrb.law.base import Law
 from difftrb.ring import ring, roller_places
-from difftrb.ring.ring import Load
+from difftrb.ring.load import Load
 
 POINTS_BETWEEN_KINKS = 10
 """Gauss–Legendre points between two kinks: 70 phases with one spall of soft edges. Losses are within 2e-5 of themselves

@@ -8,49 +8,28 @@ on) and axial (pressing the rings together). One contact per roller, the outer r
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
-from annotated_types import Interval, Unit
 
 from difftrb.core import arrays as xp
-from difftrb.core import fields, geometry, status
-from difftrb.core.geometry import FILE_RULES, Real, Spall, TaperedBearing
+from difftrb.core import geometry, status
+from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.law import edge_ramp
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
-from difftrb.ring import expanded_rest, newton, newton_start, roller_balance, roller_places
+from difftrb.ring import expanded_rest, holding, newton, newton_start, roller_balance, roller_places
+from difftrb.ring.load import Load
 from difftrb.ring.newton import Rollers, System
-from difftrb.ring.terms import PLAIN, Terms, Tilting, beside, of_rows, of_slices, without_land
+from difftrb.ring.terms import PLAIN, Terms, beside, of_rows, of_slices
 
 if TYPE_CHECKING:
     from jax import Array
     from jaxtyping import Float, Int
 
-BARE = 1e-9
-"""Share of all loads above which slices without land count as what holds the ring."""
 OF_ONE_RACEWAY = 0.75
 """Share of a roller's approach by two raceways in series that is either contact's at the most."""
-
-
-@fields.register
-@dataclasses.dataclass(frozen=True)
-class Load:
-    """The bearing's load.
-
-    Attributes:
-      radial: along the load line [N], 0…1e7.
-      axial: pressing the rings together [N], 0…1e7; needs to exceed about radial × tan(outer_angle).
-    """
-
-    __pydantic_config__ = FILE_RULES
-
-    radial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
-    axial: Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]
-
-    def __post_init__(self) -> None:
-        fields.whole_to_float(self)
 
 
 @jax.tree_util.register_dataclass
@@ -80,6 +59,12 @@ class Equilibrium:
     second_loads: jax.Array | None = None
 
     @property
+    def is_found(self) -> Any:
+        """Whether the search for it ended."""
+        of = xp.module_of(self.residual)
+        return (self.residual <= newton.TOLERANCE) & of.all(of.isfinite(xp.value(self.displacement)))
+
+    @property
     def all_approaches(self) -> jax.Array:
         """Of the rollers of all rows, one row behind the other [mm]."""
         return _of_all_rows(self.approach, self.second_approach)
@@ -102,54 +87,6 @@ def axial_force(rest: Equilibrium, bearing: TaperedBearing) -> Any:
     return pressed * xp.sin(bearing.outer_angle)
 
 
-def needed_axial(bearing: TaperedBearing, radial: Real, phase: Real, tilting: Tilting | None = None) -> jax.Array:
-    """The axial load [N] that must be exceeded for an equilibrium under `radial` [N] and, of rings that tilt, moments.
-
-    Rollers push only: the load must lie inside the cone spanned by their normals, that is, the point
-    radial·tanα/axial on the load line inside the polygon of the rollers' angles. Of rollers that carry along their
-    length it is enough to look at those loaded at their two ends: force and moments part uniquely into one force at all
-    first ends and one at all second ends, and each must lie inside its share of the polygon.
-    """
-    half = 0.5 * geometry.roller_pitch(bearing)
-    edges = roller_places.roller_angles(bearing, phase) + half
-    if tilting is None:
-        reach = xp.module_of(edges).max(xp.cos(edges), axis=-1) / np.cos(half)
-        return radial * xp.tan(bearing.outer_angle) * reach
-    levers, (about_radial, about_lateral) = xp.fixed(tuple(tilting))
-    low, high = levers.min(), levers.max()
-    upper = (-about_lateral - low * radial / xp.cos(bearing.outer_angle)) / (high - low), about_radial / (high - low)
-    lower = radial / xp.cos(bearing.outer_angle) - upper[0], -upper[1]
-    of, beyond = xp.module_of(edges, upper), 0.0
-    for along, aside in (upper, lower):
-        along, aside = (part[..., None] if np.ndim(part) else part for part in (along, aside))
-        beyond = beyond + of.max(along * xp.cos(edges) + aside * xp.sin(edges), axis=-1)
-    return xp.sin(bearing.outer_angle) * beyond / np.cos(half)
-
-
-def is_enough(axial: Real, needed: Real) -> Any:
-    """Whether an axial load is more than what is needed, by more than rounding."""
-    return axial > needed * (1.0 + 1e-6)
-
-
-def too_light(axial: float, radial: float, needed: float, key: str = "", beside: str = "") -> str | None:
-    """The sentence for an axial load [N] that holds no equilibrium under `radial` [N] and what is named `beside`; None
-    if it does. `key` stands before the loads' names."""
-    if axial != 0.0 and is_enough(axial, needed):
-        return None
-    return (
-        f"{key}axial = {axial:g} N is too small for an equilibrium: with {key}radial = {radial:g} N{beside} it must "
-        f"exceed {needed:.6g} N"
-    )
-
-
-def largest_load(bearing: TaperedBearing, load: Load) -> Real:
-    """A first estimate of the most loaded roller's load [N]."""
-    half_zone = 4.08 * load.radial / (bearing.rollers * xp.cos(bearing.outer_angle))  # NSK E728g, line contact
-    shared = load.axial / (bearing.rollers * xp.sin(bearing.outer_angle))
-    all_loaded = shared + 2.0 * load.radial / (bearing.rollers * xp.cos(bearing.outer_angle))  # a cosine on a mean
-    return xp.maximum(half_zone, all_loaded)
-
-
 def equilibrium(
     bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], law: Law, phase: Any, terms: Terms = PLAIN,
     laws_status: Any = status.CONVERGED,
@@ -166,7 +103,7 @@ def equilibrium(
     """
     at = xp.fixed((bearing, load, spalls, phase))
     alone = bool(np.ndim(xp.value(load.radial)))
-    valid, held = is_valid(*at[1:]), is_held(at[0], at[1], at[3], xp.fixed(terms))
+    valid, held = is_valid(*at[1:]), holding.is_held(at[0], at[1], at[3], xp.fixed(terms))
     if not alone:
         valid, held = (xp.module_of(one).all(one) for one in (valid, held))
     usable = valid & held
@@ -181,7 +118,7 @@ def equilibrium(
     state, own = xp.fixed((dataclasses.replace(rest, approach=approach, loads=loads), terms))
     codes = (
         status_of_laws(at[0], at[2], xp.fixed(away), xp.fixed(law), state, own),
-        not_held(state, xp.fixed(system.rollers.normals), xp.fixed(pressed), own),
+        holding.not_held(state, xp.fixed(system.rollers.normals), xp.fixed(pressed), own),
     )
     known, unpressed = codes if alone else (xp.module_of(code).max(code) for code in codes)
     rest = judged(rest, valid, held, status.worst(laws_status, known), xp.fixed(law), unpressed)
@@ -203,19 +140,6 @@ def is_valid(load: Load, spalls: tuple[Spall, ...], phase: Any) -> Any:
     for spall in spalls:
         valid = valid & geometry.spall_is_sound(spall)
     return valid
-
-
-def is_held(bearing: TaperedBearing, load: Load, phase: Any, terms: Terms) -> Any:
-    """Whether rollers, which only push, can hold the load."""
-    spare = load.axial
-    if terms.seat is not None and terms.seat.centrifugal is not None:  # thrown rollers push the rings apart
-        spare = spare - bearing.rollers * terms.seat.least * xp.sin(bearing.outer_angle)
-    if terms.axial is not None:
-        return np.asarray(True)
-    if terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it, or both by the preload
-        moments = 0.0 if terms.tilting is None else abs(terms.tilting.moments).sum()
-        return (load.radial + load.axial + moments > 0.0) | (terms.pair.preload > 0.0)
-    return is_enough(spare, needed_axial(bearing, load.radial, phase, terms.tilting))
 
 
 def forces(load: Load, usable: Any, terms: Terms) -> Any:
@@ -298,24 +222,6 @@ def status_of_laws(
     return status.worst(code, terms.facing.tilts(roller_law, spalls, away, state), terms.facing.judge(inner))
 
 
-def not_held(rest: Equilibrium, normals: Any, loads: Any, terms: Terms) -> Any:
-    """Status: whether the ring rests on what may hold it: anything, in all directions, on land, or on both of two rows.
-    `normals` and `loads` [N] of rollers, or of their slices, which are left a trace of stiffness without land."""
-    thrown = 0.0 if terms.seat is None else terms.seat.least
-    free = newton.is_free(*xp.fixed((normals, loads - thrown)), held_axially=terms.axial is not None)
-    code: Any = xp.where(free, status.FREE, status.CONVERGED)
-    if terms.axial is not None or terms.pair is not None:
-        code = xp.where(xp.total(rest.loads) > 0.0, code, status.UNPRESSED)
-    if terms.slices is not None:
-        bare = xp.total(xp.where(without_land(terms.slices), loads, 0.0))
-        code = xp.where(bare > BARE * xp.total(loads), status.NO_EQUILIBRIUM, code)
-    if terms.pair is not None and terms.tilting is not None and terms.slices is None:
-        rows = xp.total(rest.loads.reshape(*rest.loads.shape[:-1], 2, -1))
-        least = xp.module_of(rows).min(rows, axis=-1)
-        code = xp.where(_converged(rest) & (least <= newton.LEAST_SHARE * xp.total(rows)), status.LOOSE, code)
-    return code
-
-
 def judged(
     rest: Equilibrium, valid: Any, held: Any, laws_status: Any, law: Law, unpressed: Any = status.CONVERGED
 ) -> Equilibrium:
@@ -325,7 +231,7 @@ def judged(
     state, under too small an axial load, with bad input.
     """
     of, usable = xp.module_of(rest.residual, laws_status, valid, held), valid & held
-    code = of.where(_converged(rest), status.CONVERGED, status.NOT_CONVERGED)
+    code = of.where(rest.is_found, status.CONVERGED, status.NOT_CONVERGED)
     for other in (unpressed, laws_status):
         code = of.where(other == status.CONVERGED, code, other)
         usable = usable & (other == status.CONVERGED)
@@ -336,8 +242,3 @@ def judged(
     u, approach, loads, tangent = (xp.where(newton.of_each(usable, value), value, np.nan) for value in numbers)
     residual = xp.where(of.all(usable), rest.residual, np.nan)
     return Equilibrium(u, approach, loads, tangent, residual, rest.iterations, code)
-
-
-def _converged(rest: Equilibrium) -> Any:
-    of = xp.module_of(rest.residual)
-    return (rest.residual <= newton.TOLERANCE) & of.all(of.isfinite(xp.value(rest.displacement)))

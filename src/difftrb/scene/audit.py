@@ -20,7 +20,7 @@ from difftrb.contact.grids import GRIDS
 from difftrb.core.geometry import Raceway, Real, Spall
 from difftrb.law import base as laws
 from difftrb.law import edge_ramp
-from difftrb.law.base import LAWS, Law, Rest
+from difftrb.law.base import Law, Rest, kind
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw
 from difftrb.law.samples import Node, Progress
@@ -284,7 +284,7 @@ def promised(of: Law, spalls: tuple[Spall, ...], distances: jax.Array, rest: Res
     error = float(of.error)
     if not of.hard:
         return TABLES_KEEP * error
-    promises = of.name not in LAWS or LAWS[of.name].promises
+    promises = kind(of.name).promises
     if not promises or float(jnp.max(rest.loads)) > float(of.load_range[1]) * (1.0 + 1e-9):
         return math.nan
     lost = 0.0

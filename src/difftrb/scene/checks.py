@@ -27,7 +27,7 @@ from difftrb.law.local import LocalLaw
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effects import Effect
-from difftrb.ring.ring import Load
+from difftrb.ring.load import Load
 from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scene
 
 WIDEST = 0.97
@@ -77,7 +77,7 @@ def _read(scene: Scene) -> Scene:
 
 def _of_kinds(scene: Scene) -> str | None:
     """Every field for itself: what it is, and its range."""
-    solved = isinstance(scene.law, LawName) and laws.by_samples(scene.law.name)
+    solved = isinstance(scene.law, LawName) and laws.kind(scene.law.name).by_samples
     if isinstance(scene.bearing, CatalogueBearing):
         return "bearing = a CatalogueBearing: give its .bearing, and as design_load its .design_load"
     if not isinstance(scene.bearing, TaperedBearing):
@@ -134,8 +134,8 @@ def _of_law(scene: Scene) -> str | None:
     name = scene.law.name
     if name not in laws.names():
         return f"contact.{laws.unknown(name)}"
-    if name in laws.LAWS and not laws.LAWS[name].is_for(scene.bearing):
-        return f"contact.law = {name!r} holds for the bearing {laws.LAWS[name].bearing} only; use 'power'"
+    if not laws.kind(name).is_for(scene.bearing):
+        return f"contact.law = {name!r} holds for the bearing {laws.kind(name).bearing} only; use 'power'"
     return _accuracy(scene, name)
 
 
@@ -161,7 +161,7 @@ def _of_spalls(scene: Scene) -> str | None:
     for i, spall in enumerate(scene.spalls):
         length, width, around = as_numbers(spall.length), as_numbers(spall.width), _once_round(scene.bearing, spall)
         if law is not None and length and roller and isinstance(spall, Spall):
-            longest = laws.longest(law, roller[0])
+            longest = laws.kind(law).longest(roller[0])
             if length[0] > longest * (1.0 + 1e-12):
                 return (
                     f"spall.{i}.length = {length[0]:g}: contact.law = {law!r} knows 0 … {longest:g} mm; shorten the "
@@ -172,7 +172,7 @@ def _of_spalls(scene: Scene) -> str | None:
                 f"spall.{i}.width = {width[0]:g}: must be at most {100.0 * WIDEST:g} % of once round the "
                 f"{_lies_on(spall)}, {WIDEST * around:.6g} mm; make it narrower"
             )
-    one_shape = laws.LAWS[law].one_shape if law in laws.LAWS else ""
+    one_shape = laws.kind(law or "").one_shape
     for raceway in ("outer", "inner"):
         if one_shape and not of_one_shape(roller_places.spalls_on(scene.spalls, raceway)):
             return f"spall: contact.{one_shape}"
@@ -183,7 +183,7 @@ def _of_map(scene: Scene, i: int, measured: HeightMap) -> str | None:
     """What a height map in the ring cannot have: contacts on it are solved one by one, by nothing else."""
     named = isinstance(scene.law, LawName)
     law = getattr(scene.law, "name", "")
-    known = law == laws.AUTO or (law in laws.LAWS and laws.LAWS[law].maps) if named else isinstance(scene.law, LocalLaw)
+    known = law == laws.AUTO or laws.kind(law).maps if named else isinstance(scene.law, LocalLaw)
     if not known:
         return f"spall.{i}.height_map: contact.law = {shown(law)} knows rectangular spalls; use 'auto' or 'direct'"
     if named and not xp.are_numbers(scene):

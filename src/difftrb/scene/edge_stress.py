@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from difftrb.contact.contact_extent import edges_along
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.stress_intensity import edge_intensity
 from difftrb.core import status
-from difftrb.core.geometry import Raceway
+from difftrb.core.geometry import Raceway, Spall
 from difftrb.law.local import LocalLaw
 from difftrb.ring import roller_places
 from difftrb.ring.effects import Life, SeriesRaceways, Through
@@ -95,12 +95,20 @@ def edge_stresses(scene: Scene, solution: Solution) -> tuple[EdgeStress, ...]:
     return tuple(found)
 
 
+def beside_spall(
+    scene: Scene, at: Solution, spall: Spall, raceway: Raceway = "outer"
+) -> tuple[np.ndarray, np.ndarray, Any]:
+    """Loads [N] of the rollers of a spall's row, how far their contacts are from its middle and these contacts' half
+    widths [mm], shape (rollers,) each."""
+    loads = np.asarray(at.loads_of(spall.row) if raceway == "outer" else at.effects["inner_loads"])
+    away = np.asarray(roller_places.distances(scene.bearing, (spall,), at.angles, raceway))[0]
+    return loads, away, gap.half_width(raceway_contact(scene, raceway), loads)
+
+
 def _met(scene: Scene, number: int, raceway: Raceway, at: Solution) -> EdgeStress | None:
     """The most loaded roller over one spall, if there is any."""
     spall, contact = scene.spalls[number], raceway_contact(scene, raceway)
-    loads = np.asarray(at.loads_of(spall.row) if raceway == "outer" else at.effects["inner_loads"])
-    away = np.asarray(roller_places.distances(scene.bearing, (spall,), at.angles, raceway))[0]
-    half = gap.half_width(contact, loads)
+    loads, away, half = beside_spall(scene, at, spall, raceway)
     over = (loads > 0.0) & (np.abs(away) < 0.5 * float(spall.width) + half)
     if not over.any():
         return None

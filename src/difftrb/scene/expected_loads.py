@@ -13,7 +13,7 @@ from difftrb.core import geometry
 from difftrb.core.geometry import Real
 from difftrb.law import power
 from difftrb.law.base import Law
-from difftrb.ring import ring, roller_places
+from difftrb.ring import load, ring, roller_places
 from difftrb.ring.effect_base import among
 from difftrb.ring.effects import Raceways, Through
 from difftrb.scene.scene import Scene, healthy, law_in_effect, ring_at
@@ -26,7 +26,7 @@ TRIED_PHASES = 9
 
 def largest_load(scene: Scene) -> Real:
     """A first estimate of the most loaded roller's load [N], by the load and by what else presses."""
-    largest = ring.largest_load(scene.bearing, scene.load)
+    largest = load.largest_load(scene.bearing, scene.load)
     through = is_through(scene)
     if not through and not any(effect.presses for effect in scene.effects):
         return largest
@@ -41,7 +41,7 @@ def largest_for_curves(scene: Scene) -> float:
     pitch = float(geometry.roller_pitch(scene.bearing) * geometry.arc_radius(scene.bearing))
     through, presses = is_through(scene), any(effect.presses for effect in scene.effects)
     wide = not through and any(float(spall.width) > WIDE * pitch for spall in scene.spalls)
-    plain = float(ring.largest_load(scene.bearing, scene.load))
+    plain = float(load.largest_load(scene.bearing, scene.load))
     # effects may hold the ring where the load alone does not
     largest = float(largest_load(scene)) if through or presses else max(plain, _in_narrow_zone(scene))
     # in steps: what presses a little more shares the nodes, so that neighbouring scenes differ by physics alone

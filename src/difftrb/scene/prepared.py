@@ -22,7 +22,7 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.core.taylor import Taylor
 from difftrb.ring import effects, phase_rule, ring, roller_places
 from difftrb.ring.effects import Results
-from difftrb.ring.ring import Load
+from difftrb.ring.load import Load
 from difftrb.scene import checks
 from difftrb.scene.cage_phases import phases
 from difftrb.scene.scene import PitchMean, Scene, healthy, law_in_effect, outer_law, ring_at

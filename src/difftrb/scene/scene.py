@@ -18,7 +18,7 @@ from difftrb.law import local, power
 from difftrb.law.base import Law
 from difftrb.ring import effect_base, effects
 from difftrb.ring.effect_base import Effect
-from difftrb.ring.ring import Load
+from difftrb.ring.load import Load
 
 Definition = Literal["tangent", "secant"]
 DesignLoad = Annotated[Real, Interval(ge=0.0, le=1e7), Unit("N")]

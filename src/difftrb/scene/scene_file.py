@@ -24,7 +24,7 @@ from difftrb.law import base as laws
 from difftrb.ring import effect_base, effects
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effect_base import Effect
-from difftrb.ring.ring import Load, needed_axial, too_light
+from difftrb.ring.load import Load, needed_axial, too_light
 from difftrb.scene import checks
 from difftrb.scene.file_schema import in_full, validated
 from difftrb.scene.scene import COARSEST, DEFAULT_LAW, Definition, DesignLoad, Phase, Scene

@@ -104,10 +104,10 @@ def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real 
         given = given if series is None else cast(Law, series.law)
     if not isinstance(given, LawName):
         return cast(Law, given).at(contact)
-    by_samples = laws.by_samples(given.name)
+    by_samples = laws.kind(given.name).by_samples
     if by_samples and not xp.are_numbers(scene):
         raise SceneError(TRACED)
-    if laws.of_all_loads(given.name):
+    if laws.kind(given.name).of_all_loads:
         largest = np.nan
     else:
         largest = expected_loads.largest_for_curves(scene) if by_samples else expected_loads.largest_load(scene)

@@ -65,7 +65,7 @@ def assess_mean(scene: Scene) -> Assessment | None:
     """As `assess` of a prepared scene at one phase, in the mean over all phases of the cage: there stiffness changes
     with a spall's width, whether or not a roller stands on its edge at this phase. None for a scene that is a mean
     already, has no spalls, or whose law is made for one phase."""
-    if isinstance(scene.phase, PitchMean) or not scene.spalls or base.one_scene(cast(Law, scene.law).name):
+    if isinstance(scene.phase, PitchMean) or not scene.spalls or base.kind(cast(Law, scene.law).name).one_scene:
         return None
     try:
         return assess_prepared(checks.checked(dataclasses.replace(scene, phase="mean")))

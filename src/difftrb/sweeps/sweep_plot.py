@@ -84,8 +84,7 @@ def _where(result: Swept, along: tuple[str, ...]) -> str:
     phase = own.get("stiffness.phase")
     if phase is not None:
         words.append("mean over the cage's turn" if phase == "mean" else f"roller 0 at {phase} rad")
-    keys = [dim if dim in result.coordinates else next(iter(result.coordinates)) for dim in result.dims]
-    for key, count in zip(keys, result.status_code.shape, strict=True):
+    for key, count in _counts(result).items():
         if key not in along and count:
             words.append(_label(result, key, float(result.coordinates[key][count // 2])))
     return ", ".join(words)
@@ -93,9 +92,14 @@ def _where(result: Swept, along: tuple[str, ...]) -> str:
 
 def _by_count(result: Swept) -> list[str]:
     """Keys of the dimensions with several values, all others behind; of zipped axes the first."""
+    counts = _counts(result)
+    return sorted(counts, key=lambda key: counts[key] < 2)
+
+
+def _counts(result: Swept) -> dict[str, int]:
+    """Of values by the dimension's key, of zipped axes the first's."""
     keys = [dim if dim in result.coordinates else next(iter(result.coordinates)) for dim in result.dims]
-    counts = dict(zip(keys, result.status_code.shape, strict=True))
-    return sorted(keys, key=lambda key: counts[key] < 2)
+    return dict(zip(keys, result.status_code.shape, strict=True))
 
 
 def _cut(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import threading
 from collections.abc import Mapping
 from functools import cached_property, wraps
 from pathlib import Path
@@ -35,6 +36,10 @@ def _told(method: Any) -> Any:
             raise OSError(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
 
     return told
+
+
+_OPENING = threading.Lock()
+"""Zarr's settings are one for all threads: of two that open arrays at once, one would find them set back."""
 
 
 def _ask(coroutine: Any) -> Any:
@@ -72,10 +77,10 @@ class Zarr:
 
     @cached_property
     def _arrays(self) -> dict[str, Any]:
-        """By key or column; chunks without a number, too, are written."""
+        """By key or column; chunks without a number, too, are written: whatever opens an array keeps that setting."""
         import zarr
 
-        with zarr.config.set({"array.write_empty_chunks": True}):
+        with _OPENING, zarr.config.set({"array.write_empty_chunks": True}):
             mode = "r" if self._store.read_only else "r+"
             group = zarr.open_group(self._store, mode=mode, use_consolidated=False)
             return {name: group[stored(name)] for name in (*keys_of(self.about), *self.about["columns"])}

@@ -26,7 +26,6 @@ from difftrb.law.samples import Progress
 from difftrb.ring import effect_base
 from difftrb.scene import auto_law, checks, prepared, solving
 from difftrb.scene.scene import COARSEST, PitchMean, Scene, has_map, is_auto, named
-from difftrb.turning.defect_frequencies import cage_rate
 
 if TYPE_CHECKING:
     from jax import Array
@@ -114,7 +113,7 @@ class CageTurn(status.Judged):
         """When the cage is there [s], shape (phases,), from 0, the inner ring at `speed_rpm`, the outer at rest."""
         if xp.are_numbers(speed_rpm) and not _is_above_0(speed_rpm):
             raise SceneError(f"speed_rpm = {speed_rpm!r}: must be a number above 0 rev/min, and finite")
-        return (self.cage - self.cage[0]) / cage_rate(self.bearing, speed_rpm)
+        return (self.cage - self.cage[0]) / geometry.cage_rate(self.bearing, speed_rpm)
 
     def orders(self, highest: int = 16) -> Orders:
         """Fourier orders 0 … `highest` (at most half the phases) of stiffness and displacement. Raises `SceneError` if
@@ -241,7 +240,7 @@ def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress |
     by_table, accuracy = is_auto(scene), min(max(scene.accuracy, FINEST), COARSEST)
     if by_table and has_map(scene):
         return _one_by_one(named(scene, "direct", accuracy), spread, progress)
-    if not by_table and base.one_scene(getattr(scene.law, "name", "")):
+    if not by_table and base.kind(getattr(scene.law, "name", "")).one_scene:
         return _one_by_one(scene, spread, progress)
     ready = auto_law.by_table(scene) if by_table else solving.prepare(scene, progress)
     numbers = xp.are_numbers((ready, spread))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 from annotated_types import Interval, Unit
 
 from difftrb.core import arrays as xp
@@ -66,8 +65,3 @@ def defect_frequencies(bearing: TaperedBearing | str, inner_rpm: Real, outer_rpm
     cage = shaft * geometry.cage_share(bearing)
     numbers = shaft, cage, bearing.rollers * cage, bearing.rollers * (shaft - cage), cage * geometry.spin_share(bearing)
     return DefectFrequencies(*map(xp.asarray, numbers))
-
-
-def cage_rate(bearing: TaperedBearing, speed_rpm: Real) -> Real:
-    """Angular speed of the cage [rad/s], the inner ring at `speed_rpm` and the outer one at rest."""
-    return speed_rpm * (np.pi / 30.0) * geometry.cage_share(bearing)

@@ -14,9 +14,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from difftrb.core.geometry import cage_rate
 from difftrb.core.status import SceneError
 from difftrb.turning.cage_turn import CageTurn
-from difftrb.turning.defect_frequencies import cage_rate
 
 DOWN = -0.5 * np.pi
 PER_METRE = 1e3

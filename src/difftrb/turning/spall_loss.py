@@ -114,7 +114,7 @@ def sizes_around(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
         return next((float(size) for size in steps if known(**{name: float(size)})), own)
 
     length, width = float(spall.length), float(spall.width)
-    longest = min(2.5 * length, base.longest(law.name, float(scene.bearing.roller_length)))
+    longest = min(2.5 * length, base.kind(law.name).longest(float(scene.bearing.roller_length)))
     return (
         np.linspace(until("length", length / 8.0), until("length", longest), 5),
         np.linspace(until("width", width / 8.0), until("width", 2.0 * width), 5),
@@ -123,7 +123,7 @@ def sizes_around(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 def _is_for_all_phases(scene: Scene) -> bool:
     stays = all(spall.surface == "outer" for spall in scene.spalls) and not effect_base.differ(scene.effects)
-    return stays and not base.one_scene(cast(Law, scene.law).name)
+    return stays and not base.kind(cast(Law, scene.law).name).one_scene
 
 
 def _losses(scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray, at_rest: Any) -> np.ndarray:
