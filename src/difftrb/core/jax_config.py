@@ -79,7 +79,7 @@ def jit_quickly(static_argnames: tuple[str, ...] = ()) -> Callable[[F], F]:
         def kept() -> Any:
             from difftrb.core.traced_programs import Kept
 
-            return Kept(function, static_argnames)
+            return Kept(function, quick(), static_argnames)
 
         @functools.wraps(function)
         def call(*a: Any, **k: Any) -> Any:

@@ -17,23 +17,25 @@ from typing import Any
 import jax
 import jax.export
 
-from difftrb.core.jax_config import quick
 from difftrb.core.user_cache import folder, place, write
 
 
-def jit_kept(function: Callable[..., Any], depends: Any, *arguments: Any) -> Callable[..., Any]:
-    """`function` jitted with `quick` options, traced once for all processes where programs are kept: for `arguments` or
-    their shapes. All that it `depends` on tells it from others."""
+def jit_kept(
+    function: Callable[..., Any], depends: Any, options: dict[str, Any], *arguments: Any
+) -> Callable[..., Any]:
+    """`function` jitted with the compiler's `options`, traced once for all processes where programs are kept: for
+    `arguments` or their shapes. All that it `depends` on tells it from others."""
     own = folder()
-    found = None if own is None else kept(own, function, depends, arguments, {})
-    return found or jax.jit(function, compiler_options=quick())
+    found = None if own is None else kept(own, function, depends, arguments, {}, options)
+    return found or jax.jit(function, compiler_options=options)
 
 
 class Kept:
     """The programs of one function: those of this process, and by their files those of earlier ones."""
 
-    def __init__(self, function: Callable[..., Any], static_argnames: Sequence[str]) -> None:
-        self.function = function
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any], static_argnames: Sequence[str]) -> None:
+        """Arguments but the first are `jax.jit`'s: options of the compiler, which arguments are static."""
+        self.function, self.options = function, options
         self.signature = inspect.signature(function)
         self.static = static_argnames
         self.programs: dict[Any, Callable[..., Any] | None] = {}
@@ -52,14 +54,15 @@ class Kept:
         if kind not in self.programs:
             own = partial(self.function, **static)
             own.__name__ = self.function.__name__  # type: ignore[attr-defined]
-            self.programs[kind] = kept(folder, own, (self.function, static), (), traced)
+            self.programs[kind] = kept(folder, own, (self.function, static), (), traced, self.options)
         found = self.programs[kind]
         return None if found is None else partial(found, **traced)
 
 
 def kept(
-    folder: Path, function: Callable[..., Any], depends: Any, arguments: Sequence[Any], named: dict[str, Any]
-) -> Callable[..., Any] | None:
+    folder: Path, function: Callable[..., Any], depends: Any, arguments: Sequence[Any], named: dict[str, Any],
+    options: dict[str, Any] | None = None,
+) -> Callable[..., Any] | None:  # fmt: skip
     """`function`, which all that it `depends` on tells from others, jitted for such arguments or shapes: read from the
     folder, or traced and written there. None where it cannot be kept."""
     leaves, structure = jax.tree.flatten((arguments, named))
@@ -70,7 +73,7 @@ def kept(
         return None
     with suppress(Exception):  # there is none, or it is broken
         exported, returned = pickle.loads(file.read_bytes())
-        return _jitted(function.__name__, jax.export.deserialize(bytearray(exported)), returned)
+        return _jitted(function.__name__, jax.export.deserialize(bytearray(exported)), returned, options)
     returned = []
 
     def of_leaves(*leaves: Any) -> list[Any]:
@@ -85,17 +88,19 @@ def kept(
     except Exception:  # whatever is wrong is said where it is traced as ever
         return None
     write(file, written)
-    return _jitted(function.__name__, exported, returned[0])
+    return _jitted(function.__name__, exported, returned[0], options)
 
 
-def _jitted(name: str, exported: jax.export.Exported, returned: Any) -> Callable[..., Any]:
+def _jitted(
+    name: str, exported: jax.export.Exported, returned: Any, options: dict[str, Any] | None
+) -> Callable[..., Any]:
     structure = jax.tree.structure(returned)
 
     def call(*arguments: Any, **named: Any) -> Any:
         return jax.tree.unflatten(structure, exported.call(*jax.tree.leaves((arguments, named))))
 
     call.__name__ = name  # by which logs call it
-    return jax.jit(call, compiler_options=quick())
+    return jax.jit(call, compiler_options=options)
 
 
 def _context() -> tuple[str, bool]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +12,6 @@ from difftrb.core.geometry import TaperedBearing
 from difftrb.ring import newton
 from difftrb.ring.load import Load, is_enough, needed_axial
 from difftrb.ring.terms import Terms, without_land
-
-if TYPE_CHECKING:
-    from difftrb.ring.ring import Equilibrium
 
 LEAST_SHARE = 1e-9
 """Of all loads, from which a roller's share is more than what is left over where an equilibrium counts as found."""
@@ -38,9 +35,10 @@ def is_held(bearing: TaperedBearing, load: Load, phase: Any, terms: Terms) -> An
     return is_enough(spare, needed_axial(bearing, load.radial, phase, terms.tilting))
 
 
-def not_held(rest: Equilibrium, normals: Any, loads: Any, terms: Terms) -> Any:
+def not_held(rest: Any, normals: Any, loads: Any, terms: Terms) -> Any:
     """Status: whether the ring rests on what may hold it: anything, in all directions, on land, or on both of two rows.
-    `normals` and `loads` [N] of rollers, or of their slices, which are left a trace of stiffness without land."""
+    `rest` is an `Equilibrium`; `normals` and `loads` [N] are of rollers, or of their slices, which without land are left
+    a trace of stiffness."""
     thrown = 0.0 if terms.seat is None else terms.seat.least
     free = is_free(*xp.fixed((normals, loads - thrown)), held_axially=terms.axial is not None)
     code: Any = xp.where(free, status.FREE, status.CONVERGED)

@@ -120,7 +120,7 @@ class Plan:
 
         depends = (several.__qualname__, self.base, self.function, self.gradients, self.batch,
                    [(axis.keys, axis.values.shape) for axis in self.axes])  # fmt: skip
-        return traced_programs.jit_kept(several, depends, *self.arguments)
+        return traced_programs.jit_kept(several, depends, jax_config.quick(), *self.arguments)
 
     def __reduce__(self) -> Any:
         """Numbers stay float64 wherever a plan is sent, and one that comes twice is there once, compiled once."""
