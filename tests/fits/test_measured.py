@@ -136,6 +136,8 @@ def test_a_matrix_is_read() -> None:
         ),
         ("radial;axial;radial_loss", "9000;4.500,0;1,2", "a comma and a point, as 4.500,0: write decimals one way"),
         ("radial;axial;radial_loss", "9000;4.500;1,2", "a comma and a point, as 4.500: write decimals one way"),
+        ("radial,axial,radial_loss", "9.000,4.500,1.2", "9.000 N may have a point between thousands: write 9000"),
+        ("radial;axial;radial_loss", "9.000;0;1.2", "9.000 N may have a point between thousands: write 9000"),
         ("radial,axial,radial_loss", '9000,4500,"1,2"', "value = '1,2': .* write a number alone, with a decimal point"),
         ("radial,axial,radial_loss", "9000,4500,1.6 %", "value = '1.6 %': .* a unit goes into the first line"),
         ("radial,axial,radial_loss,phase", "9000,4500,1.6,10.6", r"phase = 10.6: .*; in degrees .* phase \[deg\]"),

@@ -83,6 +83,7 @@ def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
         cells = [cells[0], *_with_points(cells[1:], path)]
     if len(cells) < 2:
         raise MeasuredError(f"{path}: holds column names but no rows")
+    _without_thousands(columns, cells[1:], path)
     rows: list[Measurement] = []
     for k, ((line, _), row) in enumerate(zip(numbered[1:], cells[1:], strict=True), 1):
         rows.extend(_rows(columns, row, f"{path}: row {k} (line {line})"))
@@ -105,6 +106,15 @@ def _with_points(rows: list[list[str]], path: str | Path) -> list[list[str]]:
         raise MeasuredError(f"{path}: numbers have a comma and a point, as {mixed[0]}: write decimals one way, and "
                             "nothing between thousands")  # fmt: skip
     return [[cell.replace(",", ".") if re.fullmatch(NUMBER, cell) else cell for cell in row] for row in rows]
+
+
+def _without_thousands(columns: list[Column], rows: list[list[str]], path: str | Path) -> None:
+    """Refuse loads in newton that have, one and all, a point before their last three digits: it may part thousands."""
+    loads = [cell for row in rows for column, cell in zip(columns, row, strict=False)
+             if column.name in ("radial", "axial") and column.unit in (None, "N") and cell.strip("0.")]  # fmt: skip
+    if loads and all(re.fullmatch(r"[1-9]\d{0,2}(\.\d{3})+", cell) for cell in loads):
+        raise MeasuredError(f"{path}: loads as {loads[0]} N may have a point between thousands: write "
+                            f"{loads[0].replace('.', '')} if so, else not three decimals everywhere")  # fmt: skip
 
 
 def _header(cells: list[str], path: str | Path) -> list[Column]:

@@ -37,8 +37,8 @@ def is_held(bearing: TaperedBearing, load: Load, phase: Any, terms: Terms) -> An
 
 def not_held(rest: Any, normals: Any, loads: Any, terms: Terms) -> Any:
     """Status: whether the ring rests on what may hold it: anything, in all directions, on land, or on both of two rows.
-    `rest` is an `Equilibrium`; `normals` and `loads` [N] are of rollers, or of their slices, which without land are left
-    a trace of stiffness."""
+    `rest` is an `Equilibrium`; `normals` and `loads` [N] are of rollers, or of their slices, which are left a trace of
+    stiffness without land."""
     thrown = 0.0 if terms.seat is None else terms.seat.least
     free = is_free(*xp.fixed((normals, loads - thrown)), held_axially=terms.axial is not None)
     code: Any = xp.where(free, status.FREE, status.CONVERGED)
