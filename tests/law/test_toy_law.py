@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -114,3 +115,16 @@ def test_a_name_is_given_once_and_unknown_ones_are_listed() -> None:
     with pytest.raises(ValueError, match="law 'toy' is there already"):
         base.register(TOY)
     assert base.unknown("tow").endswith("use one of direct, liu2018, palmgren, power, table, toy, auto")
+
+
+def test_formulas_over_jax_alone_are_told_of(toy: trb.Scene) -> None:
+    """Numbers go through them; derivatives do not, and one sentence says so."""
+
+    class Stiffer(Spring):
+        def curves(self, spalls, distances):
+            soft = jnp.log(self.stiffness) if not spalls else jnp.log(self.stiffness - spalls[0].length)
+            return base.in_window(load_curve.power(jnp.exp(soft), 1.0), (), distances[:0])
+
+    ready = dataclasses.replace(trb.prepare(toy), law=Stiffer(3e5, 13.66))
+    with pytest.raises(trb.SceneError, match=r"law 'toy': formulas over jax.numpy or numpy take no derivatives along"):
+        trb.assess(ready)

@@ -10,11 +10,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from difftrb.core.status import SceneError
 
 Part = Any
 """An array of numpy's or JAX's, or a number; None: 0."""
@@ -123,6 +126,21 @@ class Taylor:
 
     def __le__(self, other: Any) -> Any:
         return self.value <= value(other)
+
+
+@contextmanager
+def goes_through(formulas: str) -> Iterator[None]:
+    """Raises `SceneError`, in one sentence, where an expansion went into a function of JAX or numpy among what the
+    user calls these `formulas`."""
+    try:
+        yield
+    except TypeError as error:
+        if Taylor.__name__ not in str(error):
+            raise
+        raise SceneError(
+            f"{formulas}: formulas over jax.numpy or numpy take no derivatives along; write them over "
+            "difftrb.core.arrays, as docs/extending.md shows"
+        ) from error
 
 
 def value(x: Any) -> Any:

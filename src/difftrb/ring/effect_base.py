@@ -18,6 +18,7 @@ from difftrb.core import fields, geometry
 from difftrb.core.bad_input import shown
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
+from difftrb.core.taylor import goes_through
 from difftrb.law.base import Law
 from difftrb.ring import ring, roller_balance, roller_places
 from difftrb.ring.load import Load
@@ -218,7 +219,8 @@ def terms(effects: tuple[Effect, ...], of: Ring) -> Terms:
     """What all effects add to the ring's equilibrium."""
     total = PLAIN
     for effect in effects:
-        total = effect.terms(total, of)
+        with goes_through(f"effects.{effect.key}"):
+            total = effect.terms(total, of)
     return total
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
 from difftrb.core.geometry import Spall, TaperedBearing
+from difftrb.core.taylor import goes_through
 from difftrb.law import edge_ramp
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
@@ -111,7 +112,9 @@ def equilibrium(
     away = roller_places.distances(bearing, spalls, angles)
     if terms.pair is not None:
         away, angles = beside(away, spalls), xp.concatenate([angles, angles], axis=-1)
-    system = _system(bearing, forces(load, usable, terms), angles, law, law.curves(spalls, away), terms)
+    with goes_through(f"law {law.name!r}"):
+        curves = law.curves(spalls, away)
+    system = _system(bearing, forces(load, usable, terms), angles, law, curves, terms)
     rest, pressed = _at_rest(system, angles.shape[-1], terms)
     # a ring that nothing stands for carries nothing, and is no reason to refuse others
     approach, loads = (xp.where(newton.of_each(usable, each), each, 0.0) for each in (rest.approach, rest.loads))
