@@ -125,3 +125,44 @@ def test_what_holds_a_ring_is_a_matter_of_directions() -> None:
     assert free(0, 1, 2, share=1e-10)
     assert free(0, 200, axial=True)
     assert free(7, axial=True)
+
+
+@pytest.mark.parametrize(("preload", "load"), [(-1.0, 1.0), (-0.3, 10.0), (-1.0, 100.0)])
+def test_much_end_play_under_a_light_load_is_no_matter_of_rounding(bearing, preload: float, load: float) -> None:
+    """The way to the other raceway is ten thousand times what the load presses rollers by."""
+    play = trb.effects.Mounting(preload=preload)
+    for phase in np.random.default_rng(0).uniform(-3.0, 3.0, 20):
+        scene = trb.Scene(bearing, trb.Load(load, 0.0), law="palmgren", phase=float(phase), effects=(play,))
+        assert float(trb.solve(scene).check().residual) <= 1e-12
+
+
+@pytest.mark.parametrize(
+    ("load", "slices", "design_load", "more"),
+    [(1.0, 30, 6500.0, ()), (500.0, 10, 1e5, ()), (300.0, 2, 6500.0, ()),
+     (60.0, 10, 6500.0, (trb.effects.DoubleRow(spacing=30.0),))],
+)  # fmt: skip
+def test_slices_are_touched_where_the_search_begins(
+    bearing, load: float, slices: int, design_load: float, more
+) -> None:
+    """They stand off by the crown, which a light load does not press flat."""
+    scene = trb.Scene(
+        bearing, trb.Load(load, 0.5 * load), law="palmgren", phase=0.1, design_load=design_load,
+        effects=(trb.effects.Tilt(slices=slices), *more),
+    )  # fmt: skip
+    assert unbalanced(scene, trb.solve(scene).check()) < 1e-11
+
+
+@pytest.mark.parametrize(("preload", "moment"), [(0.0, 5.0), (-0.05, 300.0)])
+def test_a_second_row_barely_touched_holds_the_tilt(bearing, preload: float, moment: float) -> None:
+    row = trb.effects.DoubleRow(preload, spacing=20.0, moment_radial=moment, moment_lateral=-0.3 * moment)
+    scene = trb.Scene(bearing, trb.Load(0.0, 5000.0), law="palmgren", phase=0.1, effects=(row,))
+    solution = trb.solve(scene).check()
+    assert np.linalg.eigvalsh(np.asarray(solution.stiffness))[0] > 0.0
+    assert 0.0 < float(solution.effects["second_row_share"]) < 0.2
+    assert unbalanced(scene, solution) < 1e-11
+
+
+def test_means_with_tilt_say_what_their_derivatives_are_worth(bearing) -> None:
+    scene = trb.Scene(bearing, trb.Load(9000.0, 6000.0), law="palmgren", phase="mean", effects=(trb.effects.Tilt(),))
+    assert any("every slice has a kink" in remark for remark in trb.solve(scene).remarks)
+    assert not trb.solve(scene.replace(phase=0.1)).remarks

@@ -110,6 +110,8 @@ class Effect:
     """Whether the rings' axial position is given, and the axial force comes out."""
     per_turn: ClassVar[bool] = False
     """Whether rollers differ, so that a ring repeats once a turn of the cage, no longer once a pitch."""
+    of_means: ClassVar[str] = ""
+    """What is to be said of means over phases with it."""
     units: ClassVar[dict[str, str]] = {}
     """Units of what `results` has."""
 
@@ -207,6 +209,7 @@ def among(effects: tuple[Effect, ...], kind: type[One]) -> One | None:
 def remarks(effects: tuple[Effect, ...], spalls: tuple[Spall, ...], mean: bool = False) -> tuple[str, ...]:
     """What all effects have to say of results over these spalls, in sentences; `mean`: over the phases of a pitch."""
     partial = (PART_OF_A_TURN,) if mean and differ(effects) else ()
+    partial += tuple(effect.of_means for effect in effects if mean and effect.of_means)
     return (*partial, *(sentence for effect in effects for sentence in effect.remarks(spalls)))
 
 

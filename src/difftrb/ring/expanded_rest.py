@@ -16,7 +16,7 @@ from difftrb.ring.newton import System
 def expanded(system: System, u: Any, inside: Any) -> tuple[Any, Any, Any, Any]:
     """Displacement, approach, loads and tangent stiffness with derivatives: the conditions of rest are linearised
     (implicit function theorem)."""
-    (rollers, force, start, size, axial), normals = system, system.rollers.normals
+    (rollers, force, _, size, axial), normals = system, system.rollers.normals
     approach = rollers.approach(u)  # as parameters move, at this displacement
     loads = roller_balance.expanded_loads(rollers.seat, rollers.curves, approach, inside)
     # the last parameter is the approach itself; without others there is nothing to follow
@@ -28,7 +28,7 @@ def expanded(system: System, u: Any, inside: Any) -> tuple[Any, Any, Any, Any]:
     jacobian = newton.tangent(xp.value(normals), slope)
     jacobian = jacobian / newton.of_each(size, jacobian)
     if axial is not None:
-        unbalanced, jacobian = newton.with_axial(axial, start, u, unbalanced, jacobian)
+        unbalanced, jacobian = newton.with_axial(axial, u, unbalanced, jacobian)
     moved = Taylor(u)
     if xp.by(unbalanced) is not None:
         moved = Taylor(u, by=-newton.solve(jacobian[None], unbalanced.by))

@@ -41,7 +41,7 @@ def not_held(rest: Any, normals: Any, loads: Any, terms: Terms) -> Any:
     stiffness without land."""
     thrown = 0.0 if terms.seat is None else terms.seat.least
     free = is_free(*xp.fixed((normals, loads - thrown)), held_axially=terms.axial is not None)
-    code: Any = xp.where(free, status.FREE, status.CONVERGED)
+    code: Any = xp.where(free & rest.is_found, status.FREE, status.CONVERGED)
     if terms.axial is not None or terms.pair is not None:
         code = xp.where(xp.total(rest.loads) > 0.0, code, status.UNPRESSED)
     if terms.slices is not None:

@@ -21,7 +21,8 @@ from difftrb.law.edge_ramp import RollerCurves
 from difftrb.ring import roller_balance
 from difftrb.ring.roller_balance import Seat, Settling
 
-ITERATIONS = 60
+ITERATIONS = 150
+"""Steps at most. Most rings take 3 … 15; where a roller is barely touched, and holds a direction alone, up to 100."""
 TOLERANCE = 1e-12
 """Largest unbalanced force, relative to the load, at which an equilibrium counts as found. The search goes on to a
 tenth of this."""
@@ -29,6 +30,8 @@ LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-9, 1e-4, 1e6
 """What is added to the diagonal of the jacobian, in parts of its trace: it falls tenfold with every step that is taken,
 to 0 below the least; grows tenfold with every one that is not, from 0 to the first; with more than the most no step
 leads on."""
+PER_MM = 1e3
+"""What a displacement is measured by beside forces [1/mm]: about as a ring's stiffness by its load."""
 RollerLoads = tuple[jax.Array, jax.Array]
 """Load [N] and its slope [N/mm] of every roller, both of shape (rollers,)."""
 
@@ -111,10 +114,18 @@ class Reported(NamedTuple):
 def found(system: System) -> tuple[jax.Array, RollerLoads, Reported]:
     """The displacement in equilibrium [mm], shape (3,) (with tilt (5,)), what rollers carry there, and how it was
     found."""
-    if not xp.of_jax(system):
-        return _newton(system)
-    system = system._replace(start=jnp.asarray(system.start))
-    return implicit.root(_unbalanced, _carried, _newton, _respond, system)
+    # counted from the start: of rings with end play the whole way is much longer than what presses rollers
+    start = system.start
+    near = system._replace(
+        rollers=system.rollers._replace(interference=system.rollers.approach(start)), start=xp.zeros_like(start),
+        axial=None if system.axial is None else system.axial - start[..., 2],
+    )  # fmt: skip
+    if xp.of_jax(system):
+        near = near._replace(start=jnp.asarray(near.start))
+        way, carried, reported = implicit.root(_unbalanced, _carried, _newton, _respond, near)
+    else:
+        way, carried, reported = _newton(near)
+    return start + way, carried, cast(Reported, reported)
 
 
 def _carried(u: Any, system: System, reported: Reported | None = None) -> RollerLoads:
@@ -129,21 +140,20 @@ def _unbalanced(u: jax.Array, carried: RollerLoads, system: System) -> jax.Array
 
 def _linearised(u: jax.Array, carried: RollerLoads, system: System) -> tuple[jax.Array, jax.Array]:
     """The unbalanced force and its derivative by u, relative to the load."""
-    (rollers, force, start, size, axial), (loads, slopes) = system, carried
+    (rollers, force, _, size, axial), (loads, slopes) = system, carried
     pushed = xp.einsum("...r,...ri->...i", loads, rollers.normals)
     unbalanced = (pushed - aligned(force, u)) / of_each(size, u)  # Liu et al. 2018, eq. (5)
     jacobian = tangent(rollers.normals, slopes)
     jacobian = jacobian / of_each(size, jacobian)
-    return (unbalanced, jacobian) if axial is None else with_axial(axial, start, u, unbalanced, jacobian)
+    return (unbalanced, jacobian) if axial is None else with_axial(axial, u, unbalanced, jacobian)
 
 
-def with_axial(axial: Any, start: Any, u: Any, unbalanced: Any, jacobian: Any) -> tuple[Any, Any]:
+def with_axial(axial: Any, u: Any, unbalanced: Any, jacobian: Any) -> tuple[Any, Any]:
     """The unbalanced force and its derivative by u where in place of the axial force the axial displacement is given
-    [mm]; `start` as in `System`."""
+    [mm]."""
     unit = np.eye(u.shape[-1])
-    scale = 1.0 / xp.maximum(xp.abs(xp.fixed(start)[..., 2]), 1e-9)  # forces and [mm] in one size
-    off, given = (u - of_each(axial, u)) * of_each(scale, u), aligned(unit[2] > 0.0, u)
-    moved = of_each(scale, jacobian) * aligned(unit, jacobian)
+    off, given = (u - of_each(axial, u)) * PER_MM, aligned(unit[2] > 0.0, u)
+    moved = PER_MM * aligned(unit, jacobian)
     return xp.where(given, off, unbalanced), xp.where(given[..., None], moved, jacobian)
 
 

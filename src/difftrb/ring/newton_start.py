@@ -92,6 +92,9 @@ def start(rollers: Rollers, healthy: RollerCurves, force: Any, terms: Terms) -> 
     while sound.middle.ndim:  # the same at all phases
         sound = load_curve.one_of(sound, 0)
     shift = rollers.curves.each.shift
+    if terms.slices is not None:  # by the one that is touched first
+        shift = terms.slices.each.shift
+        shift = xp.module_of(shift).min(shift.reshape(*shift.shape[:-1], count, -1), axis=-1)
     clear = shift if rollers.interference is None else shift - rollers.interference
     least = 0.0 if terms.seat is None else terms.seat.least
     if terms.axial is not None:
@@ -103,11 +106,14 @@ def start(rollers: Rollers, healthy: RollerCurves, force: Any, terms: Terms) -> 
         if terms.tilting is not None:  # moments may be all that presses
             total = total + norm(terms.tilting.moments / terms.tilting.longest)
         largest, narrow = least + xp.maximum(total, LEAST) / (count * axial), 0.0
-    u = pressed(sound, largest, narrow, axial, xp.maximum(xp.module_of(clear).min(clear, axis=-1), 0.0))
-    if terms.pair is None:
-        return u
-    # the first row pressed by the load, or both by the preload
-    return xp.stack([u[..., 0], u[..., 1], xp.maximum(u[..., 2] - 0.5 * terms.pair.preload, 0.0)], axis=-1)
+    of = xp.module_of(clear)
+    u = pressed(sound, largest, narrow, axial, xp.maximum(of.min(clear, axis=-1), 0.0))
+    if terms.pair is not None:  # the first row pressed by the load, or both by the preload
+        return xp.stack([u[..., 0], u[..., 1], xp.maximum(u[..., 2] - 0.5 * terms.pair.preload, 0.0)], axis=-1)
+    # thick rollers may be elsewhere than in the load zone
+    deepest = of.max(xp.einsum("...ri,...i->...r", rollers.normals, u) - clear, axis=-1)
+    missing = xp.maximum(0.5 * load_curve.approach(sound, largest) - deepest, 0.0)
+    return xp.stack([u[..., 0], u[..., 1], u[..., 2] + missing / axial], axis=-1)
 
 
 def held_axially(healthy: Curve, normals: Any, force: Any, clear: Any, least: Any, axial: Any) -> Any:

@@ -30,6 +30,11 @@ HARD_SLICES = (
     "effects.tilt: slices beside a spall do not help those over it, so its loss of stiffness is overstated, two to "
     "three times where it was compared with contacts solved exactly"
 )
+ROUGH_MEANS = (
+    "effects.tilt: where the load zone ends every slice has a kink of its own, which the mean over phases does not "
+    "know: it is right to about 3e-4, its derivatives by loads, moments and angles to tens of per cent or not at all; "
+    "take them at single phases, and their mean"
+)
 
 
 def places(contact: LineContact, count: int) -> Any:
@@ -83,6 +88,7 @@ class Tilt(Effect):
     key = "tilt"
     label = "rings that tilt, rollers in slices"
     stage = Stage.CONTACT
+    of_means = ROUGH_MEANS
     excludes = dict.fromkeys(("raceways", "flange", "centrifugal", "through"), "slices hold both contacts together")
 
     moment_radial: Moment = 0.0
