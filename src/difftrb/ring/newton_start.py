@@ -74,9 +74,8 @@ def in_load_zone(healthy: Curve, force: Any, rollers: int, axial: Any) -> tuple[
     return share * largest, narrow
 
 
-def pressed(healthy: Curve, largest: Any, narrow: Any, axial: Any, clear: Any) -> Any:
-    """The displacement [mm], shape (…, 3), in that zone, and `clear` [mm], shape (…), more."""
-    deep = load_curve.approach(healthy, largest) + clear
+def pressed(deep: Any, narrow: Any, axial: Any) -> Any:
+    """The displacement [mm], shape (…, 3), that presses the most loaded roller of that zone by `deep` [mm]."""
     radial = xp.sqrt(1.0 - axial**2)
     return xp.stack([deep * (narrow / radial), xp.zeros_like(deep), deep * ((1.0 - narrow) / axial)], axis=-1)
 
@@ -107,12 +106,15 @@ def start(rollers: Rollers, healthy: RollerCurves, force: Any, terms: Terms) -> 
             total = total + norm(terms.tilting.moments / terms.tilting.longest)
         largest, narrow = least + xp.maximum(total, LEAST) / (count * axial), 0.0
     of = xp.module_of(clear)
-    u = pressed(sound, largest, narrow, axial, xp.maximum(of.min(clear, axis=-1), 0.0))
+    deep = load_curve.approach(sound, largest)
+    u = pressed(deep + xp.maximum(of.min(clear, axis=-1), 0.0), narrow, axial)
     if terms.pair is not None:  # the first row pressed by the load, or both by the preload
         return xp.stack([u[..., 0], u[..., 1], xp.maximum(u[..., 2] - 0.5 * terms.pair.preload, 0.0)], axis=-1)
+    if rollers.interference is None:
+        return u
     # thick rollers may be elsewhere than in the load zone
     deepest = of.max(xp.einsum("...ri,...i->...r", rollers.normals, u) - clear, axis=-1)
-    missing = xp.maximum(0.5 * load_curve.approach(sound, largest) - deepest, 0.0)
+    missing = xp.maximum(0.5 * deep - deepest, 0.0)
     return xp.stack([u[..., 0], u[..., 1], u[..., 2] + missing / axial], axis=-1)
 
 
