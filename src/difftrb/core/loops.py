@@ -49,13 +49,12 @@ def done_if(needed: Any, function: Callable[[Any], Any], start: Any) -> Any:
 
 
 def together(tree: Any) -> Any:
-    """The same pytree, whose parts a program may use only when all of them are there: XLA then computes none of them a
-    second time where it is used."""
+    """The same pytree behind an optimisation barrier: XLA does not compute parts of it again where they are used."""
     return jax.lax.optimization_barrier(tree) if xp.of_jax(tree) else tree
 
 
 def _started(function: Callable[[Any, Any], Any], start: Any) -> tuple[Any, Callable[[Any, Any], Any]]:
-    """For a loop: the start with all derivatives that rounds bring in, and the function, traced once for all."""
+    """For a loop: `start` with zeros for the derivatives that `function` adds, and `function` traced once for all."""
     once = jax.jit(function, inline=True)
     for _ in range(3):
         start = xp.tree_map(_filled, start, jax.eval_shape(once, 0, start))

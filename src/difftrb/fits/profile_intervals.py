@@ -233,7 +233,8 @@ def _between(side: Side, limit: float, k: int) -> Wanted:
 
 
 def _levelling(side: Side, limits: Limits, k: int) -> Wanted:
-    """The same where it is sure, if that may be far behind the end, and not between the same two places."""
+    """As `_between`, of the limit beyond which it is sure, where that may be far behind the interval's end, and not
+    between the same two places."""
     (_, end), (_, sure) = (_roots(side, limit) for limit in limits)
     if end < sure < len(side) and _is_far(side, side[sure].at, limits.end):
         yield from _between(side, limits.sure, k)

@@ -194,8 +194,8 @@ def check_rings(known: Catalogue, bearing: TaperedBearing) -> str | None:
 
 
 class Told(NamedTuple):
-    """Something told of a bearing: the logarithm of what the relations make of its `Inside`, of what was told, and how
-    far the two may be apart (standard deviation)."""
+    """Something told of a bearing: `relation(inside)` is what it would be, `value` what was told, `spread` the standard
+    deviation of the logarithm of their ratio."""
 
     key: str
     relation: Any

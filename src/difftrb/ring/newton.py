@@ -75,13 +75,12 @@ def norm(force: Any) -> Any:
 
 
 def aligned(force: Any, u: Any) -> Any:
-    """The force beside displacements u, shape (…, n), of one ring or of several under one load; or anything that ends
-    as another thing does."""
+    """`force` with axes of length 1 in front, to broadcast against `u`."""
     return force.reshape(*(1,) * (u.ndim - force.ndim), *force.shape)
 
 
 def of_each(rings: Any, value: Any) -> Any:
-    """What is known of all rings, or of each, beside a value that begins with them."""
+    """`rings`, shape () or (…), with axes of length 1 behind, to broadcast against `value`."""
     return rings.reshape(*rings.shape, *(1,) * (value.ndim - rings.ndim)) if np.ndim(rings) else rings
 
 

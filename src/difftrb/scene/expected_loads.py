@@ -19,7 +19,8 @@ from difftrb.ring.effects import Raceways, Through
 from difftrb.scene.scene import Scene, healthy, law_in_effect, ring_at
 
 WIDE, SPARE = 1.0, 2.5
-"""From a spall this wide on, by rollers' pitch, or where effects press: curves reach farther."""
+"""Width of a spall, by the rollers' pitch, from which curves reach `SPARE` times the largest load; so do those of
+effects that press."""
 TRIED_PHASES = 9
 """Over one pitch, at which the largest load beside through spalls is looked for."""
 
