@@ -49,8 +49,8 @@ def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) 
 
 @np.errstate(all="ignore")
 def of_numbers(of: Of, values: Values, at: Conditions, sound: bool = False) -> Any:
-    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of numbers at values
-    that are numbers, or an expansion by themselves: all rings at once, and means by a rule of more points."""
+    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of numbers at values that
+    are numbers, or an expansion by themselves: all rings at once, and means by a rule of more points."""
     found: list[Any] = [np.full(len(ENTRIES), np.nan)] * at.size
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
         scene, loaded = of(values)

@@ -1,7 +1,6 @@
 """Stiffness, displacement and loads over the cage's angle, with their derivatives by the spalls' sizes.
 
-Cage phases are solved together: numbers of a plain ring by numpy, all phases as one axis; else by one program that is
-mapped over them. As the cage turns by Δ, the outer ring at rest, the inner ring turns by Δ / cage_share, and rollers
+Cage phases are solved together, as one axis: numbers by numpy, what is traced by one program. As the cage turns by Δ, the outer ring at rest, the inner ring turns by Δ / cage_share, and rollers
 spin by spin_share Δ against the cage: spalls on these surfaces move along.
 """
 
@@ -195,7 +194,7 @@ def stiffness(
     alike; where rollers differ the cage's whole turn; with
     spalls on the inner raceway or a roller one turn of the inner ring. Law "auto" is "table" where that knows all
     phases, else contacts are solved phase by phase, which takes minutes; `progress` is told. `slopes` asks for
-    derivatives by the spalls' sizes; default: where they cost next to nothing, of a plain ring's numbers.
+    derivatives by the spalls' sizes; default: where they cost next to nothing, of numbers.
 
     Differentiable by every number of the scene, `jit` and `vmap` as `solve`. Raises `SceneError` as `solve`; phases
     without a solution have NaN and a status.

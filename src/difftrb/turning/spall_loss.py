@@ -1,5 +1,5 @@
-"""What spalls cost as the cage turns, and what spalls of other sizes would cost in the mean over its turn: of a plain
-ring's numbers, many rings at a time, nothing compiled. What figures are drawn from."""
+"""What spalls cost as the cage turns, and what spalls of other sizes would cost in the mean over its turn: of
+numbers, many rings at a time, nothing compiled. What figures are drawn from."""
 
 from __future__ import annotations
 
