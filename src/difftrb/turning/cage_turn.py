@@ -1,8 +1,8 @@
 """Stiffness, displacement and loads over the cage's angle, with their derivatives by the spalls' sizes.
 
 Cage phases are solved together, as one axis: numbers by numpy, what is traced by one program. As the cage turns by Δ,
-the outer ring at rest, the inner ring turns by Δ / cage_share, and rollers spin by spin_share Δ against the cage: spalls
-on these surfaces move along.
+the outer ring at rest, the inner ring turns by Δ / cage_share, and rollers spin by spin_share Δ against the cage:
+spalls on these surfaces move along.
 """
 
 from __future__ import annotations
