@@ -209,6 +209,8 @@ def damped(
         of = xp.module_of(new)
         better = of.sum(new.residual * p, axis=-1) <= 0.5 * of.abs(of.sum(now.residual * p, axis=-1))
         better = better & of.isfinite(_largest(new))  # a step may be so long that loads overflow
+        # or that no roller is loaded, from where there is no way back
+        better = better & ((new.jacobian[..., 0, 0] > 0.0) | (now.jacobian[..., 0, 0] == 0.0))
 
         def kept(one: Any, other: Any) -> Any:
             return of.where(better.reshape(better.shape + (1,) * (one.ndim - better.ndim)), one, other)
