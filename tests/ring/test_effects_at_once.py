@@ -1,5 +1,4 @@
-"""Rings with effects, but for rings that tilt, go by numbers and expansions as the plain ring does: against their
-program, and differences."""
+"""Rings with effects by numbers and expansions: against arrays of JAX that JAX differentiates, and differences."""
 
 import dataclasses
 from collections.abc import Callable

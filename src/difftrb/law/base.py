@@ -264,6 +264,7 @@ def _not_by_name(request: Request) -> Law:
 
 
 OWN = LawKind("", "", make=_not_by_name)
+"""What a law is that is not registered."""
 LAWS: dict[str, LawKind] = {}
 """Every law that a scene can name; filled by `register`."""
 

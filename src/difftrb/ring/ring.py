@@ -89,14 +89,13 @@ def axial_force(rest: Equilibrium, bearing: TaperedBearing) -> Any:
 
 
 def equilibrium(
-    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], law: Law, phase: Any, terms: Terms = PLAIN,
-    laws_status: Any = status.CONVERGED,
-) -> Equilibrium:  # fmt: skip
+    bearing: TaperedBearing, load: Load, spalls: tuple[Spall, ...], law: Law, phase: Any, terms: Terms = PLAIN
+) -> Equilibrium:
     """The ring's rest position under `load`, its roller loads and tangent stiffness.
 
     `spalls` are those met on the outer raceway (`roller_places.spalls_on`); `phase` is the angle of roller 0 from the
     load line [rad], of any shape, which is then in front of all else. So may the load's parts be: each ring is then
-    judged by itself. `laws_status` is the status of what else is known of the scene; the worst is returned.
+    judged by itself.
 
     In any arithmetic: numbers without a program; expansions with all their derivatives; arrays of JAX, differentiable
     by everything, forward and reverse, at the solution. Where there is no equilibrium the numbers are NaN and the
@@ -124,7 +123,7 @@ def equilibrium(
         holding.not_held(state, xp.fixed(system.rollers.normals), xp.fixed(pressed), own),
     )
     known, unpressed = codes if alone else (xp.module_of(code).max(code) for code in codes)
-    rest = judged(rest, valid, held, status.worst(laws_status, known), xp.fixed(law), unpressed)
+    rest = judged(rest, valid, held, known, xp.fixed(law), unpressed)
     return rest if terms.pair is None else in_rows(rest)
 
 

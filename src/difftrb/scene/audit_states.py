@@ -64,7 +64,8 @@ def at_phase(at: Scene) -> AtPhase:
     phase = cast(float, at.phase)
     found = solve_prepared(at)
     here, terms = ring_at(at, law_in_effect(at, found.law), phase)
-    rest, angles = here.equilibrium(terms), here.angles
+    with np.errstate(all="ignore"):
+        rest, angles = xp.numbers(here).equilibrium(xp.numbers(terms)), here.angles
     if terms.pair is not None:
         angles = xp.concatenate([angles, angles])
     normals = ring.normals(at.bearing, angles, terms)

@@ -57,14 +57,16 @@ def _in_narrow_zone(scene: Scene) -> float:
     at = float(geometry.roller_pitch(scene.bearing)) * np.linspace(0.0, 1.0, TRIED_PHASES)
     law = power.Palmgren(scene.bearing.roller_length)
     one_carries_all = float(scene.load.radial / np.cos(scene.bearing.outer_angle))
-    loads = healthy_ring(dataclasses.replace(scene, effects=()), law, at).loads
+    loads = rings(healthy(dataclasses.replace(scene, effects=())), law, at).loads
     return float(np.max(np.where(np.isfinite(loads), loads, one_carries_all)))  # at some phases there may be no rest
 
 
 @np.errstate(all="ignore")
-def healthy_ring(scene: Scene, law: Law, phases: Any) -> ring.Equilibrium:
-    """Of numbers, without spalls, at phases of shape (phases,), by a law and with effects in any arithmetic."""
-    here, terms = ring_at(xp.numbers(healthy(scene)), xp.numbers(law), np.asarray(phases))
+def rings(scene: Scene, law: Law, phases: Any) -> ring.Equilibrium:
+    """Of a scene at phases of shape (phases,), by a law; without derivatives where these are expanded."""
+    if xp.are_numbers((scene, law)):
+        scene, law, phases = xp.numbers((scene, law, phases))
+    here, terms = ring_at(scene, law, phases)
     return xp.values(here.equilibrium(terms))
 
 
@@ -80,13 +82,10 @@ def single(scene: Scene, law: Law) -> Scene:
     return dataclasses.replace(scene, law=law, effects=acting, accuracy=1e-3)  # one accuracy is one program for all
 
 
-@np.errstate(all="ignore")
 def _pressed(scene: Scene) -> Any:
     """The largest load [N] on the ring by Palmgren's law, with through spalls at several phases: by a third or so too
     large for one contact alone, and by more if the inner one gives way, too."""
-    scene = xp.numbers(scene) if xp.are_numbers(scene) else scene
     turned = np.linspace(0.0, 1.0, TRIED_PHASES) if scene.spalls else np.zeros(1)
     acting = law_in_effect(scene, cast(Law, scene.law))
-    here, terms = ring_at(scene, acting, geometry.roller_pitch(scene.bearing) * turned)
-    loads = xp.value(here.equilibrium(terms).all_loads)
+    loads = rings(scene, acting, geometry.roller_pitch(scene.bearing) * turned).all_loads
     return xp.module_of(loads).nan_to_num(loads).max()

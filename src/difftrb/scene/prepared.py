@@ -171,11 +171,9 @@ def rings_at(
     """As `at_phases`; and what effects act on there, and what they add to it."""
     within = checks.code(xp.fixed(scene))
     scene = dataclasses.replace(scene, load=loads or scene.load, spalls=scene.spalls if spalls is None else spalls)
-    law, met = law_in_effect(scene, outer_law(scene)), roller_places.spalls_on(scene.spalls, "outer")
-    here, terms = ring_at(scene, law, each)
-    if terms.laws_status is not None:
-        within = status.worst(within, terms.laws_status)
-    return ring.equilibrium(scene.bearing, scene.load, met, law, each, terms, within), here, terms
+    here, terms = ring_at(scene, law_in_effect(scene, outer_law(scene)), each)
+    terms = terms._replace(laws_status=within if terms.laws_status is None else status.worst(within, terms.laws_status))
+    return here.equilibrium(terms), here, terms
 
 
 @np.errstate(all="ignore")

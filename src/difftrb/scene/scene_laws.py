@@ -32,7 +32,7 @@ from difftrb.ring.effects import Raceways, SeriesRaceways, Through
 from difftrb.scene import expected_loads
 from difftrb.scene.cage_phases import phases
 from difftrb.scene.local_laws import holding, local_laws
-from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, raceway_contact
+from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, healthy, raceway_contact
 
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
@@ -153,7 +153,7 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: Any) -> tuple[An
     ring [mm], shape (rows, phases, rollers)."""
     bearing, law = scene.bearing, cast(DirectLaw, scene.law)
     away = roller_places.distances(bearing, law.spalls, roller_places.roller_angles(bearing, phases), raceway)
-    every = np.asarray(expected_loads.healthy_ring(scene, law, phases).all_approaches)
+    every = np.asarray(expected_loads.rings(healthy(scene), law, phases).all_approaches)
     return away, np.moveaxis(every.reshape(len(every), -1, scene.bearing.rollers), 1, 0)
 
 
