@@ -81,7 +81,11 @@ BAD = {
         "[effects]\ndiameters = { deviations = [0.0] }\n[load]",
         ["1 entries for 23 rollers"],
     ),
-    "an effect that needs a law": ("[load]", "[effects]\ntilt = {}\n[load]", ["contact.law = 'palmgren'"]),
+    "an effect that needs a law": (
+        "[load]",
+        '[contact]\nlaw = "power"\n[effects]\ntilt = {}\n[load]',
+        ["contact.law = 'palmgren'", "'auto'"],
+    ),
     "phase in words": (
         "[load]",
         '[stiffness]\nphase = "average"\n[load]',

@@ -21,7 +21,16 @@ from difftrb.contact import strip_bands, strip_plan, strip_rows, strip_settling
 from difftrb.contact.contact_solution import Found, Inputs, verdict
 from difftrb.contact.gap import Cells
 from difftrb.contact.strip_plan import Fineness, StripPlan
-from difftrb.contact.strip_reach import Reach, carried_along, ends_within, gone, reach_of, spall_edges, suited
+from difftrb.contact.strip_reach import (
+    Reach,
+    carried_along,
+    ends_within,
+    gone,
+    interference,
+    reach_of,
+    spall_edges,
+    suited,
+)
 from difftrb.contact.strip_rows import Rows
 from difftrb.contact.strip_settling import FARTHEST, Settled, StripProblem
 from difftrb.core import arrays as xp
@@ -192,7 +201,8 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
         images * reach.line_load * reach.unit * _spread(plan, groups, loads, ends, cells, reach.unit)
     )
     code = verdict(found.approach, settled.error, way.tolerance)
-    code = xp.where(found.still & (found.approach > 0.0), code, status.worst(code, np.asarray(status.NOT_CONVERGED)))
+    sound = found.still & (interference(inputs, found.approach) > 0.0)
+    code = xp.where(sound, code, status.worst(code, np.asarray(status.NOT_CONVERGED)))
     code = status.worst(code, verdict(found.approach, tension, TENSION * accuracy))
     fits = suited(inputs, reach, found.approach)
     fits = fits & ends_within(inputs, reach) if way.edges else fits

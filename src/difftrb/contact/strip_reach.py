@@ -53,7 +53,7 @@ def outlook(inputs: Inputs) -> tuple[Any, Any]:
     fits = suited(inputs, reach, reach.approach)
     if spall is None:
         return np.asarray(0), fits
-    certain = gaps.certain_reach(contact.radius, ABOVE * _interference(inputs, reach.approach))
+    certain = gaps.certain_reach(contact.radius, ABOVE * interference(inputs, reach.approach))
     near, far = 0.5 * spall.width - xp.abs(inputs.offset), 0.5 * spall.width + xp.abs(inputs.offset)
     edges = xp.where(near < certain, 1, 0) + xp.where(far < certain, 1, 0)
     return edges, fits & ((edges == 0) | ends_within(inputs, reach))
@@ -66,11 +66,11 @@ def suited(inputs: Inputs, reach: Reach, approach: Any) -> Any:
     land = (
         2.0 * reach.tip - (xp.clip(high, reach.bottom, reach.top) - xp.clip(low, reach.bottom, reach.top))
     ) / reach.unit
-    fits = (crown.scale(contact) > LEAST_CROWN * _interference(inputs, approach)) & (land > LEAST_LAND)
-    return fits if spall is None else fits & (spall.depth > _interference(inputs, approach))
+    fits = (crown.scale(contact) > LEAST_CROWN * interference(inputs, approach)) & (land > LEAST_LAND)
+    return fits if spall is None else fits & (spall.depth > interference(inputs, approach))
 
 
-def _interference(inputs: Inputs, approach: Any) -> Any:
+def interference(inputs: Inputs, approach: Any) -> Any:
     """By how much the undeformed bodies overlap at most [mm]."""
     return approach if inputs.tilt is None else approach - crown.least_rest(inputs.contact, inputs.tilt)
 

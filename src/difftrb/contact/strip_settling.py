@@ -46,7 +46,7 @@ class StripProblem(NamedTuple):
 class Settled(NamedTuple):
     """Mode loads of the strips, (strips, modes), and their change by the load; approach and its change by load;
     boundaries (outlines, 2), which of them are held at an edge, which outlines are loaded, (outlines,); and what their
-    places may leave in the approach, as a share of it."""
+    places may leave in the approach, as a share of the deepest overlap."""
 
     loads: Any
     by_load: Any
@@ -84,7 +84,12 @@ def settle(
         _, ends, held, active, count, _ = last
         found, overlap = _pressed(plan, problem, table, mass, ends, held, active)
         new, held_next, active_next, error = _moved(plan, problem, found, bound)
-        called = ~active & (overlap > OVERLAP * found.approach) & (ends[:, 1] - ends[:, 0] > LEAST) & (count < CALLS)
+        called = (
+            ~active
+            & (overlap > OVERLAP * _deepest(problem, found))
+            & (ends[:, 1] - ends[:, 0] > LEAST)
+            & (count < CALLS)
+        )
         new = _waiting(plan, bound, new, active_next)
         new = xp.where((called & plan.sided)[:, None], _met(plan, problem, bound, overlap), new)
         active_next = active_next | called
@@ -205,6 +210,12 @@ def coupled(table: Any, wave: Any) -> Any:
     return xp.matmul(wave, pushed).reshape(n, k, n, k)
 
 
+def _deepest(problem: StripProblem, found: Settled) -> Any:
+    """By how much the undeformed bodies overlap at most: of a tilted roller more than its middle approaches, which may
+    stand off."""
+    return found.approach + xp.maximum(-xp.min(problem.gap), 0.0)
+
+
 def _moved(plan: StripPlan, problem: StripProblem, found: Settled, bound: Any) -> tuple[Any, Any, Any, Any]:
     """New boundaries, which of them are held and which outlines loaded; and about what the move is worth in δ."""
     orders, out = np.array(plan.orders), np.array([[-1.0, 1.0]])
@@ -225,7 +236,7 @@ def _moved(plan: StripPlan, problem: StripProblem, found: Settled, bound: Any) -
     new = xp.stack([low, high], axis=1)
     active = found.active & (load[:, 0] > 0.0) & (new[:, 1] - new[:, 0] > LEAST)
     worth = 0.5 * tip * (by_load @ signs.T) * (new - found.ends) * out / half
-    return new, held, active, xp.abs(xp.sum(worth)) / found.approach
+    return new, held, active, xp.abs(xp.sum(worth)) / _deepest(problem, found)
 
 
 def shift(

@@ -33,6 +33,7 @@ OTHER_CONTACT = 15
 TILTS = 16
 UNPRESSED = 17
 FREE = 18
+LEANS = 19
 UNDEFINED = 100
 
 SENTENCES = {
@@ -68,6 +69,8 @@ SENTENCES = {
     UNPRESSED: "no roller is pressed, so nothing resists: raise load.radial, or the preload above the end play",
     FREE: "the rollers that carry leave the ring free to move in one direction, so it has no one place, no stiffness "
     "and no derivatives: raise load.axial or the preload, or turn the cage (phase)",
+    LEANS: "rings are turned against each other so far that rollers press with little more than their ends, which is "
+    "not known: lower the moments, or raise load.axial",
     UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }
 

@@ -64,18 +64,34 @@ class Ramp:
     narrow: NarrowSpall | None = None
 
 
+class NearState(NamedTuple):
+    """Load near one approach, as a polynomial in it that goes on straight beyond: of slices that push or pull, of which
+    only a whole roller's are a contact.
+
+    Attributes:
+      coefficients: cₖ of Q = Σ cₖ zᵏ [N], z = (δ − middle)/reach, shape (degree + 1, …, slices).
+      middle, reach: [mm], shape (…, slices).
+    """
+
+    coefficients: Any
+    middle: Any
+    reach: Any
+
+
 class RollerCurves(NamedTuple):
-    """Q(δ) of every roller of a ring.
+    """Q(δ) of every roller of a ring, or of every slice of its rollers.
 
     Attributes:
       each: the curve of every roller that is on no ramp, shape (rollers,).
       ramps: along an axis behind every field's own; None: there is none.
       at: which roller stands on which ramp: ones in zeros, shape (ramps, rollers).
+      near: what stands for all curves near the states that slices are in; None: nothing does.
     """
 
     each: Curve
     ramps: Ramp | None = None
     at: jax.Array | None = None
+    near: NearState | None = None
 
 
 def roller_loads(curves: RollerCurves, approach: Any) -> tuple[Any, Any]:
@@ -86,6 +102,9 @@ def roller_loads(curves: RollerCurves, approach: Any) -> tuple[Any, Any]:
 
 def carried_loads(curves: RollerCurves, approach: Any) -> Any:
     """Load [N] of every roller at its approach [mm], both of shape (rollers,)."""
+    if curves.near is not None:
+        coefficients, middle, reach = curves.near
+        return series.polynomial(coefficients, (approach - middle) / reach, straight=True)
     loads = load_curve.carried(curves.each, approach)
     if curves.ramps is None or curves.at is None:
         return loads

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import numpy as np
 
+from difftrb.contact import crown
 from difftrb.core import arrays as xp
 from difftrb.core import series, status
 from difftrb.core.geometry import LineContact, Spall
-from difftrb.law import ramp_fit, samples
+from difftrb.law import ramp_fit, samples, tilted_roller
 from difftrb.law.base import Law, Rest, of_base
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.edge_ramp import NearState, RollerCurves
 from difftrb.law.load_curve import Curve
 
 if TYPE_CHECKING:
@@ -28,6 +29,12 @@ if TYPE_CHECKING:
 
 WITHIN = 0.2
 """By how much in its logarithm a roller's load may be off the one that its contacts were solved about."""
+TURNED_WITHIN = 0.7
+"""The same of its tilt, by how far its solves are spread to either side."""
+CLEAR = 5e-3
+"""Overlap of a roller without a state, by the deepest of all, up to which it counts as clear."""
+ALONG = np.linspace(-0.499, 0.499, 21)
+"""Places by the roller's length at which overlap is looked at."""
 SPREAD = 0.3
 """By how much in the logarithm the loads of a state's solves are spread to either side. Closer together, errors of
 solves make more of the derivatives of stiffness; farther apart, the curve does."""
@@ -55,6 +62,8 @@ class States(NamedTuple):
       slopes: of the approaches by these, the tilt held; 0 by spalls out of reach.
       tilts: of the roller in its solves, as this raceway sees it [rad].
       lowest: approaches below which rollers carry nothing [mm]: a rim may press before the raceway.
+      moments, moment_slopes: of rings that tilt, whose solves are spread over tilts, too: moments about the rollers'
+        middles [N mm], and by `given`; None: rings stay parallel.
     """
 
     at: Float[Array, "*phases states rollers"]
@@ -65,6 +74,8 @@ class States(NamedTuple):
     slopes: Float[Array, "*phases states loads inputs"]
     tilts: Float[Array, "*phases states loads"]
     lowest: Float[Array, "*phases states"]
+    moments: Float[Array, "*phases states loads"] | None = None
+    moment_slopes: Float[Array, "*phases states loads inputs"] | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -74,7 +85,8 @@ class LocalLaw:
 
     Attributes:
       base: the curve of a healthy roller, and the contact.
-      states: of the rollers that meet spalls; None: none does.
+      states: of the rollers that meet spalls, of rings that tilt of all that carry; None: there are none.
+      sound: of rings that tilt, the states without spalls.
       settling: while states are looked for, none is refused.
       free_to_tilt: whether rollers were, between both raceways.
     """
@@ -83,6 +95,7 @@ class LocalLaw:
     states: States | None
     settling: bool = dataclasses.field(default=False, metadata={"static": True})
     free_to_tilt: bool = dataclasses.field(default=False, metadata={"static": True})
+    sound: States | None = None
     name = "direct"
     hard = False
 
@@ -95,9 +108,9 @@ class LocalLaw:
     def curves(self, spalls: tuple[Spall, ...], distances: Any) -> RollerCurves:
         """See `Law`. Other spalls than it was made for are for `judge` to refuse."""
         every = self.base.curves((), distances[:0]).each
-        if self.states is None or not _is_of(self.states, distances):
+        if self.states is None or self.states.moments is not None or not _is_of(self.states, distances):
             return RollerCurves(every)
-        approaches = self._approaches(self.states, spalls, _as_made(self.states, distances))
+        approaches = self._carried(self.states, self.states.approaches, self.states.slopes, spalls, distances)
         own = through(self.states.log_loads, approaches, self.states.lowest)
         missing = every.coefficients.shape[0] - own.coefficients.shape[0]
         more = np.zeros((missing, *own.coefficients.shape[1:]))
@@ -110,18 +123,45 @@ class LocalLaw:
 
         return RollerCurves(xp.tree_map(chosen, every, own))
 
-    def _approaches(self, states: States, spalls: tuple[Spall, ...], distances: Any) -> Any:
-        """Of the solves, carried to what rollers meet now [mm], shape (…, states, loads)."""
+    def slices(self, spalls: tuple[Spall, ...], distances: Any) -> RollerCurves:
+        """What every slice of the rollers carries whose rings tilt, at `tilted_roller.places`, shape (…, rollers ·
+        slices), roller by roller; other arguments as of `curves`. A roller without a state of its own carries nothing;
+        before there are any, all are healthy, and each slice carries its share."""
+        every, count = self.base.curves((), distances[:0]).each, tilted_roller.SLICES
+        every = xp.tree_map(lambda field: _of_slices(field, count), every)
+        each = dataclasses.replace(every, coefficients=_shared(every.coefficients, count))
+        states = self.states
+        if states is None or states.moments is None or not _is_of(states, distances):
+            return RollerCurves(each)
+        approaches, moments = (
+            self._carried(states, solved, slopes, spalls, distances)
+            for solved, slopes in ((states.approaches, states.slopes), (states.moments, states.moment_slopes))
+        )
+        own = tilted_roller.near(
+            xp.exp(states.log_loads), -states.tilts, approaches, moments, xp.fixed(self.contact.length)
+        )
+
+        def of_rollers(of_states: Any) -> Any:
+            """Of every state's slices, for all rollers' slices."""
+            found = xp.einsum("...sk,...sr->...rk", of_states, states.at)
+            return found.reshape(*each.shift.shape[:-1], -1)
+
+        clear = _of_slices(1.0 - xp.sum(states.at, axis=-2), count).reshape(each.shift.shape)
+        coefficients = xp.stack([of_rollers(one) for one in own.coefficients])
+        return RollerCurves(each, near=NearState(coefficients, of_rollers(own.middle), of_rollers(own.reach) + clear))
+
+    def _carried(self, states: States, solved: Any, slopes: Any, spalls: tuple[Spall, ...], distances: Any) -> Any:
+        """What was `solved`, of shape (…, states, loads), carried along its `slopes` to what rollers meet now."""
+        distances = _as_made(states, distances)
         sizes = samples.count(len(spalls)) - len(spalls)
         alike = samples.inputs(self.contact, spalls, np.zeros(len(spalls)))[:sizes]
         there = xp.any(states.at > 0.0, axis=-1)[..., None]
-        moved = states.approaches
-        for change, slopes in (
-            (alike[(None,) * (states.given.ndim - 1)] - states.given[..., :sizes], states.slopes[..., :sizes]),
-            (self._apart(states, distances), states.slopes[..., sizes:]),
+        for change, by in (
+            (alike[(None,) * (states.given.ndim - 1)] - states.given[..., :sizes], slopes[..., :sizes]),
+            (self._apart(states, distances), slopes[..., sizes:]),
         ):
-            moved = moved + xp.einsum("...kli,...ki->...kl", slopes, xp.where(there, change, 0.0))
-        return moved
+            solved = solved + xp.einsum("...kli,...ki->...kl", by, xp.where(there, change, 0.0))
+        return solved
 
     def _apart(self, states: States, distances: Any) -> Any:
         """How far rollers have moved against the spalls since they were solved [mm], shape (…, states, spalls)."""
@@ -133,6 +173,8 @@ class LocalLaw:
         if self.settling:
             return np.asarray(status.CONVERGED)
         states = self.states
+        if rest is not None and rest.tilts is not None:  # an end may be pressed in where the middle is not
+            rest = rest._replace(approach=rest.approach + 0.5 * self.contact.length * xp.abs(rest.tilts))
         code = self.base.judge((), distances[:0], self._within(rest))
         if not spalls and (states is None or states.met.shape[-1]):  # the healthy bearing, of a law made for spalls
             return code
@@ -144,16 +186,34 @@ class LocalLaw:
         if not _is_of(states, distances):
             return np.asarray(status.OTHER_SCENE)
         distances, met = _as_made(states, distances), _as_made(states, met)
-        moved = self._approaches(states, spalls, distances) / states.approaches - 1.0
+        moved = self._carried(states, states.approaches, states.slopes, spalls, distances) - states.approaches
+        moved = moved / xp.max(xp.abs(states.approaches), axis=-1)[..., None]
         apart = self._apart(states, distances) * states.met
         same = (xp.max(xp.abs(moved)) < MOVED) & (xp.max(xp.abs(apart), initial=0.0) < ASIDE)
         if rest is not None:
             load = xp.einsum("...sr,...r->...s", states.at, rest.loads.reshape(*states.at.shape[:-2], -1))
-            load = xp.maximum(load, xp.exp(self.base.log_loads[0]))
-            off = xp.abs(xp.log(load) - xp.mean(states.log_loads, axis=-1)) * xp.max(states.at, axis=-1)
+            solved = xp.mean(states.log_loads, axis=-1)
+            load = xp.maximum(load, xp.exp(xp.minimum(self.base.log_loads[0], xp.min(solved))))
+            off = xp.abs(xp.log(load) - solved) * xp.max(states.at, axis=-1)
             unknown = xp.moveaxis(met, 0, -2) & (xp.einsum("...sn,...sr->...nr", states.met, states.at) == 0.0)
             same = same & (xp.max(off) < WITHIN) & ~xp.any(unknown)
+            if states.moments is not None:
+                same = same & self._keeps_tilts(states, rest)
         return xp.where(same, code, status.OTHER_SCENE)
+
+    def _keeps_tilts(self, states: States, rest: Rest) -> Any:
+        """Whether rollers are turned as those that were solved, and all others are clear."""
+        every = xp.zeros_like(rest.loads) if rest.tilts is None else rest.tilts
+        at = ALONG.reshape(-1, *[1] * every.ndim) * self.contact.length
+        # `Rest` has how far the deeper end is pressed in
+        middle = rest.approach - 0.5 * self.contact.length * xp.abs(every)
+        overlap = xp.max(middle[None] + at * every[None] - crown.height(at, self.contact), axis=0)
+        alone = xp.sum(states.at, axis=-2).reshape(every.shape) == 0.0
+        pressed = xp.max(xp.where(alone, overlap, 0.0)) > CLEAR * xp.max(overlap)
+        turned = -xp.einsum("...sr,...r->...s", states.at, every.reshape(*states.at.shape[:-2], -1))
+        half = 0.5 * (xp.max(states.tilts, axis=-1) - xp.min(states.tilts, axis=-1))
+        off = xp.abs(turned - xp.mean(states.tilts, axis=-1)) * xp.max(states.at, axis=-1)
+        return (xp.max(off / half) < TURNED_WITHIN) & ~pressed
 
     def _within(self, rest: Rest | None) -> Rest | None:
         """Rollers at rest, those with states of their own within the range of the healthy curve, which they do not ask:
@@ -194,6 +254,18 @@ def _as_made(states: States, of_rollers: Any) -> Any:
     return of_rollers.reshape(of_rollers.shape[0], *states.at.shape[:-2], of_rollers.shape[-1])
 
 
+def _of_slices(of_rollers: Any, count: int) -> Any:
+    """What all rollers have, shape (…, rollers), for `count` slices of each, roller by roller."""
+    repeated = xp.broadcast_to(of_rollers[..., None], (*of_rollers.shape, count))
+    return repeated.reshape(*of_rollers.shape[:-1], -1)
+
+
+def _shared(coefficients: Any, count: int) -> Any:
+    """Of curves each of which carries its share of a roller's load: log Q falls by log `count`."""
+    first = (np.arange(coefficients.shape[0]) == 0).reshape(-1, *[1] * (coefficients.ndim - 1))
+    return coefficients - np.log(count) * first
+
+
 def through(log_loads: Any, approaches: Any, lowest: Any) -> Curve:
     """log Q as polynomials in log(δ − `lowest`), nearest to each state's solves, both of shape (…, states, loads), or
     (…, states); straight beyond them."""
@@ -211,4 +283,14 @@ def through(log_loads: Any, approaches: Any, lowest: Any) -> Curve:
 
 def healthy(law: Law) -> Law:
     """The law of the same bearing without spalls, of one that may hold states of rollers that meet some."""
-    return dataclasses.replace(law, states=None) if isinstance(law, LocalLaw) else law
+    return dataclasses.replace(law, states=law.sound) if isinstance(law, LocalLaw) else law
+
+
+def at_phase(law: LocalLaw, k: int) -> LocalLaw:
+    """The law of a mean at the `k`-th of its phases; the healthy ring's are others."""
+    return dataclasses.replace(law, states=jax.tree.map(lambda of: of[k], law.states), sound=None)
+
+
+def stateless(law: Law) -> Law:
+    """The law without any states: of healthy rollers, upright."""
+    return dataclasses.replace(law, states=None, sound=None) if isinstance(law, LocalLaw) else law

@@ -58,20 +58,28 @@ def around(
     spread, way = spread_of(found, IN_A_MEAN if found and len(rollers) > 1 else None)
     logs = np.log(loads)[:, None] + spread * way
     curves = [UPRIGHT] * len(reached) if tilts is None else tilts
-    solved = _solved(base, spalls, reached, logs, curves, known, progress)
+    turning = any(curve is not UPRIGHT for curve in curves)
+
+    def at(numbers: Sequence[int]) -> list[list[Node]]:
+        own = [reached[k] for k in numbers]
+        turned = np.array([curves[k].tilt(logs[k]) for k in numbers]).reshape(len(own), logs.shape[1])
+        return solved_at(base, spalls, own, np.exp(logs[numbers]), turned, turning, known, progress)
+
+    solved = at(range(len(reached)))
     if found:
         bent = [
             k for k, (each, own) in enumerate(zip(reached, solved, strict=True))
             if _bend(logs[k], own, _lowest(spalls, each)) > BENDS or _touches_at_some(own, len(each.under))
         ]  # fmt: skip
         logs[bent] = np.log(loads[bent])[:, None] + NARROWER * spread * way
-        again = _solved(
-            base, spalls, [reached[k] for k in bent], logs[bent], [curves[k] for k in bent], known, progress
-        )
-        for k, own in zip(bent, again, strict=True):
+        for k, own in zip(bent, at(bent), strict=True):
             solved[k] = own
     code = max(float(base.status_code), samples.worst_status([node for own in solved for node in own]))
-    states = _stacked(base, spalls, reached, rollers, logs, solved, curves) if reached else None
+    states = None
+    if reached:
+        turned = np.array([curve.tilt(row) for curve, row in zip(curves, logs, strict=True)])
+        slopes = [_slopes(*each) for each in zip(solved, logs, curves, strict=True)]
+        states = stacked(base, spalls, reached, rollers, logs, turned, solved, slopes)
     return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True, free_to_tilt=tilts is not None)
 
 
@@ -82,17 +90,15 @@ def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]
     return spread, np.asarray(chebyshev_nodes(own if count is None else count, -1.0, 1.0))
 
 
-def _solved(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], log_loads: np.ndarray,
-    tilts: Sequence[TiltCurve], known: Known, progress: Progress | None,
+def solved_at(
+    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], loads: np.ndarray, tilts: np.ndarray,
+    turning: bool, known: Known, progress: Progress | None,
 ) -> list[list[Node]]:  # fmt: skip
-    """Contacts of every roller reached at its `log_loads` [log N], shape (rollers reached, loads)."""
-    turning = any(curve is not UPRIGHT for curve in tilts)
+    """Contacts of every roller reached under its `loads` [N] at its `tilts` [rad], shape (rollers reached, loads)."""
     asked = [
-        [(turning, each.under, each.away, float(load), float(tilt))
-         for load, tilt in zip(np.exp(row), curve.tilt(row), strict=True)]
-        for each, row, curve in zip(reached, log_loads, tilts, strict=True)
-    ]  # fmt: skip
+        [(turning, each.under, each.away, float(load), float(tilt)) for load, tilt in zip(own, turned, strict=True)]
+        for each, own, turned in zip(reached, loads, tilts, strict=True)
+    ]
     missing = list(dict.fromkeys(key for row in asked for key in row if key not in known))
     cases = [
         samples.case_under(load, [spalls[i] for i in under], away)._replace(tilt=tilt)
@@ -104,12 +110,12 @@ def _solved(
     return [[known[key] for key in row] for row in asked]
 
 
-def _slopes(solved: Sequence[Node], log_loads: np.ndarray, curve: TiltCurve, inputs: int) -> np.ndarray:
-    """Of one roller's approaches, by as many inputs, shape (loads, inputs), with what its tilt makes of them."""
-    slopes = np.array([node.slopes[:inputs] for node in solved])
+def _slopes(solved: Sequence[Node], log_loads: np.ndarray, curve: TiltCurve) -> np.ndarray:
+    """Of one roller's approaches by their inputs, shape (loads, inputs), with what its tilt makes of them."""
+    slopes = np.array([node.slopes for node in solved])
     if curve is UPRIGHT:
         return slopes
-    moments = np.array([cast(Turning, node.turning).moment_slopes[:inputs] for node in solved])
+    moments = np.array([cast(Turning, node.turning).moment_slopes for node in solved])
     return slopes + curve.gain(log_loads)[:, None] * moments
 
 
@@ -132,11 +138,13 @@ def _touches_at_some(solved: Sequence[Node], spalls: int) -> bool:
     return bool(np.any(np.any(touches, axis=0) & ~np.all(touches, axis=0)))
 
 
-def _stacked(
+def stacked(
     base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
-    logs: np.ndarray, solved: Sequence[Sequence[Node]], tilts: Sequence[TiltCurve],
+    logs: np.ndarray, tilts: np.ndarray, solved: Sequence[Sequence[Node]], slopes: Sequence[np.ndarray],
+    moment_slopes: Sequence[np.ndarray] | None = None,
 ) -> States:  # fmt: skip
-    """All that was solved, by phases; filled up to a multiple of `TOGETHER` states, so that scenes share programs."""
+    """All that was solved, by phases; filled up to a multiple of `TOGETHER` states, so that scenes share programs.
+    `tilts` are as `logs`; slopes of every roller's solves are by the inputs of its own contact."""
     count, phases, loads = len(spalls), rollers[:-1], logs.shape[1]
     turn = [each.phase for each in reached]
     place = [turn[:k].count(phase) for k, phase in enumerate(turn)]
@@ -149,22 +157,30 @@ def _stacked(
         every.reshape(math.prod(phases), shape[-1], *own)[turn, place] = rows
         return every
 
+    def by_all(own: Sequence[np.ndarray]) -> np.ndarray:
+        """By the inputs under all spalls; those of a healthy contact name a spall of no size, too."""
+        found = np.zeros((*logs.shape, samples.count(count)))
+        for k, (each, of_one) in enumerate(zip(reached, own, strict=True)):
+            found[k][:, samples.places(each.under, count)] = of_one[:, : samples.count(len(each.under))]
+        return filled(found, *found.shape[1:])
+
     at, met = np.zeros((len(reached), rollers[-1])), np.zeros((len(reached), count))
-    given, slopes = np.zeros((len(reached), samples.count(count))), np.zeros((*logs.shape, samples.count(count)))
-    for k, (each, own) in enumerate(zip(reached, solved, strict=True)):
+    given = np.zeros((len(reached), samples.count(count)))
+    for k, each in enumerate(reached):
         under = list(each.under)
         at[k, each.roller] = 1.0
         met[k, under] = 1.0
-        inputs = samples.count(len(under))  # those of a healthy contact name a spall of no size, too
-        slopes[k][:, samples.places(under, count)] = _slopes(own, logs[k], tilts[k], inputs)
         away = np.zeros(count)
         away[under] = each.away
         given[k] = samples.inputs(base.contact, spalls, away)
-    leaning = [curve.tilt(row) for curve, row in zip(tilts, logs, strict=True)]
     there = np.zeros(shape)
     there.reshape(math.prod(phases), shape[-1])[turn, place] = 1.0
-    return States(
+    states = States(
         filled(at, rollers[-1]) * there[..., None], filled(met, count) * there[..., None], filled(logs, loads),
         filled([[node.approach for node in own] for own in solved], loads), filled(given, given.shape[1]),
-        filled(slopes, *slopes.shape[1:]), filled(leaning, loads), filled([_lowest(spalls, each) for each in reached]),
+        by_all(slopes), filled(tilts, loads), filled([_lowest(spalls, each) for each in reached]),
     )  # fmt: skip
+    if moment_slopes is None:
+        return states
+    moments = filled([[node.moment for node in own] for own in solved], loads)
+    return states._replace(moments=moments, moment_slopes=by_all(moment_slopes))

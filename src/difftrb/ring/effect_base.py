@@ -110,8 +110,6 @@ class Effect:
     """Whether the rings' axial position is given, and the axial force comes out."""
     per_turn: ClassVar[bool] = False
     """Whether rollers differ, so that a ring repeats once a turn of the cage, no longer once a pitch."""
-    of_means: ClassVar[str] = ""
-    """What is to be said of means over phases with it."""
     units: ClassVar[dict[str, str]] = {}
     """Units of what `results` has."""
 
@@ -125,8 +123,9 @@ class Effect:
         """The terms with this effect's added."""
         return terms
 
-    def remarks(self, spalls: tuple[Spall, ...]) -> tuple[str, ...]:
-        """What is to be said of results over `spalls`, in sentences."""
+    def remarks(self, spalls: tuple[Spall, ...], law: Law | None, mean: bool) -> tuple[str, ...]:
+        """What is to be said of results over `spalls` by a law of the outer raceway, in sentences; `mean`: over the
+        phases of a pitch. None: the law is not made yet."""
         return ()
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
@@ -206,11 +205,12 @@ def among(effects: tuple[Effect, ...], kind: type[One]) -> One | None:
     return next((effect for effect in effects if isinstance(effect, kind)), None)
 
 
-def remarks(effects: tuple[Effect, ...], spalls: tuple[Spall, ...], mean: bool = False) -> tuple[str, ...]:
-    """What all effects have to say of results over these spalls, in sentences; `mean`: over the phases of a pitch."""
+def remarks(
+    effects: tuple[Effect, ...], spalls: tuple[Spall, ...], mean: bool = False, law: Law | None = None
+) -> tuple[str, ...]:
+    """What all effects have to say, as `Effect.remarks`, and what is to be said of all of them."""
     partial = (PART_OF_A_TURN,) if mean and differ(effects) else ()
-    partial += tuple(effect.of_means for effect in effects if mean and effect.of_means)
-    return (*partial, *(sentence for effect in effects for sentence in effect.remarks(spalls)))
+    return (*partial, *(sentence for effect in effects for sentence in effect.remarks(spalls, law, mean)))
 
 
 def differ(effects: tuple[Effect, ...]) -> bool:

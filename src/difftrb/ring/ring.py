@@ -47,6 +47,7 @@ class Equilibrium:
       residual: largest unbalanced force relative to the load, or to what presses without one. iterations: Newton steps.
       status_code: `difftrb.status`.
       second_approach, second_loads: as `approach` and `loads`, of a second row; None: there is none.
+      tilts: of rings that tilt and rollers in slices, see `law.base.Rest`; of all rows, without derivatives.
     """
 
     displacement: Float[Array, " axes"]
@@ -58,6 +59,7 @@ class Equilibrium:
     status_code: Any
     second_approach: jax.Array | None = None
     second_loads: jax.Array | None = None
+    tilts: jax.Array | None = None
 
     @property
     def is_found(self) -> Any:
@@ -198,13 +200,15 @@ def _at_rest(system: System, count: int, terms: Terms) -> tuple[Equilibrium, Any
         u, approach, pressed, tangent = expanded_rest.expanded(system, u, inside)
     else:
         approach, tangent = system.rollers.approach(u), newton.tangent(system.rollers.normals, slopes)
-    loads = pressed
+    loads, tilts = pressed, None
     if terms.slices is not None:
         approach, loads = (part.reshape(*part.shape[:-1], count, -1) for part in (approach, pressed))
+        tilts = None if terms.tilting is None else terms.tilting.of_rollers(xp.fixed(approach))
         approach, loads = xp.total(approach) / approach.shape[-1], xp.total(loads)
     if terms.tilting is not None:
         u, tangent = terms.tilting.in_radians(u, tangent)
-    return Equilibrium(u, approach, loads, tangent, residual, iterations, np.asarray(status.CONVERGED)), pressed
+    code = np.asarray(status.CONVERGED)
+    return Equilibrium(u, approach, loads, tangent, residual, iterations, code, tilts=tilts), pressed
 
 
 def status_of_laws(
@@ -214,7 +218,7 @@ def status_of_laws(
     approach, loads = map(xp.fixed, (rest.approach, rest.loads))
     if terms.facing is not None:
         approach = OF_ONE_RACEWAY * approach
-    state = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads)
+    state = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads, rest.tilts)
     code = roller_law.judge(spalls, away, state)
     if terms.laws_status is not None:
         code = status.worst(code, terms.laws_status)
@@ -243,4 +247,4 @@ def judged(
     numbers = rest.displacement, rest.approach, rest.loads, rest.tangent
     u, approach, loads, tangent = (xp.where(newton.of_each(usable, value), value, np.nan) for value in numbers)
     residual = xp.where(of.all(usable), rest.residual, np.nan)
-    return Equilibrium(u, approach, loads, tangent, residual, rest.iterations, code)
+    return Equilibrium(u, approach, loads, tangent, residual, rest.iterations, code, tilts=rest.tilts)

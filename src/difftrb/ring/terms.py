@@ -94,6 +94,12 @@ def beside(distances: Any, spalls: tuple[Spall, ...]) -> Any:
     return xp.concatenate([xp.where(own, distances, NOWHERE) for own in (first, ~first)], axis=-1)
 
 
+def about(levers: Any, angles: Any) -> Any:
+    """How tilts about the radial and the lateral axis move points at `levers` from the centre, of rollers at `angles`
+    [rad], along their normals: n·(θ × p) = (θ_r sinφ − θ_l cosφ) x; shape (…, 2)."""
+    return xp.stack([levers * xp.sin(angles), -levers * xp.cos(angles)], axis=-1)
+
+
 class Tilting(NamedTuple):
     """Rings that tilt against each other: two more degrees of freedom, about the radial and about the lateral axis.
 
@@ -109,14 +115,30 @@ class Tilting(NamedTuple):
     def directions(self, normals: Any, angles: Any) -> Any:
         """Directions in (radial, lateral, axial, about radial, about lateral), the last two times the longest lever;
         from normals of shape (…, 3) of rollers or slices at `angles` [rad], shape (…,)."""
-        levers = newton.aligned(self.levers / self.longest, angles)  # n·(θ × p) = (θ_r sinφ − θ_l cosφ) x
-        turned = xp.stack([levers * xp.sin(angles), -levers * xp.cos(angles)], axis=-1)
+        turned = about(newton.aligned(self.levers / self.longest, angles), angles)
         return xp.concatenate([normals, turned], axis=-1)
+
+    def of_whole(self, normals: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Directions in which rollers, not their slices, approach and are turned in their planes, each of shape
+        (rollers, 5), of numbers, tilts in [rad]; arguments as of `directions`, of rollers at one phase."""
+        levers = np.asarray(self.levers).reshape(len(angles), -1)
+        towards = np.sign(levers[:, -1] - levers[:, 0])
+        pressed = np.concatenate([normals, about(levers.mean(axis=1), angles)], axis=1)
+        return pressed, np.concatenate([0.0 * normals, about(towards, angles)], axis=1)
 
     def forces(self, force: Any) -> Any:
         """Forces [N], shape (…, 3), with the moments by the longest lever behind them, shape (…, 5)."""
         moments = newton.aligned(self.moments / self.longest, force)
         return xp.concatenate([force, xp.broadcast_to(moments, (*force.shape[:-1], 2))], axis=-1)
+
+    def of_rollers(self, approach: Any) -> Any:
+        """Tilt of every roller's rings in its plane [rad], shape (…, rollers), from its slices' approaches [mm], shape
+        (…, rollers, slices): interference is the same for all of them."""
+        levers = xp.fixed(self.levers).reshape(-1, approach.shape[-1])
+        if levers.shape[-1] < 2:
+            return xp.zeros_like(approach[..., 0])
+        apart = approach[..., -1] - approach[..., 0]
+        return apart / newton.aligned(xp.abs(levers[:, -1] - levers[:, 0]), apart)
 
     @property
     def longest(self) -> Any:

@@ -17,13 +17,15 @@ from difftrb.contact.contact_solution import is_given
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
-from difftrb.law import load_curve
-from difftrb.law.base import spalls_under
+from difftrb.law import load_curve, tilted_roller
+from difftrb.law.base import AUTO, Law, spalls_under
 from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.local import LocalLaw
 from difftrb.law.power import Palmgren
 from difftrb.ring import newton, roller_places
 from difftrb.ring.double_row import DoubleRow, Moment
-from difftrb.ring.effect_base import Asked, Effect, Ring, Stage, among, register
+from difftrb.ring.effect_base import Asked, Effect, Results, Ring, Stage, among, register
+from difftrb.ring.ring import Equilibrium
 from difftrb.ring.terms import LEAST, Terms, Tilting
 
 HARD_SLICES = (
@@ -71,24 +73,29 @@ def _covered(contact: LineContact, spall: Spall, places: Any) -> Any:
 class Tilt(Effect):
     """Rings that tilt, rollers loaded unevenly along their length: five degrees of freedom, stiffness 5 × 5.
 
-    Rollers are cut into slices by ISO/TS 16281, both contacts together; the scene's law is then
-    "palmgren", of which only the start is used. Slices beside a spall do not help those over it: of 32008J under
-    9000/4500 N a spall of 8 × 7 mm takes 9.7 % of the radial stiffness, of 4 × 7 mm 4.4 %, where contacts solved
-    exactly on both raceways (law "table", effect `Raceways`) lose 4.3 % and 1.5 %. `Solution.remarks` says so.
+    With law "direct", or "auto", every roller that carries gets contacts solved around its load and its tilt: force
+    and moment of the outer contact, with whatever spalls are under it. That takes numbers; prepare a scene before it
+    is differentiated or batched.
+
+    With law "palmgren" rollers are cut into slices by ISO/TS 16281, both contacts together; of the law only the start
+    is used. Slices beside a spall do not help those over it: of 32008J under 9000/4500 N a spall of 8 × 7 mm takes
+    9.7 % of the radial stiffness, of 4 × 7 mm 4.4 %, where contacts solved exactly on both raceways (law "table",
+    effect `Raceways`) lose 4.3 % and 1.5 %. `Solution.remarks` says so.
 
     Attributes:
       moment_radial, moment_lateral: about the radial and the lateral axis [N mm], −1e9…1e9. Default 0.
       reach: how far the tilting centre lies along the rollers from the middle of the contacts, towards their small
         ends [mm], −1000…1000. Default 0: where the contacts' normals meet the axis, the bearing's load centre. With
         `DoubleRow` it is the middle between the rows, and moments add to that effect's.
-      slices: of every roller, 1…200. Default 30, which ISO/TS 16281 asks for at least.
+      slices: of every roller with law "palmgren", 1…200. Default 30, which ISO/TS 16281 asks for at least.
       rings: "free" to tilt (default), or "parallel": three degrees of freedom, slices alone.
     """
 
     key = "tilt"
-    label = "rings that tilt, rollers in slices"
+    label = "rings that tilt"
     stage = Stage.CONTACT
-    of_means = ROUGH_MEANS
+    presses = True
+    units = {"roller_tilts": "mrad"}  # noqa: RUF012
     excludes = dict.fromkeys(("raceways", "flange", "centrifugal", "through"), "slices hold both contacts together")
 
     moment_radial: Moment = 0.0
@@ -99,8 +106,12 @@ class Tilt(Effect):
 
     def check(self, asked: Asked) -> None:
         """The law of slices, and a second row that tilts as this one does."""
-        if asked.law != "palmgren" and not isinstance(asked.law, Palmgren):
-            raise SceneError("effects.tilt carries by slices of ISO/TS 16281: set contact.law = 'palmgren'")
+        known = asked.law in ("palmgren", "direct", AUTO) if isinstance(asked.law, str) else True
+        if not known or not isinstance(asked.law, str | Palmgren | LocalLaw):
+            raise SceneError(
+                "effects.tilt is for contacts solved or for slices of ISO/TS 16281: set contact.law = 'palmgren' for "
+                "slices, 'auto' or 'direct' for contacts"
+            )
         row = among(asked.effects, DoubleRow)
         if row is None:
             if self.rings == "free" and self.slices < 2:
@@ -125,22 +136,39 @@ class Tilt(Effect):
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers in slices."""
-        outer = roller_places.spalls_on(of.spalls, "outer")
-        terms = terms._replace(slices=sliced(of.contact, outer, of.distances("outer", terms), self.slices))
+        outer, away = roller_places.spalls_on(of.spalls, "outer"), of.distances("outer", terms)
+        if isinstance(of.law, LocalLaw):
+            slices, at = of.law.slices(outer, away), tilted_roller.places(xp.fixed(of.contact.length))
+        else:
+            slices, at = sliced(of.contact, outer, away, self.slices), self.places(of.contact)
+        terms = terms._replace(slices=slices)
         if self.rings == "parallel":
             return terms
         if terms.pair is None or terms.pair.reach is None or terms.tilting is None:
-            return terms._replace(tilting=self.of_one_row(of.bearing, of.contact, self.reach))
-        levers, moments = self.of_one_row(of.bearing, of.contact, terms.pair.reach)
+            return terms._replace(tilting=self.of_one_row(of.bearing, at, self.reach))
+        levers, moments = self.of_one_row(of.bearing, at, terms.pair.reach)
         moments = moments + terms.tilting.moments
         return terms._replace(tilting=Tilting(xp.concatenate([levers, -levers]), moments))
 
-    def of_one_row(self, bearing: TaperedBearing, contact: LineContact, reach: Real) -> Tilting:
-        """What the tilt does to the slices of one row about a centre at `reach` [mm]."""
-        levers = places(contact, self.slices) + reach
-        every = xp.broadcast_to(levers[None], (bearing.rollers, self.slices)).reshape(-1)
+    def places(self, contact: LineContact) -> Any:
+        """Middles of slices of ISO/TS 16281 along the roller [mm], shape (slices,)."""
+        return places(contact, self.slices)
+
+    def of_one_row(self, bearing: TaperedBearing, at: Any, reach: Real) -> Tilting:
+        """What the tilt does to slices `at` places along the rollers [mm] of one row, about a centre at `reach`
+        [mm]."""
+        levers = at + reach
+        every = xp.broadcast_to(levers[None], (bearing.rollers, *levers.shape)).reshape(-1)
         return Tilting(every, xp.stack([xp.asarray(m) for m in (self.moment_radial, self.moment_lateral)]))
 
-    def remarks(self, spalls: tuple[Spall, ...]) -> tuple[str, ...]:
-        """That spalls are cut hard."""
-        return (HARD_SLICES,) if roller_places.spalls_on(spalls, "outer") else ()
+    def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
+        """`roller_tilts` [mrad]: by how much each roller's rings are turned against each other in its plane, shape
+        (rollers,), without derivatives."""
+        return {} if rest.tilts is None else {"roller_tilts": 1e3 * rest.tilts[..., : of.bearing.rollers]}
+
+    def remarks(self, spalls: tuple[Spall, ...], law: Law | None, mean: bool) -> tuple[str, ...]:
+        """That slices of ISO/TS 16281 are cut hard, and what their means are."""
+        if isinstance(law, LocalLaw):
+            return ()
+        hard = (HARD_SLICES,) if roller_places.spalls_on(spalls, "outer") else ()
+        return (ROUGH_MEANS, *hard) if mean else hard

@@ -130,12 +130,13 @@ def verify(scene: Scene, found: Solution | None = None, progress: Progress | Non
       progress: told how many of how many contacts are solved.
 
     Of a mean over phases `AUDITED_PHASES` are audited. Contacts are solved finer than the law's: a power law's to 1e-3,
-    others to the next finer accuracy. Slices of `effects.Tilt` have no contacts to compare with: its audit is empty,
-    and says so. Raises SolveError for a solution that did not converge. Outside jit only; not differentiable.
+    others to the next finer accuracy. Slices of ISO/TS 16281 (`effects.Tilt` with law "palmgren") have no contacts to
+    compare with: their audit is empty, and says so. Raises SolveError for a solution that did not converge. Outside jit
+    only; not differentiable.
     """
     scene = checks.checked(scene)
     found = (solve_prepared(solving.prepare(scene)) if found is None else found).check()
-    if effect_base.among(scene.effects, Tilt) is not None:
+    if effect_base.among(scene.effects, Tilt) is not None and not isinstance(found.law, LocalLaw):
         return _nothing("effects.tilt goes by slices, which have no contact to compare with")
     ready = _ready(scene, found)
     parts = [at_phase(each) for each in _at_phases(ready)]
@@ -186,6 +187,7 @@ def _judged(part: AtPhase, nodes: Mapping[Key, Node], accuracy: float) -> Audit:
     largest = float(np.max(part.loads))
     rollers, failed = [], 0
     stiffness, powers, errors = np.zeros(part.loads.size), np.ones(part.loads.size), np.zeros(part.loads.size)
+    tilted: list[tuple[int, Node]] = []
     for state in part.states:
         own = [nodes[each.key] for each in state.contacts]
         if any(node.status_code for node in own):
@@ -197,11 +199,15 @@ def _judged(part: AtPhase, nodes: Mapping[Key, Node], accuracy: float) -> Audit:
         error = max(carried, 0.0) - part.loads[j]
         errors[j], powers[j] = error, approach / (compliance * load)
         stiffness[j] = 1.0 / compliance if carried >= load or part.loads[j] >= load else 0.0
+        tilted.append((j, own[0]))
         spalls = tuple(number for each in state.contacts for number in each.spalls)
         rollers.append(Audited(float(part.here.phase), j, spalls, float(part.loads[j]), float(error)))
     load_error = max((abs(each.error) for each in rollers), default=0.0) / largest
-    return Audit(tuple(rollers), load_error, _stiffness_error(part, errors, stiffness, powers), _promised(part),
-                 accuracy, len(nodes), failed)  # fmt: skip
+    if part.turns is None:
+        stiffness_error = _stiffness_error(part, errors, stiffness, powers)
+    else:
+        stiffness_error = _tilted_stiffness_error(part, part.turns, tilted)
+    return Audit(tuple(rollers), load_error, stiffness_error, _promised(part), accuracy, len(nodes), failed)
 
 
 def _approach(part: AtPhase, state: State, own: list[Node]) -> tuple[float, float]:
@@ -250,6 +256,24 @@ def _stiffness_error(part: AtPhase, errors: np.ndarray, stiffness: np.ndarray, p
             return np.abs(u[[0, 2]] / (u + moved[:3])[[0, 2]] - 1.0) + 0.0 * found
     tangent = (normals.T * corrected) @ normals
     return np.abs(np.array([tangent[0, 0], tangent[2, 2]]) / found - 1.0)
+
+
+def _tilted_stiffness_error(part: AtPhase, turns: np.ndarray, tilted: list[tuple[int, Node]]) -> np.ndarray:
+    """The same of rings that tilt: stiffness by the contacts' own slopes, under the loads and tilts that were found."""
+    if part.found.definition == "secant":
+        return np.full(2, math.nan)
+    tangent = np.zeros((5, 5))
+    for j, node in tilted:
+        if node.turning is None or part.loads[j] <= 0.0:
+            continue
+        along, turned = part.normals[j], turns[j]
+        # a contact's tilt lifts what the ring's presses in
+        stiff, leaned = 1.0 / node.compliance, -node.turning.by_tilt
+        crossed = -stiff * leaned * np.outer(along, turned)
+        own = -node.turning.moment_by_tilt + stiff * leaned**2
+        tangent += stiff * np.outer(along, along) + crossed + crossed.T + own * np.outer(turned, turned)
+    found = np.asarray(part.found.stiffness)
+    return np.abs(np.array([tangent[k, k] / found[k, k] for k in (0, 2)]) - 1.0)
 
 
 # ------------------------------------------------------------------------------------------------ promises

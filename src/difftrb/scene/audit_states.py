@@ -47,7 +47,8 @@ class State(NamedTuple):
 
 class AtPhase(NamedTuple):
     """A prepared scene at one phase: its solution, the ring and what its effects add, directions and approaches [mm]
-    and loads [N] of all rows' rollers, and those to be audited."""
+    and loads [N] of all rows' rollers, and those to be audited. Of rings that tilt also how the rings' displacement
+    turns every roller's raceways against each other, shape (rollers, 5)."""
 
     scene: Scene
     found: Solution
@@ -57,6 +58,7 @@ class AtPhase(NamedTuple):
     approach: np.ndarray
     loads: np.ndarray
     states: list[State]
+    turns: np.ndarray | None = None
 
 
 def at_phase(at: Scene) -> AtPhase:
@@ -68,29 +70,33 @@ def at_phase(at: Scene) -> AtPhase:
         rest, angles = xp.numbers(here).equilibrium(xp.numbers(terms)), here.angles
     if terms.pair is not None:
         angles = xp.concatenate([angles, angles])
-    normals = ring.normals(at.bearing, angles, terms)
-    if terms.tilting is not None:
-        normals = terms.tilting.directions(normals, angles)
+    normals, turns = ring.normals(at.bearing, angles, terms), None
     approach, loads = np.asarray(rest.all_approaches), np.asarray(rest.all_loads)
-    states = _states(at, here, terms, approach, loads)
-    return AtPhase(at, found, here, terms, np.asarray(normals), approach, loads, states)
+    tilts = np.zeros_like(loads)
+    if terms.tilting is not None:
+        normals, turned = terms.tilting.of_whole(np.asarray(normals), np.asarray(angles))
+        if rest.tilts is not None:
+            tilts, turns = np.asarray(rest.tilts), turned
+    states = _states(at, here, terms, approach, loads, tilts)
+    return AtPhase(at, found, here, terms, np.asarray(normals), approach, loads, states, turns)
 
 
 def _states(
-    scene: Scene, here: effects.Ring, terms: ring.Terms, approach: np.ndarray, loads: np.ndarray
+    scene: Scene, here: effects.Ring, terms: ring.Terms, approach: np.ndarray, loads: np.ndarray, tilts: np.ndarray
 ) -> list[State]:
-    """Rollers that carry a load, or may, each with the contacts that hold it."""
+    """Rollers that carry a load, or may, each with the contacts that hold it; `tilts` as in `law.base.Rest`."""
     largest = float(np.max(loads))
     least = float(terms.seat.least) if terms.seat is not None else 0.0
     contacts: dict[Raceway, LineContact] = {"outer": raceway_contact(scene, "outer")}
     if terms.facing is not None:
         contacts["inner"] = raceway_contact(scene, "inner")
-    met = {raceway: _met(scene, here, terms, raceway, approach, loads) for raceway in contacts}
+    deepest = approach + 0.5 * float(scene.bearing.roller_length) * np.abs(tilts)
+    met = {raceway: _met(scene, here, terms, raceway, deepest, loads) for raceway in contacts}
     states = []
     for j, load in enumerate(loads):
         pressed = float(load) if load > NOTHING * largest else LIGHT * largest
         thrown = least > 0.0 and pressed <= least * (1.0 + 1e-9)  # clear of the inner raceway, by its own weight
-        if approach[j] <= 0.0 or thrown:
+        if deepest[j] <= 0.0 or thrown or (tilts[j] != 0.0 and load <= NOTHING * largest):
             continue
         own, under_it = [], []
         for raceway, contact in contacts.items():
@@ -101,9 +107,10 @@ def _states(
             under = tuple(i for i in range(len(spalls)) if reached[i, j])
             places = [float(away[i, j]) for i in under]
             under_it.append(([spalls[i] for i in under], places))
-            case = samples.case_under(carried, *under_it[-1])
+            case = samples.case_under(carried, *under_it[-1])._replace(tilt=-float(tilts[j]))
             of_scene = tuple(scene.spalls.index(spalls[i]) for i in under)
-            own.append(RacewayContact(raceway, contact, case, key_of(raceway, carried, under, places), of_scene))
+            key = key_of(raceway, carried, under, places, float(tilts[j]))
+            own.append(RacewayContact(raceway, contact, case, key, of_scene))
         between = None
         if terms.facing is not None and terms.facing.free:
             between = RollerContacts((contacts["outer"], contacts["inner"]), *zip(*under_it, strict=True))
@@ -133,10 +140,11 @@ def _met(
     return spalls, away, np.array(reached).reshape(len(spalls), loads.size)
 
 
-def key_of(raceway: Raceway, load: float, under: tuple[int, ...], places: Sequence[float]) -> Key:
+def key_of(raceway: Raceway, load: float, under: tuple[int, ...], places: Sequence[float], tilt: float = 0.0) -> Key:
     """Equal for contacts that are one: the same, or mirror images in the rolling direction."""
     side = -1.0 if places and places[0] < 0.0 else 1.0
-    return raceway, f"{load:.6e}", under, tuple(f"{side * place:.6f}" for place in places)
+    leaning = (f"{tilt:.6e} rad",) if tilt else ()
+    return raceway, f"{load:.6e}", under, (*(f"{side * place:.6f}" for place in places), *leaning)
 
 
 def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress | None) -> dict[Key, Node]:
@@ -155,6 +163,7 @@ def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress 
     for raceway in ("outer", "inner"):
         upright = [each for each in wanted.values() if each.raceway == raceway]
         if upright:
-            nodes = samples.all_solved(upright[0].contact, [each.case for each in upright], accuracy, progress)
+            turning = any(each.case.tilt for each in upright)
+            nodes = samples.all_solved(upright[0].contact, [each.case for each in upright], accuracy, progress, turning)
             solved |= {each.key: node for each, node in zip(upright, nodes, strict=True)}
     return solved

@@ -16,6 +16,8 @@ from difftrb.core.status import SceneError
 from difftrb.law.atlas import AtlasLaw
 from difftrb.law.base import Law
 from difftrb.law.samples import Progress
+from difftrb.ring.effect_base import among
+from difftrb.ring.effects import Tilt
 from difftrb.scene import checks, scene_laws
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import Finer, Picked, Scene, has_map, is_auto, named
@@ -31,6 +33,10 @@ PREPARED = 1e-3
 NARROW = 5.0
 """How many times as far off the worst of narrow spalls is as what nine in ten keep, which the table says: 1.3e-2 for
 2.8e-3 (docs/evidence.md); of wide ones few are, and less."""
+TILTED = (
+    "effects.tilt: contacts of rollers that tilt are solved for one scene at a time, in numbers: prepare the scene "
+    "first, difftrb.prepare(scene), or take contact.law = 'palmgren', slices of ISO/TS 16281"
+)
 DELICATE = 0.1
 """Share of the larger displacement of two below which the other's stiffness is judged by two accuracies."""
 
@@ -39,7 +45,7 @@ def prepared(scene: Scene, progress: Progress | None = None) -> Scene:
     """A checked scene with law "auto" prepared by "table" where that knows the scene and keeps `accuracy`, here
     1e-3…1e-1, else by "direct" with contacts as exact as that needs, see `refined`. A traced scene, and one without a
     solution, becomes "table", whose status says why."""
-    if has_map(scene):
+    if has_map(scene) or (xp.are_numbers(scene) and _tilts(scene)):
         return refined(scene, progress)
     ready = tabled(scene)
     if not xp.are_numbers(scene):
@@ -60,13 +66,20 @@ def by_table(scene: Scene) -> Scene:
 
 
 def tabled(scene: Scene) -> Scene:
-    """A checked scene with the table of its contact, in any arithmetic."""
+    """A checked scene with the table of its contact, in any arithmetic. Raises `SceneError` for rings that tilt, of
+    which it does not know."""
+    if _tilts(scene):
+        raise SceneError(TILTED)
     ready = scene_laws.with_laws(named(scene, "table", PREPARED))
     if not is_auto(scene):
         return dataclasses.replace(ready, accuracy=scene.accuracy)
     return dataclasses.replace(
         ready, picked=Picked("table", PREPARED, scene.accuracy, cast(Law, ready.law).error, None)
     )
+
+
+def _tilts(scene: Scene) -> bool:
+    return among(scene.effects, Tilt) is not None
 
 
 def refined(scene: Scene, progress: Progress | None = None) -> Scene:

@@ -4,7 +4,7 @@ what the rollers meet. See `ring.phase_rule`."""
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -12,7 +12,9 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.numeric import gauss_legendre
-from difftrb.law.local import LocalLaw, States
+from difftrb.law import local
+from difftrb.law.base import Law
+from difftrb.law.local import LocalLaw
 from difftrb.ring import phase_rule, ring, roller_places
 from difftrb.scene.scene import PitchMean, Scene, healthy, inner_law, law_in_effect, outer_law, ring_at
 
@@ -36,12 +38,17 @@ def nearest_phase(scene: Scene, angle: float) -> Scene:
 
 def at_phase_numbered(scene: Scene, k: int, phase: float) -> Scene:
     """A prepared scene at the `k`-th phase of its mean [rad]."""
-    parts, made_of = jax.tree.flatten(dataclasses.replace(scene, phase=phase), is_leaf=_is_states)
-    return made_of.unflatten([jax.tree.map(lambda of: of[k], part) if _is_states(part) else part for part in parts])
+    if not scene.spalls:  # of which the law in effect is the healthy one
+        scene = dataclasses.replace(scene, law=local.healthy(cast(Law, scene.law)))
+    parts, made_of = jax.tree.flatten(dataclasses.replace(scene, phase=phase), is_leaf=_is_local)
+    scene = made_of.unflatten([local.at_phase(part, k) if _is_local(part) else part for part in parts])
+    if not scene.spalls and isinstance(scene.law, LocalLaw):
+        scene = dataclasses.replace(scene, law=dataclasses.replace(scene.law, sound=scene.law.states))
+    return scene
 
 
-def _is_states(part: Any) -> bool:
-    return isinstance(part, States)
+def _is_local(part: Any) -> bool:
+    return isinstance(part, LocalLaw)
 
 
 @np.errstate(all="ignore")
@@ -54,15 +61,15 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
     met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
     if (inner := inner_law(scene)) is not None:
         met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), inner))
-    sound = healthy(scene)
-    terms = ring_at(sound, acting, 0.0)[1]
+    sound, upright = healthy(scene), local.stateless(acting)
+    terms = ring_at(sound, upright, 0.0)[1]
 
     def at_rest(each: Any) -> ring.Equilibrium:
         def of_phases(part: Any) -> Any:
             return xp.broadcast_to(part[:, None], each.shape) if np.ndim(part) else part
 
         load = xp.tree_map(of_phases, scene.load)
-        here, own = ring_at(dataclasses.replace(sound, load=load), acting, each)
+        here, own = ring_at(dataclasses.replace(sound, load=load), upright, each)
         return here.equilibrium(own)
 
     return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms, still)

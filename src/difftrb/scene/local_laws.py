@@ -70,7 +70,7 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
     now = _at_rest(scene, made, spalls)
     rollers = now.loads["outer"].shape[0 if isinstance(scene.phase, PitchMean) else 1 :]
     centres: dict[Raceway, Centres] = {
-        raceway: {each[:3]: _guess(scene, spalls[raceway], each, now.loads[raceway]) for each in now.reached[raceway]}
+        raceway: {each[:3]: guess(scene, spalls[raceway], each, now.loads[raceway]) for each in now.reached[raceway]}
         for raceway in bases
     }
     if free:
@@ -117,7 +117,7 @@ def _loads(now: Now, raceway: Raceway, base: DirectLaw) -> Centres:
     return {each[:3]: max(float(now.loads[raceway][each[:2]]), least) for each in now.reached[raceway]}
 
 
-def _guess(scene: Scene, spalls: tuple[Spall, ...], reached: Reached, loads: np.ndarray) -> float:
+def guess(scene: Scene, spalls: tuple[Spall, ...], reached: Reached, loads: np.ndarray) -> float:
     """About the load [N] of a roller, from that on a healthy ring: by the land that is left."""
     length = float(scene.bearing.roller_length)
     land = 1.0 - sum(min(float(spalls[i].length), length) for i in reached.under) / length
@@ -177,7 +177,7 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> 
     """What rollers carry on every raceway, and the spalls that they may meet there. One free to tilt is reached on both
     raceways or on none."""
     ready = holding(scene, made)
-    loads, away, approach, seat = jax.tree.map(np.asarray, _rest_at(ready))
+    loads, away, approach, seat, _ = jax.tree.map(np.asarray, rest_at(ready))
     share = FARTHER * (ring.OF_ONE_RACEWAY if len(made) > 1 else 1.0)
     met: dict[Raceway, np.ndarray] = {}
     for raceway, law in made.items():
@@ -213,17 +213,18 @@ def holding(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
 
 
 class Rests(NamedTuple):
-    """Loads on every raceway [N], distances from the spalls there [mm], approaches [mm], of all rows, and the seat; all
-    with the phases in front."""
+    """Loads on every raceway [N], distances from the spalls there [mm], approaches [mm], of all rows, the seat, and
+    tilts of rings that tilt [rad]; all with the phases in front."""
 
     loads: dict[Raceway, Any]
     away: dict[Raceway, Any]
     approaches: Any
     seat: Seat | None
+    tilts: Any
 
 
 @np.errstate(all="ignore")
-def _rest_at(scene: Scene) -> Rests:
+def rest_at(scene: Scene) -> Rests:
     """The rings of a prepared scene at all its phases, in numbers."""
     scene = xp.numbers(scene)
     each, _ = phases(scene)
@@ -235,4 +236,5 @@ def _rest_at(scene: Scene) -> Rests:
     away: dict[Raceway, Any] = {
         raceway: np.moveaxis(np.asarray(here.distances(raceway, terms)), 0, 1) for raceway in loads
     }
-    return Rests(loads, away, rest.all_approaches, terms.seat)
+    tilts = np.zeros_like(rest.all_loads) if rest.tilts is None else rest.tilts
+    return Rests(loads, away, rest.all_approaches, terms.seat, tilts)

@@ -140,7 +140,7 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
         effects=xp.tree_map(of_every, more),
         picked=scene.picked,
         definition=scene.definition,
-        remarks=effects.remarks(scene.effects, scene.spalls, isinstance(scene.phase, PitchMean)),
+        remarks=effects.remarks(scene.effects, scene.spalls, isinstance(scene.phase, PitchMean), outer_law(scene)),
     )
 
 

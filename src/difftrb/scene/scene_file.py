@@ -300,7 +300,7 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
         return
     tilting = None
     if tilt is not None and tilt.rings == "free":
-        tilting = tilt.of_one_row(file.bearing, LineContact.of(file.bearing), tilt.reach)
+        tilting = tilt.of_one_row(file.bearing, tilt.places(LineContact.of(file.bearing)), tilt.reach)
     if file.stiffness.phase == "mean":  # without moments the worst has the load line in the middle between two rollers
         shares = np.array([0.5]) if tilting is None else np.arange(HELD_PHASES) / HELD_PHASES
         phases = shares * geometry.roller_pitch(file.bearing)

@@ -28,11 +28,12 @@ from difftrb.law.base import Law
 from difftrb.law.direct import DirectLaw
 from difftrb.law.samples import Progress
 from difftrb.ring import effect_base, effects, roller_places
-from difftrb.ring.effects import Raceways, SeriesRaceways, Through
+from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import expected_loads
 from difftrb.scene.cage_phases import phases
 from difftrb.scene.local_laws import holding, local_laws
 from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, healthy, raceway_contact
+from difftrb.scene.tilted_laws import tilted_law
 
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
@@ -53,6 +54,9 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
     only the inner raceway's law is missing.
     """
     if isinstance(scene.law, LawName) and scene.law.name == "direct" and xp.are_numbers(scene):
+        if effect_base.among(scene.effects, Tilt) is not None:
+            base = _healthy_laws(scene, progress)["outer"]
+            return holding(scene, {"outer": tilted_law(scene, base, progress)})
         at_one = not isinstance(scene.phase, PitchMean)
         if at_one or _may_meet_more(scene):
             bases = _healthy_laws(scene, progress)
