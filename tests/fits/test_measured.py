@@ -1,11 +1,14 @@
 """Tables of measurements: what is right is read, what is wrong gets one sentence."""
 
+import dataclasses
 import math
 from pathlib import Path
 
+import jax.numpy as jnp
 import pytest
 
-from difftrb.fits.measured import MeasuredError, Measurement
+import difftrb as trb
+from difftrb.fits.measured import MeasuredError, Measurement, check_loads
 from difftrb.fits.measured_table import load_measured, parse
 
 GOOD = """# a comment
@@ -147,3 +150,22 @@ def test_a_matrix_is_read() -> None:
 def test_wide_tables_get_one_sentence(header: str, cells: str, named: str) -> None:
     with pytest.raises(MeasuredError, match=named):
         parse(f"{header}\n{cells}\n", "m.csv")
+
+
+def test_rows_of_rings_that_are_held_otherwise_need_no_axial_load(bearing):
+    """With `Mounting` the axial load is 0 and comes out; a second row holds any load; a plain ring is refused still."""
+    row = Measurement(9000.0, 0.0, "radial_loss", 2.0, 0.1)
+    plain = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), phase=jnp.asarray(0.0))
+    held = dataclasses.replace(plain, load=trb.Load(9000.0, 0.0), effects=(trb.effects.Mounting(preload=0.01),))
+    pair = dataclasses.replace(plain, effects=(trb.effects.DoubleRow(preload=0.01),))
+    for scene in (held, pair):
+        check_loads(scene, [row])
+    with pytest.raises(MeasuredError, match="row 1: axial = 0 N is too small"):
+        check_loads(plain, [row])
+
+
+def test_a_phase_in_an_array_is_no_mean(bearing):
+    """A spall on a roller has a place at one phase, whatever holds its number."""
+    on_roller = trb.Spall(4.0, 7.0, surface="roller")
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (on_roller,), phase=jnp.asarray(0.0))
+    check_loads(scene, [Measurement(9000.0, 4500.0, "radial_loss", 2.0, 0.1)])

@@ -12,7 +12,9 @@ from difftrb.core import status
 from difftrb.law import samples
 from difftrb.law.power import PowerLaw
 from difftrb.report import remarks
+from difftrb.scene import audit_states
 from difftrb.scene.audit_states import key_of
+from difftrb.scene.scene import ring_at
 
 pytestmark = pytest.mark.exact
 
@@ -129,3 +131,13 @@ def test_contacts_that_do_not_converge_keep_no_promise(scene: trb.Scene, monkeyp
     assert "contacts of 1 rollers did not converge" in found.sentence
     assert "more than promised" not in found.sentence
     assert dataclasses.replace(found, promised=np.nan).kept
+
+
+def test_spalls_that_are_equal_are_told_apart(bearing):
+    """By which they are, not by their numbers."""
+    both = tuple(trb.HeightMap(jnp.full((3, 3), -0.1), 1.0, 1.0, angle=angle) for angle in (3.0, 0.0))
+    made = trb.Scene(bearing, trb.Load(9000.0, 4500.0), both, law="power")
+    here, terms = ring_at(made, trb.prepare(dataclasses.replace(made, spalls=())).law, 0.0)
+    zeros = np.zeros(bearing.rollers)
+    states = audit_states._states(made, here, terms, zeros + 8e-3, zeros + 1e3, zeros)
+    assert {number for state in states for each in state.contacts for number in each.spalls} == {0, 1}

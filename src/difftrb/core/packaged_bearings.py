@@ -33,3 +33,16 @@ def named(name: str, instead: str) -> TaperedBearing:
     if name not in BEARINGS:
         raise SceneError(f"bearing = {shown(name)} is unknown; use {', '.join(BEARINGS)}, or {instead}")
     return BEARINGS[name]
+
+
+def name_of(of: object) -> str | None:
+    """The catalogue name of a bearing that comes with the package; None of another one."""
+    return next((name for name, known in BEARINGS.items() if of is known or _equal(of, known)), None)
+
+
+def _equal(of: object, known: TaperedBearing) -> bool:
+    """Whether both are bearings of the same numbers; traced ones are not known."""
+    if not isinstance(of, TaperedBearing):
+        return False
+    pairs = [(getattr(of, name), getattr(known, name)) for name in known.__dataclass_fields__]
+    return all(isinstance(mine, int | float) and mine == theirs for mine, theirs in pairs)

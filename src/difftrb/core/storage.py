@@ -53,10 +53,11 @@ def replacing(path: Path) -> Iterator[Path]:
         raise
 
 
-def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
+def write_folder(target: Path, fill: Callable[[Path], None]) -> list[str]:
     """Let `fill` write files into a scratch folder inside `target`, then move them out one by one, each whole.
 
-    If anything fails, `target` keeps what it had, or is not made at all; files of other names in it are left alone.
+    Returns their names. If anything fails, `target` keeps what it had, or is not made at all; files of other names in
+    it are left alone.
     OSErrors name `target`.
     """
     made = [folder for folder in (target, *target.parents) if not folder.exists()]
@@ -70,6 +71,7 @@ def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
                     raise IsADirectoryError(21, f"a folder named {file.name} is in the way")
             for file in files:
                 os.replace(file, target / file.name)
+            return [file.name for file in files]
     except OSError as error:
         for folder in made:
             with contextlib.suppress(OSError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -75,8 +76,9 @@ def profiles(fit: Fit, ax: Axes) -> Axes:
     """Rise of χ² with each parameter held, all others free, over how far it is from its fitted value, by half the
     length of its interval: so that all can be seen, whatever their units and how well they are known."""
     limit = fit.limit
-    styles = zip(fit.labels, (*COLOURS, "black"),
-                 ("-", "--", "-.", ":", "-", "--", "-."), strict=False)  # fmt: skip
+    styles = zip(
+        fit.labels, itertools.cycle((*COLOURS, "black")), itertools.cycle(("-", "--", "-.", ":")), strict=False
+    )
     for i, (name, colour, style) in enumerate(styles):
         values, (low, high) = fit.along(i, fit.profiles.coordinates[i]), fit.intervals[i]
         away = 2.0 * (values - fit.values[i]) / ((high - low) or 1.0)

@@ -8,11 +8,12 @@ from typing import Annotated, Literal
 
 from annotated_types import Interval, Unit
 
-from difftrb.core import fields, geometry
+from difftrb.core import fields
 from difftrb.core.geometry import FILE_RULES, Real
 from difftrb.core.status import DifftrbError
-from difftrb.ring.load import needed_axial, too_light
-from difftrb.scene.scene import Definition, Phase, Scene
+from difftrb.ring.load import Load
+from difftrb.scene import checks
+from difftrb.scene.scene import Definition, Phase, PitchMean, Scene
 
 Quantity = Literal[
     "radial_loss", "axial_loss", "lateral_loss", "radial_stiffness", "axial_stiffness", "lateral_stiffness",
@@ -114,13 +115,13 @@ def check(row: Measurement, where: str) -> Measurement:
 def check_loads(scene: Scene, rows: Sequence[Measurement], path: str = "measurements") -> None:
     """Refuse rows under which the ring has no equilibrium or the stiffness asked for does not exist."""
     for k, row in enumerate(rows, 1):
-        phase = scene.phase if row.phase is None else row.phase
-        worst = phase if isinstance(phase, float | int) else 0.5 * geometry.roller_pitch(scene.bearing)
-        needed = float(needed_axial(scene.bearing, row.radial, worst))
+        under = dataclasses.replace(
+            scene, load=Load(row.radial, row.axial), phase=scene.phase if row.phase is None else row.phase
+        )
         where = f"{path}: row {k}"
-        if not isinstance(phase, float | int) and any(spall.surface == "roller" for spall in scene.spalls):
+        if isinstance(under.phase, PitchMean) and any(spall.surface == "roller" for spall in scene.spalls):
             raise MeasuredError(f"{where}: phase = mean: a spall on a roller belongs to that one; give a phase in rad")
-        if (sentence := too_light(row.axial, row.radial, needed)) is not None:
+        if (sentence := checks.not_held(under)) is not None:
             raise MeasuredError(f"{where}: {sentence}; check both loads of this row")
         secant = (row.definition or scene.definition) == "secant"
         if secant and row.entry not in ("radial", "axial"):

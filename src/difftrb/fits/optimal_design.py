@@ -12,7 +12,11 @@ from difftrb.core import geometry
 from difftrb.fits import measured, predicted
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import MeasuredError, Measurement
-from difftrb.ring.load import Load, largest_load, needed_axial
+from difftrb.ring.load import Load, largest_load
+from difftrb.scene import checks
+
+SPARE = 1.02
+"""By how much an axial load that is suggested is more than what holds the ring."""
 
 
 class Suggestion(NamedTuple):
@@ -47,9 +51,10 @@ def candidates(fit: Fit) -> tuple[Measurement, ...]:
     found = []
     for radial, axial in dict.fromkeys(loads):
         load = Load(radial, axial)
-        if float(largest_load(scene.bearing, load)) > most * (1.0 + 1e-9) or axial == 0.0:
+        if float(largest_load(scene.bearing, load)) > most * (1.0 + 1e-9):
             continue
-        if axial <= 1.02 * float(needed_axial(scene.bearing, radial, half)):
+        scarce = dataclasses.replace(scene, load=Load(radial, axial / SPARE), phase="mean")
+        if checks.not_held(scarce) is not None:
             continue
         for kind in kinds:
             for direction in ("radial", "axial"):

@@ -164,13 +164,13 @@ class Length(OfSpall):
 
 @register
 class Width(OfSpall):
-    """Of the spall, in the rolling direction: from the narrowest that the law takes, or 0.1 mm, to half the raceway."""
+    """Of the spall, in the rolling direction: from the narrowest that the law takes, or 0.1 mm, to half way round."""
 
     name, unit = "width", "mm"
     no_effect = "under this law width acts through the number of rollers inside only: give rows with phase = mean"
 
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
-        return max(1.01 * float(_size_limits(self.leading(scene))[1]), 0.1), float(_half_way(scene))
+        return max(1.01 * float(_size_limits(self.leading(scene))[1]), 0.1), float(_half_way(self.leading(scene)))
 
 
 @register
@@ -343,8 +343,8 @@ def put(parameters: Sequence[Parameter], scene: Scene, values: Iterable[Real]) -
 
 
 def _half_way(scene: Scene) -> Real:
-    """Half way round the raceway [mm]."""
-    return jnp.pi * geometry.arc_radius(scene.bearing)
+    """Half way round what the scene's first spall lies on [mm]."""
+    return 0.5 * geometry.once_round(scene.bearing, scene.spalls[0].surface)
 
 
 def _known(scene: Scene, **changed: Real) -> jax.Array:

@@ -66,20 +66,21 @@ def deliver(
         if options.json:
             print(whole)
         return refuse(f"{path}: {record['status']}", EXIT_NO_SOLUTION)
+    written: list[str] = []
     if options.out is not None:
-        draw(options.out, figures, {"result.json": whole + "\n"}, page)
+        written = draw(options.out, figures, {"result.json": whole + "\n"}, page)
     if options.json:
         print(whole)
         return EXIT_OK
     show(text())
     if options.out is not None:
-        show(f"written to {options.out}: {', '.join(sorted(p.name for p in options.out.iterdir()))}")
+        show(f"written to {options.out}: {', '.join(written)}")
     return EXIT_OK
 
 
-def draw(folder: Path, figures: Drawn, texts: dict[str, str] | None = None, page: Page | None = None) -> None:
-    """Write figures, `texts` by their file names and the `page` of the figures into a folder, each whole; raises
-    `OSError`."""
+def draw(folder: Path, figures: Drawn, texts: dict[str, str] | None = None, page: Page | None = None) -> list[str]:
+    """Write figures, `texts` by their file names and the `page` of the figures into a folder, each whole; returns the
+    names of the files; raises `OSError`."""
     from difftrb.report import figure_style
 
     def fill(scratch: Path) -> None:
@@ -92,7 +93,7 @@ def draw(folder: Path, figures: Drawn, texts: dict[str, str] | None = None, page
             (scratch / name).write_text(content, encoding="utf-8")
 
     with busy("drawing"):
-        storage.write_folder(folder, fill)
+        return storage.write_folder(folder, fill)
 
 
 @contextlib.contextmanager

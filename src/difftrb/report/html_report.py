@@ -145,8 +145,8 @@ def _bearing(run: Run) -> str:
     if run.estimated is not None:
         line = run.estimated.catalogue.catalogue
         return f"Bearing {line.d:g} × {line.D:g} × {line.T:g} mm"
-    names = [name for name, known in packaged_bearings.BEARINGS.items() if known == of]
-    return f"Bearing {names[0]}" if names else f"Bearing of {of.rollers} rollers {float(of.roller_length):.3g} mm long"
+    name = packaged_bearings.name_of(of)
+    return f"Bearing {name}" if name else f"Bearing of {of.rollers} rollers {float(of.roller_length):.3g} mm long"
 
 
 def _spalls(scene: Scene) -> str:

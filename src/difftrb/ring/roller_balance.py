@@ -196,7 +196,7 @@ class RollerPlace(NamedTuple):
 
 
 def _between(seat: Seat, inside: Any) -> RollerPlace:
-    """See `_placed`."""
+    """`_placed`, with its slopes by `inside`."""
     load, moved = _placed(seat, xp.variable(inside))
     return RollerPlace(load.value, load.by[0], moved.value, moved.by[0])
 
@@ -225,7 +225,7 @@ class Settling(NamedTuple):
     """Rollers on their way to rest, shape (rollers,) each.
 
     Attributes:
-      inside: inner approach [mm], or inner load [N]: see `_between`; 0 where the inner raceway is not touched.
+      inside: inner approach [mm], or inner load [N]: see `_placed`; 0 where the inner raceway is not touched.
       load, slope: outer load [N] of rollers that one more step would bring to rest, and its slope by the ring's
         approach [N/mm].
       excess: how far from rest they are [N]. step: of `inside` towards it. follows: `inside` by the ring's approach.

@@ -95,7 +95,7 @@ def _states(
     states = []
     for j, load in enumerate(loads):
         pressed = float(load) if load > NOTHING * largest else LIGHT * largest
-        thrown = least > 0.0 and pressed <= least * (1.0 + 1e-9)  # clear of the inner raceway, by its own weight
+        thrown = least > 0.0 and pressed <= least * (1.0 + 1e-9)  # clear of the inner raceway, by centrifugal force
         if deepest[j] <= 0.0 or thrown or (tilts[j] != 0.0 and load <= NOTHING * largest):
             continue
         own, under_it = [], []
@@ -108,7 +108,7 @@ def _states(
             places = [float(away[i, j]) for i in under]
             under_it.append(([spalls[i] for i in under], places))
             case = samples.case_under(carried, *under_it[-1])._replace(tilt=-float(tilts[j]))
-            of_scene = tuple(scene.spalls.index(spalls[i]) for i in under)
+            of_scene = tuple(next(n for n, one in enumerate(scene.spalls) if one is spalls[i]) for i in under)
             key = key_of(raceway, carried, under, places, float(tilts[j]))
             own.append(RacewayContact(raceway, contact, case, key, of_scene))
         between = None

@@ -19,7 +19,7 @@ from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, packaged_bearings, status
 from difftrb.core.bad_input import number_in, shown
 from difftrb.core.bearing_checks import across, as_numbers, first, fit_together
-from difftrb.core.geometry import Spall, TaperedBearing
+from difftrb.core.geometry import LineContact, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law.base import Law
@@ -27,11 +27,13 @@ from difftrb.law.local import LocalLaw
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effects import Effect
-from difftrb.ring.load import Load
+from difftrb.ring.load import Load, needed_axial, too_light
 from difftrb.scene.scene import Accuracy, AutoAccuracy, LawName, PitchMean, Scene
 
 WIDEST = 0.97
 """Of once round: the most that a spall takes. Edges that come close again, all but all round, are one edge to a law."""
+HELD_PHASES = 16
+"""Over one pitch, at which rings that tilt are looked at."""
 KEYS = {"design_load": "contact.design_load", "definition": "stiffness.definition", "phase": "stiffness.phase"}
 """Of a scene's own numbers in a file."""
 
@@ -236,6 +238,39 @@ def _of_effects(scene: Scene) -> str | None:
         except SceneError as error:
             return str(error)
     return None
+
+
+# ------------------------------------------------------------------------------------------------ the ring's load
+
+
+def not_held(scene: Scene, key: str = "") -> str | None:
+    """Why no phase of the scene's has an equilibrium under its load, in one sentence; None if nothing is known against
+    it. `key` stands before the loads' names."""
+    if effect_base.among(scene.effects, effects.Mounting) is not None:
+        return None
+    bearing, load = scene.bearing, scene.load
+    tilt = effect_base.among(scene.effects, effects.Tilt)
+    row = effect_base.among(scene.effects, effects.DoubleRow)
+    moments = [m for one in (tilt, row) if one is not None for m in (one.moment_radial, one.moment_lateral)]
+    held = row is not None and (any(moments) or row.preload > 0.0)
+    if load.axial == load.radial == 0.0 and not held:
+        return f"{key}axial = 0 N and {key}radial = 0 N: there is nothing to hold; give a load"
+    if row is not None:  # one of both rows is pressed by any load
+        return None
+    tilting = None
+    if tilt is not None and tilt.rings == "free":
+        tilting = tilt.of_one_row(bearing, tilt.places(LineContact.of(bearing)), tilt.reach)
+    if isinstance(scene.phase, PitchMean):  # without moments the worst has the load line between two rollers
+        shares = np.array([0.5]) if tilting is None else np.arange(HELD_PHASES) / HELD_PHASES
+        phases = shares * geometry.roller_pitch(bearing)
+    else:
+        phases = np.array([float(cast(float, scene.phase))])
+    needed = max(float(needed_axial(bearing, load.radial, phase, tilting)) for phase in phases)
+    beside = " and the moments of effects.tilt" if any(moments) else ""
+    sentence = too_light(float(load.axial), float(load.radial), needed, key, beside)
+    if sentence is None:
+        return None
+    return f"{sentence} (about radial × tan(outer_angle){' without them' if beside else ''})"
 
 
 # ------------------------------------------------------------------------------------------------ inside jit

@@ -180,7 +180,7 @@ class Scene:
 
     def __repr__(self) -> str:
         """On a few lines: bearing, load, every spall, law, phase and effects."""
-        name = next((name for name, one in packaged_bearings.BEARINGS.items() if one is self.bearing), "own bearing")
+        name = packaged_bearings.name_of(self.bearing) or "own bearing"
         rollers = getattr(self.bearing, "rollers", "?")
         law = getattr(self.law, "name", type(self.law).__name__)
         rows = [f"Scene: {name}, {rollers} rollers; {self.load}; law {law}, {self.definition}", f"  phase {self.phase}"]

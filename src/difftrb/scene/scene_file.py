@@ -9,7 +9,6 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
-import numpy as np
 from annotated_types import Interval, Unit
 from pydantic import TypeAdapter
 
@@ -24,7 +23,7 @@ from difftrb.law import base as laws
 from difftrb.ring import effect_base, effects
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effect_base import Effect
-from difftrb.ring.load import Load, needed_axial, too_light
+from difftrb.ring.load import Load
 from difftrb.scene import checks
 from difftrb.scene.file_schema import in_full, validated
 from difftrb.scene.scene import COARSEST, DEFAULT_LAW, Definition, DesignLoad, Phase, Scene
@@ -32,8 +31,6 @@ from difftrb.scene.scene import COARSEST, DEFAULT_LAW, Definition, DesignLoad, P
 PACKAGED_MAPS = ("spall_map.npz",)
 DEEPEST = 32
 """Points of a line of a scene file, without those of numbers: no key has so many parts."""
-HELD_PHASES = 16
-"""Of one roller pitch, at which rings under moments are asked for an equilibrium."""
 
 
 class NoEquilibriumError(SceneError):
@@ -286,29 +283,6 @@ def check_ring(file: SceneFile, path: str | Path) -> None:
         sentence = str(error)
     if sentence is not None:
         raise SceneError(f"{path}: {sentence}")
-    if effect_base.among(file.effects, effects.Mounting) is not None:
-        return
-    tilt, load = effect_base.among(file.effects, effects.Tilt), file.load
-    row = effect_base.among(file.effects, effects.DoubleRow)
-    moments = [m for one in (tilt, row) if one is not None for m in (one.moment_radial, one.moment_lateral)]
-    held = row is not None and (any(moments) or row.preload > 0.0)
-    if load.axial == load.radial == 0.0 and not held:
-        raise NoEquilibriumError(
-            f"{path}: load.axial = 0 N and load.radial = 0 N: there is nothing to hold; give a load"
-        )
-    if row is not None:  # one of both rows is pressed by any load
-        return
-    tilting = None
-    if tilt is not None and tilt.rings == "free":
-        tilting = tilt.of_one_row(file.bearing, tilt.places(LineContact.of(file.bearing)), tilt.reach)
-    if file.stiffness.phase == "mean":  # without moments the worst has the load line in the middle between two rollers
-        shares = np.array([0.5]) if tilting is None else np.arange(HELD_PHASES) / HELD_PHASES
-        phases = shares * geometry.roller_pitch(file.bearing)
-    else:
-        phases = np.array([file.stiffness.phase])
-    needed = max(float(needed_axial(file.bearing, load.radial, phase, tilting)) for phase in phases)
-    beside = " and the moments of effects.tilt" if any(moments) else ""
-    sentence = too_light(load.axial, load.radial, needed, "load.", beside)
+    sentence = checks.not_held(file.scene(), "load.")
     if sentence is not None:
-        without = " without them" if beside else ""
-        raise NoEquilibriumError(f"{path}: {sentence} (about radial × tan(outer_angle){without})")
+        raise NoEquilibriumError(f"{path}: {sentence}")

@@ -239,14 +239,14 @@ def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress |
     """At the scene's phase and angles of the cage beyond it [rad], shape (phases,)."""
     by_table, accuracy = is_auto(scene), min(max(scene.accuracy, FINEST), COARSEST)
     if by_table and has_map(scene):
-        return _one_by_one(named(scene, "direct", accuracy), spread, progress)
+        return _one_by_one(named(scene, "direct", accuracy), spread, slopes, progress)
     if not by_table and base.kind(getattr(scene.law, "name", "")).one_scene:
-        return _one_by_one(scene, spread, progress)
+        return _one_by_one(scene, spread, slopes, progress)
     ready = auto_law.by_table(scene) if by_table else solving.prepare(scene, progress)
     numbers = xp.are_numbers((ready, spread))
     found = _by_numbers(ready, spread) if numbers and slopes is not False else _traced(ready, spread, bool(slopes))
     if by_table and numbers and np.isin(np.asarray(found.status_code), auto_law.UNKNOWN).any():
-        return _one_by_one(named(scene, "direct", accuracy), spread, progress)
+        return _one_by_one(named(scene, "direct", accuracy), spread, slopes, progress)
     return found
 
 
@@ -296,7 +296,7 @@ def _turned(scene: Scene, cage: Any) -> Scene:
     return dataclasses.replace(scene, phase=cage, spalls=spalls)
 
 
-def _one_by_one(scene: Scene, spread: Any, progress: Progress | None) -> _Found:
+def _one_by_one(scene: Scene, spread: Any, slopes: bool | None, progress: Progress | None) -> _Found:
     """Contacts solved for each phase; needs numbers."""
     if not xp.are_numbers((scene, spread)):
         raise SceneError("contact.law = 'direct': solves contacts phase by phase and cannot be traced; use 'table'")
@@ -306,4 +306,5 @@ def _one_by_one(scene: Scene, spread: Any, progress: Progress | None) -> _Found:
         found.append(_by_numbers(ready, np.zeros(1)))
         if progress is not None:
             progress(k + 1, len(spread))
-    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *found)
+    every = jax.tree.map(lambda *parts: jnp.concatenate(parts), *found)
+    return every if slopes is not False else every._replace(by_length=None, by_width=None)

@@ -89,8 +89,8 @@ def passage_force(
     as rollers pass, beside the element with its mean stiffness.
 
     At displacement q from the mean place, f = K(φ) (u(φ) − ū) − (K(φ) − K̄) q, where u(φ) is where the shaft rests
-    under the constant load at cage angle φ: `turn` interpolated, of which φ runs with the cage at `speed` [rad/s], the
-    outer ring at rest. `t` are the response's times [s]. Forces in N, shape (rotor.ndof,).
+    under the constant load at cage angle φ: `turn` interpolated, and φ is the cage's while the rotor turns at `speed`
+    [rad/s], the outer ring at rest. `t` are the response's times [s]. Forces in N, shape (rotor.ndof,).
     """
     stiff, moved = over_axes(turn, load_angle, axial)
     mean, count = stiff.mean(axis=0), len(stiff)
