@@ -52,7 +52,7 @@ BEARINGS: dict[str, dict[str, Any]] = {
     "both raceways, speed": {"effects": (E.Raceways(rollers="upright"), E.Centrifugal(speed_rpm=3000.0))},
     "two rows": {"effects": (E.DoubleRow(),)},
     "mounting": {"load": HELD, "effects": (E.Mounting(preload=0.01),)},
-    "tilt": {"effects": (E.Tilt(),)},
+    "tilting rings": {"effects": (E.Tilt(moment_lateral=1e4),)},
 }
 
 

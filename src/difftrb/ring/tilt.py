@@ -96,7 +96,10 @@ class Tilt(Effect):
     stage = Stage.CONTACT
     presses = True
     units = {"roller_tilts": "mrad"}  # noqa: RUF012
-    excludes = dict.fromkeys(("raceways", "flange", "centrifugal", "through"), "slices hold both contacts together")
+    excludes = dict.fromkeys(
+        ("raceways", "flange", "centrifugal", "through"),
+        "rollers of rings that tilt are held by the outer raceway's contact, or by slices of both together",
+    )
 
     moment_radial: Moment = 0.0
     moment_lateral: Moment = 0.0
