@@ -97,7 +97,7 @@ def test_a_state_has_the_slopes_of_its_contact(contact, base, table):
     """Stiffness along both freedoms, and between them, of the slices near a state."""
     load, tilt = 1800.0, 3e-4
     law = tilted_states.around(
-        base, table, (), [Reached(0, 0, (), ())], (1,), np.array([load]), np.array([tilt]), True, {}
+        base, table, (), [Reached(0, 0, (), ())], (1,), np.array([load]), np.array([tilt]), np.array([False]), True, {}
     )
     node, x = samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3), tilted_roller.places(contact.length)
     loads, slopes = edge_ramp.roller_loads(law.slices((), np.zeros((0, 1))), node.approach - x * tilt)
@@ -170,11 +170,13 @@ def test_its_derivatives_are_those_of_prepared_neighbours(bearing, ready):
         ((), {"spalls": (trb.Spall(4.0, 0.1),)}),
         ((), {"spalls": (trb.Spall(4.0, 7.0, axial_offset=5.0),)}),
         ((), {"spalls": (trb.Spall(4.0, 7.0, depth=0.004),)}),
+        ((), {"spalls": (trb.Spall(11.0, 9.0, angle=1.639),), "load": trb.Load(9000.0, 3000.0)}),
         ((), {"load": trb.Load(900.0, 450.0), "effects": (effects.Tilt(2e2, 8e2, reach=3.0),)}),
     ],
 )  # fmt: skip
 def test_other_rings_too(bearing, more, changes):
-    """Held axially, unequal rollers, two rows, several spalls, narrow, at the end, shallow, lightly loaded."""
+    """Held axially, unequal rollers, two rows, several spalls, narrow, at the end, shallow, long under a roller that is
+    clear of its land, lightly loaded."""
     made = trb.prepare(scene(bearing, *more, **changes))
     audit = trb.verify(made, trb.solve(made).check())
     assert audit.load_error < 1.5e-3

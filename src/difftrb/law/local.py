@@ -31,8 +31,9 @@ WITHIN = 0.2
 """By how much in its logarithm a roller's load may be off the one that its contacts were solved about."""
 TURNED_WITHIN = 0.7
 """The same of its tilt, by how far its solves are spread to either side."""
-CLEAR = 5e-3
-"""Overlap of a roller without a state, by the deepest of all, up to which it counts as clear."""
+CLEAR = 0.3
+"""Overlap of a roller without a state, by the approach under the least load of the healthy curve, up to which it counts
+as clear: it would carry a quarter of that, 1e-3 of the largest load."""
 ALONG = np.linspace(-0.499, 0.499, 21)
 """Places by the roller's length at which overlap is looked at."""
 SPREAD = 0.3
@@ -193,7 +194,7 @@ class LocalLaw:
         if rest is not None:
             load = xp.einsum("...sr,...r->...s", states.at, rest.loads.reshape(*states.at.shape[:-2], -1))
             solved = xp.mean(states.log_loads, axis=-1)
-            load = xp.maximum(load, xp.exp(xp.minimum(self.base.log_loads[0], xp.min(solved))))
+            load = xp.maximum(load, xp.exp(xp.minimum(self.base.log_loads[0], solved)))  # less than the least is little
             off = xp.abs(xp.log(load) - solved) * xp.max(states.at, axis=-1)
             unknown = xp.moveaxis(met, 0, -2) & (xp.einsum("...sn,...sr->...nr", states.met, states.at) == 0.0)
             same = same & (xp.max(off) < WITHIN) & ~xp.any(unknown)
@@ -209,7 +210,7 @@ class LocalLaw:
         middle = rest.approach - 0.5 * self.contact.length * xp.abs(every)
         overlap = xp.max(middle[None] + at * every[None] - crown.height(at, self.contact), axis=0)
         alone = xp.sum(states.at, axis=-2).reshape(every.shape) == 0.0
-        pressed = xp.max(xp.where(alone, overlap, 0.0)) > CLEAR * xp.max(overlap)
+        pressed = xp.max(xp.where(alone, overlap, 0.0)) > CLEAR * self.base.healthy[0]
         turned = -xp.einsum("...sr,...r->...s", states.at, every.reshape(*states.at.shape[:-2], -1))
         half = 0.5 * (xp.max(states.tilts, axis=-1) - xp.min(states.tilts, axis=-1))
         off = xp.abs(turned - xp.mean(states.tilts, axis=-1)) * xp.max(states.at, axis=-1)

@@ -40,6 +40,9 @@ LIGHTER = 10.0
 """Factor by which the table reaches to smaller loads than the upright curve: rollers that carry less count as clear."""
 TRIED = 100
 """Loads between which the one is looked for that goes with an approach."""
+NOTHING = 1e-18
+"""Share of what its contact would carry that a roller clear of the land has: as good as none, and what it would carry
+can still be told."""
 LEAST_TILT = 1e-9
 """[rad] A roller over a spall is not solved upright, for then it is solved as half of one."""
 
@@ -142,11 +145,11 @@ def _told(table: TiltTable, load: float, node: Node) -> np.ndarray:
 
 def around(
     base: DirectLaw, table: TiltTable, spalls: tuple[Spall, ...], reached: Sequence[Reached],
-    rollers: tuple[int, ...], loads: np.ndarray, tilts: np.ndarray, found: bool, known: Known,
+    rollers: tuple[int, ...], loads: np.ndarray, tilts: np.ndarray, clear: np.ndarray, found: bool, known: Known,
     progress: Progress | None = None,
 ) -> LocalLaw:  # fmt: skip
-    """As `local_states.around`, of rollers that carry about `loads` [N] at about `tilts` [rad], as contacts see them,
-    both of shape (rollers reached,)."""
+    """As `local_states.around`, of rollers that carry about `loads` [N] at about `tilts` [rad], as contacts see them;
+    those that are `clear` would carry less than these; all of shape (rollers reached,)."""
     most = FARTHEST_TURNED * np.array([table.reach(load) for load in loads])
     centres = np.clip(tilts, -most, most)
     logs, leaning = _spread(table, loads, centres, SPREAD if found else SEARCHED, TURNED)
@@ -169,7 +172,15 @@ def around(
     states = None
     if reached:
         slopes = [np.array([node.slopes for node in own]) for own in solved]
-        moment_slopes = [np.array([_moment_slopes(node) for node in own]) for own in solved]
+        shares = np.where(clear, NOTHING, 1.0)
+        solved = [
+            [dataclasses.replace(node, moment=share * node.moment) for node in own]
+            for own, share in zip(solved, shares, strict=True)
+        ]
+        moment_slopes = [
+            share * np.array([_moment_slopes(node) for node in own]) for own, share in zip(solved, shares, strict=True)
+        ]
+        logs = logs + np.log(shares)[:, None]
         states = stacked(base, spalls, reached, rollers, logs, leaning, solved, slopes, moment_slopes)
     return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True)
 

@@ -21,7 +21,6 @@ from difftrb.law import load_curve, tilted_roller
 from difftrb.law.base import AUTO, Law, spalls_under
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.local import LocalLaw
-from difftrb.law.power import Palmgren
 from difftrb.ring import newton, roller_places
 from difftrb.ring.double_row import DoubleRow, Moment
 from difftrb.ring.effect_base import Asked, Effect, Results, Ring, Stage, among, register
@@ -109,11 +108,11 @@ class Tilt(Effect):
 
     def check(self, asked: Asked) -> None:
         """The law of slices, and a second row that tilts as this one does."""
-        known = asked.law in ("palmgren", "direct", AUTO) if isinstance(asked.law, str) else True
-        if not known or not isinstance(asked.law, str | Palmgren | LocalLaw):
+        name = asked.law if isinstance(asked.law, str) else asked.law.name
+        if name not in ("palmgren", "direct", AUTO):
             raise SceneError(
-                "effects.tilt is for contacts solved or for slices of ISO/TS 16281: set contact.law = 'palmgren' for "
-                "slices, 'auto' or 'direct' for contacts"
+                f"effects.tilt: contact.law = {name!r} knows no tilted roller; set contact.law = 'palmgren' for slices "
+                "of ISO/TS 16281 or, for one scene in numbers, 'auto' or 'direct' for contacts"
             )
         row = among(asked.effects, DoubleRow)
         if row is None:
@@ -165,9 +164,11 @@ class Tilt(Effect):
         return Tilting(every, xp.stack([xp.asarray(m) for m in (self.moment_radial, self.moment_lateral)]))
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
-        """`roller_tilts` [mrad]: by how much each roller's rings are turned against each other in its plane, shape
-        (rollers,), without derivatives."""
-        return {} if rest.tilts is None else {"roller_tilts": 1e3 * rest.tilts[..., : of.bearing.rollers]}
+        """`roller_tilts` [mrad] against the outer raceway, as `contact.tilt`, shape (rollers,), without derivatives; of
+        contacts, not of slices."""
+        if rest.tilts is None or not isinstance(of.law, LocalLaw):
+            return {}
+        return {"roller_tilts": -1e3 * rest.tilts[..., : of.bearing.rollers]}
 
     def remarks(self, spalls: tuple[Spall, ...], law: Law | None, mean: bool) -> tuple[str, ...]:
         """That slices of ISO/TS 16281 are cut hard, and what their means are."""

@@ -96,7 +96,7 @@ def _states(
     for j, load in enumerate(loads):
         pressed = float(load) if load > NOTHING * largest else LIGHT * largest
         thrown = least > 0.0 and pressed <= least * (1.0 + 1e-9)  # clear of the inner raceway, by centrifugal force
-        if deepest[j] <= 0.0 or thrown or (tilts[j] != 0.0 and load <= NOTHING * largest):
+        if deepest[j] <= 0.0 or thrown:
             continue
         own, under_it = [], []
         for raceway, contact in contacts.items():
