@@ -138,20 +138,20 @@ def test_its_tangent_is_how_it_moves(ready):
 
 
 @pytest.mark.gradient
+@pytest.mark.slow
 def test_its_derivatives_are_those_of_prepared_neighbours(bearing, ready):
-    """By a spall's sizes, loads, moment and crown: of one prepared scene, against scenes prepared anew."""
+    """By a spall's place and a load: of one prepared scene, against scenes prepared anew."""
 
     def values(of):
         return trb.solve(of).stiffness[np.array([0, 2, 4]), np.array([0, 2, 4])]
 
     by = jax.jacrev(values)(ready)
     told = {
-        "length": (by.spalls[0].length, 0.2), "axial_offset": (by.spalls[0].axial_offset, 0.2),
-        "radial": (by.load.radial, 300.0), "design_load": (by.design_load, 300.0),
+        "axial_offset": (by.spalls[0].axial_offset, 0.2), "radial": (by.load.radial, 300.0),
     }  # fmt: skip
     for name, (slopes, step) in told.items():
         base = scene(bearing, phase=0.05)
-        at = {"length": 4.0, "axial_offset": 1.0, "radial": 9000.0, "design_load": 6500.0}[name]
+        at = {"axial_offset": 1.0, "radial": 9000.0}[name]
         ends = [np.asarray(values(trb.prepare(base.replace(**{name: at + way * step})))) for way in (1.0, -1.0)]
         told_anew = (ends[0] - ends[1]) / (2.0 * step)
         np.testing.assert_allclose(np.asarray(slopes)[:2], told_anew[:2], rtol=0.05, err_msg=name)
@@ -163,20 +163,15 @@ def test_its_derivatives_are_those_of_prepared_neighbours(bearing, ready):
 @pytest.mark.parametrize(
     ("more", "changes"),
     [
-        ((effects.Mounting(preload=0.01),), {"load": trb.Load(9000.0, 0.0)}),
         ((effects.Diameters(tuple(1e-3 * np.sin(np.arange(23)))),), {}),
         ((effects.DoubleRow(preload=0.01, spacing=30.0),), {}),
         ((), {"spalls": (trb.Spall(3.0, 4.0, axial_offset=-3.0), trb.Spall(3.0, 5.0, axial_offset=3.5, angle=0.02))}),
-        ((), {"spalls": (trb.Spall(4.0, 0.1),)}),
-        ((), {"spalls": (trb.Spall(4.0, 7.0, axial_offset=5.0),)}),
         ((), {"spalls": (trb.Spall(4.0, 7.0, depth=0.004),)}),
         ((), {"spalls": (trb.Spall(11.0, 9.0, angle=1.639),), "load": trb.Load(9000.0, 3000.0)}),
-        ((), {"load": trb.Load(900.0, 450.0), "effects": (effects.Tilt(2e2, 8e2, reach=3.0),)}),
     ],
 )  # fmt: skip
 def test_other_rings_too(bearing, more, changes):
-    """Held axially, unequal rollers, two rows, several spalls, narrow, at the end, shallow, long under a roller that is
-    clear of its land, lightly loaded."""
+    """Unequal rollers, two rows, several spalls, a shallow one, a long one under a roller that is clear of its land."""
     made = trb.prepare(scene(bearing, *more, **changes))
     audit = trb.verify(made, trb.solve(made).check())
     assert audit.load_error < 1.5e-3

@@ -625,7 +625,7 @@ def test_folders_that_are_refused(plan: Plan, whole: Path, tmp_path: Path) -> No
         (
             "[sweep]\n",
             "[effects.tilt]\n[sweep]\n",
-            "effects.tilt: contact.law = 'power' knows no tilted roller",
+            "effects.tilt: contact.law = 'liu2018' knows no tilted roller",
         ),
         ('from = 2000, to = 8000, count = 45, spacing = "log"', "from = -1e308, to = 1e308, count = 3", "nearer"),
         ('"spall.0.width"]', '"accuracy"]', "accuracy is not a known key; known here: load.radial"),

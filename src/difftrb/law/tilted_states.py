@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebval2d, chebvander
@@ -38,6 +38,8 @@ LIFTED = 0.45
 TABLE_LOADS, TABLE_TILTS = 10, 15
 LIGHTER = 10.0
 """Factor by which the table reaches to smaller loads than the upright curve: rollers that carry less count as clear."""
+SHARED = 8
+"""Tables that a process remembers."""
 TRIED = 100
 """Loads between which the one is looked for that goes with an approach."""
 NOTHING = 1e-18
@@ -123,7 +125,7 @@ def table_of(base: DirectLaw, progress: Progress | None) -> TiltTable:
     turned = np.asarray(chebyshev_nodes(TABLE_TILTS, -1.0, 1.0))
     leaning = MOST_TURNED * turned[TABLE_TILTS // 2 :]  # the others are mirror images
     cases = [Case(q, tilt=float(y) * table.reach(q)) for q in loads for y in leaning]
-    solved = samples.all_solved(contact, cases, float(base.error), progress, turning=True)
+    solved = _solved_once(contact, cases, float(base.error), progress)
     told = np.array([_told(table, case.load, node) for case, node in zip(cases, solved, strict=True)])
     told = told.reshape(len(loads), len(leaning), -1)
     odd = np.concatenate([[1.0, -1.0], np.ones(samples.INPUTS), -np.ones(samples.INPUTS)])
@@ -132,6 +134,21 @@ def table_of(base: DirectLaw, progress: Progress | None) -> TiltTable:
     along, across = (np.linalg.inv(chebvander(x, len(x) - 1)) for x in (level, turned))
     coefficients = np.einsum("ai,bj,ijv->abv", along, across, told)
     return table._replace(coefficients=coefficients, status_code=int(samples.worst_status(solved)))
+
+
+_SOLVED: dict[Any, list[Node]] = {}
+"""Contacts of the last tables: scenes that differ in spalls, moments and effects share theirs."""
+
+
+def _solved_once(contact: LineContact, cases: list[Case], accuracy: float, progress: Progress | None) -> list[Node]:
+    """`samples.all_solved`, with `turning`; of the last `SHARED` tables without solving again."""
+    key = tuple(float(value) for value in dataclasses.astuple(contact)), tuple(cases), accuracy
+    if key not in _SOLVED:
+        found = samples.all_solved(contact, cases, accuracy, progress, turning=True)
+        while len(_SOLVED) >= SHARED:
+            _SOLVED.pop(next(iter(_SOLVED)), None)
+        _SOLVED[key] = found
+    return _SOLVED[key]
 
 
 def _told(table: TiltTable, load: float, node: Node) -> np.ndarray:

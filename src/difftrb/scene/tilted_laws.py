@@ -11,6 +11,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from difftrb.core import status
 from difftrb.core.geometry import Spall
 from difftrb.law import local_states, tilted_states
 from difftrb.law.base import Rest
@@ -61,7 +62,7 @@ def _settled(scene: Scene, base: DirectLaw, table: TiltTable, progress: Progress
     now = _at_rest(scene, made, spalls, table, frozenset())
     rollers = now.rollers[0 if isinstance(scene.phase, PitchMean) else 1 :]
     centres = dict(now.centres)
-    found, known = False, {}
+    found, known, leaned = False, {}, False
     for _ in range(ROUNDS):
         loads, tilts = np.array(list(centres.values())).reshape(-1, 2).T
         clear = np.array([at[:3] in now.clear for at in now.reached], bool)
@@ -69,6 +70,10 @@ def _settled(scene: Scene, base: DirectLaw, table: TiltTable, progress: Progress
             base, table, spalls, now.reached, rollers, loads, tilts, clear, found, known, progress
         )
         made, before = dataclasses.replace(made, sound=made.states), now.clear
+        leans = int(made.status_code) == status.LEANS
+        if leans and leaned:  # twice one after the other: they are not coming back
+            break
+        leaned = leans
         now = _at_rest(scene, made, spalls, table, before)
         ended, near = now.centres, STAYS if found else local_states.SEARCHED
         kept = {at: centres[at] if at in centres and _is_near(table, centres[at], own, near) else own
