@@ -178,7 +178,8 @@ def roller_columns(scene: Scene, result: Assessment) -> dict[str, list[str]]:
         columns["against healthy"] = [number(change, "+,.1f") for change in spalled.loads - result.healthy.loads]
     for name, values in spalled.effects.items():
         if values.shape == spalled.loads.shape:
-            columns[f"{_column(name)} [{units.get(name, '')}]"] = [number(value, ",.1f") for value in values]
+            unit = units.get(name, "")
+            columns[f"{_column(name)} [{unit}]"] = [number(value, ",.1f" if unit == "N" else ",.3f") for value in values]
     return columns
 
 
