@@ -1,4 +1,5 @@
-"""Every derivative rule of the package, and nothing else.
+"""Derivative rules of the package, and nothing else; those of two functions stand beside them
+(`contact.halfspace`, `law.equivalent_edge`).
 
 A solve is differentiated at its solution, not through its iterations: the conditions that hold there are linearised
 (implicit function theorem), in forward and, by transposition, in reverse mode.

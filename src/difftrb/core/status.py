@@ -1,4 +1,4 @@
-"""What happened in a solve, as a number inside jit and as a sentence outside it; and every kind of error.
+"""What happened in a solve, as a number inside jit and as a sentence outside it; and the errors that all rooms raise.
 
 JAX is imported by the functions that need it, so that errors can be named without it.
 """

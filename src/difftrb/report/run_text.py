@@ -179,7 +179,8 @@ def roller_columns(scene: Scene, result: Assessment) -> dict[str, list[str]]:
     for name, values in spalled.effects.items():
         if values.shape == spalled.loads.shape:
             unit = units.get(name, "")
-            columns[f"{_column(name)} [{unit}]"] = [number(value, ",.1f" if unit == "N" else ",.3f") for value in values]
+            shown = ",.1f" if unit == "N" else ",.3f"
+            columns[f"{_column(name)} [{unit}]"] = [number(value, shown) for value in values]
     return columns
 
 

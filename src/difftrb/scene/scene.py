@@ -88,7 +88,8 @@ class Scene:
     numbers out of their range, cones without a common apex, rollers that overlap, spalls longer than the law knows or
     that leave less than 3 % of their way round, effects that cannot be had together. Loads, spalls and phases that are
     not finite, numbers traced inside jit, and loads without an equilibrium end as a status of the result. Making a
-    scene raises for unknown names alone. Whole numbers become floats.
+    scene raises for an unknown bearing, a phase in other words, and effects that exclude each other. Whole numbers
+    become floats.
 
     Attributes:
       bearing: its name, say "32008J", or your own `TaperedBearing`.
