@@ -361,3 +361,13 @@ def test_replace_does_not_take_spalls_for_a_spalls_number() -> None:
     with pytest.raises(trb.SceneError, match=r"^spall = 0: says whose values to replace, and none is given"):
         one.replace(spall=0)
     assert one.replace(spall=0, length=2.0) == one.replace(length=2.0)
+
+
+def test_a_spall_is_replaced_by_what_it_is() -> None:
+    """Beside a rectangular spall a map has its own names; either says what it lacks."""
+    both = (trb.Spall(4.0, 7.0), trb.HeightMap(jnp.zeros((3, 3)), 0.1, 0.1, angle=1.0))
+    made = trb.Scene("32008J", trb.Load(9000.0, 4500.0), both)
+    assert made.replace(spall=1, scale=2.0).spalls[1].scale == 2.0
+    assert made.replace(spall=0, length=3.0).spalls[0].length == 3.0
+    with pytest.raises(trb.SceneError, match="scale: spall 0 is a Spall, which has none"):
+        made.replace(spall=0, scale=2.0)

@@ -148,9 +148,9 @@ class Scene:
         if spall is not None and not is_whole(spall):
             raise SceneError(f"spall = {shown(spall)}: must be the number of a spall, from 0; spalls = … replaces them")
         parts: dict[str, dict[str, Any]] = {"scene": {}, "load": {}, "bearing": {}, "spall": {}}
-        maps = all(isinstance(one, HeightMap) for one in self.spalls) and self.spalls
-        owners = {"scene": Scene, "load": Load, "bearing": TaperedBearing, "spall": HeightMap if maps else Spall}
-        names = {part: [field.name for field in dataclasses.fields(owner)] for part, owner in owners.items()}
+        owners: dict[str, list[type]] = {"scene": [Scene], "load": [Load], "bearing": [TaperedBearing]}
+        owners["spall"] = list(dict.fromkeys(map(type, self.spalls))) or [Spall]
+        names = {part: [field.name for one in own for field in dataclasses.fields(one)] for part, own in owners.items()}
         for name, value in values.items():
             part = next((part for part, own in names.items() if name in own), None)
             if part is None:
