@@ -129,7 +129,7 @@ class LocalLaw:
         slices), roller by roller; other arguments as of `curves`. A roller without a state of its own carries nothing;
         before there are any, all are healthy, and each slice carries its share."""
         every, count = self.base.curves((), distances[:0]).each, tilted_roller.SLICES
-        every = xp.tree_map(lambda field: _of_slices(field, count), every)
+        every = xp.tree_map(lambda field: tilted_roller.of_slices(field, count), every)
         each = dataclasses.replace(every, coefficients=_shared(every.coefficients, count))
         states = self.states
         if states is None or states.moments is None or not _is_of(states, distances):
@@ -147,7 +147,7 @@ class LocalLaw:
             found = xp.einsum("...sk,...sr->...rk", of_states, states.at)
             return found.reshape(*each.shift.shape[:-1], -1)
 
-        clear = _of_slices(1.0 - xp.sum(states.at, axis=-2), count).reshape(each.shift.shape)
+        clear = tilted_roller.of_slices(1.0 - xp.sum(states.at, axis=-2), count).reshape(each.shift.shape)
         coefficients = xp.stack([of_rollers(one) for one in own.coefficients])
         return RollerCurves(each, near=NearState(coefficients, of_rollers(own.middle), of_rollers(own.reach) + clear))
 
@@ -255,12 +255,6 @@ def _as_made(states: States, of_rollers: Any) -> Any:
     return of_rollers.reshape(of_rollers.shape[0], *states.at.shape[:-2], of_rollers.shape[-1])
 
 
-def _of_slices(of_rollers: Any, count: int) -> Any:
-    """What all rollers have, shape (…, rollers), for `count` slices of each, roller by roller."""
-    repeated = xp.broadcast_to(of_rollers[..., None], (*of_rollers.shape, count))
-    return repeated.reshape(*of_rollers.shape[:-1], -1)
-
-
 def _shared(coefficients: Any, count: int) -> Any:
     """Of curves each of which carries its share of a roller's load: log Q falls by log `count`."""
     first = (np.arange(coefficients.shape[0]) == 0).reshape(-1, *[1] * (coefficients.ndim - 1))
@@ -287,9 +281,10 @@ def healthy(law: Law) -> Law:
     return dataclasses.replace(law, states=law.sound) if isinstance(law, LocalLaw) else law
 
 
-def at_phase(law: LocalLaw, k: int) -> LocalLaw:
-    """The law of a mean at the `k`-th of its phases; the healthy ring's are others."""
-    return dataclasses.replace(law, states=jax.tree.map(lambda of: of[k], law.states), sound=None)
+def at_phase(law: LocalLaw, k: int, sound: bool) -> LocalLaw:
+    """The law of a mean at the `k`-th of its phases: of the `sound` ring, or of that with spalls, which has others."""
+    own = jax.tree.map(lambda of: of[k], law.sound if sound else law.states)
+    return dataclasses.replace(law, states=own, sound=own if sound else None)
 
 
 def stateless(law: Law) -> Law:

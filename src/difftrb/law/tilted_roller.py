@@ -9,12 +9,13 @@ push and others pull, only their sums Q = Σ qₛ and M = Σ xₛ qₛ mean anyt
 from __future__ import annotations
 
 from math import comb
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.law import ramp_fit
+from difftrb.law.edge_ramp import NearState
 
 DEGREE = 4
 """Of the energy: forces are cubic, as of `local.DEGREE`."""
@@ -30,26 +31,25 @@ POWERS = [(i, m - i) for m in range(1, DEGREE + 1) for i in range(m, -1, -1)]
 _WAYS = np.linspace(-1.0, 1.0, SLICES)
 
 
-class Slices(NamedTuple):
-    """As `edge_ramp.NearState`, of several states' slices: `coefficients` of shape (DEGREE, …, states, SLICES)."""
-
-    coefficients: Any
-    middle: Any
-    reach: Any
-
-
 def places(length: Any) -> Any:
     """Where the slices are, from the middle of a roller of this length [mm], shape (SLICES,)."""
     return FARTHEST * length * _WAYS
 
 
-def near(loads: Any, tilts: Any, approaches: Any, moments: Any, length: Any) -> Slices:
+def of_slices(of_rollers: Any, count: int) -> Any:
+    """What is known of rollers, shape (…, rollers), for `count` slices of each, shape (…, rollers · count)."""
+    repeated = xp.broadcast_to(of_rollers[..., None], (*of_rollers.shape, count))
+    return repeated.reshape(*of_rollers.shape[:-1], -1)
+
+
+def near(loads: Any, tilts: Any, approaches: Any, moments: Any, length: Any) -> NearState:
     """The slices that stand for contacts solved under `loads` [N] at `tilts` [rad], which press the roller's end at
-    positive places in: approaches [mm] and moments [N mm], all of shape (…, states, solves)."""
+    positive places in: approaches [mm] and moments [N mm], all of shape (…, states, solves). What comes back has the
+    slices of every state, shape (…, states, SLICES)."""
     arm, seen = FARTHEST * length, xp.fixed(approaches)
     turned = tilts - xp.mean(tilts, axis=-1)[..., None]
-    middle = 0.5 * (_most(seen) - _most(-seen))
-    reach = BEYOND * (_most(seen - middle[..., None]) + arm * _most(xp.abs(turned)))
+    middle = 0.5 * (xp.max(seen, axis=-1) + xp.min(seen, axis=-1))
+    reach = BEYOND * (xp.max(seen - middle[..., None], axis=-1) + arm * xp.max(xp.abs(turned), axis=-1))
     size = xp.exp(xp.mean(xp.log(loads), axis=-1))
     d, t = (approaches - middle[..., None]) / reach[..., None], arm * turned / reach[..., None]
     deeper, leaning = _powers(d), _powers(t + 0.0 * seen)
@@ -63,11 +63,7 @@ def near(loads: Any, tilts: Any, approaches: Any, moments: Any, length: Any) -> 
         for own, spread in zip(_OF_DEGREE, _SPREAD, strict=True)
     ])  # fmt: skip
     at = middle[..., None] + xp.mean(tilts, axis=-1)[..., None] * places(length).reshape((1,) * middle.ndim + (-1,))
-    return Slices(coefficients, at, xp.broadcast_to(reach[..., None], at.shape))
-
-
-def _most(values: Any) -> Any:
-    return xp.module_of(values).max(values, axis=-1)
+    return NearState(coefficients, at, xp.broadcast_to(reach[..., None], at.shape))
 
 
 def _powers(x: Any) -> list[Any]:

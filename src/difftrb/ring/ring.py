@@ -20,10 +20,11 @@ from difftrb.core.taylor import goes_through
 from difftrb.law import edge_ramp
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.tilted_roller import of_slices
 from difftrb.ring import expanded_rest, holding, newton, newton_start, roller_balance, roller_places
 from difftrb.ring.load import Load
 from difftrb.ring.newton import Rollers, System
-from difftrb.ring.terms import PLAIN, Terms, beside, of_rows, of_slices
+from difftrb.ring.terms import PLAIN, Terms, beside, of_rows
 
 if TYPE_CHECKING:
     from jax import Array

@@ -153,12 +153,6 @@ class Tilting(NamedTuple):
         return displacement / newton.aligned(scale, displacement), tangent * by_two
 
 
-def of_slices(value: Any, count: int) -> Any:
-    """What is known of rollers, shape (…, rollers), for `count` slices of each, shape (…, rollers · count)."""
-    shape = value.shape
-    return xp.broadcast_to(value[..., None], (*shape, count)).reshape(*shape[:-1], -1)
-
-
 def without_land(slices: RollerCurves) -> Any:
     """Which slices a spall takes all land from, shape (…, rollers · slices)."""
     stiffness = xp.fixed(slices.each.coefficients[0])  # its logarithm

@@ -4,7 +4,7 @@ what the rollers meet. See `ring.phase_rule`."""
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, cast
+from typing import Any
 
 import jax
 import numpy as np
@@ -13,7 +13,6 @@ from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.numeric import gauss_legendre
 from difftrb.law import local
-from difftrb.law.base import Law
 from difftrb.law.local import LocalLaw
 from difftrb.ring import phase_rule, ring, roller_places
 from difftrb.scene.scene import PitchMean, Scene, healthy, inner_law, law_in_effect, outer_law, ring_at
@@ -38,13 +37,9 @@ def nearest_phase(scene: Scene, angle: float) -> Scene:
 
 def at_phase_numbered(scene: Scene, k: int, phase: float) -> Scene:
     """A prepared scene at the `k`-th phase of its mean [rad]."""
-    if not scene.spalls:  # of which the law in effect is the healthy one
-        scene = dataclasses.replace(scene, law=local.healthy(cast(Law, scene.law)))
     parts, made_of = jax.tree.flatten(dataclasses.replace(scene, phase=phase), is_leaf=_is_local)
-    scene = made_of.unflatten([local.at_phase(part, k) if _is_local(part) else part for part in parts])
-    if not scene.spalls and isinstance(scene.law, LocalLaw):
-        scene = dataclasses.replace(scene, law=dataclasses.replace(scene.law, sound=scene.law.states))
-    return scene
+    sound = not scene.spalls
+    return made_of.unflatten([local.at_phase(part, k, sound) if _is_local(part) else part for part in parts])
 
 
 def _is_local(part: Any) -> bool:
