@@ -49,10 +49,13 @@ BEARINGS: dict[str, dict[str, Any]] = {
     "plain": {},
     "plain, mean": {"phase": "mean"},
     "both raceways, flange": {"effects": (E.Raceways(), E.Flange())},
-    "both raceways, speed": {"effects": (E.Raceways(rollers="upright"), E.Centrifugal(speed_rpm=3000.0))},
+    "both raceways, speed": {"effects": (E.Raceways(), E.Centrifugal(speed_rpm=3000.0))},
     "two rows": {"effects": (E.DoubleRow(),)},
     "mounting": {"load": HELD, "effects": (E.Mounting(preload=0.01),)},
     "tilting rings": {"effects": (E.Tilt(moment_lateral=1e4),)},
+    "tilting rings, both raceways, flange, speed": {
+        "effects": (E.Tilt(moment_lateral=1e4), E.Raceways(), E.Flange("hertz", 100.0), E.Centrifugal(3000.0))
+    },
 }
 
 

@@ -32,6 +32,13 @@ def shallow(bearing: trb.TaperedBearing) -> trb.Scene:
     return direct(bearing, (trb.Spall(6.3, 9.0, depth=5e-3),), trb.Load(12000.0, 7000.0))
 
 
+@pytest.fixture(scope="module")
+def inside(bearing: trb.TaperedBearing) -> trb.Scene:
+    """A roller in the middle of a wide, deep spall off its own middle."""
+    spalls = (trb.Spall(4.0, 7.0, axial_offset=1.0),)
+    return trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), spalls, law="direct", accuracy=1e-2))
+
+
 @pytest.mark.slow
 def test_every_spall_under_a_roller_counts(two: trb.Scene) -> None:
     """Not only the longest: of two alike the loss was that of one, and the derivative by the second's length 0."""
@@ -95,6 +102,26 @@ def test_a_local_law_knows_its_scene_only(two: trb.Scene) -> None:
     for scene in codes.values():
         assert int(solve_prepared(scene).status_code) == status.OTHER_SCENE
     assert int(solve_prepared(dataclasses.replace(two, spalls=())).status_code) == status.CONVERGED
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize(
+    "change", [{"depth": 0.002}, {"width": 0.3}, {"width": 6.0, "angle": 0.035}, {"axial_offset": -1.0}]
+)
+def test_a_wall_or_a_bottom_that_comes_into_reach_makes_another_scene(inside: trb.Scene, change: dict) -> None:
+    """Out of reach they have no slope that would tell: loads were 3 … 19 % off, and "converged" all the same."""
+    assert trb.solve(inside).converged
+    assert trb.solve(inside.replace(width=6.5)).converged  # out of reach before and after
+    assert trb.solve(inside.replace(depth=0.5)).converged
+    assert int(trb.solve(inside.replace(**change)).status_code) == status.OTHER_SCENE
+
+
+@pytest.mark.parametrize("acting", [(), (trb.effects.Tilt(),), (trb.effects.Mounting(preload=-0.005),)])
+def test_nothing_that_presses_is_said(bearing: trb.TaperedBearing, acting: tuple) -> None:
+    """There are no contacts to solve; least squares of nothing did not converge."""
+    nothing = trb.Scene(bearing, trb.Load(0.0, 0.0), law="direct", effects=acting)
+    with pytest.raises(trb.SceneError, match="nothing presses the rollers"):
+        trb.prepare(nothing)
 
 
 @pytest.mark.parametrize("law", ["liu2018", "palmgren"])

@@ -11,7 +11,7 @@ import pytest
 import difftrb as trb
 from difftrb import effects
 from difftrb.core import status
-from difftrb.law import direct, edge_ramp, samples, tilted_roller, tilted_states
+from difftrb.law import direct, edge_ramp, samples, tilt_table, tilted_roller, tilted_states
 from difftrb.law.local_states import Reached
 from difftrb.law.samples import Case
 
@@ -30,7 +30,7 @@ def base(contact):
 
 @pytest.fixture(scope="module")
 def table(base):
-    return tilted_states.table_of(base, None)
+    return tilt_table.of_contact(base, None)
 
 
 def scene(bearing, *more, spalls=(SPALL,), moment=1e4, **changes):
@@ -83,22 +83,24 @@ def test_any_energy_of_degree_four_is_five_slices():
 def test_table_is_the_contact(contact, table, load, turned):
     """Approach, moment and slopes, against a finer solve of the contact itself."""
     tilt = turned * table.reach(load)
-    found, solved = table.node(load, tilt), samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3)
+    found, solved = table.at(load, tilt).nodes[0], samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3)
     assert table.knows(load, tilt)
     long = table.upright(load) + table.lift
     assert abs(found.approach - solved.approach) < 8e-4 * long
     assert abs(found.moment - solved.moment) < 1e-3 * load * float(contact.length)
     np.testing.assert_allclose(found.slopes[:4], solved.slopes[:4], atol=2e-2 * np.abs(solved.slopes[:4]).max())
-    assert table.load_at(found.approach, tilt) == pytest.approx(load, rel=2e-3)
+    assert table.pressed_at(found.approach, tilt) == pytest.approx(load, rel=2e-3)
 
 
 @pytest.mark.exact
 def test_a_state_has_the_slopes_of_its_contact(contact, base, table):
     """Stiffness along both freedoms, and between them, of the slices near a state."""
     load, tilt = 1800.0, 3e-4
+    rollers = tilted_states.Rollers({"outer": base}, {"outer": ()}, table, (table,))
     law = tilted_states.around(
-        base, table, (), [Reached(0, 0, (), ())], (1,), np.array([load]), np.array([tilt]), np.array([False]), True, {}
-    )
+        rollers, {"outer": [Reached(0, 0, (), ())]}, (1,), np.array([load]), np.array([tilt]), np.array([False]), True,
+        {},
+    )["outer"]  # fmt: skip
     node, x = samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3), tilted_roller.places(contact.length)
     loads, slopes = edge_ramp.roller_loads(law.slices((), np.zeros((0, 1))), node.approach - x * tilt)
     assert loads.sum() == pytest.approx(load, rel=3e-4)
@@ -145,13 +147,9 @@ def test_its_derivatives_are_those_of_prepared_neighbours(bearing, ready):
     def values(of):
         return trb.solve(of).stiffness[np.array([0, 2, 4]), np.array([0, 2, 4])]
 
-    by = jax.jacrev(values)(ready)
-    told = {
-        "axial_offset": (by.spalls[0].axial_offset, 0.2), "radial": (by.load.radial, 300.0),
-    }  # fmt: skip
-    for name, (slopes, step) in told.items():
+    for name, at, step in (("axial_offset", 1.0, 0.2), ("radial", 9000.0, 300.0)):
+        slopes = jax.jacfwd(lambda x, name=name: values(ready.replace(**{name: x})))(at)
         base = scene(bearing, phase=0.05)
-        at = {"axial_offset": 1.0, "radial": 9000.0}[name]
         ends = [np.asarray(values(trb.prepare(base.replace(**{name: at + way * step})))) for way in (1.0, -1.0)]
         told_anew = (ends[0] - ends[1]) / (2.0 * step)
         np.testing.assert_allclose(np.asarray(slopes)[:2], told_anew[:2], rtol=0.05, err_msg=name)

@@ -20,12 +20,15 @@ from difftrb.core.taylor import by_of as by
 
 __all__ = ["Taylor", "by", "value", "values", "variable", "with_variable"]
 PRECISE = jax.lax.Precision.HIGHEST
+OF_NUMPY = frozenset({np.ndarray, np.float64, np.bool_, float, int, bool, type(None)})
 LARGE = 2000  # entries from which numpy's sums of products are worth its thinking about how
 
 
 def module_of(*arguments: Any) -> Any:
     """`jax.numpy` if there is an array of JAX among these (or in a list of them), else `numpy`."""
     for one in arguments:
+        if type(one) in OF_NUMPY:  # asking whether it is one of JAX's takes ten times as long
+            continue
         if isinstance(one, jax.Array):
             return jnp
         if isinstance(one, Taylor):

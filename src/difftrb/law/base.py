@@ -41,14 +41,15 @@ class Rest(NamedTuple):
       radius: equivalent radius of the contacts [mm], shape ().
       approach: of every roller's contact, or more [mm], shape (rollers,).
       loads: [N], shape (rollers,).
-      tilts: of rings that tilt, by how much each roller's rings are turned against each other in its plane [rad], its
-        end towards positive places pressed in; shape (rollers,). None: they stay parallel.
+      rings: of rings that tilt, how far they have approached each other at every roller's middle [mm], and by how much
+        they are turned against each other in its plane [rad], its end towards positive places pressed in; both of shape
+        (rollers,). None: they stay parallel.
     """
 
     radius: Real
     approach: jax.Array
     loads: jax.Array
-    tilts: jax.Array | None = None
+    rings: tuple[Any, Any] | None = None
 
     def in_reach(self, spall: Spall, distances: jax.Array) -> jax.Array:
         """Whether each roller, its contact at `distances` [mm] from the spall's middle, may meet it, shape (rollers,).

@@ -7,14 +7,15 @@ was made from the law knows nothing, and says so.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
 
-from difftrb.contact import crown
+from difftrb.contact import crown, gap
 from difftrb.core import arrays as xp
-from difftrb.core import series, status
+from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
 from difftrb.law import ramp_fit, samples, tilted_roller
 from difftrb.law.base import Law, Rest, of_base
@@ -34,6 +35,8 @@ TURNED_WITHIN = 0.7
 CLEAR = 0.3
 """Overlap of a roller without a state, by the approach under the least load of the healthy curve, up to which it counts
 as clear: it would carry a quarter of that, 1e-3 of the largest load."""
+ALONGSIDE = 0.05
+"""How far a spall's ends may move along the roller, by its length: as far as slopes tell loads to 3e-4."""
 ALONG = np.linspace(-0.499, 0.499, 21)
 """Places by the roller's length at which overlap is looked at."""
 SPREAD = 0.3
@@ -51,6 +54,24 @@ NOTHING = 1e-12
 """Of a coefficient, where solves do not tell it: so that it is 0."""
 
 
+class Leaning(NamedTuple):
+    """What states have besides where rings tilt, one behind the other as there.
+
+    Attributes:
+      moments: about the rollers' middles [N mm]; with both raceways in series the outer one's have all of it.
+      moment_slopes: by `States.given`.
+      by_load, moment_by_load: of the inner raceway, how its approach [mm/N] and the moment [mm] go with its load; None
+        of the outer one.
+      own_tilts: of rollers against the outer raceway [rad]; None of the inner one.
+    """
+
+    moments: Float[Array, "*phases states loads"]
+    moment_slopes: Float[Array, "*phases states loads inputs"]
+    by_load: Float[Array, "*phases states loads"] | None = None
+    moment_by_load: Float[Array, "*phases states loads"] | None = None
+    own_tilts: Float[Array, "*phases states loads"] | None = None
+
+
 class States(NamedTuple):
     """Rollers that meet spalls, or tilt by those on the other raceway, one behind the other along one axis of every
     field. In the mean the cage's phases are an axis in front of it.
@@ -63,8 +84,8 @@ class States(NamedTuple):
       slopes: of the approaches by these, the tilt held; 0 by spalls out of reach.
       tilts: of the roller in its solves, as this raceway sees it [rad].
       lowest: approaches below which rollers carry nothing [mm]: a rim may press before the raceway.
-      moments, moment_slopes: of rings that tilt, whose solves are spread over tilts, too: moments about the rollers'
-        middles [N mm], and by `given`; None: rings stay parallel.
+      leaning: of rings that tilt, whose solves are spread over tilts, too, those of the rings; None: they stay
+        parallel.
     """
 
     at: Float[Array, "*phases states rollers"]
@@ -75,8 +96,11 @@ class States(NamedTuple):
     slopes: Float[Array, "*phases states loads inputs"]
     tilts: Float[Array, "*phases states loads"]
     lowest: Float[Array, "*phases states"]
-    moments: Float[Array, "*phases states loads"] | None = None
-    moment_slopes: Float[Array, "*phases states loads inputs"] | None = None
+    leaning: Leaning | None = None
+
+
+Beyond = Callable[[Any], tuple[Any, Any]]
+"""What the inner raceway and the flange add to approach [mm] and moment [N mm], of loads on the outer one [N]."""
 
 
 @jax.tree_util.register_dataclass
@@ -109,7 +133,7 @@ class LocalLaw:
     def curves(self, spalls: tuple[Spall, ...], distances: Any) -> RollerCurves:
         """See `Law`. Other spalls than it was made for are for `judge` to refuse."""
         every = self.base.curves((), distances[:0]).each
-        if self.states is None or self.states.moments is not None or not _is_of(self.states, distances):
+        if self.states is None or self.states.leaning is not None or not _is_of(self.states, distances):
             return RollerCurves(every)
         approaches = self._carried(self.states, self.states.approaches, self.states.slopes, spalls, distances)
         own = through(self.states.log_loads, approaches, self.states.lowest)
@@ -124,23 +148,26 @@ class LocalLaw:
 
         return RollerCurves(xp.tree_map(chosen, every, own))
 
-    def slices(self, spalls: tuple[Spall, ...], distances: Any) -> RollerCurves:
+    def slices(
+        self, spalls: tuple[Spall, ...], distances: Any, beyond: Beyond | None = None, least: Any = 0.0
+    ) -> RollerCurves:
         """What every slice of the rollers carries whose rings tilt, at `tilted_roller.places`, shape (…, rollers ·
-        slices), roller by roller; other arguments as of `curves`. A roller without a state of its own carries nothing;
-        before there are any, all are healthy, and each slice carries its share."""
+        slices), roller by roller; other arguments as of `curves`. `beyond` is what approaches [mm] and moments [N mm]
+        have besides those of the outer contact, of its loads [N]. A roller without a state of its own carries the
+        `least` [N]; before there are any, all are healthy, and each slice carries its share."""
         every, count = self.base.curves((), distances[:0]).each, tilted_roller.SLICES
         every = xp.tree_map(lambda field: tilted_roller.of_slices(field, count), every)
         each = dataclasses.replace(every, coefficients=_shared(every.coefficients, count))
         states = self.states
-        if states is None or states.moments is None or not _is_of(states, distances):
-            return RollerCurves(each)
-        approaches, moments = (
-            self._carried(states, solved, slopes, spalls, distances)
-            for solved, slopes in ((states.approaches, states.slopes), (states.moments, states.moment_slopes))
-        )
-        own = tilted_roller.near(
-            xp.exp(states.log_loads), -states.tilts, approaches, moments, xp.fixed(self.contact.length)
-        )
+        if states is None or states.leaning is None or not _is_of(states, distances):
+            softer = 2.0 if self.free_to_tilt else 1.0  # two raceways, about alike
+            return RollerCurves(dataclasses.replace(each, middle=each.middle + np.log(softer)))
+        loads = xp.exp(states.log_loads)
+        approaches, moments = self.leaning(spalls, distances)
+        if beyond is not None:
+            more, turned = beyond(loads)
+            approaches, moments = approaches + more, moments + turned
+        own = tilted_roller.near(loads, -states.tilts, approaches, moments, xp.fixed(self.contact.length))
 
         def of_rollers(of_states: Any) -> Any:
             """Of every state's slices, for all rollers' slices."""
@@ -148,8 +175,25 @@ class LocalLaw:
             return found.reshape(*each.shift.shape[:-1], -1)
 
         clear = tilted_roller.of_slices(1.0 - xp.sum(states.at, axis=-2), count).reshape(each.shift.shape)
-        coefficients = xp.stack([of_rollers(one) for one in own.coefficients])
-        return RollerCurves(each, near=NearState(coefficients, of_rollers(own.middle), of_rollers(own.reach) + clear))
+        coefficients = [of_rollers(one) for one in own.coefficients]
+        coefficients[0] = coefficients[0] + clear * (least / count)
+        return RollerCurves(
+            each, near=NearState(xp.stack(coefficients), of_rollers(own.middle), of_rollers(own.reach) + clear)
+        )
+
+    def leaning(self, spalls: tuple[Spall, ...], distances: Any, loads: Any = None) -> tuple[Any, Any]:
+        """Approaches [mm] and moments [N mm] of the solves of rollers whose rings tilt, shape (…, states, loads),
+        carried to what rollers meet now and, on the inner raceway, to their `loads` [N] there; needs states."""
+        states = self.states
+        assert states is not None
+        assert states.leaning is not None
+        own = states.leaning
+        approaches = self._carried(states, states.approaches, states.slopes, spalls, distances)
+        moments = self._carried(states, own.moments, own.moment_slopes, spalls, distances)
+        if loads is None or own.by_load is None or own.moment_by_load is None:
+            return approaches, moments
+        more = loads - xp.exp(states.log_loads)
+        return approaches + own.by_load * more, moments + own.moment_by_load * more
 
     def _carried(self, states: States, solved: Any, slopes: Any, spalls: tuple[Spall, ...], distances: Any) -> Any:
         """What was `solved`, of shape (…, states, loads), carried along its `slopes` to what rollers meet now."""
@@ -174,8 +218,8 @@ class LocalLaw:
         if self.settling:
             return np.asarray(status.CONVERGED)
         states = self.states
-        if rest is not None and rest.tilts is not None:  # an end may be pressed in where the middle is not
-            rest = rest._replace(approach=rest.approach + 0.5 * self.contact.length * xp.abs(rest.tilts))
+        if rest is not None and rest.rings is not None:  # an end may be pressed in where the middle is not
+            rest = rest._replace(approach=rest.approach + 0.5 * self.contact.length * xp.abs(rest.rings[1]))
         code = self.base.judge((), distances[:0], self._within(rest))
         if not spalls and (states is None or states.met.shape[-1]):  # the healthy bearing, of a law made for spalls
             return code
@@ -191,6 +235,7 @@ class LocalLaw:
         moved = moved / xp.max(xp.abs(states.approaches), axis=-1)[..., None]
         apart = self._apart(states, distances) * states.met
         same = (xp.max(xp.abs(moved)) < MOVED) & (xp.max(xp.abs(apart), initial=0.0) < ASIDE)
+        same = same & self._keeps_spalls(states, spalls, distances)
         if rest is not None:
             load = xp.einsum("...sr,...r->...s", states.at, rest.loads.reshape(*states.at.shape[:-2], -1))
             solved = xp.mean(states.log_loads, axis=-1)
@@ -198,19 +243,40 @@ class LocalLaw:
             off = xp.abs(xp.log(load) - solved) * xp.max(states.at, axis=-1)
             unknown = xp.moveaxis(met, 0, -2) & (xp.einsum("...sn,...sr->...nr", states.met, states.at) == 0.0)
             same = same & (xp.max(off) < WITHIN) & ~xp.any(unknown)
-            if states.moments is not None:
+            if states.leaning is not None:
                 same = same & self._keeps_tilts(states, rest)
         return xp.where(same, code, status.OTHER_SCENE)
 
+    def _keeps_spalls(self, states: States, spalls: tuple[Spall, ...], distances: Any) -> Any:
+        """Whether spalls are about as they were solved, as far as rollers may feel it: a wall or a bottom out of reach
+        has no slope that would tell how near it has come. `distances` with phases as the states have them."""
+        away = xp.einsum("...sr,n...r->...sn", states.at, distances)
+        most = xp.max(states.approaches + 0.5 * self.contact.length * xp.abs(states.tilts), axis=-1)
+        there = states.met * xp.max(states.at, axis=-1)[..., None] > 0.0
+        same: Any = np.asarray(True)
+        for n, spall in enumerate(spalls):
+            if not isinstance(spall, Spall):  # a map has slopes all over
+                continue
+            length, width, depth, offset, before = (states.given[..., k] for k in samples.places((n,), len(spalls))[4:])
+            own, reach = there[..., n], gap.certain_reach(self.contact.radius, xp.maximum(most + spall.rim, 0.0))
+            for side in (-1.0, 1.0):
+                solved, now = before + side * 0.5 * width, away[..., n] + side * 0.5 * spall.width
+                felt = (xp.minimum(xp.abs(solved), xp.abs(now)) < reach) | (solved * now < 0.0)
+                same = same & ~xp.any(own & felt & (xp.abs(now - solved) > ASIDE))
+                ends = offset + side * 0.5 * length, spall.axial_offset + side * 0.5 * spall.length
+                same = same & ~xp.any(own & (xp.abs(ends[1] - ends[0]) > ALONGSIDE * self.contact.length))
+            shallow = xp.minimum(depth, spall.depth)
+            same = same & ~xp.any(own & (shallow < most) & (xp.abs(spall.depth - depth) > MOVED * shallow))
+        return same
+
     def _keeps_tilts(self, states: States, rest: Rest) -> Any:
         """Whether rollers are turned as those that were solved, and all others are clear."""
-        every = xp.zeros_like(rest.loads) if rest.tilts is None else rest.tilts
+        middle, every = rest.rings if rest.rings is not None else (rest.approach, xp.zeros_like(rest.loads))
         at = ALONG.reshape(-1, *[1] * every.ndim) * self.contact.length
-        # `Rest` has how far the deeper end is pressed in
-        middle = rest.approach - 0.5 * self.contact.length * xp.abs(every)
-        overlap = xp.max(middle[None] + at * every[None] - crown.height(at, self.contact), axis=0)
+        raceways = 2.0 if self.free_to_tilt else 1.0  # a roller between two may turn until neither is touched
+        overlap = middle[None] + at * every[None] - raceways * crown.height(at, self.contact)
         alone = xp.sum(states.at, axis=-2).reshape(every.shape) == 0.0
-        pressed = xp.max(xp.where(alone, overlap, 0.0)) > CLEAR * self.base.healthy[0]
+        pressed = xp.max(xp.where(alone, xp.max(overlap, axis=0), 0.0)) > raceways * CLEAR * self.base.healthy[0]
         turned = -xp.einsum("...sr,...r->...s", states.at, every.reshape(*states.at.shape[:-2], -1))
         half = 0.5 * (xp.max(states.tilts, axis=-1) - xp.min(states.tilts, axis=-1))
         off = xp.abs(turned - xp.mean(states.tilts, axis=-1)) * xp.max(states.at, axis=-1)
@@ -224,19 +290,32 @@ class LocalLaw:
         own = xp.sum(self.states.at, axis=-2).reshape(rest.loads.shape) > 0.0
         return rest._replace(loads=xp.where(own, xp.minimum(rest.loads, self.base.load_range[1]), rest.loads))
 
-    def roller_tilts(self, loads: Any) -> Any:
+    def roller_tilts(self, loads: Any, turned: Any = None) -> Any:
         """Tilt of every roller of the first row [rad] at its load on this raceway [N], both of shape (…, rollers), by
-        those of its solves."""
+        those of its solves; `turned` is that of the rings, as contacts see it."""
         states = self.states
         if states is None:
             return xp.zeros_like(loads)
         at = states.at[..., : loads.shape[-1]]
+
+        def of_states(of_rollers: Any) -> Any:
+            return xp.einsum("...sr,...r->...s", at, of_rollers.reshape(*at.shape[:-2], -1))
+
         middle = xp.mean(states.log_loads, axis=-1)
         apart = states.log_loads - middle[..., None]
-        powers = xp.stack([apart**k for k in range(TILT_DEGREE + 1)], axis=-1)
-        found = ramp_fit.least_squares(powers, states.tilts, NOTHING)
-        here = xp.log(xp.maximum(xp.einsum("...sr,...r->...s", at, loads), 1e-9)) - middle
-        return xp.einsum("...s,...sr->...r", series.polynomial(xp.moveaxis(found, -1, 0), here), at)
+        powers, tilts = [apart**k for k in range(TILT_DEGREE + 1)], states.tilts
+        here = xp.log(xp.maximum(of_states(loads), 1e-9)) - middle
+        asked = [here**k for k in range(TILT_DEGREE + 1)]
+        if states.leaning is not None and states.leaning.own_tilts is not None and turned is not None:
+            centre, tilts = xp.mean(states.tilts, axis=-1), states.leaning.own_tilts
+            size = xp.max(states.tilts, axis=-1) - centre
+            beside = (states.tilts - centre[..., None]) / size[..., None]
+            there = (of_states(turned) - centre) / size
+            powers += [beside, beside * apart, beside**2]
+            asked += [there, there * here, there**2]
+        found = ramp_fit.least_squares(xp.stack(powers, axis=-1), tilts, NOTHING)
+        own = xp.einsum("...s,...sr->...r", xp.sum(found * xp.stack(asked, axis=-1), axis=-1), at)
+        return own.reshape(*loads.shape)
 
     def ramp(self, number: int, spall: Spall, approach: Any) -> tuple[Any, Any]:
         """See `Law`: from where the edge enters a healthy contact to where it surely has left it, whatever else is

@@ -13,7 +13,7 @@ from difftrb.core.geometry import Spall
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples
 from difftrb.law.direct import DirectLaw, accuracy_at_edges
-from difftrb.law.local import NARROWER, SPREAD, LocalLaw, States, through
+from difftrb.law.local import NARROWER, SPREAD, Leaning, LocalLaw, States, through
 from difftrb.law.roller_tilt import UPRIGHT, TiltCurve
 from difftrb.law.samples import Node, Progress, Turning
 
@@ -141,10 +141,11 @@ def _touches_at_some(solved: Sequence[Node], spalls: int) -> bool:
 def stacked(
     base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
     logs: np.ndarray, tilts: np.ndarray, solved: Sequence[Sequence[Node]], slopes: Sequence[np.ndarray],
-    moment_slopes: Sequence[np.ndarray] | None = None,
+    own_tilts: np.ndarray | None = None, leaning: bool = False,
 ) -> States:  # fmt: skip
     """All that was solved, by phases; filled up to a multiple of `TOGETHER` states, so that scenes share programs.
-    `tilts` are as `logs`; slopes of every roller's solves are by the inputs of its own contact."""
+    `tilts` are as `logs`; slopes of every roller's solves are by the inputs of its own contact. Where rings tilt
+    (`leaning`) rollers have `own_tilts` against the outer raceway; None: this is the inner one."""
     count, phases, loads = len(spalls), rollers[:-1], logs.shape[1]
     turn = [each.phase for each in reached]
     place = [turn[:k].count(phase) for k, phase in enumerate(turn)]
@@ -180,7 +181,17 @@ def stacked(
         filled([[node.approach for node in own] for own in solved], loads), filled(given, given.shape[1]),
         by_all(slopes), filled(tilts, loads), filled([_lowest(spalls, each) for each in reached]),
     )  # fmt: skip
-    if moment_slopes is None:
+    if not leaning:
         return states
     moments = filled([[node.moment for node in own] for own in solved], loads)
-    return states._replace(moments=moments, moment_slopes=by_all(moment_slopes))
+    turning = [[_turning(node) for node in own] for own in solved]
+    moment_slopes = by_all([np.array([each.moment_slopes for each in own]) for own in turning])
+    if own_tilts is not None:
+        return states._replace(leaning=Leaning(moments, moment_slopes, own_tilts=filled(own_tilts, loads)))
+    by_load = filled([[node.compliance for node in own] for own in solved], loads)
+    moment_by_load = filled([[each.by_tilt for each in own] for own in turning], loads)  # see `Resting.shares`
+    return states._replace(leaning=Leaning(moments, moment_slopes, by_load, moment_by_load))
+
+
+def _turning(node: Node) -> Turning:
+    return Turning(0.0, 0.0, np.zeros_like(node.slopes)) if node.turning is None else node.turning

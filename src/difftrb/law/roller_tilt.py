@@ -1,8 +1,9 @@
 """Rollers free to tilt between both raceways: the tilt ψ at which their contacts' moments balance.
 
 A spall off the roller's middle shifts the load along it. Held upright, the roller would need a moment from nowhere;
-free, it tilts until the moments about its middle are equal, M_outer(Q, ψ) = M_inner(Q_inner, −ψ). What turns towards
-one raceway turns away from the other. The flange is taken to press where a healthy roller rests upright.
+free, it tilts until the moments about its middle are equal, M_outer(Q, ψ) = M_inner(Q_inner, τ − ψ), τ being the tilt
+of the rings against each other: what turns towards one raceway turns away from the other. The flange is taken to press
+where a healthy roller rests upright.
 
 When a contact changes, so does the tilt; what that makes of the approach of both together, D, is
 ∂D/∂ψ · dψ with dψ = −d(M_outer − M_inner) / ∂(M_outer − M_inner)/∂ψ. That is what `gain` is for.
@@ -10,6 +11,7 @@ When a contact changes, so does the tilt; what that makes of the approach of bot
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -18,7 +20,7 @@ import numpy as np
 from difftrb.core import status
 from difftrb.core.geometry import LineContact
 from difftrb.law import samples
-from difftrb.law.samples import Case, Node, Progress
+from difftrb.law.samples import Case, Node, Progress, Turning
 
 BALANCED = 1e-5
 """Difference of both moments, by load and roller length, at which a roller rests."""
@@ -31,6 +33,17 @@ Over = Callable[[np.ndarray], np.ndarray]
 """Of the logarithm of a roller's load [log N]."""
 
 
+Known = tuple[Callable[[Case], Node | None], Callable[[Case], Node | None]]
+"""What is known of contacts with the outer and with the inner raceway."""
+
+
+def _unknown(case: Case) -> None:
+    return None
+
+
+UNKNOWN: Known = (_unknown, _unknown)
+
+
 class TiltCurve(NamedTuple):
     """Of one roller, over the logarithm of its load on a raceway, as that raceway sees it: its tilt [rad], and its
     approach there by a moment that the raceway adds [mm/(N mm)], for both raceways together."""
@@ -40,22 +53,24 @@ class TiltCurve(NamedTuple):
 
 
 class RollerContacts(NamedTuple):
-    """One roller between two raceways: spalls in its reach on either, and how far away [mm]; outer raceway first."""
+    """One roller between two raceways: spalls in its reach on either, and how far away [mm]; outer raceway first; and
+    by how much the rings are tilted against each other there, as contacts see it [rad]."""
 
     contacts: tuple[LineContact, LineContact]
     spalls: tuple[Sequence[Any], Sequence[Any]]
     away: tuple[Sequence[float], Sequence[float]]
+    turned: float = 0.0
 
     @property
     def leans(self) -> bool:
-        """Whether a spall stands off the roller's middle, so that the roller may tilt."""
-        return any(float(spall.axial_offset) != 0.0 for own in self.spalls for spall in own)
+        """Whether the rings or a spall off the roller's middle may tilt it."""
+        return self.turned != 0.0 or any(float(spall.axial_offset) != 0.0 for own in self.spalls for spall in own)
 
     def cases(self, loads: tuple[float, float], tilt: float = 0.0) -> tuple[Case, Case]:
-        """Its contacts under these loads [N] at a tilt [rad]."""
+        """Its contacts under these loads [N] at a tilt [rad] against the outer raceway."""
         outer, inner = (
-            samples.case_under(load, own, away)._replace(tilt=way * tilt)
-            for load, own, away, way in zip(loads, self.spalls, self.away, (1.0, -1.0), strict=True)
+            samples.case_under(load, own, away)._replace(tilt=turned)
+            for load, own, away, turned in zip(loads, self.spalls, self.away, (tilt, self.turned - tilt), strict=True)
         )
         return outer, inner
 
@@ -75,6 +90,38 @@ class Resting(NamedTuple):
         softer, stiffer = outer.by_tilt - inner.by_tilt / ratio, outer.moment_by_tilt + inner.moment_by_tilt
         return -softer / stiffer if stiffer < 0.0 else 0.0
 
+    def shares(self, ratio: float) -> tuple[Node, Node]:
+        """Each contact's part in the approach D and the moment M of both together, the roller's tilt following:
+        D = δ_outer + δ_inner/ratio, M = M_outer. `ratio` is outer by inner load.
+
+        Slopes, of D by the outer contact's inputs and load and of ratio · D by the inner one's, are at a fixed tilt of
+        the rings and at a fixed load on the other raceway. The outer part has the moment, and how D and M go with the
+        rings' tilt; `by_tilt` of the inner one is the moment by the inner load. Without `turning` contacts are as
+        solved.
+        """
+        if self.outer.turning is None or self.inner.turning is None:
+            return self.outer, dataclasses.replace(self.inner, moment=0.0)
+        (outer, one), (inner, other) = (self.outer, self.outer.turning), (self.inner, self.inner.turning)
+        gain, both = self.gain(ratio), one.moment_by_tilt + other.moment_by_tilt
+        from_outer = other.moment_by_tilt / both if both < 0.0 else 0.0
+        from_inner = one.moment_by_tilt / both if both < 0.0 else 0.0
+        # a moment by the load is the approach by the tilt (Maxwell)
+        of_outer = Turning(
+            other.by_tilt / ratio - gain * other.moment_by_tilt, from_outer * one.moment_by_tilt,
+            from_outer * one.moment_slopes,
+        )  # fmt: skip
+        of_inner = Turning(from_inner * other.by_tilt, 0.0, from_inner * other.moment_slopes)
+        return (
+            dataclasses.replace(
+                outer, compliance=outer.compliance + gain * one.by_tilt, slopes=outer.slopes + gain * one.moment_slopes,
+                turning=of_outer,
+            ),
+            dataclasses.replace(
+                inner, compliance=inner.compliance - ratio * gain * other.by_tilt, moment=0.0,
+                slopes=inner.slopes - ratio * gain * other.moment_slopes, turning=of_inner,
+            ),
+        )  # fmt: skip
+
 
 def at_rest(
     roller: RollerContacts,
@@ -82,9 +129,11 @@ def at_rest(
     accuracy: float,
     start: float | None = None,
     turning: bool = False,
+    known: Known = UNKNOWN,
 ) -> Resting:
     """The roller at the tilt at which both moments are equal; `start` is a guess of it [rad]; `turning` asks
-    for that of the contacts at the end.
+    for that of the contacts at the end. Contacts that are `known` are not solved: a function of either's case, None
+    where it does not know it.
 
     The outer moment less the inner one falls with the tilt: a secant between brackets cannot miss. A contact that has
     no solution ends the search; its status says so. Slopes are asked for at its end alone.
@@ -93,10 +142,12 @@ def at_rest(
     close = BALANCED * max(loads) * length
 
     def at(tilt: float, by: Callable[[LineContact, Case, float], Any]) -> list[Any]:
-        return [by(contact, case, accuracy)
-                for contact, case in zip(roller.contacts, roller.cases(loads, tilt), strict=True)]  # fmt: skip
+        cases = zip(roller.contacts, roller.cases(loads, tilt), known, strict=True)
+        return [
+            by(contact, case, accuracy) if (node := there(case)) is None else node for contact, case, there in cases
+        ]
 
-    tilt, before = 0.0 if start is None else start, None
+    tilt, before = 0.5 * roller.turned if start is None else start, None
     low, high = -np.inf, np.inf
     for _ in range(ROUNDS + 1):
         outer, inner = at(tilt, samples.pressed)

@@ -156,7 +156,7 @@ def closer(scene: Scene) -> tuple[str, list[DrawnContact]]:
     heads = "", "[N/mm]", "lost", "by length [N/mm/mm]", "by width [N/mm/mm]"
     table = html_report.table(heads, rows, "Stiffness in the mean over the cage's turn, and its derivatives")
     table = f'<div aria-live="polite">{table}</div>'
-    pressed = pressure_figure.contacts_at_spall(ready, found)
+    pressed = [one for one in pressure_figure.contacts_at_spall(ready, found) if one.raceway == "outer"]
     return table, pressed if all(bool(one.solution.converged) and one.patches for one in pressed) else []
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any, NamedTuple
 
 import jax
@@ -14,8 +15,10 @@ from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import pressure_patches
 from difftrb.contact.strip_model import Patch
+from difftrb.core.geometry import Raceway
 from difftrb.report.figure_style import SPALLED
-from difftrb.ring import roller_places
+from difftrb.ring import effect_base, roller_places
+from difftrb.ring.effects import Raceways
 from difftrb.scene.edge_stress import beside_spall
 from difftrb.scene.scene import Scene, raceway_contact
 from difftrb.scene.solution import Solution
@@ -27,39 +30,65 @@ FINE = 1e-4
 
 
 class DrawnContact(NamedTuple):
-    """One roller's contact: its number, the solution, and its pressure point by point, if it has that."""
+    """One roller's contact with a raceway: its number, the solution, and its pressure point by point, if it has
+    that."""
 
     roller: int
     solution: ContactSolution
     patches: tuple[Patch, ...]
+    raceway: Raceway = "outer"
 
 
 def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
-    """The outer contacts of up to `MOST` loaded rollers that meet the first spall there; of the most loaded roller if
-    none does, or there is none. Each with the load, the offset and the tilt that it has in `solution`."""
-    spall, contact = next(iter(roller_places.spalls_on(scene.spalls, "outer")), None), raceway_contact(scene, "outer")
-    loads = np.asarray(solution.loads_of(1 if spall is None else spall.row))
-    rollers, away = [int(np.argmax(loads))], np.zeros(loads.size)
+    """The contacts of up to `MOST` loaded rollers that meet the first spall, with every raceway that gives way, roller
+    by roller; of the most loaded roller if none does, or there is none. Each with the load, the offset and the tilt
+    that it has in `solution`. Of a second row the outer contacts alone."""
+    spall = next(iter(scene.spalls), None)
+    row = 1 if spall is None else spall.row
+    series = effect_base.among(scene.effects, Raceways) is not None and row == 1
+    raceways: tuple[Raceway, ...] = ("outer", "inner") if series else ("outer",)
+    rollers: list[int] = [int(np.argmax(np.asarray(solution.loads_of(row))))]
+    beside: dict[Raceway, tuple[np.ndarray, np.ndarray, Any]] = {}
     if spall is not None:
-        _, away, half = beside_spall(scene, solution, spall)
-        met = np.flatnonzero((np.abs(away) < 0.5 * float(spall.width) + half) & (loads > 0.0))
+        beside = {
+            each: beside_spall(scene, solution, spall, each)
+            for each in raceways
+            if roller_places.spalls_on((spall,), each)
+        }
+    for loads, away, half in list(beside.values())[:1]:
+        met = np.flatnonzero((np.abs(away) < 0.5 * float(spall.width) + half) & (loads > 0.0))  # type: ignore[union-attr]
         nearest = met[np.argsort(np.abs(away[met]), kind="stable")[:MOST]]
         rollers = sorted((int(j) for j in nearest), key=lambda j: away[j]) or rollers
     accuracy = min(scene.accuracy, FINE)
-    tilts = np.zeros(loads.size)  # those of a second row are not told
-    if spall is None or spall.row == 1:
-        tilts = 1e-3 * np.asarray(solution.effects.get("roller_tilts", tilts))
-    found = (pressure_patches(contact, loads[j], spall, -float(away[j]), accuracy, float(tilts[j])) for j in rollers)
-    return [DrawnContact(j, *one) for j, one in zip(rollers, found, strict=True)]
+    found = []
+    for j, raceway in itertools.product(rollers, raceways):
+        load = solution.loads_of(row)[j] if raceway == "outer" else solution.effects["inner_loads"][j]
+        under = (spall, -float(beside[raceway][1][j])) if raceway in beside else (None, 0.0)
+        tilt = _tilts(solution, raceway, row)[j]
+        contact = raceway_contact(scene, raceway)
+        found.append(DrawnContact(j, *pressure_patches(contact, load, *under, accuracy, float(tilt)), raceway))
+    return found
+
+
+def _tilts(solution: Solution, raceway: Raceway, row: int) -> np.ndarray:
+    """Of the rollers against a raceway [rad]; those of a second row are not told."""
+    upright = np.zeros(len(np.asarray(solution.loads_of(row))))
+    if row != 1:
+        return upright
+    own = np.asarray(solution.effects.get("roller_tilts", upright))
+    return 1e-3 * (own if raceway == "outer" else np.asarray(solution.effects.get("inner_tilts", -own)))
 
 
 def pressures(found: list[DrawnContact]) -> Any:
-    """Contact pressure of rollers at the spall, one below the other, on one scale."""
-    _, axes = plt.subplots(len(found), 1, figsize=(8.5, 0.7 + 2.5 * len(found)), layout="constrained", squeeze=False)
+    """Contact pressure of rollers at the spall, one below the other, on one scale; with both raceways side by side."""
+    across = len({one.raceway for one in found})
+    size = (8.5 if across == 1 else 13.0, 0.7 + 2.5 * len(found) / across)
+    _, axes = plt.subplots(len(found) // across, across, figsize=size, layout="constrained", squeeze=False)
     top = max(scale_of(one) for one in found)
-    for ax, one in zip(axes[:, 0], found, strict=True):
+    for ax, one in zip(axes.ravel(), found, strict=True):
         pressure_map(one.solution, ax, one.patches, top)
-        ax.set_title(f"Roller {one.roller}: {ax.get_title()}", fontsize=10)
+        where = f", {one.raceway} raceway" if across > 1 else ""
+        ax.set_title(f"Roller {one.roller}{where}: {ax.get_title()}", fontsize=10)
     return axes[-1, 0]
 
 

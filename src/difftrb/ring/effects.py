@@ -108,7 +108,7 @@ class SeriesRaceways(Raceways):
         """`inner_loads`, `flange_loads` [N], shape (rollers,); where rollers may tilt `roller_tilts` [mrad], without
         derivatives."""
         found = inside(terms.seat, rest.loads)
-        if not isinstance(of.law, LocalLaw) or not of.law.free_to_tilt:
+        if not isinstance(of.law, LocalLaw) or not of.law.free_to_tilt or terms.slices is not None:  # see `Tilt`
             return found
         return {**found, "roller_tilts": 1e3 * xp.fixed(of.law).roller_tilts(xp.fixed(rest.loads))}
 

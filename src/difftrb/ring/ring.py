@@ -48,7 +48,7 @@ class Equilibrium:
       residual: largest unbalanced force relative to the load, or to what presses without one. iterations: Newton steps.
       status_code: `difftrb.status`.
       second_approach, second_loads: as `approach` and `loads`, of a second row; None: there is none.
-      tilts: of rings that tilt and rollers in slices, see `law.base.Rest`; of all rows, without derivatives.
+      tilts: of rings that tilt and rollers in slices, see `law.base.Rest.rings`; of all rows, without derivatives.
     """
 
     displacement: Float[Array, " axes"]
@@ -217,9 +217,10 @@ def status_of_laws(
 ) -> Any:
     """Status: whether the laws know the spalls met, and the states that rollers are in."""
     approach, loads = map(xp.fixed, (rest.approach, rest.loads))
+    rings = None if terms.slices is None else (approach, xp.zeros_like(approach) if rest.tilts is None else rest.tilts)
     if terms.facing is not None:
         approach = OF_ONE_RACEWAY * approach
-    state = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads, rest.tilts)
+    state = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads, rings)
     code = roller_law.judge(spalls, away, state)
     if terms.laws_status is not None:
         code = status.worst(code, terms.laws_status)

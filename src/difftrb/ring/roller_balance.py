@@ -176,13 +176,19 @@ def _placed(seat: Seat, inside: Any) -> tuple[Any, Any]:
     else:
         inner, approach = edge_ramp.carried_loads(seat.inner_curves, inside), inside
     load, moved = inner * ratio + seat.least, approach / ratio
+    return load, moved if seat.flange_compliance is None else moved + flange_approach(seat, load)
+
+
+def flange_approach(seat: Seat, outer_load: Any) -> Any:
+    """By how much the flange lets a roller that carries `outer_load` [N] be displaced along the outer normal [mm], any
+    shape; 0 if it does not give way."""
     if seat.flange_compliance is None:
-        return load, moved
-    force = _wedged(seat, load)
+        return 0.0
+    force = _wedged(seat, outer_load)
     positive = force > 0.0
     sunk = xp.where(positive, seat.flange_compliance * xp.where(positive, force, 1.0) ** (2.0 / 3.0), 0.0)
     # the roller may not follow the flange's normal without leaving the inner raceway: it slides along that instead
-    return load, moved + seat.wedge * sunk
+    return seat.wedge * sunk
 
 
 class RollerPlace(NamedTuple):

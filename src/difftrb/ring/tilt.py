@@ -7,6 +7,7 @@ and P the profile. Each carries by its own approach; one over a spall by the par
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -21,11 +22,12 @@ from difftrb.law import load_curve, tilted_roller
 from difftrb.law.base import AUTO, Law, spalls_under
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.local import LocalLaw
-from difftrb.ring import newton, roller_places
+from difftrb.ring import newton, roller_balance, roller_places
 from difftrb.ring.double_row import DoubleRow, Moment
 from difftrb.ring.effect_base import Asked, Effect, Results, Ring, Stage, among, register
 from difftrb.ring.ring import Equilibrium
-from difftrb.ring.terms import LEAST, Terms, Tilting
+from difftrb.ring.roller_balance import Seat
+from difftrb.ring.terms import LEAST, Facing, Terms, Tilting
 
 HARD_SLICES = (
     "effects.tilt: slices beside a spall do not help those over it, so its loss of stiffness is overstated, two to "
@@ -67,13 +69,25 @@ def _covered(contact: LineContact, spall: Spall, places: Any) -> Any:
     return xp.maximum(high - low, 0.0) / (2.0 * half)
 
 
+def _beyond(seat: Seat, facing: Facing | None, loads: Any) -> tuple[Any, Any]:
+    """What inner raceway and flange add to approach [mm] and moment [N mm] of rollers under `loads` [N] on the outer
+    raceway, at the states of their laws."""
+    approach, moment = roller_balance.flange_approach(seat, loads), 0.0
+    if facing is None or not isinstance(facing.law, LocalLaw) or facing.law.states is None:
+        return approach, moment
+    inner = roller_balance.inner_load(seat, loads)
+    more, moment = facing.law.leaning(facing.spalls, facing.distances, inner)
+    return approach + more / (seat.inner_cos / seat.outer_cos), moment
+
+
 @register
 @dataclasses.dataclass(frozen=True)
 class Tilt(Effect):
     """Rings that tilt, rollers loaded unevenly along their length: five degrees of freedom, stiffness 5 × 5.
 
     With law "direct", or "auto", every roller that carries gets contacts solved around its load and its tilt: force
-    and moment of the outer contact, with whatever spalls are under it. That takes numbers; prepare a scene before it
+    and moment of the outer contact, with whatever spalls are under it. With `Raceways` both contacts are solved, and
+    the roller between them, at the tilt at which their moments balance. That takes numbers; prepare a scene before it
     is differentiated or batched.
 
     With law "palmgren" rollers are cut into slices by ISO/TS 16281, both contacts together; of the law only the start
@@ -94,11 +108,8 @@ class Tilt(Effect):
     label = "rings that tilt"
     stage = Stage.CONTACT
     presses = True
-    units = {"roller_tilts": "mrad"}  # noqa: RUF012
-    excludes = dict.fromkeys(
-        ("raceways", "flange", "centrifugal", "through"),
-        "rollers of rings that tilt are held by the outer raceway's contact, or by slices of both together",
-    )
+    units = {"roller_tilts": "mrad", "inner_tilts": "mrad"}  # noqa: RUF012
+    excludes = {"through": "a roller over a spall as long as it is leaves no moment to tilt by"}  # noqa: RUF012
 
     moment_radial: Moment = 0.0
     moment_lateral: Moment = 0.0
@@ -113,6 +124,13 @@ class Tilt(Effect):
             raise SceneError(
                 f"effects.tilt: contact.law = {name!r} knows no tilted roller; set contact.law = 'palmgren' for slices "
                 "of ISO/TS 16281 or, for one scene in numbers, 'auto' or 'direct' for contacts"
+            )
+        for effect in asked.effects:
+            self._check_beside(effect, name)
+        if self.rings == "parallel" and (is_given(self.moment_radial) or is_given(self.moment_lateral)):
+            name = "moment_radial" if is_given(self.moment_radial) else "moment_lateral"
+            raise SceneError(
+                f"effects.tilt.{name} must be 0 with rings = 'parallel', which no moment tilts; leave it out"
             )
         row = among(asked.effects, DoubleRow)
         if row is None:
@@ -136,11 +154,33 @@ class Tilt(Effect):
                 "spacing tilt; leave one out"
             )
 
+    @staticmethod
+    def _check_beside(effect: Effect, law: str) -> None:
+        """What holds rollers besides the outer raceway, as far as a roller that tilts can be held so."""
+        if law == "palmgren" and effect.stage in (Stage.SEAT, Stage.SPEED):
+            raise SceneError(
+                f"effects.{effect.key}: slices of ISO/TS 16281 (effects.tilt with contact.law = 'palmgren') stand for "
+                "both contacts together; set contact.law = 'auto'"
+            )
+        if getattr(effect, "rollers", "free") == "upright":
+            raise SceneError(
+                "effects.raceways.rollers = 'upright': rings that tilt (effects.tilt) turn their rollers; set it to "
+                "'free'"
+            )
+        if effect.stage == Stage.SPEED and effect.holds_axially:
+            raise SceneError(
+                f"effects.{effect.key}.control = 'position': rings that tilt (effects.tilt) are not held where they "
+                "are at rest; set it to 'force'"
+            )
+
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers in slices."""
         outer, away = roller_places.spalls_on(of.spalls, "outer"), of.distances("outer", terms)
         if isinstance(of.law, LocalLaw):
-            slices, at = of.law.slices(outer, away), tilted_roller.places(xp.fixed(of.contact.length))
+            seat = terms.seat
+            beyond = None if seat is None else partial(_beyond, seat, terms.facing)
+            slices = of.law.slices(outer, away, beyond, 0.0 if seat is None else seat.least)
+            at = tilted_roller.places(xp.fixed(of.contact.length))
         else:
             slices, at = sliced(of.contact, outer, away, self.slices), self.places(of.contact)
         terms = terms._replace(slices=slices)
@@ -164,11 +204,17 @@ class Tilt(Effect):
         return Tilting(every, xp.stack([xp.asarray(m) for m in (self.moment_radial, self.moment_lateral)]))
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
-        """`roller_tilts` [mrad] against the outer raceway, as `contact.tilt`, shape (rollers,), without derivatives; of
-        contacts, not of slices."""
-        if rest.tilts is None or not isinstance(of.law, LocalLaw):
+        """`roller_tilts` [mrad] against the outer raceway, as `contact.tilt`, and with both raceways in series
+        `inner_tilts` against the inner one, shape (rollers,), without derivatives; of contacts, not of slices."""
+        if not isinstance(of.law, LocalLaw):
             return {}
-        return {"roller_tilts": -1e3 * rest.tilts[..., : of.bearing.rollers]}
+        turned = xp.zeros_like(rest.loads) if rest.tilts is None else -rest.tilts[..., : of.bearing.rollers]
+        if not of.law.free_to_tilt:
+            return {"roller_tilts": 1e3 * turned}
+        turned, loads, law = xp.fixed((turned, rest.loads, of.law))
+        own = law.roller_tilts(loads, turned)
+        meets = xp.where(loads > 0.0, turned - own, 0.0)
+        return {"roller_tilts": 1e3 * own, "inner_tilts": 1e3 * meets}
 
     def remarks(self, spalls: tuple[Spall, ...], law: Law | None, mean: bool) -> tuple[str, ...]:
         """That slices of ISO/TS 16281 are cut hard, and what their means are."""

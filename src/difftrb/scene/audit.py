@@ -199,7 +199,7 @@ def _judged(part: AtPhase, nodes: Mapping[Key, Node], accuracy: float) -> Audit:
         error = max(carried, 0.0) - part.loads[j]
         errors[j], powers[j] = error, approach / (compliance * load)
         stiffness[j] = 1.0 / compliance if carried >= load or part.loads[j] >= load else 0.0
-        tilted.append((j, own[0]))
+        tilted.append((j, dataclasses.replace(own[0], compliance=compliance)))
         spalls = tuple(number for each in state.contacts for number in each.spalls)
         rollers.append(Audited(float(part.here.phase), j, spalls, float(part.loads[j]), float(error)))
     load_error = max((abs(each.error) for each in rollers), default=0.0) / largest

@@ -38,11 +38,13 @@ class RacewayContact(NamedTuple):
 
 class State(NamedTuple):
     """One roller at rest, and its contacts: with the outer raceway and, if it gives way, with the inner one. One that
-    is free to tilt, with a spall off its middle, is brought to rest between both, `tilting`."""
+    is free to tilt, with a spall off its middle or between rings that tilt, is brought to rest between both,
+    `tilting`; `ratio` is outer by inner load, without what is thrown outwards."""
 
     roller: int
     contacts: tuple[RacewayContact, ...]
     tilting: RollerContacts | None = None
+    ratio: float = 1.0
 
 
 class AtPhase(NamedTuple):
@@ -86,7 +88,9 @@ def _states(
 ) -> list[State]:
     """Rollers that carry a load, or may, each with the contacts that hold it; `tilts` as in `law.base.Rest`."""
     largest = float(np.max(loads))
-    least = float(terms.seat.least) if terms.seat is not None else 0.0
+    least, ratio = 0.0, 1.0
+    if terms.seat is not None:
+        least, ratio = float(terms.seat.least), float(terms.seat.inner_cos / terms.seat.outer_cos)
     contacts: dict[Raceway, LineContact] = {"outer": raceway_contact(scene, "outer")}
     if terms.facing is not None:
         contacts["inner"] = raceway_contact(scene, "inner")
@@ -113,17 +117,21 @@ def _states(
             own.append(RacewayContact(raceway, contact, case, key, of_scene))
         between = None
         if terms.facing is not None and terms.facing.free:
-            between = RollerContacts((contacts["outer"], contacts["inner"]), *zip(*under_it, strict=True))
-        states.append(_tilting(j, own, between) if between and between.leans else State(j, tuple(own)))
+            both, turned = (contacts["outer"], contacts["inner"]), -float(tilts[j])
+            (outer, one), (inner, other) = under_it
+            between = RollerContacts(both, (outer, inner), (one, other), turned)
+        if between is not None and between.leans:
+            states.append(_tilting(State(j, tuple(own), between, ratio)))
+        else:
+            states.append(State(j, tuple(own)))
     return states
 
 
-def _tilting(roller: int, own: Sequence[RacewayContact], between: RollerContacts) -> State:
+def _tilting(state: State) -> State:
     """A roller whose contacts are what both are together."""
-    marks = tuple(mark for each in own for mark in (*map(str, each.key[2]), *each.key[3]))
-    return State(
-        roller, tuple(each._replace(key=(*each.key[:3], (*each.key[3], "tilts", *marks))) for each in own), between
-    )
+    marks = tuple(mark for each in state.contacts for mark in (*map(str, each.key[2]), *each.key[3]))
+    named = (each._replace(key=(*each.key[:3], (*each.key[3], "tilts", *marks))) for each in state.contacts)
+    return state._replace(contacts=tuple(named))
 
 
 def _met(
@@ -153,8 +161,9 @@ def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress 
 
     def rolled(state: State) -> dict[Key, Node]:
         outer, inner = state.contacts
-        rest = at_rest(cast(RollerContacts, state.tilting), (outer.case.load, inner.case.load), accuracy)
-        return {outer.key: rest.outer, inner.key: rest.inner}
+        roller, loads = cast(RollerContacts, state.tilting), (outer.case.load, inner.case.load)
+        rest = at_rest(roller, loads, accuracy, turning=True)
+        return dict(zip((outer.key, inner.key), rest.shares(state.ratio), strict=True))
 
     solved: dict[Key, Node] = {}
     for each in samples.mapped(rolled, list(tilting.values()), progress):

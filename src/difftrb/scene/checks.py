@@ -190,9 +190,8 @@ def _of_map(scene: Scene, i: int, measured: HeightMap) -> str | None:
         return f"spall.{i}.height_map: contact.law = {shown(law)} knows rectangular spalls; use 'auto' or 'direct'"
     if named and not xp.are_numbers(scene):
         return f"spall.{i}.height_map: needs numbers: prepare the scene first, difftrb.prepare(scene)"
-    for kind in (effects.Through, effects.Tilt):
-        if effect_base.among(scene.effects, kind) is not None:
-            return f"spall.{i}.height_map: effects.{kind.key} takes rectangular spalls; leave one of both out"
+    if effect_base.among(scene.effects, effects.Through) is not None:
+        return f"spall.{i}.height_map: effects.through takes rectangular spalls; leave one of both out"
     if isinstance(measured.height, jax.core.Tracer):
         return None
     heights = np.asarray(measured.height)

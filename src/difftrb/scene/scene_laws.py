@@ -33,7 +33,7 @@ from difftrb.scene import expected_loads
 from difftrb.scene.cage_phases import phases
 from difftrb.scene.local_laws import holding, local_laws
 from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, healthy, raceway_contact
-from difftrb.scene.tilted_laws import tilted_law
+from difftrb.scene.tilted_laws import tilted_laws
 
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
@@ -42,6 +42,14 @@ TRACED = (
 NO_INNER_LAW = (
     "effects.raceways needs a law for the inner raceway: give the scene its law by name, or the effect as "
     "difftrb.effects.SeriesRaceways(law=...)"
+)
+NOTHING_PRESSES = (
+    "load.radial = 0 N and load.axial = 0 N: nothing presses the rollers, whose contacts law 'direct' solves under "
+    "their loads; give a load"
+)
+NO_LAW_OF_TILTED = (
+    "effects.raceways has a law already, which knows no roller of rings that tilt (effects.tilt): give "
+    "difftrb.effects.Raceways(), without a law"
 )
 DEEP = 5.0
 """A spall deeper than Palmgren's approach so many times is deeper than a roller sinks: more than crowns make of it."""
@@ -54,9 +62,12 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
     only the inner raceway's law is missing.
     """
     if isinstance(scene.law, LawName) and scene.law.name == "direct" and xp.are_numbers(scene):
+        if not expected_loads.largest_for_curves(scene) > 0.0:
+            raise SceneError(NOTHING_PRESSES)
         if effect_base.among(scene.effects, Tilt) is not None:
-            base = _healthy_laws(scene, progress)["outer"]
-            return holding(scene, {"outer": tilted_law(scene, base, progress)})
+            if effect_base.among(scene.effects, SeriesRaceways) is not None:
+                raise SceneError(NO_LAW_OF_TILTED)
+            return holding(scene, tilted_laws(scene, _healthy_laws(scene, progress), progress))
         at_one = not isinstance(scene.phase, PitchMean)
         if at_one or _may_meet_more(scene):
             bases = _healthy_laws(scene, progress)
