@@ -47,11 +47,11 @@ class Rest(NamedTuple):
     """
 
     radius: Real
-    approach: jax.Array
-    loads: jax.Array
+    approach: Any
+    loads: Any
     rings: tuple[Any, Any] | None = None
 
-    def in_reach(self, spall: Spall, distances: jax.Array) -> jax.Array:
+    def in_reach(self, spall: Spall, distances: Any) -> Any:
         """Whether each roller, its contact at `distances` [mm] from the spall's middle, may meet it, shape (rollers,).
 
         See `gap.certain_reach`.

@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, cast
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.contact.grids import GRIDS
@@ -220,7 +219,7 @@ def _approach(part: AtPhase, state: State, own: list[Node]) -> tuple[float, floa
         approach += own[1].approach / ratio
         compliance += own[1].compliance / ratio**2
     if seat is not None and seat.flange_compliance is not None:
-        force, wedge = float(roller_balance.flange_load(seat, jnp.asarray(load))), float(seat.wedge)
+        force, wedge = float(roller_balance.flange_load(seat, np.asarray(load))), float(seat.wedge)
         if force > 0.0:
             approach += wedge * float(seat.flange_compliance) * force ** (2.0 / 3.0)
             compliance += wedge**2 * float(seat.flange_compliance) * (2.0 / 3.0) * force ** (-1.0 / 3.0)
@@ -249,7 +248,7 @@ def _stiffness_error(part: AtPhase, errors: np.ndarray, stiffness: np.ndarray, p
     loaded = part.loads > 0.0
     relative = np.where(loaded, change / np.where(loaded, part.loads, 1.0), 0.0)
     corrected = stiffness * np.maximum(1.0 + (1.0 - 1.0 / powers) * np.clip(relative, -0.5, 0.5), 0.0)
-    found = np.array([part.found.stiffness[0, 0], part.found.stiffness[2, 2]])
+    found = np.asarray(part.found.stiffness)[[0, 2], [0, 2]]
     if part.found.definition == "secant":
         u = np.asarray(part.found.displacement)[:3]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -284,18 +283,18 @@ def _promised(part: AtPhase) -> float:
     largest = float(np.max(part.loads))
 
     def rest(raceway: Raceway, loads: np.ndarray) -> Rest:
-        return Rest(raceway_contact(part.scene, raceway).radius, jnp.asarray(part.approach), jnp.asarray(loads))
+        return Rest(raceway_contact(part.scene, raceway).radius, part.approach, loads)
 
     spalls, away = roller_places.spalls_on(part.scene.spalls, "outer"), part.here.distances("outer", part.terms)
     every = [promised(part.here.law, spalls, away, rest("outer", part.loads), largest)]
     facing, seat = part.terms.facing, part.terms.seat
     if facing is not None and seat is not None:
-        inner = rest("inner", np.asarray(roller_balance.inner_load(seat, jnp.asarray(part.loads))))
+        inner = rest("inner", np.asarray(roller_balance.inner_load(seat, part.loads)))
         every.append(promised(facing.law, facing.spalls, facing.distances, inner, largest))
     return float(np.max(every))  # NaN stays
 
 
-def promised(of: Law, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest, largest: float) -> float:
+def promised(of: Law, spalls: tuple[Spall, ...], distances: Any, rest: Rest, largest: float) -> float:
     """What a law promises of the error of rollers' loads at rest, relative to the `largest` load [N]; NaN if nothing.
 
     Contacts hold what was asked for `CONTACTS_KEEP` times over, the table what was measured `TABLES_KEEP` times. A hard
@@ -309,19 +308,20 @@ def promised(of: Law, spalls: tuple[Spall, ...], distances: jax.Array, rest: Res
     if not of.hard:
         return TABLES_KEEP * error
     promises = kind(of.name).promises
-    if not promises or float(jnp.max(rest.loads)) > float(of.load_range[1]) * (1.0 + 1e-9):
+    if not promises or float(np.max(rest.loads)) > float(of.load_range[1]) * (1.0 + 1e-9):
         return math.nan
     lost = 0.0
     for spall, away in zip(spalls, distances, strict=True):
-        beside = jnp.abs(jnp.abs(away) - 0.5 * spall.width)
+        beside = np.abs(np.abs(away) - 0.5 * spall.width)
         on_edge = (beside**2 < 2.0 * rest.radius * rest.approach) & (rest.approach > 0.0)
-        if bool(jnp.any(on_edge)):
+        if bool(np.any(on_edge)):
             levels = [_carried(of, rest.approach, spall, place) for place in (spall.width + 1.0, 0.0)]
-            lost = max(lost, float(jnp.max(jnp.where(on_edge, levels[0] - levels[1], 0.0))))
+            lost = max(lost, float(np.max(np.where(on_edge, levels[0] - levels[1], 0.0))))
     return error + lost / largest
 
 
 def _carried(of: Law, approach: jax.Array, spall: Spall, place: Real) -> jax.Array:
     """What rollers at `approach` [mm], shape (rollers,), would carry if all stood so far from the spall [mm]."""
-    curves = of.curves((spall,), jnp.broadcast_to(jnp.asarray(place), (1, approach.size)))
+    every: Any = np.broadcast_to(np.asarray(place), (1, approach.size))
+    curves = of.curves((spall,), every)
     return edge_ramp.roller_loads(curves, approach)[0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, cast
 
-import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
@@ -65,11 +64,10 @@ class AtPhase(NamedTuple):
 
 def at_phase(at: Scene) -> AtPhase:
     """A prepared scene at one phase, with the contacts to solve."""
-    phase = cast(float, at.phase)
-    found = solve_prepared(at)
-    here, terms = ring_at(at, law_in_effect(at, found.law), phase)
+    at, found = xp.numbers(at), solve_prepared(at)
+    here, terms = xp.numbers(ring_at(at, law_in_effect(at, xp.numbers(found.law)), cast(float, at.phase)))
     with np.errstate(all="ignore"):
-        rest, angles = xp.numbers(here).equilibrium(xp.numbers(terms)), here.angles
+        rest, angles = here.equilibrium(terms), here.angles
     if terms.pair is not None:
         angles = xp.concatenate([angles, angles])
     normals, turns = ring.normals(at.bearing, angles, terms), None
@@ -106,7 +104,7 @@ def _states(
         for raceway, contact in contacts.items():
             carried = pressed
             if raceway == "inner":
-                carried = float(roller_balance.inner_load(terms.seat, jnp.asarray(pressed)))  # type: ignore[arg-type]
+                carried = float(roller_balance.inner_load(terms.seat, np.asarray(pressed)))  # type: ignore[arg-type]
             spalls, away, reached = met[raceway]
             under = tuple(i for i in range(len(spalls)) if reached[i, j])
             places = [float(away[i, j]) for i in under]
@@ -143,8 +141,8 @@ def _met(
     spalls = () if through else roller_places.spalls_on(scene.spalls, raceway)
     away = np.asarray(here.distances(raceway, terms))[: len(spalls)]
     share = ring.OF_ONE_RACEWAY if terms.facing is not None else 1.0
-    rest = Rest(raceway_contact(scene, raceway).radius, share * jnp.asarray(approach), jnp.asarray(loads))
-    reached = [np.asarray(rest.in_reach(s, jnp.asarray(d))) for s, d in zip(spalls, away, strict=True)]
+    rest = Rest(raceway_contact(scene, raceway).radius, share * approach, loads)
+    reached = [np.asarray(rest.in_reach(s, d)) for s, d in zip(spalls, away, strict=True)]
     return spalls, away, np.array(reached).reshape(len(spalls), loads.size)
 
 
