@@ -24,7 +24,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import difftrb as trb
-from difftrb.report import figure_style
+from difftrb.report import figure_style, pressure_figure
 
 BEARING, LOAD = trb.bearing("32008J"), trb.Load(9000.0, 4500.0)
 ONE = trb.Spall(4.0, 3.0)
@@ -93,6 +93,11 @@ def drawn(folder: Path, phases: int = 32) -> None:
     axes[1].set_xlabel("cage's angle over one pitch [°]")
     axes[0].legend(fontsize=9)
     figure_style.save(axes[0], folder, "every_spall")
+    ends = trb.Spall(8.0, 6.0, axial_offset=2.83)
+    acting = (E.Tilt(moment_lateral=1e4), E.Raceways())
+    scene = trb.prepare(trb.Scene(BEARING, LOAD, (ends,), law="direct", accuracy=1e-2, effects=acting))
+    pressed = pressure_figure.contacts_at_spall(scene, trb.solve(scene).check())
+    figure_style.save(pressure_figure.pressures(pressed), folder, "tilting_roller")
 
 
 def main() -> None:

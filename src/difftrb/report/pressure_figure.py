@@ -88,7 +88,10 @@ def pressures(found: list[DrawnContact]) -> Any:
     for ax, one in zip(axes.ravel(), found, strict=True):
         pressure_map(one.solution, ax, one.patches, top)
         where = f", {one.raceway} raceway" if across > 1 else ""
-        ax.set_title(f"Roller {one.roller}{where}: {ax.get_title()}", fontsize=10)
+        ax.set_title(f"Roller {one.roller}{where}: {ax.get_title()}", fontsize=10 if across == 1 else 9)
+    limits = np.array([ax.get_xlim() for ax in axes.ravel()])
+    if across > 1:  # the same places along the roller above each other
+        plt.setp(axes, xlim=(limits.min(), limits.max()))
     return axes[-1, 0]
 
 
