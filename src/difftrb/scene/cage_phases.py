@@ -4,6 +4,7 @@ what the rollers meet. See `ring.phase_rule`."""
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -37,13 +38,18 @@ def nearest_phase(scene: Scene, angle: float) -> Scene:
 
 def at_phase_numbered(scene: Scene, k: int, phase: float) -> Scene:
     """A prepared scene at the `k`-th phase of its mean [rad]."""
-    parts, made_of = jax.tree.flatten(dataclasses.replace(scene, phase=phase), is_leaf=_is_local)
     sound = not scene.spalls
-    return made_of.unflatten([local.at_phase(part, k, sound) if _is_local(part) else part for part in parts])
+    return _of_laws(dataclasses.replace(scene, phase=phase), lambda law: local.at_phase(law, k, sound))
 
 
-def _is_local(part: Any) -> bool:
-    return isinstance(part, LocalLaw)
+def _of_laws(scene: Scene, change: Callable[[LocalLaw], Any]) -> Scene:
+    """The scene with the laws by contact solves on all raceways changed so."""
+
+    def is_local(part: Any) -> bool:
+        return isinstance(part, LocalLaw)
+
+    parts, made_of = jax.tree.flatten(scene, is_leaf=is_local)
+    return made_of.unflatten([change(part) if is_local(part) else part for part in parts])
 
 
 @np.errstate(all="ignore")
@@ -56,7 +62,7 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
     met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
     if (inner := inner_law(scene)) is not None:
         met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), inner))
-    sound, upright = healthy(scene), local.stateless(acting)
+    sound, upright = _of_laws(healthy(scene), local.stateless), local.stateless(acting)
     terms = ring_at(sound, upright, 0.0)[1]
 
     def at_rest(each: Any) -> ring.Equilibrium:
