@@ -10,9 +10,10 @@ import pytest
 
 import difftrb as trb
 from difftrb import effects
-from difftrb.law import direct, roller_tilt, tilt_table
+from difftrb.law import direct, local, roller_tilt, tilt_table
 from difftrb.law.roller_tilt import RollerContacts
 from difftrb.law.tilt_table import Between
+from difftrb.scene import cage_phases
 
 OUTER, INNER = trb.Spall(4.0, 7.0, axial_offset=1.0), trb.Spall(5.0, 6.0, axial_offset=-1.0, angle=0.3, surface="inner")
 BETWEEN = Between(1.04, 60.0)
@@ -160,6 +161,22 @@ def test_without_a_moment_or_a_spall_tilting_rings_are_parallel_ones(bearing):
     np.testing.assert_allclose(tilting.loads, parallel.loads, rtol=1e-6)
     np.testing.assert_allclose(tilting.displacement[:3], parallel.displacement, atol=3e-4 * parallel.displacement[2])
     np.testing.assert_allclose(tilting.stiffness[2, 2], parallel.stiffness[2, 2], rtol=1e-3)
+
+
+@pytest.mark.hard
+@pytest.mark.slow
+def test_phases_of_a_mean_do_not_hang_on_the_states_that_were_solved(bearing):
+    """They are asked for before there are any, and after: the inner raceway's own refused every other phase."""
+    made = trb.prepare(scene(bearing, TILT, effects.Raceways(), spalls=(), phase="mean"))
+    assert trb.solve(made).converged
+    spalled = dataclasses.replace(made, spalls=(OUTER, INNER))
+    series = next(e for e in spalled.effects if isinstance(e, effects.SeriesRaceways))
+    bare = dataclasses.replace(series, law=local.stateless(series.law))
+    acting = tuple(bare if e is series else e for e in spalled.effects)
+    before = dataclasses.replace(spalled, law=local.stateless(spalled.law), effects=acting)
+    for ours, theirs in zip(cage_phases.phases(spalled), cage_phases.phases(before), strict=True):
+        assert len(np.unique(theirs)) > 10
+        np.testing.assert_array_equal(ours, theirs)
 
 
 @pytest.mark.hard
