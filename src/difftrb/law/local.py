@@ -8,37 +8,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 
-from difftrb.contact import crown, gap
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
-from difftrb.law import ramp_fit, samples, tilted_roller
+from difftrb.law import ramp_fit, samples, states_of_rollers, tilted_roller
 from difftrb.law.base import Law, Rest, of_base
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
 from difftrb.law.edge_ramp import NearState, RollerCurves
 from difftrb.law.load_curve import Curve
+from difftrb.law.states_of_rollers import CLEAR, States, as_made, is_of
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
-
-    Array = jax.Array | np.ndarray
-
-WITHIN = 0.2
-"""By how much in its logarithm a roller's load may be off the one that its contacts were solved about."""
-TURNED_WITHIN = 0.7
-"""The same of its tilt, by how far its solves are spread to either side."""
-CLEAR = 0.3
-"""Overlap of a roller without a state, by the approach under the least load of the healthy curve, up to which it counts
-as clear: it would carry a quarter of that, 1e-3 of the largest load."""
-ALONGSIDE = 0.05
-"""How far a spall's ends may move along the roller, by its length: as far as slopes tell loads to 3e-4."""
-ALONG = np.linspace(-0.499, 0.499, 21)
-"""Places by the roller's length at which overlap is looked at."""
 SPREAD = 0.3
 """By how much in the logarithm the loads of a state's solves are spread to either side. Closer together, errors of
 solves make more of the derivatives of stiffness; farther apart, the curve does."""
@@ -52,51 +36,6 @@ TILT_DEGREE = 2
 """Of a state's tilt over the logarithm of its load."""
 NOTHING = 1e-12
 """Of a coefficient, where solves do not tell it: so that it is 0."""
-
-
-class Leaning(NamedTuple):
-    """What states have besides where rings tilt, one behind the other as there.
-
-    Attributes:
-      moments: about the rollers' middles [N mm]; with both raceways in series the outer one's have all of it.
-      moment_slopes: by `States.given`.
-      by_load, moment_by_load: of the inner raceway, how its approach [mm/N] and the moment [mm] go with its load; None
-        of the outer one.
-      own_tilts: of rollers against the outer raceway [rad]; None of the inner one.
-    """
-
-    moments: Float[Array, "*phases states loads"]
-    moment_slopes: Float[Array, "*phases states loads inputs"]
-    by_load: Float[Array, "*phases states loads"] | None = None
-    moment_by_load: Float[Array, "*phases states loads"] | None = None
-    own_tilts: Float[Array, "*phases states loads"] | None = None
-
-
-class States(NamedTuple):
-    """Rollers that meet spalls, or tilt by those on the other raceway, one behind the other along one axis of every
-    field. In the mean the cage's phases are an axis in front of it.
-
-    Attributes:
-      at: which roller each is: a one among zeros; zeros alone where a row only fills up.
-      met: which spalls are in its reach: ones in zeros.
-      log_loads: of its solves [log N]. approaches: [mm].
-      given: `samples.inputs` of the contact, all spalls, and its distances from them, as solved.
-      slopes: of the approaches by these, the tilt held; 0 by spalls out of reach.
-      tilts: of the roller in its solves, as this raceway sees it [rad].
-      lowest: approaches below which rollers carry nothing [mm]: a rim may press before the raceway.
-      leaning: of rings that tilt, whose solves are spread over tilts, too, those of the rings; None: they stay
-        parallel.
-    """
-
-    at: Float[Array, "*phases states rollers"]
-    met: Float[Array, "*phases states spalls"]
-    log_loads: Float[Array, "*phases states loads"]
-    approaches: Float[Array, "*phases states loads"]
-    given: Float[Array, "*phases states inputs"]
-    slopes: Float[Array, "*phases states loads inputs"]
-    tilts: Float[Array, "*phases states loads"]
-    lowest: Float[Array, "*phases states"]
-    leaning: Leaning | None = None
 
 
 Beyond = Callable[[Any], tuple[Any, Any]]
@@ -133,7 +72,7 @@ class LocalLaw:
     def curves(self, spalls: tuple[Spall, ...], distances: Any) -> RollerCurves:
         """See `Law`. Other spalls than it was made for are for `judge` to refuse."""
         every = self.base.curves((), distances[:0]).each
-        if self.states is None or self.states.leaning is not None or not _is_of(self.states, distances):
+        if self.states is None or self.states.leaning is not None or not is_of(self.states, distances):
             return RollerCurves(every)
         approaches = self._carried(self.states, self.states.approaches, self.states.slopes, spalls, distances)
         own = through(self.states.log_loads, approaches, self.states.lowest)
@@ -159,7 +98,7 @@ class LocalLaw:
         every = xp.tree_map(lambda field: tilted_roller.of_slices(field, count), every)
         each = dataclasses.replace(every, coefficients=_shared(every.coefficients, count))
         states = self.states
-        if states is None or states.leaning is None or not _is_of(states, distances):
+        if states is None or states.leaning is None or not is_of(states, distances):
             softer = 2.0 if self.free_to_tilt else 1.0  # two raceways, about alike
             return RollerCurves(dataclasses.replace(each, middle=each.middle + np.log(softer)))
         loads = xp.exp(states.log_loads)
@@ -197,7 +136,7 @@ class LocalLaw:
 
     def _carried(self, states: States, solved: Any, slopes: Any, spalls: tuple[Spall, ...], distances: Any) -> Any:
         """What was `solved`, of shape (…, states, loads), carried along its `slopes` to what rollers meet now."""
-        distances = _as_made(states, distances)
+        distances = as_made(states, distances)
         sizes = samples.count(len(spalls)) - len(spalls)
         alike = samples.inputs(self.contact, spalls, np.zeros(len(spalls)))[:sizes]
         there = xp.any(states.at > 0.0, axis=-1)[..., None]
@@ -228,59 +167,22 @@ class LocalLaw:
             met = xp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
         if states is None:
             return xp.where(xp.any(met), status.OTHER_SCENE, code)
-        if not _is_of(states, distances):
+        if not is_of(states, distances):
             return np.asarray(status.OTHER_SCENE)
-        distances, met = _as_made(states, distances), _as_made(states, met)
+        distances, met = as_made(states, distances), as_made(states, met)
         moved = self._carried(states, states.approaches, states.slopes, spalls, distances) - states.approaches
         moved = moved / xp.max(xp.abs(states.approaches), axis=-1)[..., None]
         apart = self._apart(states, distances) * states.met
         same = (xp.max(xp.abs(moved)) < MOVED) & (xp.max(xp.abs(apart), initial=0.0) < ASIDE)
-        same = same & self._keeps_spalls(states, spalls, distances)
+        same = same & states_of_rollers.keep_spalls(states, self.contact, spalls, distances)
         if rest is not None:
-            load = xp.einsum("...sr,...r->...s", states.at, rest.loads.reshape(*states.at.shape[:-2], -1))
-            solved = xp.mean(states.log_loads, axis=-1)
-            load = xp.maximum(load, xp.exp(xp.minimum(self.base.log_loads[0], solved)))  # less than the least is little
-            off = xp.abs(xp.log(load) - solved) * xp.max(states.at, axis=-1)
             unknown = xp.moveaxis(met, 0, -2) & (xp.einsum("...sn,...sr->...nr", states.met, states.at) == 0.0)
-            same = same & (xp.max(off) < WITHIN) & ~xp.any(unknown)
+            same = same & states_of_rollers.keep_loads(states, self.base.log_loads[0], rest) & ~xp.any(unknown)
             if states.leaning is not None:
-                same = same & self._keeps_tilts(states, rest)
+                raceways = 2.0 if self.free_to_tilt else 1.0  # a roller between two may turn until neither is touched
+                clear = raceways * CLEAR * self.base.healthy[0]
+                same = same & states_of_rollers.keep_tilts(states, self.contact, raceways, clear, rest)
         return xp.where(same, code, status.OTHER_SCENE)
-
-    def _keeps_spalls(self, states: States, spalls: tuple[Spall, ...], distances: Any) -> Any:
-        """Whether spalls are about as they were solved, as far as rollers may feel it: a wall or a bottom out of reach
-        has no slope that would tell how near it has come. `distances` with phases as the states have them."""
-        away = xp.einsum("...sr,n...r->...sn", states.at, distances)
-        most = xp.max(states.approaches + 0.5 * self.contact.length * xp.abs(states.tilts), axis=-1)
-        there = states.met * xp.max(states.at, axis=-1)[..., None] > 0.0
-        same: Any = np.asarray(True)
-        for n, spall in enumerate(spalls):
-            if not isinstance(spall, Spall):  # a map has slopes all over
-                continue
-            length, width, depth, offset, before = (states.given[..., k] for k in samples.places((n,), len(spalls))[4:])
-            own, reach = there[..., n], gap.certain_reach(self.contact.radius, xp.maximum(most + spall.rim, 0.0))
-            for side in (-1.0, 1.0):
-                solved, now = before + side * 0.5 * width, away[..., n] + side * 0.5 * spall.width
-                felt = (xp.minimum(xp.abs(solved), xp.abs(now)) < reach) | (solved * now < 0.0)
-                same = same & ~xp.any(own & felt & (xp.abs(now - solved) > ASIDE))
-                ends = offset + side * 0.5 * length, spall.axial_offset + side * 0.5 * spall.length
-                same = same & ~xp.any(own & (xp.abs(ends[1] - ends[0]) > ALONGSIDE * self.contact.length))
-            shallow = xp.minimum(depth, spall.depth)
-            same = same & ~xp.any(own & (shallow < most) & (xp.abs(spall.depth - depth) > MOVED * shallow))
-        return same
-
-    def _keeps_tilts(self, states: States, rest: Rest) -> Any:
-        """Whether rollers are turned as those that were solved, and all others are clear."""
-        middle, every = rest.rings if rest.rings is not None else (rest.approach, xp.zeros_like(rest.loads))
-        at = ALONG.reshape(-1, *[1] * every.ndim) * self.contact.length
-        raceways = 2.0 if self.free_to_tilt else 1.0  # a roller between two may turn until neither is touched
-        overlap = middle[None] + at * every[None] - raceways * crown.height(at, self.contact)
-        alone = xp.sum(states.at, axis=-2).reshape(every.shape) == 0.0
-        pressed = xp.max(xp.where(alone, xp.max(overlap, axis=0), 0.0)) > raceways * CLEAR * self.base.healthy[0]
-        turned = -xp.einsum("...sr,...r->...s", states.at, every.reshape(*states.at.shape[:-2], -1))
-        half = 0.5 * (xp.max(states.tilts, axis=-1) - xp.min(states.tilts, axis=-1))
-        off = xp.abs(turned - xp.mean(states.tilts, axis=-1)) * xp.max(states.at, axis=-1)
-        return (xp.max(off / half) < TURNED_WITHIN) & ~pressed
 
     def _within(self, rest: Rest | None) -> Rest | None:
         """Rollers at rest, those with states of their own within the range of the healthy curve, which they do not ask:
@@ -321,17 +223,6 @@ class LocalLaw:
         """See `Law`: from where the edge enters a healthy contact to where it surely has left it, whatever else is
         under the roller."""
         return self.base.certain_ramp(approach + spall.rim)
-
-
-def _is_of(states: States, distances: Any) -> bool:
-    """Whether states were made for so many spalls, and for so many phases: one stands for all phases that there are."""
-    phases = [n for n in distances.shape[1:-1] if n != 1]
-    return states.met.shape[-1] == distances.shape[0] and list(states.met.shape[:-2]) == phases
-
-
-def _as_made(states: States, of_rollers: Any) -> Any:
-    """What all rollers have against all spalls, shape (spalls, …, rollers), with phases as the states have them."""
-    return of_rollers.reshape(of_rollers.shape[0], *states.at.shape[:-2], of_rollers.shape[-1])
 
 
 def _shared(coefficients: Any, count: int) -> Any:

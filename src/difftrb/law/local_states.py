@@ -13,9 +13,10 @@ from difftrb.core.geometry import Spall
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples
 from difftrb.law.direct import DirectLaw, accuracy_at_edges
-from difftrb.law.local import NARROWER, SPREAD, Leaning, LocalLaw, States, through
+from difftrb.law.local import NARROWER, SPREAD, LocalLaw, through
 from difftrb.law.roller_tilt import UPRIGHT, TiltCurve
 from difftrb.law.samples import Node, Progress, Turning
+from difftrb.law.states_of_rollers import Leaning, States
 
 FEW, SEARCHED = 3, 0.35
 """Solves of a state while its load is looked for, and by how much in the logarithm they are spread to either side."""
