@@ -20,7 +20,7 @@ from difftrb.law.base import LAWS
 from difftrb.ring import effects
 from difftrb.ring.catalogue_relations import Catalogue
 from difftrb.ring.load import Load
-from difftrb.scene.scene_file import ContactTable, StiffnessTable
+from difftrb.scene.file_schema import ContactTable, StiffnessTable
 from difftrb.sweeps import outputs
 
 FOLDER = Path(__file__).parent

@@ -280,9 +280,12 @@ KINDS = {
     "tilt": effects.Tilt(500.0, 800.0, slices=8),
     "life": effects.Life(),
 }
+BY_CONTACTS = {"raceways", "flange", "centrifugal"}
+"""With `tilt` by contacts alone, not by slices: `test_tilt_between_raceways.py`."""
 PAIRS = [
     pair for pair in itertools.combinations(KINDS, 2)
     if not any(a in KINDS[b].excludes for a, b in itertools.permutations(pair))
+    and not ("tilt" in pair and BY_CONTACTS & set(pair))
 ]  # fmt: skip
 
 
@@ -329,6 +332,13 @@ def test_any_two_combine(bearing, pair: tuple[str, str]) -> None:
     h, slope = 1e-6, found[1]
     differences = (answer(jnp.asarray(h))[0][0] - answer(jnp.asarray(-h))[0][0]) / (2.0 * h)
     np.testing.assert_allclose(slope, differences, rtol=1e-6, atol=1e-6 * float(jnp.abs(differences).max()))
+
+
+@pytest.mark.parametrize("name", sorted(BY_CONTACTS))
+def test_slices_refuse_what_only_contacts_know(bearing, name: str) -> None:
+    scene = dataclasses.replace(plain(bearing, Palmgren(bearing.roller_length)), effects=(KINDS["tilt"], KINDS[name]))
+    with pytest.raises(trb.SceneError, match=rf"effects\.{name}: slices of ISO/TS 16281 .* set contact.law = 'auto'"):
+        trb.solve(scene)
 
 
 def test_absent_effects_leave_no_trace(bearing, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -619,8 +619,8 @@ def test_folders_that_are_refused(plan: Plan, whole: Path, tmp_path: Path) -> No
         ("[sweep]\n", "[sweeep]\n", "sweeep is not a known key"),
         (
             "[sweep]\n",
-            "[effects]\ntilt = {}\nraceways = {}\n[sweep]\n",
-            "effects.tilt and effects.raceways exclude",
+            "[effects]\ntilt = {}\nthrough = {}\n[sweep]\n",
+            "effects.tilt and effects.through exclude",
         ),
         (
             "[sweep]\n",

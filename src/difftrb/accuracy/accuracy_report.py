@@ -14,7 +14,7 @@ from difftrb.accuracy import ladder, timing
 from difftrb.accuracy.ladder import TRUTHS, Kind, Measured, Row
 from difftrb.core.status import SceneError
 from difftrb.report import console, remarks, run_text
-from difftrb.scene.scene_file import SceneFile
+from difftrb.scene.file_schema import SceneFile
 
 KINDS: tuple[Kind, ...] = ("ring", "contact")
 WAYS = {"palmgren": ("^", "#BBBBBB"), "liu2018": ("v", "#CCBB44"), "power": ("D", "#66CCEE"), "table": ("s", "#4477AA"),

@@ -27,8 +27,8 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError, SolveError
 from difftrb.law.samples import Progress
 from difftrb.scene import scene_file
+from difftrb.scene.file_schema import SceneFile
 from difftrb.scene.scene import PitchMean, Scene
-from difftrb.scene.scene_file import SceneFile
 from difftrb.scene.solving import prepare, solve
 
 BATCH = 256

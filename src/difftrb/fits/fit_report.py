@@ -29,6 +29,7 @@ from difftrb.ring import effect_base
 from difftrb.ring.effects import Raceways
 from difftrb.ring.load import Load, largest_load
 from difftrb.scene import scene_file
+from difftrb.scene.file_schema import SceneFile
 
 LIKELY = f"{PERCENT} interval"
 UNFINISHED = (
@@ -40,7 +41,7 @@ HELD = "length", "width", "angle"
 """What a spall's other sizes hang on, where it is not fitted."""
 
 
-def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
+def deliver(options: Any, file: SceneFile, path: str) -> int:
     """Fit what `options` name to their measurements, print it and write it where they ask; the exit code."""
     scene_file.check_ring(file, path)
     rows = measured_table.load_measured(options.measured)

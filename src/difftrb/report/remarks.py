@@ -12,9 +12,9 @@ from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import effect_base, effects, life, roller_places
 from difftrb.ring.effects import Through
 from difftrb.scene.edge_stress import beside_spall
+from difftrb.scene.file_schema import SceneFile
 from difftrb.scene.prepared import assess_prepared
 from difftrb.scene.scene import PitchMean, Scene
-from difftrb.scene.scene_file import SceneFile
 from difftrb.scene.solution import Assessment, Solution
 
 LEAST = 0.02

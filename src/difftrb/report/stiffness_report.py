@@ -18,6 +18,7 @@ from difftrb.core.status import SceneError
 from difftrb.report import console, run_text
 from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.scene import scene_file, solution
+from difftrb.scene.file_schema import SceneFile
 from difftrb.turning import fmu
 from difftrb.turning.cage_turn import CageTurn, stiffness
 from difftrb.turning.defect_frequencies import DefectFrequencies, defect_frequencies
@@ -31,7 +32,7 @@ SHOWN = 3
 """Axes whose own stiffness is shown: radial, lateral, axial."""
 
 
-def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
+def deliver(options: Any, file: SceneFile, path: str) -> int:
     """Solve a scene over its cage's angle, print it and write it where `options` ask; the exit code."""
     scene_file.check_ring(file, path)
     with console.bar("solving the ring over the cage's angle") as progress:
@@ -57,7 +58,7 @@ def deliver(options: Any, file: scene_file.SceneFile, path: str) -> int:
     return console.EXIT_OK
 
 
-def _told(frequencies: DefectFrequencies, file: scene_file.SceneFile, speed: float) -> str:
+def _told(frequencies: DefectFrequencies, file: SceneFile, speed: float) -> str:
     """Frequencies in one line; of an estimated bearing with what its catalogue leaves of them."""
     hertz = [f"{name.upper()} {float(value):.4g}" for name, value in vars(frequencies).items()]
     if file.catalogue is not None:

@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
-
-from annotated_types import Interval, Unit
-from pydantic import TypeAdapter
+from typing import Any
 
 from difftrb.contact import height_map
 from difftrb.contact.height_map import HeightMap
-from difftrb.core import bad_input, geometry
+from difftrb.core import bad_input
 from difftrb.core.bad_input import shown
 from difftrb.core.bearing_checks import across
-from difftrb.core.geometry import DESIGN_LOAD, FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.core.geometry import Spall
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
-from difftrb.ring import effect_base, effects
-from difftrb.ring.catalogue_inference import CatalogueBearing
-from difftrb.ring.effect_base import Effect
-from difftrb.ring.load import Load
-from difftrb.scene import checks
-from difftrb.scene.file_schema import in_full, validated
-from difftrb.scene.scene import COARSEST, DEFAULT_LAW, Definition, DesignLoad, Phase, Scene
+from difftrb.ring import effects
+from difftrb.scene import checks, file_schema
+from difftrb.scene.file_schema import SceneFile, in_full, validated
+from difftrb.scene.scene import COARSEST, Scene
 
 PACKAGED_MAPS = ("spall_map.npz",)
 DEEPEST = 32
@@ -37,82 +30,6 @@ class NoEquilibriumError(SceneError):
     """A scene that is well formed but has no solution."""
 
     exit_code = 1
-
-
-@dataclasses.dataclass(frozen=True)
-class ContactTable:
-    """`[contact]`: the roller law and the single contact of `difftrb contact`.
-
-    Attributes:
-      law: of the rollers: "auto", "table", "direct", "power", "liu2018" or "palmgren".
-      design_load: Q_d of the logarithmic crown (Liu et al. 2018, eq. 2); the default is the value with which Table 2
-        comes out.
-      accuracy: relative, of the approach: 1e-2 … 1e-4 (of `difftrb contact` and in Python to 1e-5). With law "auto" of
-        stiffness and peak load, 1e-1 … 1e-3.
-      load: roller load, for `difftrb contact` alone.
-      offset: of the first spall's centre in the rolling direction, for `difftrb contact` alone; further spalls stand as
-        far from it as their `angle`s.
-      tilt: of the roller about its middle, for `difftrb contact` alone.
-    """
-
-    __pydantic_config__ = FILE_RULES
-
-    law: str = DEFAULT_LAW
-    design_load: DesignLoad = DESIGN_LOAD
-    accuracy: Annotated[float, Interval(ge=1e-5, le=1e-1)] = dataclasses.field(default=1e-3, metadata={"static": True})
-    load: Annotated[Real, Interval(ge=1e-3, le=1e7), Unit("N")] = 3000.0
-    offset: Annotated[Real, Interval(ge=-1000.0, le=1000.0), Unit("mm")] = 0.0
-    tilt: Annotated[Real, Interval(ge=-0.1, le=0.1), Unit("rad")] = 0.0
-
-
-@dataclasses.dataclass(frozen=True)
-class StiffnessTable:
-    """`[stiffness]`: which stiffness, and where the rollers stand.
-
-    Attributes:
-      definition: "tangent" dF/du or "secant" F/u (Liu et al. 2018, Fig. 17 is secant).
-      phase: cage angle of roller 0 from the load line, or "mean": all results averaged over one roller pitch of cage
-        phases, with least and largest.
-    """
-
-    __pydantic_config__ = FILE_RULES
-
-    definition: Definition = "tangent"
-    phase: Phase | Literal["mean"] = 0.0
-
-
-@dataclasses.dataclass(frozen=True)
-class SceneFile:
-    """A whole scene file, table by table. After `parse`, a `HeightMap` may stand among the spalls, `effects` are those
-    that `[effects]` names, and `catalogue` is what the bearing was estimated from, if it was."""
-
-    __pydantic_config__ = FILE_RULES
-
-    bearing: TaperedBearing
-    load: Load
-    spall: tuple[Spall, ...] = ()
-    contact: ContactTable = ContactTable()
-    stiffness: StiffnessTable = StiffnessTable()
-    effects: tuple[Effect, ...] = ()
-    catalogue: CatalogueBearing | None = None
-
-    def scene(self) -> Scene:
-        """The scene this file describes."""
-        contact, stiffness = self.contact, self.stiffness
-        return Scene(
-            self.bearing, self.load, self.spall, contact.law, contact.design_load, contact.accuracy,
-            stiffness.definition, stiffness.phase, self.effects,
-        )  # fmt: skip
-
-    def single_contact(self) -> dict[str, Any]:
-        """What `solve_contact` is given for the single contact, by its names: with the inner raceway if the first spall
-        lies there, else with the outer. The first spall is at `contact.offset` [mm] from the contact's middle, the
-        others as far from it as their angles say."""
-        table, spalls, radius = self.contact, self.spall, geometry.arc_radius(self.bearing)
-        raceway = "inner" if spalls and spalls[0].surface == "inner" else "outer"
-        offsets = tuple(table.offset + (spall.angle - spalls[0].angle) * radius for spall in spalls)
-        return {"contact": LineContact.of(self.bearing, raceway, table.design_load), "load": table.load,
-                "spall": spalls, "offset": offsets, "accuracy": table.accuracy, "tilt": table.tilt}  # fmt: skip
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -181,38 +98,13 @@ def from_content(content: dict[str, Any], path: str | Path) -> SceneFile:
         raise SceneError(f"{path}: [spall] is a list of tables; write [[spall]]")
     maps = _height_maps(content, path)
     kinds = effects.registered()
-    file = _as_read(validated(_adapter(kinds), content, path, _schema(kinds)), kinds)
+    file = file_schema.as_read(validated(file_schema.adapter(kinds), content, path, file_schema.of_files(kinds)), kinds)
     if (sentence := across(file.bearing, file.spall)) is not None:
         raise SceneError(f"{path}: {sentence}")
     spalls: list[Any] = list(file.spall)
     for i, name in maps.items():
         spalls[i] = _loaded(name, spalls[i], f"{path}: spall.{i}.height_map", Path(path).parent)
     return dataclasses.replace(file, spall=tuple(spalls), catalogue=catalogue)
-
-
-@functools.cache
-def _schema(kinds: tuple[type[Effect], ...]) -> type:
-    """Of scene files that may name these effects."""
-    hints, table = get_type_hints(SceneFile, include_extras=True), effect_base.file_table(kinds)
-    own = [field for field in dataclasses.fields(SceneFile) if field.name not in ("effects", "catalogue")]
-    rows: list[Any] = [(field.name, hints[field.name], dataclasses.field(default=field.default)) for field in own]
-    rows.append(("effects", table, dataclasses.field(default_factory=table)))
-    rules = {"__pydantic_config__": FILE_RULES}
-    return dataclasses.make_dataclass("SceneFile", rows, frozen=True, namespace=rules)
-
-
-@functools.cache
-def _adapter(kinds: tuple[type[Effect], ...]) -> TypeAdapter[Any]:
-    """Made once, which takes longer than to check a file, and only if a file is read."""
-    return TypeAdapter(_schema(kinds))
-
-
-def _as_read(read: Any, kinds: tuple[type[Effect], ...]) -> SceneFile:
-    """The file with the effects that it names."""
-    tables: dict[str, Any] = {field.name: getattr(read, field.name) for field in dataclasses.fields(read)}
-    every = (getattr(read.effects, kind.key) for kind in kinds)
-    tables["effects"] = tuple(one for one in every if one is not None)
-    return SceneFile(**tables)
 
 
 def _height_maps(content: dict[str, Any], path: str | Path) -> dict[int, str]:

@@ -18,7 +18,7 @@ from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
 from difftrb.report import console, remarks
 from difftrb.scene import scene_file
-from difftrb.scene.scene_file import SceneFile
+from difftrb.scene.file_schema import SceneFile
 from difftrb.sweeps import axes as axes_
 from difftrb.sweeps import chunks, outputs, sweeping
 from difftrb.sweeps.axes import RANGE_KEYS
