@@ -9,6 +9,7 @@ from importlib import metadata
 from pathlib import Path
 
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import difftrb as trb
@@ -191,9 +192,17 @@ def test_figures_put_an_inner_spall_where_it_is() -> None:
     file = scene_file.parse(f"{before}[[spall]]{inner}")
     scene = trb.prepare(file.scene())
     found = solve_prepared(scene)
-    (pressed,) = pressure_figure.contacts_at_spall(scene, found)
-    assert not pressed.solution.spalls  # outside, no roller meets it
-    assert pressed.roller == int(jnp.argmax(found.loads))
+    pressed = pressure_figure.contacts_at_spall(scene, found)
+    assert [one.raceway for one in pressed] == ["outer", "inner"] * (len(pressed) // 2)
+    for outer, inner in zip(pressed[::2], pressed[1::2], strict=True):
+        assert outer.roller == inner.roller
+        assert not outer.solution.spalls  # outside, no roller meets it
+        ((spall, offset),) = inner.solution.spalls
+        assert spall.length == scene.spalls[0].length
+        assert abs(offset) < 0.5 * spall.width + 0.2
+        np.testing.assert_allclose(inner.solution.load, found.effects["inner_loads"][inner.roller])
+    axes = pressure_figure.pressures(pressed).figure.axes
+    assert sum("inner raceway" in ax.get_title() for ax in axes) == len(pressed) // 2
     nothing = jnp.zeros(2)
     result = Assessment(found, found, nothing, nothing, nothing)
     bar = run_figures.load_distribution(result, scene).patches[0]

@@ -106,15 +106,14 @@ def scene(bearing, *acting, spalls=(OUTER,), speed=8000.0, moment=1e4, **changes
     return dataclasses.replace(made, **changes)
 
 
-@pytest.fixture(scope="module")
-def ready(bearing):
-    return trb.prepare(scene(bearing, spalls=(OUTER, INNER)))
-
-
 @pytest.mark.exact
+@pytest.mark.gradient
 @pytest.mark.slow
-def test_a_ring_with_all_that_holds_rollers_is_what_its_contacts_say(ready):
-    """Both raceways with a spall each, a soft flange, speed: contacts solved afresh at every roller's own tilt."""
+def test_a_ring_with_all_that_holds_rollers_is_what_its_contacts_say(bearing):
+    """Both raceways with a spall each, a soft flange, speed: contacts solved afresh at every roller's own tilt.
+    Derivatives are those of scenes prepared anew: by speed, which presses outer contacts alone, and by the inner
+    spall's length, which change about as much; both at once, so that two scenes are enough."""
+    ready = trb.prepare(scene(bearing, spalls=(OUTER, INNER)))
     found = trb.solve(ready).check()
     audit = trb.verify(ready, found)
     assert audit.load_error < 1e-3
@@ -125,13 +124,6 @@ def test_a_ring_with_all_that_holds_rollers_is_what_its_contacts_say(ready):
     outside, inside = (np.asarray(found.effects[name]) for name in ("roller_tilts", "inner_tilts"))
     assert np.abs(outside).max() > 0.05
     assert np.abs(inside).max() > 0.05
-
-
-@pytest.mark.gradient
-@pytest.mark.slow
-def test_its_derivatives_are_those_of_prepared_neighbours(bearing, ready):
-    """By speed, which presses outer contacts alone, and by the inner spall's length, which change about as much; both
-    at once, so that two scenes are enough."""
 
     def values(of):
         found = trb.solve(of)
@@ -147,8 +139,8 @@ def test_its_derivatives_are_those_of_prepared_neighbours(bearing, ready):
     for way in (1.0, -1.0):
         spalls = OUTER, dataclasses.replace(INNER, length=5.0 + 0.2 * way)
         ends.append(np.asarray(values(trb.prepare(scene(bearing, spalls=spalls, speed=8000.0 + 800.0 * way)))))
-    found = jax.jacfwd(lambda way: values(changed(way)))(0.0)
-    np.testing.assert_allclose(found, 0.5 * (ends[0] - ends[1]), rtol=0.03)
+    slopes = jax.jacfwd(lambda way: values(changed(way)))(0.0)
+    np.testing.assert_allclose(slopes, 0.5 * (ends[0] - ends[1]), rtol=0.03)
 
 
 @pytest.mark.exact

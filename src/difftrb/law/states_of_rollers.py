@@ -105,7 +105,8 @@ def keep_spalls(states: States, contact: LineContact, spalls: tuple[Spall, ...],
     there = states.met * xp.max(states.at, axis=-1)[..., None] > 0.0
     same: Any = np.asarray(True)
     for n, spall in enumerate(spalls):
-        if not isinstance(spall, Spall):  # a map has slopes all over
+        if not isinstance(spall, Spall):
+            same = same & _keeps_map(states, spall, n, len(spalls), contact)
             continue
         length, width, depth, offset, before = (states.given[..., k] for k in samples.places((n,), len(spalls))[4:])
         own, reach = there[..., n], gap.certain_reach(contact.radius, xp.maximum(most + spall.rim, 0.0))
@@ -118,6 +119,16 @@ def keep_spalls(states: States, contact: LineContact, spalls: tuple[Spall, ...],
         shallow = xp.minimum(depth, spall.depth)
         same = same & ~xp.any(own & (shallow < most) & (xp.abs(spall.depth - depth) > MOVED * shallow))
     return same
+
+
+def _keeps_map(states: States, spall: Any, n: int, count: int, contact: LineContact) -> Any:
+    """The same of a height map, the `n`-th of so many spalls: its pitches, scale and place along the roller."""
+    own = states.met[..., n] * xp.max(states.at, axis=-1) > 0.0
+    pitch_y, pitch_x, scale, offset = (states.given[..., k] for k in samples.places((n,), count)[4:8])
+    off = xp.abs(spall.axial_offset - offset) > ALONGSIDE * contact.length
+    for now, solved in ((spall.pitch_y, pitch_y), (spall.pitch_x, pitch_x), (spall.scale, scale)):
+        off = off | (xp.abs(now - solved) > MOVED * xp.abs(solved))
+    return ~xp.any(own & off)
 
 
 def keep_tilts(states: States, contact: LineContact, raceways: float, clear: Any, rest: Rest) -> Any:
