@@ -209,8 +209,9 @@ def damped(
         of = xp.module_of(new)
         better = of.sum(new.residual * p, axis=-1) <= 0.5 * of.abs(of.sum(now.residual * p, axis=-1))
         better = better & of.isfinite(_largest(new))  # a step may be so long that loads overflow
-        # or that no roller is loaded, from where there is no way back
-        better = better & ((new.jacobian[..., 0, 0] > 0.0) | (now.jacobian[..., 0, 0] == 0.0))
+        # or that no roller is loaded, from where the way back is short steps; short ones may cross a gap so
+        short = of.max(of.abs(p), axis=-1) * PER_MM <= 1.0
+        better = better & ((new.jacobian[..., 0, 0] > 0.0) | (now.jacobian[..., 0, 0] == 0.0) | short)
 
         def kept(one: Any, other: Any) -> Any:
             return of.where(better.reshape(better.shape + (1,) * (one.ndim - better.ndim)), one, other)
@@ -223,7 +224,8 @@ def damped(
         if settle is not None:
             relaxed = of.where(of.any(p != 0.0, axis=-1), relaxed, damping)
         damping = of.where(better, relaxed, stiffened)
-        more = damping * of.trace(now.jacobian, axis1=-2, axis2=-1)
+        trace = of.trace(now.jacobian, axis1=-2, axis2=-1)
+        more = of.where(trace > 0.0, damping * trace, PER_MM)
         p = -solve(now.jacobian + more[..., None, None] * unit.reshape((1,) * more.ndim + unit.shape), now.residual)
         p = of.where(_far(now)[..., None], p, 0.0)
         if settle is not None:
