@@ -105,11 +105,13 @@ def keep_spalls(states: States, contact: LineContact, spalls: tuple[Spall, ...],
     there = states.met * xp.max(states.at, axis=-1)[..., None] > 0.0
     same: Any = np.asarray(True)
     for n, spall in enumerate(spalls):
+        own, at = there[..., n], samples.places((n,), len(spalls))[len(samples.OF_CONTACT) :]
+        solved_for = [states.given[..., k] for k in at]
         if not isinstance(spall, Spall):
-            same = same & _keeps_map(states, spall, n, len(spalls), contact)
+            same = same & _keeps_map(spall, solved_for[:-1], own, contact)
             continue
-        length, width, depth, offset, before = (states.given[..., k] for k in samples.places((n,), len(spalls))[4:])
-        own, reach = there[..., n], gap.certain_reach(contact.radius, xp.maximum(most + spall.rim, 0.0))
+        length, width, depth, offset, before = solved_for
+        reach = gap.certain_reach(contact.radius, xp.maximum(most + spall.rim, 0.0))
         for side in (-1.0, 1.0):
             solved, now = before + side * 0.5 * width, away[..., n] + side * 0.5 * spall.width
             felt = (xp.minimum(xp.abs(solved), xp.abs(now)) < reach) | (solved * now < 0.0)
@@ -121,10 +123,9 @@ def keep_spalls(states: States, contact: LineContact, spalls: tuple[Spall, ...],
     return same
 
 
-def _keeps_map(states: States, spall: Any, n: int, count: int, contact: LineContact) -> Any:
-    """The same of a height map, the `n`-th of so many spalls: its pitches, scale and place along the roller."""
-    own = states.met[..., n] * xp.max(states.at, axis=-1) > 0.0
-    pitch_y, pitch_x, scale, offset = (states.given[..., k] for k in samples.places((n,), count)[4:8])
+def _keeps_map(spall: Any, solved_for: list[Any], own: Any, contact: LineContact) -> Any:
+    """The same of a height map: its pitches, scale and place along the roller, for those states that are its `own`."""
+    pitch_y, pitch_x, scale, offset = solved_for
     off = xp.abs(spall.axial_offset - offset) > ALONGSIDE * contact.length
     for now, solved in ((spall.pitch_y, pitch_y), (spall.pitch_x, pitch_x), (spall.scale, scale)):
         off = off | (xp.abs(now - solved) > MOVED * xp.abs(solved))

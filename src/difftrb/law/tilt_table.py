@@ -77,7 +77,8 @@ class TiltTable(NamedTuple):
       contacts: of every raceway that gives way, the outer one first.
       between: the loads of either.
       low, high: of log P [log N]. lift: how far the crowns have risen at `LIFTED` [mm].
-      heights: logarithms of upright rollers' approaches [log mm], at `_logs(low, high)`.
+      heights: logarithms of P [log N] and of upright rollers' approaches there [log mm], shape (2, HEIGHTS): tilts are
+        measured by them thousands of times.
       coefficients: Chebyshev's in log P and in the tilt of the rings, shape (LOADS, TILTS, raceways · TELLS + 1): what
         `_told` says of every contact, and the roller's own tilt.
       status_code: worst of the solves.
@@ -99,7 +100,7 @@ class TiltTable(NamedTuple):
 
     def upright(self, pressed: Any) -> Any:
         """Approach of healthy, upright rollers [mm], without the flange's, to 1e-6."""
-        return np.exp(np.interp(np.log(pressed), _logs(self.low, self.high), self.heights))
+        return np.exp(np.interp(np.log(pressed), *self.heights))
 
     def reach(self, pressed: Any) -> Any:
         """What tilts of rollers that press with so much are measured by [rad]."""
@@ -127,8 +128,8 @@ class TiltTable(NamedTuple):
     def at(self, pressed: float, tilt: float) -> Turned:
         """One roller."""
         x = (2.0 * np.log(pressed) - self.low - self.high) / (self.high - self.low)
-        told = chebval2d(x, tilt / (MOST_TURNED * self.reach(pressed)), self.coefficients)
         loads, reach = self.between.loads(pressed), float(self.reach(pressed))
+        told = chebval2d(x, tilt / (MOST_TURNED * reach), self.coefficients)
         rows = told[:-1].reshape(len(self.contacts), TELLS)
         nodes = tuple(
             _node(row, float(load), contact, reach, self.status_code)
@@ -138,7 +139,7 @@ class TiltTable(NamedTuple):
 
 
 def _logs(low: float, high: float) -> np.ndarray:
-    """Of loads at which heights are known: tilts are measured by them thousands of times."""
+    """Of loads at which heights are known."""
     return np.linspace(low - BEYOND, high + BEYOND, HEIGHTS)
 
 
@@ -173,7 +174,8 @@ def of_contact(base: DirectLaw, progress: Progress | None) -> TiltTable:
     curve = load_curve.one_of(base.curves((), np.zeros((0, 1))).each, 0)
     low, high = float(base.log_loads[0] - np.log(LIGHTER)), float(base.log_loads[-1])
     lift = float(crown.height(LIFTED * base.contact.length, base.contact))
-    heights = np.log(load_curve.approach(curve, np.exp(_logs(low, high))))
+    logs = _logs(low, high)
+    heights = np.array([logs, np.log(load_curve.approach(curve, np.exp(logs)))])
     empty = TiltTable((base.contact,), Between(), low, high, lift, heights, np.zeros(0), status.CONVERGED)
 
     def solved(asked: Sequence[tuple[float, float]]) -> list[Turned]:
@@ -191,8 +193,9 @@ def between_rings(tables: tuple[TiltTable, ...], between: Between, accuracy: flo
     low = max(outer.low, *(each.low + np.log(between.ratio) for each in inner), -np.inf)
     most = max(np.exp(outer.high) - between.thrown, 2.0 * np.exp(low))
     high = min(np.log(most), *(each.high + np.log(between.ratio) for each in inner), np.inf)
-    loads = between.loads(np.exp(_logs(low, high)))
-    heights = np.log(between.whole([table.upright(load) for table, load in zip(tables, loads, strict=False)]))
+    logs = _logs(float(low), float(high))
+    parts = [table.upright(load) for table, load in zip(tables, between.loads(np.exp(logs)), strict=False)]
+    heights = np.array([logs, np.log(between.whole(parts))])
     contacts, code = tuple(each.contacts[0] for each in tables), max(each.status_code for each in tables)
     lift = sum(each.lift for each in tables)
     empty = TiltTable(contacts, between, float(low), float(high), lift, heights, np.zeros(0), code)
