@@ -221,8 +221,7 @@ def _of_numbers(
     lie are computed by numpy."""
     if method == "strips":
         solution, found, way = _strips_of_numbers(inputs, mirrored, edges, accuracy)
-        ways = (strip_model.gradient, strip_model.moment_gradient)[:gradients]
-        return solution, *(gradient(found, inputs, way) for gradient in ways)
+        return solution, *(strip_model.gradients(found, inputs, way, gradients) if gradients else ())
     if method == "cells":
         solution, every = cell_solve.solve_numbers(inputs, grid_for(accuracy).cells, mirrored, accuracy, gradients)
         return solution, *every

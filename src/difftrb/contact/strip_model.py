@@ -10,6 +10,7 @@ and modulus drop out. All of it is by numpy for numbers, by JAX for what is trac
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -74,7 +75,11 @@ class Way(NamedTuple):
 
 def solve(inputs: Inputs, way: Way) -> Strips:
     """Solve by strips. The approach is differentiable once by all inputs, the rest carries no derivative."""
-    approach, found = implicit.stationary(partial(_shifted, way), partial(_search, way), inputs)
+
+    def moved(found: Strips, inputs: Inputs) -> Any:
+        return _shifted(way, found, [found.settled], inputs)[0]
+
+    approach, found = implicit.stationary(moved, partial(_search, way), inputs)
     return found._replace(approach=approach)
 
 
@@ -83,19 +88,20 @@ def solve_numbers(inputs: Inputs, way: Way) -> Strips:
     return _search(way, inputs)[1]
 
 
-def gradient(found: Strips, inputs: Inputs, way: Way) -> Inputs:
-    """Derivatives of the approach that was found for numbers, in the form of the inputs."""
+def gradients(found: Strips, inputs: Inputs, way: Way, count: int) -> list[Inputs]:
+    """Derivatives of what was found for numbers, each in the form of the inputs: of the approach and, if two are asked
+    for, of the moment about the roller's middle [N mm]."""
+    settled = [found.settled]
+    if count > 1:
+        problem, plan, ends = _problem(inputs, way, found.reach)
+        kernel = _kernel(way, inputs.spall is not None, *ends)
+        settled.append(strip_settling.turned(plan, problem, kernel, found.settled))
     leaves, form = jax.tree.flatten(inputs)
-    return form.unflatten(implicit.rates(lambda some: _shifted(way, found, form.unflatten(some)), leaves))
 
+    def moved(some: list) -> Any:
+        return xp.stack(_shifted(way, found, settled, form.unflatten(some)))
 
-def moment_gradient(found: Strips, inputs: Inputs, way: Way) -> Inputs:
-    """Derivatives of the moment about the roller's middle [N mm], found for numbers, in the form of the inputs."""
-    problem, plan, ends = _problem(inputs, way, found.reach)
-    kernel = _kernel(way, inputs.spall is not None, *ends)
-    by_tilt = found._replace(settled=strip_settling.turned(plan, problem, kernel, found.settled))
-    leaves, form = jax.tree.flatten(inputs)
-    return form.unflatten(implicit.rates(lambda some: _shifted_moment(way, by_tilt, form.unflatten(some)), leaves))
+    return [form.unflatten(list(row)) for row in implicit.rates(moved, leaves).T]
 
 
 def _groups(inputs: Inputs, reach: Reach, way: Way) -> tuple[tuple[Rows, ...], int | None, tuple]:
@@ -148,28 +154,22 @@ def _rolling_edges(inputs: Inputs, edges: int, unit: Any) -> tuple[Any, Any]:
     return left, FARTHEST if edges == 1 else right
 
 
-def _shifted(way: Way, found: Strips, inputs: Inputs) -> Any:
-    """The approach [mm] to first order in a change of the inputs, at what was found for them.
+def _shifted(way: Way, found: Strips, settled: Sequence[Settled], inputs: Inputs) -> list[Any]:
+    """To first order in a change of the inputs, at what was found for them: the approach [mm] and, of `settled` with
+    changes by the tilt in place of those by the load (`strip_settling.turned`), the moment [N mm].
 
     Rows and boundaries keep their places in the units, which change: what they are misplaced by does then not enter.
     """
     reach = carried_along(found.reach, inputs, way.edges)
     problem, plan, ends = _problem(inputs, way, reach)
-    kernel_of = partial(_kernel, way, inputs.spall is not None)
-    return (found.settled.approach + strip_settling.shift(plan, problem, kernel_of, ends, found.settled)) / problem.push
-
-
-def _shifted_moment(way: Way, by_tilt: Strips, inputs: Inputs) -> Any:
-    """The moment [N mm] to first order in a change of the inputs, at what was found for them: `by_tilt` has changes by
-    the tilt in place of those by the load (`strip_settling.turned`)."""
-    reach = carried_along(by_tilt.reach, inputs, way.edges)
-    problem, plan, ends = _problem(inputs, way, reach)
-    kernel_of = partial(_kernel, way, inputs.spall is not None)
-    groups, *_ = _groups(inputs, reach, way)
-    settled = by_tilt.settled
-    on = settled.active[plan.outline_of]
-    own = xp.total(xp.where(on, settled.loads[:, 0], 0.0) * strip_plan.arms(groups)[plan.rows])
-    return reach.line_load * reach.unit**2 * (own + strip_settling.shift(plan, problem, kernel_of, ends, settled))
+    shifts = strip_settling.shifts(plan, problem, partial(_kernel, way, inputs.spall is not None), ends, settled)
+    moved = [(found.settled.approach + shifts[0]) / problem.push]
+    if len(settled) > 1:
+        groups, *_ = _groups(inputs, reach, way)
+        on = found.settled.active[plan.outline_of]
+        own = xp.total(xp.where(on, found.settled.loads[:, 0], 0.0) * strip_plan.arms(groups)[plan.rows])
+        moved.append(reach.line_load * reach.unit**2 * (own + shifts[1]))
+    return moved
 
 
 def _search(way: Way, inputs: Inputs) -> tuple[Any, Strips]:

@@ -7,7 +7,7 @@ approach by the second, so that two or three solves are enough and no boundary n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -239,22 +239,25 @@ def _moved(plan: StripPlan, problem: StripProblem, found: Settled, bound: Any) -
     return new, held, active, xp.abs(xp.sum(worth)) / _deepest(problem, found)
 
 
-def shift(
-    plan: StripPlan, problem: StripProblem, kernel_of: Callable[..., Kernel], ends: tuple[Any, ...], found: Settled
-) -> Any:
+def shifts(
+    plan: StripPlan, problem: StripProblem, kernel_of: Callable[..., Kernel], ends: tuple[Any, ...],
+    every: Sequence[Settled],
+) -> list[Any]:  # fmt: skip
     """What the approach is off by, to first order in a change of the problem: 0 for the one that was solved.
 
     With W w + g = δ m, m·w = load and v = ∂w/∂load: dδ = v·(dW w + dg − δ dm) + ∂δ/∂load (dload − dm·w). Boundaries
     that are free do not matter, those held by an edge move with it. Of what was `turned`, it is the moment that is off
-    by this, all but what the rows' own arms add. W changes with the rows, whose kernel is
-    `kernel_of(*ends)`, and with the rolling edges: each is expanded alone, for there are few of either.
+    by this, all but what the rows' own arms add: of all in `every`, which differ in that alone. W changes with the
+    rows, whose kernel is `kernel_of(*ends)`, and with the rolling edges: each is expanded alone, for there are few of
+    either.
     """
+    found = every[0]
     on = found.active[plan.outline_of][:, None]
-    loads, by_load = xp.where(on, found.loads, 0.0), xp.where(on, found.by_load, 0.0)
+    loads, *virtual = (xp.where(on, x, 0.0) for x in (found.loads, *(each.by_load for each in every)))
     of_row = np.eye(problem.gap.shape[0])[plan.rows].T
     same = xp.moveaxis(_same(plan, found.held), -1, 0)
 
-    def pairs_of(left: Any, right: Any) -> tuple[Any, Any, Any]:
+    def pairs_of(left: Any, right: Any) -> list[tuple[Any, Any, Any]]:
         """Virtual by found loads at the same frequency, of pairs of rows; at the same end, of pairs of strips; ∫ gap of
         the virtual ones."""
         at = xp.where(found.held, bounds(plan, problem._replace(left=left, right=right)), found.ends)
@@ -262,33 +265,42 @@ def shift(
         wave = strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0])
         strength = _strengths(plan, low, high)
         curved = strip_waves.gap_integrals(plan.orders, low, high)
-        here, there = (xp.einsum("rs,sk->rk", of_row, xp.einsum("sm,smk->sk", part, wave)) for part in (by_load, loads))
-        count = here.shape[1] if plan.even else here.shape[1] // 2
-        pairs = sum(
-            here[:, None, k : k + count] * there[None, :, k : k + count] for k in range(0, here.shape[1], count)
-        )
-        tails = xp.einsum("sm,sme->es", by_load, strength), xp.einsum("sm,sme->es", loads, strength)
-        return pairs, tails[0][:, :, None] * tails[1][:, None, :] * same, xp.total(by_load * curved)
+
+        def waves_of(parts: Any) -> Any:
+            return xp.einsum("rs,sk->rk", of_row, xp.einsum("sm,smk->sk", parts, wave))
+
+        there, tails = waves_of(loads), xp.einsum("sm,sme->es", loads, strength)
+        count = there.shape[1] if plan.even else there.shape[1] // 2
+        starts = range(0, there.shape[1], count)
+
+        def with_found(by_load: Any) -> tuple[Any, Any, Any]:
+            here, tail = waves_of(by_load), xp.einsum("sm,sme->es", by_load, strength)
+            pairs = sum(here[:, None, k : k + count] * there[None, :, k : k + count] for k in starts)
+            return pairs, tail[:, :, None] * tails[:, None, :] * same, xp.total(by_load * curved)
+
+        return [with_found(by_load) for by_load in virtual]
 
     def work(products: Any, mass: Any, pairs: Any, tails: Any) -> Any:
         own = mass[plan.rows][:, plan.rows]
         return xp.einsum("ijk,ijk->", products, pairs) + xp.einsum("ij,eij->", own, tails)
 
-    still = pairs_of(*xp.fixed((problem.left, problem.right)))[:2]
+    still = pairs_of(*xp.fixed((problem.left, problem.right)))
 
-    def as_rows_move(*ends: Any) -> tuple[Any, Any, Any]:
+    def as_rows_move(*ends: Any) -> tuple[list[Any], Any, Any]:
         kernel = kernel_of(*ends)
-        return work(kernel.products, kernel.mass, *still), xp.fixed(kernel.products), xp.fixed(kernel.mass)
+        worked = [work(kernel.products, kernel.mass, *pairs) for *pairs, _ in still]
+        return worked, xp.fixed(kernel.products), xp.fixed(kernel.mass)
 
     by_rows, products, mass = xp.in_few(as_rows_move, *ends)
 
-    def as_edges_move(left: Any, right: Any) -> tuple[Any, Any]:
-        *pairs, curved = pairs_of(left, right)
-        return work(products, mass, *pairs), curved
+    def as_edges_move(left: Any, right: Any) -> list[tuple[Any, Any]]:
+        return [(work(products, mass, *pairs), curved) for *pairs, curved in pairs_of(left, right)]
 
-    by_edges, curved = xp.in_few(as_edges_move, problem.left, problem.right)
     weight = problem.weight[plan.rows]
-    virtual, real = by_load[:, 0], loads[:, 0]
-    change = by_rows + by_edges - xp.fixed(by_rows)
-    change = change + xp.total(weight * (problem.bend * curved + virtual * (problem.gap[plan.rows] - found.approach)))
-    return change + found.compliance * (problem.load - xp.total(weight * real))
+    lacking = problem.load - xp.total(weight * loads[:, 0])
+    changes = []
+    by_edges = xp.in_few(as_edges_move, problem.left, problem.right)
+    for each, by_load, rows, (edges, curved) in zip(every, virtual, by_rows, by_edges, strict=True):
+        own = problem.bend * curved + by_load[:, 0] * (problem.gap[plan.rows] - found.approach)
+        changes.append(rows + edges - xp.fixed(rows) + xp.total(weight * own) + each.compliance * lacking)
+    return changes
