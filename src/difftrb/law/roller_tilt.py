@@ -22,10 +22,11 @@ from difftrb.core.geometry import LineContact
 from difftrb.law import samples
 from difftrb.law.samples import Case, Node, Progress, Turning
 
-BALANCED = 1e-5
-"""Difference of both moments, by load and roller length, at which a roller rests."""
+BALANCED = 2.5e-2
+"""Difference of both moments, by load and roller length, from which one more step of the secant
+is enough; of a first step, a tenth."""
 ROUNDS = 20
-"""Of the secant method between brackets, at most; four or five do."""
+"""Of the secant method between brackets, at most; two or three do."""
 SEARCHED, FOUND = 3, 5
 """Loads of one roller at which its tilt is looked for while its load is, and once that is found."""
 
@@ -90,6 +91,20 @@ class Resting(NamedTuple):
         softer, stiffer = outer.by_tilt - inner.by_tilt / ratio, outer.moment_by_tilt + inner.moment_by_tilt
         return -softer / stiffer if stiffer < 0.0 else 0.0
 
+    def balanced(self) -> Resting:
+        """The roller where both moments are equal, by how contacts near there go with the tilt; as it is where they
+        were solved without."""
+        one, other = self.outer.turning, self.inner.turning
+        if one is None or other is None or not one.moment_by_tilt + other.moment_by_tilt < 0.0:
+            return self
+        more = (self.inner.moment - self.outer.moment) / (one.moment_by_tilt + other.moment_by_tilt)
+
+        def turned(node: Node, by: Turning, more: float) -> Node:
+            approach, moment = node.approach + by.by_tilt * more, node.moment + by.moment_by_tilt * more
+            return dataclasses.replace(node, approach=approach, moment=moment)
+
+        return Resting(self.tilt + more, turned(self.outer, one, more), turned(self.inner, other, -more))
+
     def shares(self, ratio: float) -> tuple[Node, Node]:
         """Each contact's part in the approach D and the moment M of both together, the roller's tilt following:
         D = δ_outer + δ_inner/ratio, M = M_outer. `ratio` is outer by inner load.
@@ -149,10 +164,10 @@ def at_rest(
 
     tilt, before = 0.5 * roller.turned if start is None else start, None
     low, high = -np.inf, np.inf
-    for _ in range(ROUNDS + 1):
+    for _ in range(ROUNDS):
         outer, inner = at(tilt, samples.pressed)
         unbalanced = float(outer.moment - inner.moment)
-        if status.worst(outer.status_code, inner.status_code) != status.CONVERGED or not abs(unbalanced) > close:
+        if status.worst(outer.status_code, inner.status_code) != status.CONVERGED or unbalanced == 0.0:
             break
         # two uniform line contacts in parallel, each with Q/δ along its length
         soft = sum(load / float(each.approach) for load, each in zip(loads, (outer, inner), strict=True))
@@ -160,10 +175,13 @@ def at_rest(
         slope = fall if before is None else (before[1] - unbalanced) / (before[0] - tilt)
         low, high = (max(low, tilt), high) if unbalanced > 0.0 else (low, min(high, tilt))
         step = tilt - unbalanced / (slope if slope < 0.0 else fall)
-        if not low < step < high:
+        balanced = abs(unbalanced) < (close if before else 0.1 * close)
+        if not (balanced or low < step < high):
             step = 0.5 * (low + high) if np.isfinite(low + high) else tilt - unbalanced / fall
         before, tilt = (tilt, unbalanced), float(step)
-    return Resting(tilt, *at(tilt, samples.solved_turning if turning else samples.solved))
+        if balanced:
+            break
+    return Resting(tilt, *at(tilt, samples.solved_turning if turning else samples.solved)).balanced()
 
 
 def tilt_curves(
