@@ -25,7 +25,7 @@ from difftrb.core.geometry import Raceway, Real
 from difftrb.core.jax_config import set_up_jax
 from difftrb.law import atlas
 from difftrb.law.base import Law
-from difftrb.report import figure_style, run_text
+from difftrb.report import figure_style, tables
 from difftrb.ring import effects
 from difftrb.scene.cage_phases import phases as phases_of
 from difftrb.scene.scene import PitchMean
@@ -141,7 +141,7 @@ def write(result: Result, out: Path, name: str) -> None:
     """The numbers of a result, and its part of the page, as `name`.json."""
     out.mkdir(parents=True, exist_ok=True)
     content = {
-        "title": result.title, "numbers": _rounded(run_text.plain(result.numbers)),
+        "title": result.title, "numbers": _rounded(tables.plain(result.numbers)),
         "claims": [dataclasses.asdict(claim) for claim in result.claims],
         "printed": [dataclasses.asdict(row) for row in result.printed], "beyond": result.beyond, "page": result.page,
     }  # fmt: skip

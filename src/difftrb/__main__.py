@@ -69,15 +69,21 @@ def _run(options: Any) -> int:
         edges = difftrb.edge_stresses(scene, result.spalled)
     mean = None
     if (options.mean or not differ(scene.effects)) and bool(result.spalled.converged):
-        with console.busy("solving the ring at all phases"):
-            mean = jax.device_get(solving.assess_mean(scene))
+        with (console.bar if options.mean else console.busy)("solving the ring at all phases") as progress:
+            mean = jax.device_get(solving.assess_mean(scene, file.scene() if options.mean else None, progress))
+    if mean is not None and not bool(mean.spalled.converged):
+        console.remark(f"no mean over the cage's turn: {mean.spalled.status}", path)
+    elif mean is None and options.mean and any(spall.surface == "roller" for spall in scene.spalls):
+        console.remark("no mean over the cage's turn: a spall on a roller belongs to that one", path)
     checked = None
     if options.verify and bool(result.spalled.converged):
         with console.bar("solving the rollers' contacts afresh") as progress:
             checked = difftrb.verify(scene, result.spalled, progress)
     known = None
     if file.catalogue is not None:
-        known = catalogue_uncertainty.estimated(scene, file.catalogue, result.spalled.both_stiffnesses)
+        with console.busy("asking other bearings of this catalogue line"):
+            stiffness = result.spalled.both_stiffnesses
+            known = catalogue_uncertainty.estimated(scene, file.scene(), file.catalogue, stiffness)
     record = run_text.run_json(scene, result, time.perf_counter() - started, edges, checked, mean, known)
 
     missing: list[str] = []
@@ -143,18 +149,25 @@ def _check(options: Any) -> int:
     from difftrb.report import remarks
     from difftrb.scene import scene_file
 
-    file, path = _read(options)
+    text, path = _source(options)
+    file = scene_file.parse(text, path)
     scene_file.check_ring(file, path)
+    sweep = ""
+    if scene_file.has_sweep(text):
+        from difftrb.sweeps import sweep_file
+
+        plan = sweep_file.parse(text, path).plan(law=False)
+        sweep = f", with a sweep of {plan.members:,} members"
     console.remark(remarks.light_ring_load(file), path)
     console.remark(remarks.far_angle(file), path)
     spalls = f"{len(file.spall)} spall{'s' if len(file.spall) > 1 else ''}" if file.spall else "healthy"
     print(f"{path}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
-          f"axial {file.load.axial:g} N, law {file.contact.law}")  # fmt: skip
+          f"axial {file.load.axial:g} N, law {file.contact.law}{sweep}")  # fmt: skip
     if file.catalogue is not None:
-        from difftrb.report import catalogue_uncertainty, run_text
+        from difftrb.report import catalogue_uncertainty, tables
 
         console.show(
-            catalogue_uncertainty.table(file.catalogue, run_text.house_table("Bearing estimated from its catalogue"))
+            catalogue_uncertainty.table(file.catalogue, tables.house_table("Bearing estimated from its catalogue"))
         )
     return EXIT_OK
 

@@ -13,7 +13,7 @@ from rich.text import Text
 from difftrb.accuracy import ladder, timing
 from difftrb.accuracy.ladder import TRUTHS, Kind, Measured, Row
 from difftrb.core.status import SceneError
-from difftrb.report import console, remarks, run_text
+from difftrb.report import console, remarks, tables
 from difftrb.scene.file_schema import SceneFile
 
 KINDS: tuple[Kind, ...] = ("ring", "contact")
@@ -70,7 +70,7 @@ def accuracy_json(measured: Measured) -> dict[str, Any]:
     truths = [measured.truth(kind) for kind in KINDS]
     sentences = (row.status for row in measured.rows if row.status != "converged")
     failed = next(sentences, "no way to compute it was measured that others can be compared with")
-    return run_text.plain({
+    return tables.plain({
         "status": "converged" if any(truths) else failed,
         "converged": any(truths),
         "asked": measured.asked,
@@ -99,7 +99,7 @@ def accuracy_text(measured: Measured) -> RenderableType:
             names = ["approach"]
         if not rows:
             continue
-        table = run_text.house_table({"ring": "Ring, by roller law", "contact": "One contact, by method"}[kind])
+        table = tables.house_table({"ring": "Ring, by roller law", "contact": "One contact, by method"}[kind])
         table.padding = 0  # ten columns on a page
         table.add_column("", no_wrap=True)
         for name in names:
@@ -159,13 +159,13 @@ def _accuracy_lines(measured: Measured) -> list[str]:
         "compiled; solve: the scene by that law; batch: one of a batch; slopes: one, with derivatives by length and "
         "width",
         f"on {measured.device}, {measured.cores} cores; yardstick {_duration(measured.yardstick)}; difftrb imported in "
-        f"{_duration(measured.importing)}; memory {run_text.number(memory, '.0f')} MiB; measured in "
+        f"{_duration(measured.importing)}; memory {tables.number(memory, '.0f')} MiB; measured in "
         f"{_duration(measured.seconds)}",
     ]
 
 
 def _error(value: float) -> str:
-    return run_text.number(value, ".1e").replace("e-0", "e-").replace("e+00", "")
+    return tables.number(value, ".1e").replace("e-0", "e-").replace("e+00", "")
 
 
 def _duration(value: float) -> str:

@@ -29,9 +29,18 @@ def across(bearing: TaperedBearing, spalls: tuple[Any, ...]) -> str | None:
     if sentence is not None:
         return sentence
     for i, spall in enumerate(spalls):
-        sizes = as_numbers(spall.length, bearing.roller_length) if isinstance(spall, Spall) else None
-        if sizes is not None and sizes[0] > sizes[1] * (1.0 + 1e-12):
-            return f"spall.{i}.length = {sizes[0]:g}: must be at most the roller's length, {sizes[1]:g} mm"
+        sizes = as_numbers(spall.length, bearing.roller_length, spall.axial_offset)
+        if sizes is None:
+            continue
+        length, roller, offset = sizes
+        if isinstance(spall, Spall) and length > roller * (1.0 + 1e-12):
+            return f"spall.{i}.length = {length:g}: must be at most the roller's length, {roller:g} mm"
+        farthest = 0.5 * (roller + length)
+        if abs(offset) >= farthest > 0.0:
+            return (
+                f"spall.{i}.axial_offset = {offset:g}: the spall lies beside the roller, which is {roller:g} mm long; "
+                f"give {-farthest:.6g} … {farthest:.6g} mm, from the roller's middle"
+            )
     return None
 
 

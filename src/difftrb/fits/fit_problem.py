@@ -15,7 +15,7 @@ from difftrb.law.samples import Progress
 from difftrb.ring.load import Load, largest_load
 from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
 from difftrb.scene.auto_law import by_table
-from difftrb.scene.scene import LawName, Scene, is_auto
+from difftrb.scene.scene import LawName, Scene, is_auto, laws_error
 from difftrb.scene.solving import prepare
 
 FLOOR = 0.1
@@ -59,7 +59,7 @@ def problem_of(
             "their own error: give sigma, more rows, or fewer parameters"
         )
     at, rough = (conditions.conditions(scene, rows, points) for points in (POINTS_IN_FITS, ROUGH_POINTS))
-    own_error = float(scene.law.error)  # type: ignore[union-attr]  # it is prepared
+    own_error = float(laws_error(scene))
     return Problem(
         parameters=parameters,
         bounds=bounds,

@@ -24,7 +24,7 @@ from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
 from difftrb.fits.parameters import PARAMETERS
 from difftrb.fits.posterior import Posterior, posterior
 from difftrb.fits.spall_count import SpallCount, count_spalls
-from difftrb.report import console, remarks, run_text
+from difftrb.report import console, remarks, tables, worth_text
 from difftrb.ring import effect_base
 from difftrb.ring.effects import Raceways
 from difftrb.ring.load import Load, largest_load
@@ -63,18 +63,18 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     if file.catalogue is not None and bool(result.converged):
         with console.busy("asking other bearings of this catalogue line"):
             about = file.catalogue.uncertainty(estimated_bearing.moves(result))
-        record["left_by_catalogue"] = run_text.plain(dict(zip(result.parameters, about, strict=True)))
+        record["left_by_catalogue"] = tables.plain(dict(zip(result.parameters, about, strict=True)))
         texts.insert(0, Text(f"note: {estimated_bearing.sentence(result, about)}"))  # not to be overlooked
     if options.posterior and bool(result.converged):
         with console.bar("sampling the posterior") as progress:
             drawn = posterior(result, progress=progress)
-        record["posterior"] = run_text.plain(posterior_json(drawn))
+        record["posterior"] = tables.plain(posterior_json(drawn))
         texts.append(posterior_text(drawn))
         figures.append(("posterior", lambda: corner(drawn, dict(zip(result.parameters, result.values, strict=True)))))
     if options.spalls is not None:
         with console.bar("counting spalls") as progress:
             counted = count_spalls(scene, rows, _counts(options.spalls), names, progress=progress)
-        record["spalls"] = run_text.plain(count_json(counted))
+        record["spalls"] = tables.plain(count_json(counted))
         texts.append(count_text(counted))
     if int(result.status_code) == status.NOT_CONVERGED:
         path, record["status"] = options.measured, UNFINISHED
@@ -115,7 +115,7 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
          "predicted": told, "sigma": sigma, "residual": off}
         for row, told, sigma, off in zip(fit.rows, fit.predicted, fit.sigma, fit.residuals, strict=True)
     ]  # fmt: skip
-    return run_text.plain({
+    return tables.plain({
         "status": fit.status,
         "converged": bool(fit.converged),
         "parameters": parameters,
@@ -150,12 +150,12 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
 def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
     """A fit for people: parameters, remarks, rows, and what to measure next."""
     headings = "", "value", "standard error", LIKELY, "unit", "determined"
-    table = run_text.house_table("Fitted to the measurements", *headings, words=("", "unit", "determined"))
+    table = tables.house_table("Fitted to the measurements", *headings, words=("", "unit", "determined"))
     for i, name in enumerate(fit.parameters):
         known = "yes" if fit.determined_each[i] else "no, see below"
-        values = f"{fit.values[i]:.4g}", run_text.number(fit.standard_errors[i], ".2g"), interval(fit, i), fit.units[i]
+        values = f"{fit.values[i]:.4g}", tables.number(fit.standard_errors[i], ".2g"), interval(fit, i), fit.units[i]
         table.add_row(name, *values, known)
-    rows = run_text.house_table("Measurements")
+    rows = tables.house_table("Measurements")
     for heading in ("row", "quantity", "radial [N]", "axial [N]", "phase", "measured", "model", "off [sigma]"):
         words = heading == "quantity"
         rows.add_column(heading, justify="left" if words else "right", no_wrap=heading in ("measured", "model"),
@@ -189,7 +189,7 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
         heaviest = max(float(largest_load(fit.scene.bearing, Load(row.radial, row.axial))) for row in fit.rows)
         lines.append(
             "the model is the contacts with the outer raceway alone, as in the paper; of a real bearing, in which both "
-            f"raceways give way, a spall takes about {run_text.outer_share(fit.scene, heaviest):.2f} of that: name "
+            f"raceways give way, a spall takes about {worth_text.outer_share(fit.scene, heaviest):.2f} of that: name "
             "effects.raceways for rows that were measured"
         )
     lines.append(f"{fit.status}; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom")
@@ -255,7 +255,7 @@ def posterior_json(posterior: Posterior) -> dict[str, Any]:
 def posterior_text(posterior: Posterior) -> RenderableType:
     """A table of its parameters."""
     title = f"Posterior, log evidence {posterior.log_evidence:.2f} ± {posterior.error:.2f}"
-    table = run_text.house_table(title, "", "mean", "standard deviation", LIKELY, "unit")
+    table = tables.house_table(title, "", "mean", "standard deviation", LIKELY, "unit")
     parts = zip(posterior.parameters, posterior.units, posterior.values.T, posterior.intervals(), strict=True)
     for name, unit, own, (low, high) in parts:
         table.add_row(name, f"{np.mean(own):.4g}", f"{np.std(own):.2g}", f"{low:.4g} … {high:.4g}", unit)
@@ -274,7 +274,7 @@ def count_json(counted: SpallCount) -> list[dict[str, Any]]:
 
 def count_text(counted: SpallCount) -> RenderableType:
     """A table of what speaks for each number of spalls."""
-    table = run_text.house_table("How many spalls", "spalls", "log evidence", "probability")
+    table = tables.house_table("How many spalls", "spalls", "log evidence", "probability")
     parts = zip(counted.counts, counted.log_evidences, counted.errors, counted.shares, strict=True)
     for count, value, error, share in parts:
         table.add_row(str(count), f"{value:.2f} ± {error:.2f}", f"{100.0 * share:.3g} %")

@@ -9,8 +9,11 @@ import numpy as np
 from rich.table import Table
 
 from difftrb.core.geometry import TaperedBearing
+from difftrb.core.status import SceneError
 from difftrb.law.base import LAWS
 from difftrb.ring.catalogue_inference import CatalogueBearing
+from difftrb.scene import solving
+from difftrb.scene.auto_law import PREPARED
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import Scene, healthy
 from difftrb.scene.scene_laws import with_any_width
@@ -42,7 +45,9 @@ class Estimated(NamedTuple):
         told = "; ".join(f"{name.replace('_', ' ')} {own[name]}" for name in main if not own[name].given)
         text = f"bearing estimated from its catalogue (± at k = 2): {told}"
         if self.uncertainty is None:
-            return text
+            return (
+                f"{text}; what that leaves of stiffness is not known: rectangular spalls on rings that do not tilt tell"
+            )
         radial, axial = 100.0 * self.uncertainty / np.abs(self.stiffness)
         if not np.isfinite([radial, axial]).all():
             return f"{text}; what that leaves of stiffness is not known: the law does not know all these bearings"
@@ -53,15 +58,16 @@ class Estimated(NamedTuple):
         return f"{text}, and what the spall takes of it within ± {radial:.0f} % and ± {axial:.0f} % of that"
 
 
-def estimated(scene: Scene, catalogue: CatalogueBearing, stiffness: Any) -> Estimated:
-    """Of a prepared scene and its radial and axial stiffness [N/mm], shape (2,)."""
-    kind = LAWS.get(getattr(scene.law, "name", ""))
-    follows = kind is not None and kind.at_once
-
+def estimated(scene: Scene, anew: Scene, catalogue: CatalogueBearing, stiffness: Any) -> Estimated:
+    """Of a prepared scene and its radial and axial stiffness [N/mm], shape (2,). Where its law does not follow another
+    bearing, the table tells by how many per cent stiffness moves, for `anew`, the scene before it was prepared."""
     known = np.asarray(stiffness, float)
-    if not follows:
-        return Estimated(catalogue, known, None, None)
-
+    kind = LAWS.get(getattr(scene.law, "name", ""))
+    if kind is None or not kind.at_once:
+        try:
+            scene = solving.prepare(dataclasses.replace(anew, law="table", accuracy=PREPARED))
+        except SceneError:  # rings that tilt, maps
+            return Estimated(catalogue, known, None, None)
     scene = with_any_width(scene) or scene  # with another crown's load a roller may reach both edges of a spall
 
     def both(bearing: TaperedBearing, design_load: float) -> np.ndarray:
@@ -69,9 +75,9 @@ def estimated(scene: Scene, catalogue: CatalogueBearing, stiffness: Any) -> Esti
         spalled, whole = (np.asarray(solve_prepared(each).both_stiffnesses) for each in (other, healthy(other)))
         return np.stack([spalled, 1.0 - spalled / whole])
 
+    own, loss = both(scene.bearing, cast(float, scene.design_load))
     about = catalogue.uncertainty(both)
-    loss = both(scene.bearing, cast(float, scene.design_load))[1]
-    return Estimated(catalogue, known, about[0], about[1] / loss if (loss > 0.0).all() else None)
+    return Estimated(catalogue, known, about[0] / own * known, about[1] / loss if (loss > 0.0).all() else None)
 
 
 def table(catalogue: CatalogueBearing, empty: Table) -> Table:

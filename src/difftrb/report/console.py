@@ -39,9 +39,9 @@ def remark(sentence: str | None, path: str) -> None:
 def say_picked(base: Any) -> None:
     """Say what the law "auto" became, if the scene `base` has it."""
     if (picked := getattr(base, "picked", None)) is not None:
-        from difftrb.report import run_text
+        from difftrb.report import worth_text
 
-        say(run_text.picked_text(picked))
+        say(worth_text.picked_text(picked))
 
 
 def refuse(reason: object, code: int) -> int:

@@ -20,16 +20,15 @@ from typing import Any, NamedTuple
 
 import difftrb
 from difftrb.core import packaged_bearings
-from difftrb.report import figure_style, run_text
+from difftrb.report import figure_style, run_text, worth_text
 from difftrb.report.catalogue_uncertainty import Estimated
-from difftrb.report.run_text import number
+from difftrb.report.tables import number
 from difftrb.ring import effect_base, effects
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
 from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.solution import Assessment
 
-PLACES = {"outer": "the outer raceway", "inner": "the inner raceway", "roller": "roller 0"}
 NEVER = ("lubricant film and friction", "forces of the cage", "bending of rings, shaft and housing",
          "inertia of shaft and rotor: the ring is at rest at every phase")  # fmt: skip
 """What no scene can ask for."""
@@ -152,7 +151,7 @@ def _bearing(run: Run) -> str:
 def _spalls(scene: Scene) -> str:
     if not scene.spalls:
         return "a healthy bearing"
-    sizes = [f"{spall.length:g} × {spall.width:g} mm on {PLACES[spall.surface]}" for spall in scene.spalls]
+    sizes = [f"{spall.length:g} × {spall.width:g} mm on {worth_text.PLACES[spall.surface]}" for spall in scene.spalls]
     return f"spall{'s' if len(sizes) > 1 else ''} {', '.join(sizes)}"
 
 
@@ -188,8 +187,8 @@ def _cards(run: Run) -> str:
                 f"of {name} stiffness lost {where}: {stiffness} N/mm" if scene.spalls else f"{name} stiffness {where}"
             )
             cards.append(f'<div class="card"><b>{big}</b><span>{escape(small)}</span></div>')
-    of_what = run_text.raceways_text(scene, run.result.spalled)
-    told = [of_what or "stiffness is that of both raceways in series"]
+    of_what = worth_text.raceways_text(scene, run.result.spalled)
+    told = [] if of_what is None else [of_what]
     if run.estimated is not None:
         told.append(run.estimated.sentence)
     notes = "".join(f'<p class="soft">{escape(each)}</p>' for each in told)
@@ -197,18 +196,25 @@ def _cards(run: Run) -> str:
 
 
 def _stiffness_table(run: Run) -> str:
-    rows, at = [], "mean" if isinstance(run.scene.phase, PitchMean) else "this phase"
-    for where, values in ((at, run.record), ("mean over the cage's turn", run.record.get("mean"))):
-        if values is None:
+    at, one = "mean" if isinstance(run.scene.phase, PitchMean) else "this phase", len(run.scene.spalls) == 1
+    rows: list[list[str]] = []
+    slopes: list[list[str]] = []
+    for where, result in ((at, run.result), ("mean over the cage's turn", run.mean)):
+        if result is None:
             continue
-        for name in ("radial", "axial"):
-            by = values["sensitivity"][name]
-            cells = [number(values[kind][name], ",.0f") for kind in ("healthy", "stiffness")]
-            cells += [number(values["loss"][name], ".3f")]
-            cells += [number(by[size] or None, ",.1f") for size in ("length", "width")]  # 0: no roller on an edge
-            rows.append([f"{name}, {where}", *cells])
-    heads = ("", "healthy [N/mm]", "with spall [N/mm]", "loss [%]", "by length [N/mm per mm]", "by width [N/mm per mm]")
-    return table(heads, rows, f"{run.scene.definition.capitalize()} stiffness and its derivatives by the spall's size")
+        every = run_text.slopes_by_spall(result)
+        for row, name in enumerate(run_text.DIRECTIONS):
+            both = [getattr(s, f"{name}_stiffness") for s in (result.healthy, result.spalled)]
+            cells = [*(number(v, ",.0f") for v in both), number(result.loss[row], ".3f")]
+            rows.append([f"{name}, {where}", *cells, *(every[0][row] if one else ())])
+            slopes += [[f"{name}, {where}", str(k), *own[row]] for k, own in enumerate(every)]
+    by = "by length [N/mm per mm]", "by width [N/mm per mm]"
+    heads = ("", "healthy [N/mm]", "with spall [N/mm]", "loss [%]", *(by if one else ()))
+    kind = f"{run.scene.definition.capitalize()} stiffness"
+    found = table(heads, rows, f"{kind} and its derivatives by the spall's size" if one else kind)
+    if len(run.scene.spalls) < 2:
+        return found
+    return found + table(("", "spall", *by), slopes, f"{kind}: its derivatives by the size of each spall")
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> str:
@@ -239,12 +245,12 @@ def _inlined(svg: str, name: str, heading: str) -> str:
 def _acting(scene: Scene) -> str:
     both = effect_base.among(scene.effects, effects.Raceways) is not None
     raceways = "both raceways" if both else "the outer raceway"
-    acting = [f"contact of crowned rollers with {raceways}, elastic half-space; {_law(scene)}"]
+    acting = [f"contact of crowned rollers with {raceways}, elastic half-space; {worth_text.law_text(scene)}"]
     for spall in scene.spalls:
         at = f"{spall.angle:g} rad ({math.degrees(spall.angle):.4g}°)"
         acting.append(
-            f"a spall on {PLACES[spall.surface]}: {spall.length:g} mm along the roller, {spall.width:g} mm across it,"
-            f" {spall.depth:g} mm deep, at {at}, {spall.axial_offset:g} mm off the middle"
+            f"a spall on {worth_text.PLACES[spall.surface]}: {spall.length:g} mm along the roller, "
+            f"{spall.width:g} mm across it, {spall.depth:g} mm deep, at {at}, {spall.axial_offset:g} mm off the middle"
         )
     for effect in scene.effects:
         kind = next(kind for kind in effects.registered() if isinstance(effect, kind))
@@ -263,15 +269,12 @@ def _plain(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float | int) else str(value)
 
 
-def _law(scene: Scene) -> str:
-    return run_text.law_text(scene.law)  # type: ignore[arg-type]
-
-
 def _errors(run: Run) -> str:
     spalled = run.result.spalled
-    lines = [_law(run.scene)] if run.estimated is None else [run.estimated.sentence, _law(run.scene)]
+    lines = [] if run.estimated is None else [run.estimated.sentence]
+    lines.append(worth_text.law_text(run.scene))
     if spalled.picked is not None:
-        lines.append(run_text.picked_text(spalled.picked))
+        lines.append(worth_text.picked_text(spalled.picked))
     lines.append(
         f"unbalanced force {float(spalled.residual):.1e} of the load after {int(spalled.iterations)} steps of Newton's "
         "method"

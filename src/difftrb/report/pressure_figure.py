@@ -15,7 +15,8 @@ from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import pressure_patches
 from difftrb.contact.strip_model import Patch
-from difftrb.core.geometry import Raceway
+from difftrb.core import geometry
+from difftrb.core.geometry import Raceway, Spall
 from difftrb.report.figure_style import SPALLED
 from difftrb.ring import effect_base, roller_places
 from difftrb.ring.effects import Raceways
@@ -40,34 +41,48 @@ class DrawnContact(NamedTuple):
 
 
 def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
-    """The contacts of up to `MOST` loaded rollers that meet the first spall, with every raceway that gives way, roller
-    by roller; of the most loaded roller if none does, or there is none. Each with the load, the offset and the tilt
-    that it has in `solution`. Of a second row the outer contacts alone."""
-    spall = next(iter(scene.spalls), None)
-    row = 1 if spall is None else spall.row
-    series = effect_base.among(scene.effects, Raceways) is not None and row == 1
-    raceways: tuple[Raceway, ...] = ("outer", "inner") if series else ("outer",)
-    rollers: list[int] = [int(np.argmax(np.asarray(solution.loads_of(row))))]
-    beside: dict[Raceway, tuple[np.ndarray, np.ndarray, Any]] = {}
-    if spall is not None:
-        beside = {
-            each: beside_spall(scene, solution, spall, each)
-            for each in raceways
-            if roller_places.spalls_on((spall,), each)
-        }
-    for loads, away, half in list(beside.values())[:1]:
-        met = np.flatnonzero((np.abs(away) < 0.5 * float(spall.width) + half) & (loads > 0.0))  # type: ignore[union-attr]
-        nearest = met[np.argsort(np.abs(away[met]), kind="stable")[:MOST]]
-        rollers = sorted((int(j) for j in nearest), key=lambda j: away[j]) or rollers
+    """The contacts of the up to `MOST` most loaded rollers that meet a spall, with every raceway that gives way, roller
+    by roller; of the most loaded roller if none does. Each with the load, the tilt and all spalls in its reach that it
+    has in `solution`. Of two rows, the one whose rollers at spalls carry more; of a second one the outer contacts
+    alone."""
+    every = {row: _met(scene, solution, row) for row in {1} | {spall.row for spall in scene.spalls}}
+    row = max(every, key=lambda row: (float(np.max(_loads_at(solution, row, every[row]))), -row))
+    at_spalls = _loads_at(solution, row, every[row])
+    rollers = [int(j) for j in np.argsort(-at_spalls, kind="stable")[:MOST] if at_spalls[j] > 0.0]
+    rollers.sort(key=lambda j: float(geometry.turned(solution.angles[j])))
     accuracy = min(scene.accuracy, FINE)
     found = []
-    for j, raceway in itertools.product(rollers, raceways):
+    for j, raceway in itertools.product(rollers or [int(np.argmax(solution.loads_of(row)))], every[row]):
         load = solution.loads_of(row)[j] if raceway == "outer" else solution.effects["inner_loads"][j]
-        under = (spall, -float(beside[raceway][1][j])) if raceway in beside else (None, 0.0)
+        own = [(spall, -float(away[j])) for spall, away, reached in every[row][raceway] if reached[j]]
+        under = (tuple(spall for spall, _ in own), [offset for _, offset in own]) if own else (None, 0.0)
         tilt = _tilts(solution, raceway, row)[j]
         contact = raceway_contact(scene, raceway)
         found.append(DrawnContact(j, *pressure_patches(contact, load, *under, accuracy, float(tilt)), raceway))
     return found
+
+
+Met = dict[Raceway, list[tuple[Spall | HeightMap, np.ndarray, np.ndarray]]]
+"""By raceway: its spalls, how far rollers are from each [mm], and which of them reach it, shape (rollers,)."""
+
+
+def _met(scene: Scene, solution: Solution, row: int) -> Met:
+    """What the rollers of one row meet on every raceway that gives way."""
+    series = effect_base.among(scene.effects, Raceways) is not None and row == 1
+    found: Met = {"outer": [], "inner": []} if series else {"outer": []}
+    spalls = tuple(spall for spall in scene.spalls if spall.row == row)
+    for raceway, met in found.items():
+        for spall in roller_places.spalls_on(spalls, raceway):
+            loads, away, half = beside_spall(scene, solution, spall, raceway)
+            met.append((spall, away, (np.abs(away) < 0.5 * float(spall.width) + half) & (loads > 0.0)))
+    return found
+
+
+def _loads_at(solution: Solution, row: int, met: Met) -> np.ndarray:
+    """Loads of a row's rollers that meet a spall, 0 of others [N]."""
+    loads = np.asarray(solution.loads_of(row))
+    reached = [own for every in met.values() for _, _, own in every]
+    return np.where(np.any(reached, axis=0), loads, 0.0) if reached else np.zeros(loads.shape)
 
 
 def _tilts(solution: Solution, raceway: Raceway, row: int) -> np.ndarray:
@@ -155,7 +170,7 @@ def pressure_map(
         corner = (float(spall.axial_offset - 0.5 * length), float(offset - 0.5 * width))
         over = patches and not isinstance(spall, HeightMap)  # nothing is carried there
         outline = {"facecolor": "#EDEDED", "alpha": 1.0 if over else 0.35, "edgecolor": SPALLED, "linewidth": 1.2}
-        label = "spall" if i == 0 else None
+        label = None if i else "spall" if len(solution.spalls) == 1 else "spalls"
         ax.add_patch(Rectangle(corner, float(length), float(width), zorder=2 if over else 0, label=label, **outline))
     if solution.spalls:
         ax.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=9)
@@ -168,7 +183,8 @@ def pressure_map(
     ax.text(0.01, 0.02, f"not to scale: x stretched about {float(f'{stretch:.1g}'):g} times", fontsize=8, color="0.35",
             transform=ax.transAxes, va="bottom")  # fmt: skip
     place = ", ".join(f"{float(offset) + 0.0:.3g}" for _, offset in solution.spalls)
-    place = f", {place} mm from the spall's middle" if solution.spalls else ""
+    middle = "spall's middle" if len(solution.spalls) == 1 else "spalls' middles"
+    place = f", {place} mm from the {middle}" if solution.spalls else ""
     ax.set_title(f"{float(solution.load):,.0f} N{place}, approach {1e3 * float(solution.approach):.3f} µm", fontsize=10)
     return ax
 

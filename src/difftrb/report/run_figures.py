@@ -94,17 +94,19 @@ def loss_over_sizes(found: LossMap, scene: Scene, mean: Assessment) -> Figure:
     """Loss of radial and axial stiffness in the mean over the cage's turn, over the first spall's length and width; the
     present spall is marked, its gradient drawn bold."""
     figure, axes = plt.subplots(1, 2, figsize=(10.5, 4.1), layout="constrained")
+    one = len(scene.spalls) == 1
+    which, beside = ("this spall", "") if one else ("spall 0", ", with all spalls, over the size of spall 0")
     for row, (ax, (name, _)) in enumerate(zip(axes, DIRECTIONS, strict=True)):
         _map(found, row, ax)
         spall, sound = scene.spalls[0], float(np.asarray(mean.healthy.both_stiffnesses)[row])
         slopes = [-100.0 * float(np.asarray(by)[row, 0]) / sound for by in (mean.by_length, mean.by_width)]
-        _arrow(ax, found, (float(spall.length), float(spall.width)), slopes)
+        _arrow(ax, found, (float(spall.length), float(spall.width)), slopes, which)
         by = f"{slopes[0]:+.2g} %/mm by length, {slopes[1]:+.2g} by width"
         ax.set_title(f"{name}: {float(mean.loss[row]):.2f} %, {by}", fontsize=10)
         ax.set_xlabel("spall length [mm]")
     axes[0].set_ylabel("spall width [mm]")
     figure.suptitle(
-        f"Loss of {scene.definition} stiffness in the mean over the cage's turn, {loads_of(scene)}", fontsize=11
+        f"Loss of {scene.definition} stiffness in the mean over the cage's turn, {loads_of(scene)}{beside}", fontsize=11
     )
     return figure
 
@@ -142,13 +144,13 @@ def _between(x: np.ndarray, values: np.ndarray, slopes: np.ndarray, at: np.ndarr
     return values[k] + t * rise + t * (1.0 - t) * ((1.0 - t) * low + t * high)
 
 
-def _arrow(ax: Axes, found: LossMap, at: tuple[float, float], slopes: list[float]) -> None:
+def _arrow(ax: Axes, found: LossMap, at: tuple[float, float], slopes: list[float], which: str) -> None:
     """The spall as it is, and where its loss rises, in units of the axes' ranges as the other arrows."""
     ax.plot(*at, "o", ms=8, mfc="white", mec=SPALLED, mew=2.2, zorder=6)
     rise = np.array([slopes[0] * np.ptp(found.lengths), slopes[1] * np.ptp(found.widths)])
     if np.hypot(*rise) > 0.0:
         ax.quiver(*at, *rise / np.hypot(*rise), color=SPALLED, angles="uv", width=0.012, scale=6.0, zorder=5)
-    ax.annotate(f"this spall:\n{at[0]:g} × {at[1]:g} mm", at, (-10, 0), textcoords="offset points", color="white",
+    ax.annotate(f"{which}:\n{at[0]:g} × {at[1]:g} mm", at, (-10, 0), textcoords="offset points", color="white",
                 fontsize=9, ha="right", va="center", weight="bold")  # fmt: skip
 
 

@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import numpy as np
-from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from difftrb.contact import gap
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
-from difftrb.core.geometry import Real
-from difftrb.law import base as laws
-from difftrb.law.base import LAWS, Law
-from difftrb.report import remarks
+from difftrb.report import remarks, worth_text
 from difftrb.report.catalogue_uncertainty import Estimated
+from difftrb.report.tables import house_table, number, plain
 from difftrb.ring import effect_base
-from difftrb.ring.effects import Raceways
 from difftrb.scene.audit import Audit
 from difftrb.scene.edge_stress import EdgeStress
-from difftrb.scene.scene import Picked, PitchMean, Scene, raceway_contact
+from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.solution import AXES, Assessment, Solution
 
 BAR = 28
+DIRECTIONS = "radial", "axial"
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
@@ -39,7 +33,8 @@ def run_json(
 ) -> dict[str, Any]:  # fmt: skip
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
-    `sensitivity` is by the first spall's size; None for a healthy scene. With effects there is a key `effects`, with
+    `sensitivity` is by the spall's size, of several spalls a list of one number each; None for a healthy scene. With
+    effects there is a key `effects`, with
     `edges` a key `edge_stress`, with the law "auto" a key `picked`, with an `audit` a key of that name. With the `mean`
     over the cage's turn there is a key `mean`: stiffness, healthy, loss and sensitivity. With a bearing that was
     `estimated` from its catalogue there is a key of that name: values and expanded uncertainties. `remarks` are what
@@ -56,7 +51,8 @@ def run_json(
         "loads": spalled.loads,
         "displacement": dict(zip(AXES, spalled.displacement, strict=False)),
         **stiffness,
-        "stiffness": {**place, **stiffness["stiffness"], "matrix": spalled.stiffness},
+        "stiffness": {**place, **stiffness["stiffness"], "matrix": spalled.stiffness,
+                      "axes": AXES[: len(spalled.displacement)]},
         **({} if mean is None else {"mean": _stiffness_record(scene, mean)}),
         "residual": spalled.residual,
         "iterations": spalled.iterations,
@@ -71,11 +67,13 @@ def run_json(
 
 
 def _stiffness_record(scene: Scene, result: Assessment) -> dict[str, dict[str, Any]]:
-    """Stiffness with and without spalls, what they take of it [%], and its slopes by the first one's size."""
-    slopes = np.stack([result.by_length, result.by_width], axis=-1)  # (radial | axial, spall, length | width)
+    """Stiffness with and without spalls, what they take of it [%], and its slopes by their sizes."""
 
     def slope(row: int) -> dict[str, Any]:
-        return {size: slopes[row, 0, i] if scene.spalls else None for i, size in enumerate(("length", "width"))}
+        by_size = {"length": np.asarray(result.by_length)[row], "width": np.asarray(result.by_width)[row]}
+        if not scene.spalls:
+            return dict.fromkeys(by_size)
+        return {size: by[0] if len(scene.spalls) == 1 else by for size, by in by_size.items()}
 
     return {
         "stiffness": {"radial": result.spalled.radial_stiffness, "axial": result.spalled.axial_stiffness},
@@ -104,19 +102,6 @@ def contact_json(solution: ContactSolution, slopes: dict[str, Any], seconds: flo
     })  # fmt: skip
 
 
-def plain(value: Any) -> Any:
-    """`value` with arrays as lists and NaN as None, ready for strict JSON."""
-    if isinstance(value, dict):
-        return {key: plain(entry) for key, entry in value.items()}
-    if isinstance(value, jax.Array | np.ndarray | np.integer):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value
-
-
 def run_text(
     scene: Scene, result: Assessment, edges: Sequence[EdgeStress] = (), audit: Audit | None = None,
     mean: Assessment | None = None, estimated: Estimated | None = None,
@@ -124,9 +109,9 @@ def run_text(
     """The main job's result for people: remarks, stiffness and its losses, sensitivities, the same in the `mean` over
     the cage's turn, a bar of load for every roller, a sentence for every one of `edges`, and the `audit`'s."""
     spalled = result.spalled
-    lines = [*_ring_lines(scene, spalled), *(edge.sentence for edge in edges), law_text(spalled.law)]
+    lines = [*_ring_lines(scene, spalled), *(edge.sentence for edge in edges), worth_text.law_text(scene)]
     if spalled.picked is not None:
-        lines.append(picked_text(spalled.picked))
+        lines.append(worth_text.picked_text(spalled.picked))
     if scene.spalls and not isinstance(scene.phase, PitchMean) and not np.any(result.by_width):
         lines.append(
             "width: no roller stands on a rolling edge at this phase, so stiffness does not change with it; in the "
@@ -140,29 +125,40 @@ def run_text(
     if estimated is not None:
         lines.append(estimated.sentence)
     first = (Text(f"note: {sentence}") for sentence in remarks.of_result(scene, result))
-    tables = [_stiffness_table(scene, result, "" if mean is None else " at this phase")]
+    tables = _stiffness_tables(scene, result, "" if mean is None else " at this phase")
     if mean is not None:
-        tables.append(_stiffness_table(scene, mean, " in the mean over the cage's turn"))
-    of_what = raceways_text(scene, spalled)
+        tables += _stiffness_tables(scene, mean, " in the mean over the cage's turn")
+    of_what = worth_text.raceways_text(scene, spalled)
     told = () if of_what is None else (Text(f"{of_what}\n"),)
     return Group(*first, *tables, *told, _load_table(scene, result), *map(Text, lines))
 
 
-def _stiffness_table(scene: Scene, result: Assessment, where: str) -> Table:
-    """Stiffness in either direction, its loss, and its slopes by the first spall's size; none where it is 0 because no
-    roller stands on a rolling edge."""
+def _stiffness_tables(scene: Scene, result: Assessment, where: str) -> list[Table]:
+    """Stiffness in either direction, its loss, and its slopes by the spall's size; of several spalls in a table of
+    their own."""
     kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
-    columns = ["spalled", "loss [%]", "by length [/mm]", "by width [/mm]"] if scene.spalls else []
-    table = house_table(f"Stiffness{where}, {kind} [N/mm]", "", "healthy", *columns)
-    for row, name in enumerate(("radial", "axial")):
-        if not scene.spalls:
-            table.add_row(name, number(getattr(result.healthy, f"{name}_stiffness"), ",.0f"))
-            continue
+    every, one = slopes_by_spall(result), len(scene.spalls) == 1
+    losses, sizes = ["spalled", "loss [%]"] if scene.spalls else [], ["by length [/mm]", "by width [/mm]"]
+    table = house_table(f"Stiffness{where}, {kind} [N/mm]", "", "healthy", *losses, *(sizes if one else ()))
+    for row, name in enumerate(DIRECTIONS):
         values = [getattr(s, f"{name}_stiffness") for s in (result.healthy, result.spalled)]
-        by_size = [v[row, 0] for v in (result.by_length, result.by_width)]
-        slopes = [number(v if v else np.nan, ",.1f") for v in map(float, by_size)]
-        table.add_row(name, *(number(v, ",.0f") for v in values), number(result.loss[row], ".3f"), *slopes)
-    return table
+        cells = [number(v, ",.0f") for v in values[: 1 + len(losses) // 2]]
+        cells += [number(result.loss[row], ".3f")] if scene.spalls else []
+        table.add_row(name, *cells, *(every[0][row] if one else ()))
+    if len(scene.spalls) < 2:
+        return [table]
+    heads = [f"{name} {size}" for name in DIRECTIONS for size in sizes]
+    slopes = house_table(f"Stiffness{where} by the size of each spall [N/mm]", "spall", *heads)
+    for number_of, rows in enumerate(every):
+        slopes.add_row(str(number_of), *(cell for row in rows for cell in row))
+    return [table, slopes]
+
+
+def slopes_by_spall(result: Assessment) -> list[list[list[str]]]:
+    """For every spall, of radial and axial stiffness, its slopes by length and by width [N/mm per mm]; none where it is
+    0 because no roller stands on a rolling edge."""
+    by_size = np.stack([result.by_length, result.by_width], axis=-1)  # (radial | axial, spall, length | width)
+    return [[[number(v if v else np.nan, ",.1f") for v in row] for row in own] for own in np.moveaxis(by_size, 1, 0)]
 
 
 def roller_columns(scene: Scene, result: Assessment) -> dict[str, list[str]]:
@@ -198,29 +194,6 @@ def _load_table(scene: Scene, result: Assessment) -> Table:
     return table
 
 
-def raceways_text(scene: Scene, solution: Solution) -> str | None:
-    """What the stiffness is of, and about what is left of it and of its loss where the inner raceway gives way, too.
-    None where both do."""
-    if not bool(solution.converged) or effect_base.among(scene.effects, Raceways):
-        return None
-    share = outer_share(scene, float(np.max(solution.loads)))
-    return (
-        "stiffness is that of the contacts with the outer raceway alone, as in the paper; both raceways in series make "
-        f"about {share:.2f} of it{', and of its loss in per cent' if scene.spalls else ''}: effects.raceways"
-    )
-
-
-def outer_share(scene: Scene, load: float) -> float:
-    """About which share of a roller's approach is the outer raceway's, under a load [N]: by the compliances of two long
-    cylinders (Johnson 1985, section 5.6)."""
-    compliance = []
-    for raceway in ("outer", "inner"):
-        contact = raceway_contact(scene, raceway)
-        half_width = float(gap.half_width(contact, load))
-        compliance.append(math.log(2.0 * float(contact.length) / half_width))
-    return compliance[0] / sum(compliance)
-
-
 def _ring_lines(scene: Scene, solution: Solution) -> list[str]:
     """Of the ring as a whole: the range over phases, displacement, and what effects add."""
     u = np.round(1e3 * np.asarray(solution.displacement), 4) + 0.0  # no −0
@@ -234,6 +207,9 @@ def _ring_lines(scene: Scene, solution: Solution) -> list[str]:
     lines.append(f"displacement: radial {u[0]:.3f} µm, lateral {u[1]:.3f} µm, axial {u[2]:.3f} µm")
     if u.size > 3:
         lines.append(f"tilt: about the radial axis {u[3]:.4f} mrad, about the lateral axis {u[4]:.4f} mrad")
+        about = [f"{np.asarray(solution.stiffness)[k, k]:.4g} N mm/rad about the {axis} axis"
+                 for k, axis in ((3, "radial"), (4, "lateral"))]  # fmt: skip
+        lines.append(f"stiffness against tilt: {', '.join(about)}")
     if scene.effects:
         lines.append(f"beyond the plain ring: {'; '.join(each.label for each in scene.effects)}")
     units = effect_base.units(scene.effects)
@@ -247,48 +223,6 @@ def _column(name: str) -> str:
     """What heads a column of an effect's result for every roller."""
     words = name.removesuffix("_loads").replace("_", " ")
     return f"on {words}" if name.endswith("_loads") else words
-
-
-def number(value: Any, style: str) -> str:
-    if value is None or not math.isfinite(value):
-        return "–"
-    text = format(float(value), style)
-    return text if text.strip("-+0.,") else format(0.0, style)  # no −0.000
-
-
-def law_text(law: Law) -> str:
-    """One sentence on the roller law: what it is, its range and error."""
-    kind = LAWS.get(law.name)  # None: a law of the user's own
-    text = f"law: {law.name}" if kind is None else f"law: {law.name}, {kind.summary}"
-    low, high = (float(v) for v in law.load_range)
-    if math.isfinite(high):
-        text += f"; made for {low:.0f} … {high:.0f} N on the most loaded roller"
-    error = float(law.error)
-    if not math.isfinite(error):
-        return f"{text}; error not known"
-    off = f"{100.0 * error:.2g} %"
-    return text + (
-        f"; nine in ten loads are off by less than {off}" if law.name == "table" else f"; loads off by up to {off}"
-    )
-
-
-def picked_text(picked: Picked) -> str:
-    """One sentence on what the law "auto" became."""
-    way, kept = _way(picked.law, picked.accuracy), picked.error <= picked.asked
-    asked = f"stiffness and peak load within {picked.asked:g}"
-    off = f"{'nine in ten are' if picked.law == 'table' else 'they are'} off by up to {number(picked.error, '.1e')}"
-    text = f"picked: {way}, for {asked}; {off}"
-    if not kept:
-        text = f"picked: {way}; {off}, more than asked: no law is known to keep {asked} here"
-    if picked.finer is None:
-        return text
-    finer = picked.finer
-    return text + f"; finer: {_way(finer.law, finer.accuracy)}, in {finer.seconds:.2g} s or more"
-
-
-def _way(law: str, accuracy: Real) -> str:
-    """A law and, where it solves contacts, how exactly."""
-    return f"{law} {accuracy:g}" if laws.LAWS[law].solves else law
 
 
 def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> RenderableType:
@@ -313,12 +247,3 @@ def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> Renderabl
         f"{solution.iterations} steps; accuracy asked for {solution.accuracy:g}"
     )
     return Group(table, derivatives, Text(last))
-
-
-def house_table(title: str, *headings: str, words: tuple[str, ...] = ("", "unit")) -> Table:
-    """An empty table of the house; under `headings` of `words` these stand left, numbers right."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False,
-                  min_width=min(len(title), 60))  # fmt: skip
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in words else "right")
-    return table

@@ -15,7 +15,7 @@ from rich.table import Table
 from difftrb.core import storage
 from difftrb.core.bad_input import named
 from difftrb.core.status import SceneError
-from difftrb.report import console, run_text
+from difftrb.report import console, tables
 from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.scene import scene_file, solution
 from difftrb.scene.file_schema import SceneFile
@@ -85,7 +85,7 @@ def text(found: Written) -> Table:
     unit, scale = found.unit["stiffness"][0][0], 1.0
     if unit == "N/m":  # seven columns are to stand beside each other
         unit, scale = "kN/m", 1e-3
-    table = run_text.house_table(f"Stiffness over the cage's angle, tangent dF/du [{unit}]")
+    table = tables.house_table(f"Stiffness over the cage's angle, tangent dF/du [{unit}]")
     names = ["mean", "least", "largest", *(f"order {n}" for n in found.orders.get("order", [])[1:4])]
     for heading in ("", *names):
         table.add_column(heading, justify="right" if heading else "left")

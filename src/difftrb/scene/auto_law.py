@@ -14,13 +14,12 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.status import SceneError
 from difftrb.law.atlas import AtlasLaw
-from difftrb.law.base import Law
 from difftrb.law.samples import Progress
 from difftrb.ring.effect_base import among
 from difftrb.ring.effects import Tilt
 from difftrb.scene import checks, scene_laws
 from difftrb.scene.prepared import solve_prepared
-from difftrb.scene.scene import Finer, Picked, Scene, has_map, is_auto, named
+from difftrb.scene.scene import Finer, Picked, Scene, has_map, is_auto, laws_error, named, raceway_laws
 from difftrb.scene.solution import Solution
 
 LADDER = (1e-2, 1e-3, 1e-4)
@@ -51,14 +50,14 @@ def prepared(scene: Scene, progress: Progress | None = None) -> Scene:
     if not xp.are_numbers(scene):
         return ready
     unknown = int(solve_prepared(ready).status_code) in UNKNOWN
-    error = cast(Picked, ready.picked).error
-    coarse = error * (NARROW if cast(AtlasLaw, ready.law).narrow else 1.0) > scene.accuracy
+    every = cast(tuple[AtlasLaw, ...], raceway_laws(ready))
+    coarse = any(law.error * (NARROW if law.narrow else 1.0) > scene.accuracy for law in every)
     return refined(scene, progress) if unknown or coarse else ready
 
 
 def by_table(scene: Scene) -> Scene:
-    """A scene with law "auto" prepared by "table", traced or not. Errors as in `solve`, and for height maps, which the
-    table does not know."""
+    """A scene with law "auto" prepared by "table", traced or not, whatever `accuracy` it asks for: `picked` says what
+    the table keeps. Raises `SceneError` as `solve` does, and for height maps, which the table does not know."""
     if has_map(scene):
         raise SceneError("spall: contacts on a height map are solved for one scene at a time (difftrb run, difftrb "
                          "stiffness); sweeps and fits take rectangular spalls")  # fmt: skip
@@ -73,9 +72,7 @@ def tabled(scene: Scene) -> Scene:
     ready = scene_laws.with_laws(named(scene, "table", PREPARED))
     if not is_auto(scene):
         return dataclasses.replace(ready, accuracy=scene.accuracy)
-    return dataclasses.replace(
-        ready, picked=Picked("table", PREPARED, scene.accuracy, cast(Law, ready.law).error, None)
-    )
+    return dataclasses.replace(ready, picked=Picked("table", PREPARED, scene.accuracy, laws_error(ready), None))
 
 
 def _tilts(scene: Scene) -> bool:

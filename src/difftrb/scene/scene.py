@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Annotated, Any, Literal, cast
 
 import jax
 from annotated_types import Interval, Unit
 
 from difftrb.contact.height_map import HeightMap
+from difftrb.core import arrays as xp
 from difftrb.core import fields, packaged_bearings
 from difftrb.core.bad_input import did_you_mean, is_whole, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
@@ -218,6 +220,17 @@ def inner_law(scene: Scene) -> Law | None:
     """The law that a prepared scene has on the inner raceway, if this gives way, likewise."""
     series = effect_base.among(scene.effects, effects.SeriesRaceways)
     return None if series is None else cast(Law, series.law).at(raceway_contact(scene, "inner"))
+
+
+def raceway_laws(scene: Scene) -> tuple[Law, ...]:
+    """The laws of a prepared scene, of every raceway that gives way: that of the outer one first."""
+    inner = inner_law(scene)
+    return (outer_law(scene),) if inner is None else (outer_law(scene), inner)
+
+
+def laws_error(scene: Scene) -> Any:
+    """The error that the laws of a prepared scene state [-], the larger one of both raceways'."""
+    return functools.reduce(xp.maximum, [law.error for law in raceway_laws(scene)])
 
 
 def law_in_effect(scene: Scene, law: Law) -> Law:

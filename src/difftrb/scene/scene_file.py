@@ -80,6 +80,11 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
     return from_content(content, path)
 
 
+def has_sweep(text: str) -> bool:
+    """Whether a scene file that `parse` takes has a table `[sweep]`, which is for `sweeps.sweep_file`."""
+    return "sweep" in tomllib.loads(text)
+
+
 def _deep(text: str, path: str | Path) -> None:
     """Refuse keys of very many parts: TOML's reader takes the square of their number in time and memory."""
     for number, line in enumerate(text.split("\n"), 1):

@@ -6,7 +6,6 @@ import dataclasses
 from typing import cast
 
 from difftrb.core import arrays as xp
-from difftrb.core import status
 from difftrb.core.geometry import Real
 from difftrb.law import base
 from difftrb.law.base import AUTO, Law
@@ -61,13 +60,16 @@ def assess(scene: Scene) -> Assessment:
     return assess_prepared(prepare(scene))
 
 
-def assess_mean(scene: Scene) -> Assessment | None:
+def assess_mean(scene: Scene, anew: Scene | None = None, progress: Progress | None = None) -> Assessment | None:
     """As `assess` of a prepared scene at one phase, in the mean over all phases of the cage: there stiffness changes
-    with a spall's width, whether or not a roller stands on its edge at this phase. None for a scene that is a mean
-    already, has no spalls, or whose law is made for one phase."""
-    if isinstance(scene.phase, PitchMean) or not scene.spalls or base.kind(cast(Law, scene.law).name).one_scene:
+    with a spall's width, whether or not a roller stands on its edge at this phase.
+
+    A law that is made for one phase is prepared for all of them, from `anew`, the scene as it was before; that takes as
+    long as `prepare` of a mean. None without it, and for a scene that is a mean already, or has no spalls. Raises
+    `SceneError` for what has no mean, a spall on a roller.
+    """
+    if isinstance(scene.phase, PitchMean) or not scene.spalls:
         return None
-    try:
+    if not base.kind(cast(Law, scene.law).name).one_scene:
         return assess_prepared(checks.checked(dataclasses.replace(scene, phase="mean")))
-    except status.SceneError:
-        return None
+    return None if anew is None else assess_prepared(prepare(dataclasses.replace(anew, phase="mean"), progress))
