@@ -16,12 +16,15 @@ from difftrb.contact.gap import Cells
 from difftrb.contact.height_map import HeightMap, height_map_is_sound
 from difftrb.core import arrays as xp
 from difftrb.core import status
+from difftrb.core.bad_input import number_in, shown
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
 
 if TYPE_CHECKING:
     from jax import Array
     from jaxtyping import Float, Int
 
+MOST_TILT = 0.1
+"""Of a roller against its raceway [rad]: from 0.02 on it presses with a tenth of its length or less."""
 Method = Literal["auto", "strips", "cells", "lattice"]
 Defect = Spall | HeightMap | tuple[Spall | HeightMap, ...] | None
 """What a roller stands over: nothing, one spall or height map, or several."""
@@ -46,8 +49,11 @@ def given(
 ) -> tuple[Inputs, bool, Method]:
     """The inputs as floats, whether half the roller will do, and the method for them.
 
-    Refuses float32, arrays in place of numbers, and a method that is unknown or cannot take the case.
+    Refuses what is no contact, float32, arrays in place of numbers, a tilt of a roller on its end, and a method that is
+    unknown or cannot take the case.
     """
+    if not isinstance(contact, LineContact):
+        raise status.SceneError(f"contact = {shown(contact)}: must be a LineContact, say LineContact.of(bearing)")
     status.require_float64()
     if method not in get_args(Method):
         raise status.SceneError(f"method = {method!r} is unknown; use {', '.join(map(repr, get_args(Method)))}")
@@ -65,6 +71,11 @@ def given(
             f"offset has shape {place.shape}: one spall has one offset; give a tuple of spalls for several"
         )
     _refuse_arrays(contact=contact, load=load, tilt=tilt, spall=spall)
+    if not isinstance(tilt, jax.core.Tracer) and abs(float(tilt)) > MOST_TILT:
+        raise status.SceneError(
+            f"tilt = {float(tilt):g}: must be {number_in(-MOST_TILT, MOST_TILT, 'rad')}: beyond, a roller stands on its "
+            "end"
+        )
     straight = is_zero(tilt)
     inputs = Inputs(
         as_floats(contact), xp.asarray(load), as_floats(spall), place, None if straight else xp.asarray(tilt)

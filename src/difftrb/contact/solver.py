@@ -63,16 +63,18 @@ def solve_contact(
         strips; where they do not converge those of the two next finer accuracies (of the finest, of coarser ones);
         cells where they do not either or cannot describe the contact; the lattice for height maps.
       tilt: of the roller about its middle [rad]: the gap grows by `tilt`·y along it. The approach is the middle's.
-        Any size at which the roller still meets the raceway as a line, ± 0.01 or so. Default 0.
+        −0.1…0.1; from 0.02 on it presses with a tenth of its length or less. Default 0.
 
     A contact of which every `axial_offset` and the tilt are 0, and not being traced, is solved on half the roller.
     The approach is differentiable by every number in `contact`, `spall`, `load`, `offset` and `tilt`, forward and
     reverse; pressures are by cells, while those of strips count as constant. `jit` and `vmap` as you like (`lax.map` is
     faster for batches on a CPU). Of numbers, strips are solved by numpy and compile nothing, cells compile one small
     program for all contacts of as many cells; inside `jit`, `grad` or `vmap`, "auto" compiles strips of this accuracy
-    and cells and chooses as it runs. Raises
-    `SceneError` for an accuracy out of range, a method that cannot take the case, or offsets that are not as many as
-    spalls; SolveError without float64; everything else ends as a status in the result.
+    and cells and chooses as it runs.
+
+    Raises `SceneError` for an accuracy or a tilt out of range, a method that cannot take the case, offsets that are not
+    as many as spalls, and what is no contact; SolveError without float64; everything else ends as a status in the
+    result.
     """
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)

@@ -142,6 +142,8 @@ def in_one_sentence(error: Any, root: type, takes: Mapping[str, str]) -> str:
     key, value = dotted(where), shown(error["input"])
     if error["type"] in UNKNOWN_KEY:
         names = [f.name for f in dataclasses.fields(_owner(root, where[:-1]))]
+        if len(where) > 1 and where[-1] in {f.name for f in dataclasses.fields(root)}:
+            return f"{key} is not a known key; {where[-1]} is one of the file itself: write it above the first heading"
         return f"{key} is not a known key; {did_you_mean(str(where[-1]), names)}"
     wanted = takes.get(key) or allowed(root, where)
     if error["type"] == "missing":
@@ -156,10 +158,16 @@ def must_be(key: str, value: Any, wanted: str) -> str:
     sentence = f"{key} = {shown(value)}: must be {wanted}"
     if isinstance(value, str) and "number" in wanted and re.fullmatch(r"\s*[+-]?\d[\d.,eE+-]*\s*", value):
         return f"{sentence}; write it without quotes"
+    if isinstance(value, str) and "number" in wanted and re.fullmatch(r"\s*[+-]?\d[\d.,eE+-]*\s*[^\d\s]+", value):
+        return f"{sentence}; write the number alone, without quotes and unit"
+    if key.startswith("load.") and isinstance(value, int | float) and value < 0.0:
+        return f"{sentence}; angles count from the line of the radial load, so give loads by their size"
     if wanted.endswith(" rad") and isinstance(value, int | float) and abs(value) <= 360.0:
         return f"{sentence}; in degrees? {value:g}° are {math.radians(value):.4g} rad"
     if wanted == "a table" and value is True:
         return f"{sentence}: write {{ }}, or a heading in brackets, for its defaults"
+    if wanted == "a table" and isinstance(value, list | tuple) and value and isinstance(value[0], str):
+        return f"{sentence}: write a heading in brackets for each, say [{dotted([key, value[0]])}]"
     return sentence
 
 

@@ -7,7 +7,7 @@ tapered roller roll without slip. Lengths in mm, angles in rad, modulus in MPa, 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from annotated_types import Interval, Unit
 
 from difftrb.core import arrays as xp
 from difftrb.core.fields import SHRINKS, register, whole_to_float
+from difftrb.core.status import SceneError
 
 Tree = TypeVar("Tree")
 DESIGN_LOAD = 6500.0
@@ -144,7 +145,10 @@ class LineContact:
 
     @classmethod
     def of(cls, bearing: TaperedBearing, raceway: Raceway = "outer", design_load: Real = DESIGN_LOAD) -> LineContact:
-        """The contact of `bearing`'s rollers with one raceway; `design_load` Q_d of the crown [N]."""
+        """The contact of `bearing`'s rollers with one raceway, "outer" or "inner"; `design_load` Q_d of the crown [N].
+        Raises `SceneError` for another one."""
+        if raceway not in get_args(Raceway):
+            raise SceneError(f"raceway = {raceway!r}: must be one of {', '.join(map(repr, get_args(Raceway)))}")
         return cls(
             radius=equivalent_radius(bearing, raceway),
             length=bearing.roller_length,

@@ -25,7 +25,7 @@ BEARINGS = {
 
 def bearing(name: str) -> TaperedBearing:
     """A bearing by its catalogue name; raises `SceneError` with the known names if there is none."""
-    return named(name, "a TaperedBearing")
+    return named(name, "a TaperedBearing, or bearing_from_catalogue for one by what its catalogue prints")
 
 
 def named(name: str, instead: str) -> TaperedBearing:

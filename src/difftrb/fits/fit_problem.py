@@ -27,6 +27,7 @@ def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | 
 
     "auto" is "table".
     """
+    rows = measured.listed(rows)
     if not rows:
         raise MeasuredError("measurements: there are no rows to fit")
     for k, row in enumerate(rows, 1):

@@ -32,6 +32,7 @@ from difftrb.scene import scene_file
 from difftrb.scene.file_schema import SceneFile
 
 LIKELY = f"{PERCENT} interval"
+LEFT = "± by the bearing"
 UNFINISHED = (
     f"least squares were still coming down after {STEPS} steps, so a better answer may lie beyond this one: fit fewer "
     "parameters, or measure more"
@@ -59,12 +60,13 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     with console.busy("looking for what to measure next"):
         suggestions = next_measurements(result) if bool(result.converged) and result.reliable else ()
     record = fit_json(result, suggestions, time.perf_counter() - started)
-    texts, figures = [fit_text(result, suggestions)], [("fit", lambda: fit_panels(result))]
+    texts, figures, about = [], [("fit", lambda: fit_panels(result))], None
     if file.catalogue is not None and bool(result.converged):
         with console.busy("asking other bearings of this catalogue line"):
             about = file.catalogue.uncertainty(estimated_bearing.moves(result))
         record["left_by_catalogue"] = tables.plain(dict(zip(result.parameters, about, strict=True)))
-        texts.insert(0, Text(f"note: {estimated_bearing.sentence(result, about)}"))  # not to be overlooked
+        texts.append(Text(f"note: {estimated_bearing.sentence(result, about)}"))  # not to be overlooked
+    texts.append(fit_text(result, suggestions, about))
     if options.posterior and bool(result.converged):
         with console.bar("sampling the posterior") as progress:
             drawn = posterior(result, progress=progress)
@@ -147,14 +149,20 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
     })  # fmt: skip
 
 
-def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
-    """A fit for people: parameters, remarks, rows, and what to measure next."""
-    headings = "", "value", "standard error", LIKELY, "unit", "determined"
+def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.ndarray | None = None) -> RenderableType:
+    """A fit for people: parameters, remarks, rows, and what to measure next; with what a bearing that was estimated
+    from its catalogue leaves of the parameters (k = 2), shape (parameters,)."""
+    left = () if by_catalogue is None else (LEFT,)
+    headings = "", "value", "standard error", LIKELY, *left, "unit", "determined"
     table = tables.house_table("Fitted to the measurements", *headings, words=("", "unit", "determined"))
     for i, name in enumerate(fit.parameters):
-        known = "yes" if fit.determined_each[i] else "no, see below"
-        values = f"{fit.values[i]:.4g}", tables.number(fit.standard_errors[i], ".2g"), interval(fit, i), fit.units[i]
-        table.add_row(name, *values, known)
+        known, more = "yes" if fit.determined_each[i] else "no, see below", []
+        if by_catalogue is not None:
+            more = [tables.number(by_catalogue[i] if fit.determined_each[i] else np.nan, ".2g")]
+            within = np.ptp(fit.intervals[i])
+            known = "by the rows, not by the bearing" if known == "yes" and 2.0 * by_catalogue[i] > within else known
+        values = f"{fit.values[i]:.4g}", tables.number(fit.standard_errors[i], ".2g"), interval(fit, i)
+        table.add_row(name, *values, *more, fit.units[i], known)
     rows = tables.house_table("Measurements")
     for heading in ("row", "quantity", "radial [N]", "axial [N]", "phase", "measured", "model", "off [sigma]"):
         words = heading == "quantity"
@@ -180,7 +188,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
     for s in suggestions:
         errors = ", ".join(f"{name} {error:.2g}" for name, error in s.errors.items())
         again = " once more" if any(_is_same(s.row, row, fit) for row in fit.rows) else ""
-        lines.append(f"next: measure {in_words(s.row)}{again} (standard errors then: {errors})")
+        first = "next" if s is suggestions[0] else "and then"
+        lines.append(f"{first}: measure {in_words(s.row)}{again} (standard errors then: {errors})")
     held = [f"{name} {PARAMETERS[name].start(fit.scene):.4g} {PARAMETERS[name].unit}"
             for name in HELD if name not in fit.parameters]  # fmt: skip
     if held:
@@ -192,7 +201,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...]) -> RenderableType:
             f"raceways give way, a spall takes about {worth_text.outer_share(fit.scene, heaviest):.2f} of that: name "
             "effects.raceways for rows that were measured"
         )
-    lines.append(f"{fit.status}; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom")
+    told = f"χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom"
+    lines.append(f"{fit.status}; {told if fit.freedom > 0 else 'no more rows than parameters, so none checks the fit'}")
     return Group(table, rows, *(Text(line) for line in lines))
 
 

@@ -68,9 +68,11 @@ def fit(
         so the width at any phase; under the others width acts through rows with phase "mean" alone. With a prepared law
         nothing is solved but rings.
       rows: from `load_measured`, or your own.
-      parameters: of "length", "width", "depth", "angle", "axial_offset" (of the spall), "crown" (the rollers' design
-        load), "preload" (added to every axial load), "scale" (the bearing's share in the measured compliance, the
-        rest being housing and shaft), and what `fits.parameters.register` adds. All others stay as in the scene.
+      parameters: of "length", "width", "depth", "angle", "axial_offset" (of the spall), "length_2", "width_2",
+        "angle_2" (of a second one), "crown" (the rollers' design load), "preload" (added to every axial load), "scale"
+        (the bearing's share in the measured compliance, the rest being housing and shaft), "load_factor" (by which all
+        loads are off), and what `fits.parameters.register` adds. All others stay as in the scene. Default: length and
+        width.
       robust: "squares"; "huber" or "student" where single rows may be far off.
       starts: at how many points the range is scanned, at least 1; the first is the scene's own spall. None: 64, 512,
         4096 or 8192, for one, two, three or more parameters.
@@ -89,7 +91,7 @@ def fit(
         raise MeasuredError(f"model_error = {model_error!r}: must be 0 or a positive number; None takes the law's own")
     if robust not in ROBUST:
         raise MeasuredError(f"robust = {robust!r} is not known; use one of {', '.join(ROBUST)}")
-    rows = tuple(rows)
+    rows = measured.listed(rows)
     scene = prepare_fit(scene, rows, progress)
     measured.check_loads(scene, rows)
     any_width = with_any_width(scene)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Literal
 
 from annotated_types import Interval, Unit
@@ -89,6 +90,13 @@ class Measurement:
     def unit(self) -> str:
         """Of value and sigma."""
         return "%" if self.is_loss else "N/mm"
+
+
+def listed(rows: Sequence[Measurement]) -> tuple[Measurement, ...]:
+    """Rows as a tuple; raises `MeasuredError` for the name of a file in place of them."""
+    if isinstance(rows, str | Path):
+        raise MeasuredError(f"measurements = {str(rows)!r}: give rows, say load_measured({str(rows)!r})")
+    return tuple(rows)
 
 
 def check(row: Measurement, where: str) -> Measurement:

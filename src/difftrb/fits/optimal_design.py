@@ -76,10 +76,14 @@ def next_measurements(
       fit: from `difftrb.fit`; measurements are judged at its values.
       among: what could be measured; values are ignored, and a sigma of 1 or None stands for the same relative error as
         the fit's rows of its kind. None: see `candidates`.
-      count: how many.
+      count: how many, at least 1. Default 3.
       parameter: None shrinks the volume of the confidence region most (D-optimal); the name of a parameter shrinks that
         one's interval most.
+
+    Raises `MeasuredError` for what is no fit, for nothing to choose from, and for a parameter that was not fitted.
     """
+    if not isinstance(fit, Fit):
+        raise MeasuredError(f"next_measurements: {type(fit).__name__} is no fit: give what difftrb.fit returns")
     among = candidates(fit) if among is None else tuple(among)
     if not among:
         raise MeasuredError("next_measurements: there is nothing to choose from: give measurements in `among`")

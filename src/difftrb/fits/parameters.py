@@ -309,9 +309,12 @@ class LoadFactor(Parameter):
 
 def named(names: Sequence[str]) -> tuple[Parameter, ...]:
     """The parameters of these names; raises `MeasuredError`."""
+    if isinstance(names, str):
+        raise MeasuredError(f"parameters = {names!r}: give a list of names, say ({names!r},)")
     for name in names:
         if name not in PARAMETERS:
-            raise MeasuredError(f"parameters: {name!r} is not known; {did_you_mean(name, PARAMETERS)}")
+            parted = "; part names by commas" if len(name.split()) > 1 else ""
+            raise MeasuredError(f"parameters: {name!r} is not known; {did_you_mean(name, PARAMETERS)}{parted}")
     if not names or len(set(names)) < len(names):
         raise MeasuredError(f"parameters = {', '.join(names)}: name at least one, and each once")
     return tuple(PARAMETERS[name] for name in names)

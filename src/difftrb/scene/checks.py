@@ -137,7 +137,7 @@ def _of_law(scene: Scene) -> str | None:
     if name not in laws.names():
         return f"contact.{laws.unknown(name)}"
     if not laws.kind(name).is_for(scene.bearing):
-        return f"contact.law = {name!r} holds for the bearing {laws.kind(name).bearing} only; use 'power'"
+        return f"contact.law = {name!r} holds for the bearing {laws.kind(name).bearing} only; use 'auto'"
     return _accuracy(scene, name)
 
 

@@ -69,7 +69,7 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
         content: dict[str, Any] = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so are numbers without end
         reason = str(error).splitlines()[0][:200]
-        if twice := re.match(r"Cannot overwrite a value \(at line (\d+)", reason):
+        if twice := re.match(r"Cannot (?:overwrite a value|declare .* twice) \(at line (\d+)", reason):
             key = text.splitlines()[int(twice[1]) - 1].split("=")[0].strip()
             raise SceneError(f"{path}: line {twice[1]}: {shown(key)} is named twice; name it once") from None
         line = re.search(r"at line (\d+)", reason)
