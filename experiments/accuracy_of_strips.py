@@ -63,7 +63,7 @@ def approaches(
     fineness: Fineness, accuracy: float, contact: trb.LineContact, cases: np.ndarray, edges: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Approach of every case [mm], whether it converged, and milliseconds of one, by numpy."""
-    way = Way(True, edges, fineness, strip_model.SETTLED * accuracy)
+    way = Way(True, edges, fineness, strip_model.SETTLED * accuracy, True)
     results, times = [], []
     for load, length, width, offset in cases:
         inputs = xp.numbers(Inputs(as_floats(contact), load, trb.Spall(float(length), float(width)), offset))

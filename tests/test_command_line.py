@@ -57,7 +57,7 @@ def test_run_prints_json(capsys, paper: Path) -> None:
     assert record["converged"] is True
     assert len(record["loads"]) == len(record["angles"]) == 23
     assert set(record["displacement"]) == {"radial", "lateral", "axial"}
-    assert set(record["stiffness"]) == {"definition", "phase", "radial", "axial", "matrix"}
+    assert set(record["stiffness"]) == {"definition", "phase", "radial", "axial", "matrix", "axes"}
     assert record["stiffness"]["definition"] == "secant"
     assert record["loss"]["radial"] == pytest.approx(8.78, abs=0.005)
     assert record["loss"]["axial"] == pytest.approx(3.42, abs=0.005)

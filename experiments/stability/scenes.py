@@ -63,11 +63,13 @@ def random_scenes(kind: Kind, count: int, seed: int) -> trb.Scene:
         )  # fmt: skip
     longest = 8.0 if kind.law == "liu2018" else 0.99 * bearing.roller_length
     widest = checks.WIDEST * 2.0 * jnp.pi * jax.vmap(geometry.arc_radius)(bearing)
-    spalls = tuple(
-        Spall(between(1e-3, 1.0) * longest, jnp.minimum(decades(-2.0, 3.0), widest), decades(-6.0, 1.0),
-              between(-6.28, 6.28), between(-10.0, 10.0))
-        for _ in range(kind.spalls)
-    )  # fmt: skip
+
+    def spall() -> Spall:
+        length, width, depth = between(1e-3, 1.0) * longest, jnp.minimum(decades(-2.0, 3.0), widest), decades(-6.0, 1.0)
+        angle, offset = between(-6.28, 6.28), between(-0.499, 0.499) * (length + bearing.roller_length)
+        return Spall(length, width, depth, angle, offset)
+
+    spalls = tuple(spall() for _ in range(kind.spalls))
     phase, radial = between(-6.28, 6.28), decades(-3.0, 6.0)
     needed = jax.vmap(needed_axial)(bearing, radial, phase)
     axial = jnp.minimum(needed * (1.0 + decades(-5.0, 3.0)), 1e7)

@@ -97,11 +97,26 @@ def test_strips_that_pull_more_than_their_accuracy_are_not_converged(monkeypatch
 
 @pytest.mark.parametrize("axial_offset", [2.0, 4.0])
 def test_strips_leave_edges_that_go_on_to_the_rollers_end(contact: trb.LineContact, axial_offset: float) -> None:
-    """From 1 or 3 mm off the middle to the roller's end, 6.83 mm, with an edge in reach."""
+    """From 1 or 3 mm off the middle to the roller's end, 6.83 mm, with an edge in reach. At 1e-2 they take these, and
+    are nearer to fine cells than cells of 1e-2 are."""
     spall = trb.Spall(7.0 + axial_offset, 1.0, axial_offset=axial_offset + 1.5)
-    assert int(trb.solve_contact(contact, 3000.0, spall, 0.45, 1e-2, "strips").status_code) == status.UNSUITED
-    s = trb.solve_contact(contact, 3000.0, spall, 0.45, 1e-2).check()
+    assert int(trb.solve_contact(contact, 3000.0, spall, 0.45, 1e-3, "strips").status_code) == status.UNSUITED
+    s = trb.solve_contact(contact, 3000.0, spall, 0.45, 1e-3).check()
     assert int(s.unknowns) == s.force.size  # cells
+    rough, fine = (trb.solve_contact(contact, 3000.0, spall, 0.45, a).check() for a in (1e-2, 1e-4))
+    assert int(rough.unknowns) < rough.force.size  # strips
+    assert float(rough.approach) == pytest.approx(float(fine.approach), rel=1e-3)
+
+
+@pytest.mark.exact
+def test_a_sliver_at_the_rollers_end_is_known() -> None:
+    """Rolling edge 0.12 mm inside the contact, roller tilted towards the spall: cells of 1e-2 were 1.3e-2 off, their
+    moment 9 %. Reference: cells of 1e-4, strips of 1e-4 (2.1088, 2.1078 µm)."""
+    contact, spall = trb.LineContact(4.9353, 15.0, 113794.5, 2000.0), trb.Spall(5.0, 5.0, axial_offset=5.0)
+    for accuracy in (1e-2, 1e-3):
+        s = trb.solve_contact(contact, 550.0, spall, 2.3775, accuracy, tilt=-5e-5).check()
+        assert 1e3 * float(s.approach) == pytest.approx(2.1083, rel=1e-3)
+        assert float(s.moment) == pytest.approx(-797.0, rel=5e-3)
 
 
 # length, width, depth [mm], offset [mm] of a spall under 3 kN

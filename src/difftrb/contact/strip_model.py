@@ -64,13 +64,15 @@ class Strips(NamedTuple):
 
 class Way(NamedTuple):
     """How a contact is solved: on half the roller, with how many of the spall's rolling edges in reach, 0…2 (if one,
-    the nearer, which is then looked at as if it were the left one), how fine, and to which share of the approach
-    boundaries must settle."""
+    the nearer, which is then looked at as if it were the left one), how fine, to which share of the approach
+    boundaries must settle, and whether it is `strict` on spalls with a rolling edge in reach: they end within the
+    loaded part of the roller."""
 
     mirrored: bool
     edges: int
     fine: Fineness
     tolerance: float
+    strict: bool
 
 
 def solve(inputs: Inputs, way: Way) -> Strips:
@@ -116,7 +118,7 @@ def _groups(inputs: Inputs, reach: Reach, way: Way) -> tuple[tuple[Rows, ...], i
 def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, StripPlan, tuple[Any, ...]]:
     """The contact without units, its plan, and what its rows are made of."""
     contact, load, _, _, tilt = inputs
-    mirrored, edges, fine, _ = way
+    mirrored, edges, fine, *_ = way
     groups, hollow, ends = _groups(inputs, reach, way)
     push = np.pi * contact.modulus / reach.line_load  # from [mm] to the unit of displacement
     weight = strip_rows.weights(groups)
@@ -205,7 +207,7 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     code = xp.where(sound, code, status.worst(code, np.asarray(status.NOT_CONVERGED)))
     code = status.worst(code, verdict(found.approach, tension, TENSION * accuracy))
     fits = suited(inputs, reach, found.approach)
-    fits = fits & ends_within(inputs, reach) if way.edges else fits
+    fits = fits & ends_within(inputs, reach) if way.edges and way.strict else fits
     code = xp.where(fits, code, status.UNSUITED)
     width = reach.unit * _width(plan, on, ends)
     passes = np.asarray(way.fine.centred) + xp.fixed(found.passes)

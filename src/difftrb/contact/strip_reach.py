@@ -45,18 +45,18 @@ def _edges_along(contact: LineContact, spall: Any) -> tuple[Any, Any]:
     return (0.0, 0.0) if spall is None else contact_extent.edges_along(contact, spall)
 
 
-def outlook(inputs: Inputs) -> tuple[Any, Any]:
-    """How many rolling edges of the spall may be in reach of the contact, 0…2, and whether strips can be expected to
-    describe it."""
+def outlook(inputs: Inputs) -> tuple[Any, Any, Any]:
+    """How many rolling edges of the spall may be in reach of the contact, 0…2, whether strips can be expected to
+    describe it but for the spall's ends, and whether these are within where it matters (`ends_within`)."""
     contact, spall = inputs.contact, cast(Any, inputs.spall)
     reach = xp.fixed(reach_of(inputs, 0))
     fits = suited(inputs, reach, reach.approach)
     if spall is None:
-        return np.asarray(0), fits
+        return np.asarray(0), fits, np.asarray(True)
     certain = gaps.certain_reach(contact.radius, ABOVE * interference(inputs, reach.approach))
     near, far = 0.5 * spall.width - xp.abs(inputs.offset), 0.5 * spall.width + xp.abs(inputs.offset)
     edges = xp.where(near < certain, 1, 0) + xp.where(far < certain, 1, 0)
-    return edges, fits & ((edges == 0) | ends_within(inputs, reach))
+    return edges, fits, (edges == 0) | ends_within(inputs, reach)
 
 
 def suited(inputs: Inputs, reach: Reach, approach: Any) -> Any:
@@ -77,7 +77,7 @@ def interference(inputs: Inputs, approach: Any) -> Any:
 
 def ends_within(inputs: Inputs, reach: Reach) -> Any:
     """Whether a spall ends within the loaded part of the roller, at both ends: where it goes on to the roller's end,
-    what stands on its rolling edge ends freely, and strips over a spall do not."""
+    what stands on its rolling edge ends freely, and strips over a spall do not, by up to 5e-3 of the approach."""
     low, high = spall_edges(inputs)
     return (high < reach.top - reach.unit) & (low > reach.unit + reach.bottom)
 

@@ -22,9 +22,9 @@ from difftrb.core.geometry import LineContact
 from difftrb.law import samples
 from difftrb.law.samples import Case, Node, Progress, Turning
 
-BALANCED = 2.5e-2
-"""Difference of both moments, by load and roller length, from which one more step of the secant
-is enough; of a first step, a tenth."""
+BALANCED, NEARLY = 1e-5, 2.5e-2
+"""Difference of both moments, by load and roller length, at which a roller rests; and from which one more step of the
+secant is enough where contacts tell how they answer to tilt, of a first step a tenth of that."""
 ROUNDS = 20
 """Of the secant method between brackets, at most; two or three do."""
 SEARCHED, FOUND = 3, 5
@@ -154,7 +154,7 @@ def at_rest(
     no solution ends the search; its status says so. Slopes are asked for at its end alone.
     """
     length = float(roller.contacts[0].length)
-    close = BALANCED * max(loads) * length
+    whole = max(loads) * length
 
     def at(tilt: float, by: Callable[[LineContact, Case, float], Any]) -> list[Any]:
         cases = zip(roller.contacts, roller.cases(loads, tilt), known, strict=True)
@@ -175,7 +175,8 @@ def at_rest(
         slope = fall if before is None else (before[1] - unbalanced) / (before[0] - tilt)
         low, high = (max(low, tilt), high) if unbalanced > 0.0 else (low, min(high, tilt))
         step = tilt - unbalanced / (slope if slope < 0.0 else fall)
-        balanced = abs(unbalanced) < (close if before else 0.1 * close)
+        near = BALANCED if not turning else NEARLY if before else 0.1 * NEARLY
+        balanced = abs(unbalanced) < near * whole
         if not (balanced or low < step < high):
             step = 0.5 * (low + high) if np.isfinite(low + high) else tilt - unbalanced / fall
         before, tilt = (tilt, unbalanced), float(step)

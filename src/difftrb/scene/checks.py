@@ -284,4 +284,7 @@ def code(scene: Scene) -> Any:
     for spall in scene.spalls:
         around = geometry.once_round(bearing, spall.surface)
         within = within & (xp.fixed(spall.width) <= WIDEST * around * (1.0 + 1e-12))
+        within = within & (
+            xp.abs(xp.fixed(spall.axial_offset)) < 0.5 * (bearing.roller_length + xp.fixed(spall.length))
+        )
     return xp.module_of(within).where(within, status.CONVERGED, status.BAD_INPUT)
