@@ -73,8 +73,8 @@ def given(
     _refuse_arrays(contact=contact, load=load, tilt=tilt, spall=spall)
     if not isinstance(tilt, jax.core.Tracer) and abs(float(tilt)) > MOST_TILT:
         raise status.SceneError(
-            f"tilt = {float(tilt):g}: must be {number_in(-MOST_TILT, MOST_TILT, 'rad')}: beyond, a roller stands on its "
-            "end"
+            f"tilt = {float(tilt):g}: must be {number_in(-MOST_TILT, MOST_TILT, 'rad')}: turned farther, a roller stands "
+            "on its end"
         )
     straight = is_zero(tilt)
     inputs = Inputs(

@@ -34,6 +34,7 @@ TILTS = 16
 UNPRESSED = 17
 FREE = 18
 LEANS = 19
+UNSETTLED = 20
 UNDEFINED = 100
 
 SENTENCES = {
@@ -70,7 +71,9 @@ SENTENCES = {
     FREE: "the rollers that carry leave the ring free to move in one direction, so it has no one place, no stiffness "
     "and no derivatives: raise load.axial or the preload, or turn the cage (phase)",
     LEANS: "rings are turned against each other so far that rollers press with little more than their ends, which is "
-    "not known: lower the moments, or raise load.axial",
+    "not known: lower the moments, raise load.axial, or crown the rollers more (a larger design load)",
+    UNSETTLED: "rollers do not stay where contacts were solved for them, which is tried eight times: use contact.law = "
+    "'table' if that knows the scene, or change loads, moments or the phase a little",
     UNDEFINED: "the function that was swept gave no number here: check it at this member",
 }
 

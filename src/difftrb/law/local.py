@@ -53,6 +53,7 @@ class LocalLaw:
       sound: of rings that tilt, the states without spalls.
       settling: while states are looked for, none is refused.
       free_to_tilt: whether rollers were, between both raceways.
+      stays: whether the scene that it was made for ends in its states.
     """
 
     base: DirectLaw
@@ -60,6 +61,7 @@ class LocalLaw:
     settling: bool = dataclasses.field(default=False, metadata={"static": True})
     free_to_tilt: bool = dataclasses.field(default=False, metadata={"static": True})
     sound: States | None = None
+    stays: bool = dataclasses.field(default=True, metadata={"static": True})
     name = "direct"
     hard = False
 
@@ -156,7 +158,7 @@ class LocalLaw:
         """See `Law`: only the scene it was made for, or its neighbours, or the same bearing without spalls."""
         if self.settling:
             return np.asarray(status.CONVERGED)
-        states = self.states
+        states, other = self.states, status.OTHER_SCENE if self.stays else status.UNSETTLED
         if rest is not None and rest.rings is not None:  # an end may be pressed in where the middle is not
             rest = rest._replace(approach=rest.approach + 0.5 * self.contact.length * xp.abs(rest.rings[1]))
         code = self.base.judge((), distances[:0], self._within(rest))
@@ -166,7 +168,7 @@ class LocalLaw:
         if rest is not None and spalls:
             met = xp.stack([rest.in_reach(spall, away) for spall, away in zip(spalls, distances, strict=True)])
         if states is None:
-            return xp.where(xp.any(met), status.OTHER_SCENE, code)
+            return xp.where(xp.any(met), other, code)
         if not is_of(states, distances):
             return np.asarray(status.OTHER_SCENE)
         distances, met = as_made(states, distances), as_made(states, met)
@@ -182,7 +184,7 @@ class LocalLaw:
                 raceways = 2.0 if self.free_to_tilt else 1.0  # a roller between two may turn until neither is touched
                 clear = raceways * CLEAR * self.base.healthy[0]
                 same = same & states_of_rollers.keep_tilts(states, self.contact, raceways, clear, rest)
-        return xp.where(same, code, status.OTHER_SCENE)
+        return xp.where(same, code, other)
 
     def _within(self, rest: Rest | None) -> Rest | None:
         """Rollers at rest, those with states of their own within the range of the healthy curve, which they do not ask:

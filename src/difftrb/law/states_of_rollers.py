@@ -133,13 +133,16 @@ def _keeps_map(spall: Any, solved_for: list[Any], own: Any, contact: LineContact
 
 
 def keep_tilts(states: States, contact: LineContact, raceways: float, clear: Any, rest: Rest) -> Any:
-    """Whether rollers are turned as those that were solved, and all others overlap with so many `raceways` by less than
-    `clear` [mm]."""
+    """Whether rollers are turned as those that were solved, and all others overlap with so many `raceways` less than an
+    upright one that approaches by `clear` [mm]."""
     middle, every = rest.rings if rest.rings is not None else (rest.approach, xp.zeros_like(rest.loads))
     at = ALONG.reshape(-1, *[1] * every.ndim) * contact.length
-    overlap = middle[None] + at * every[None] - raceways * crown.height(at, contact)
+    crowned = raceways * crown.height(at, contact)
+    overlap = xp.maximum(middle[None] + at * every[None] - crowned, 0.0)
     alone = xp.sum(states.at, axis=-2).reshape(every.shape) == 0.0
-    pressed = xp.max(xp.where(alone, xp.max(overlap, axis=0), 0.0)) > clear
+    # a line contact carries about as the overlap along it: one that is pressed at its end alone, less
+    least = xp.mean(xp.maximum(clear - crowned, 0.0), axis=0)
+    pressed = xp.any(alone & (xp.mean(overlap, axis=0) > least))
     turned = -xp.einsum("...sr,...r->...s", states.at, every.reshape(*states.at.shape[:-2], -1))
     half = 0.5 * (xp.max(states.tilts, axis=-1) - xp.min(states.tilts, axis=-1))
     off = xp.abs(turned - xp.mean(states.tilts, axis=-1)) * xp.max(states.at, axis=-1)

@@ -21,6 +21,7 @@ from difftrb.law import load_curve, roller_tilt, samples
 from difftrb.law.direct import DirectLaw
 from difftrb.law.roller_tilt import RollerContacts
 from difftrb.law.samples import Case, Node, Progress, Turning
+from difftrb.law.states_of_rollers import ALONG
 
 MOST_TURNED = 3.0
 """Of a table, by `TiltTable.reach`: a heavily loaded roller presses with a third of its length there."""
@@ -124,6 +125,16 @@ class TiltTable(NamedTuple):
         if not known.any() or approach > approaches[-1] or (approach < approaches[0] and not known[0]):
             return math.nan
         return 0.0 if approach < approaches[0] else float(np.exp(np.interp(approach, approaches, logs[known])))
+
+    def about(self, approach: float, tilt: float) -> float:
+        """About P [N] of a roller turned farther than the table knows: that of an upright one whose overlap along it is
+        as large; 0 where that is less than the table knows."""
+        y = ALONG * self.length
+        crowned = np.sum([crown.height(y, contact) for contact in self.contacts], axis=0)
+        logs = np.linspace(self.low, self.high, TRIED)
+        levels = np.mean(np.maximum(self.upright(np.exp(logs))[:, None] - crowned, 0.0), axis=1)
+        own = float(np.mean(np.maximum(approach + tilt * y - crowned, 0.0)))
+        return 0.0 if own < levels[0] else float(np.exp(np.interp(own, levels, logs)))
 
     def at(self, pressed: float, tilt: float) -> Turned:
         """One roller."""

@@ -8,6 +8,7 @@ takes a third of the contacts.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -18,7 +19,7 @@ import numpy as np
 from difftrb.contact import gap
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
-from difftrb.core import geometry
+from difftrb.core import geometry, status
 from difftrb.core.geometry import Raceway, Real, Spall
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
@@ -26,12 +27,14 @@ from difftrb.law import direct
 from difftrb.law.atlas import AtlasLaw
 from difftrb.law.base import Law
 from difftrb.law.direct import DirectLaw
+from difftrb.law.local import LocalLaw
 from difftrb.law.samples import Progress
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import expected_loads
 from difftrb.scene.cage_phases import phases
 from difftrb.scene.local_laws import holding, local_laws
+from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, healthy, raceway_contact
 from difftrb.scene.tilted_laws import tilted_laws
 
@@ -67,16 +70,24 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
         if effect_base.among(scene.effects, Tilt) is not None:
             if effect_base.among(scene.effects, SeriesRaceways) is not None:
                 raise SceneError(NO_LAW_OF_TILTED)
-            return holding(scene, tilted_laws(scene, _healthy_laws(scene, progress), progress))
+            return _judged(scene, tilted_laws(scene, _healthy_laws(scene, progress), progress))
         at_one = not isinstance(scene.phase, PitchMean)
         if at_one or _may_meet_more(scene):
             bases = _healthy_laws(scene, progress)
             if at_one and effect_base.among(scene.effects, Through) is not None:
                 return holding(scene, bases)
             if at_one or any(_meet_more(scene, raceway, base) for raceway, base in bases.items()):
-                return holding(scene, local_laws(scene, bases, progress))
+                return _judged(scene, local_laws(scene, bases, progress))
     made: dict[Raceway, Law] = {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}
     return _with_edges(scene, made, progress)
+
+
+def _judged(scene: Scene, made: Mapping[Raceway, LocalLaw]) -> Scene:
+    """The scene with laws of its rollers' states, which say so if it does not end in these."""
+    ready = holding(scene, made)
+    if int(solve_prepared(ready).status_code) != status.OTHER_SCENE:
+        return ready
+    return holding(scene, {raceway: dataclasses.replace(law, stays=False) for raceway, law in made.items()})
 
 
 def with_any_width(scene: Scene) -> Scene | None:

@@ -134,7 +134,11 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], of: Rollers, before
         rest = Rest(float(law.contact.radius), share * deepest, every[raceway])
         under = [rest.in_reach(s, d) for s, d in zip(of.spalls[raceway], np.moveaxis(away[raceway], 1, 0), strict=True)]
         met[raceway] = np.reshape(np.array(under, bool), (len(under), *approach.shape))
-    first = made["outer"].states is None
+    states = made["outer"].states
+    first = states is None
+    solved = np.zeros(approach.shape, bool)
+    if states is not None:
+        solved = (np.sum(np.asarray(states.at), axis=-2) > 0.0).reshape(approach.shape)
     reached: dict[Raceway, list[Reached]] = {raceway: [] for raceway in made}
     centres, clear = {}, set()
     for p, j in np.argwhere(deepest > 0.0):
@@ -151,9 +155,13 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], of: Rollers, before
                 clear.add(at)
             load = max(load, of.least)
         else:
-            load = of.table.pressed_at(float(approach[p, j]), float(tilts[p, j]))
+            own_place = float(approach[p, j]), float(tilts[p, j])
+            load = of.table.pressed_at(*own_place)
             if np.isnan(load):
-                load = float(pressed[p, j]) if pressed[p, j] > LIGHT * pressed.max() else 0.0
+                known = float(pressed[p, j]) if solved[p, j] else of.table.about(*own_place)
+                turned = abs(own_place[1]) > tilted_states.FARTHEST_TURNED * of.table.reach(of.least)
+                light = known <= LIGHT * pressed.max()
+                load = 0.0 if light and (turned or not solved[p, j]) else max(known, of.least)
         if load > 0.0:
             for raceway, each in own.items():
                 reached[raceway].append(each)
