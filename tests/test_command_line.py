@@ -1,7 +1,9 @@
 """The command line, in process: output, exit codes, and what is (not) written."""
 
 import dataclasses
+import io
 import json
+import math
 import os
 import subprocess
 import sys
@@ -11,14 +13,15 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from rich.console import Console
 
 import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import geometry, user_cache
 from difftrb.fits import measured_table
 from difftrb.fits.parameters import PARAMETERS
-from difftrb.report import pressure_figure, remarks, run_figures
-from difftrb.scene import scene_file
+from difftrb.report import pressure_figure, remarks, run_figures, run_text
+from difftrb.scene import scene_file, solving
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.solution import Assessment
 
@@ -184,6 +187,44 @@ def test_run_writes_figures_and_the_record(capsys, paper: Path, tmp_path: Path) 
     assert (out / "pressure.png").read_bytes().startswith(b"\x89PNG")
     assert "<svg" in (out / "pressure.svg").read_text()
     assert [p.name for p in out.parent.iterdir()] == ["out"]  # nothing of the scratch folder is left
+
+
+def test_figures_and_slopes_are_of_every_spall(bearing: trb.TaperedBearing) -> None:
+    """Two spalls at the load line, one on either raceway, behind one where nothing presses."""
+    sizes = (8.0, 7.0, math.pi), (4.0, 7.0, 0.0)
+    outside = [trb.Spall(length, width, angle=angle) for length, width, angle in sizes]
+    spalls = (*outside, trb.Spall(3.0, 7.0, surface="inner"))
+    scene = trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), spalls, law="table"))
+    result = trb.assess(scene)
+    pressed = pressure_figure.contacts_at_spall(scene, result.spalled)
+    loads = np.asarray(result.spalled.loads)
+    assert loads[pressed[0].roller] > 0.8 * loads.max()
+    under = {one.raceway: [float(spall.length) for spall, _ in one.solution.spalls]
+             for one in pressed if one.roller == 0}  # fmt: skip
+    assert under == {"outer": [4.0], "inner": [3.0]}
+    record = run_text.run_json(scene, result, 0.0)["sensitivity"]["radial"]
+    np.testing.assert_allclose(record["length"], np.asarray(result.by_length)[0])
+    assert record["length"][0] > 100.0 * record["length"][1]
+    words = io.StringIO()
+    Console(file=words, width=200).print(run_text.run_text(scene, result))
+    shown = [line.split() for line in words.getvalue().splitlines()]
+    assert [row[0] for row in shown if len(row) == 5 and row[0] in "012"][:3] == ["0", "1", "2"]
+    assert "a spall on the inner raceway calls for them" in words.getvalue()
+
+
+def test_a_mean_is_made_for_a_law_of_one_phase(bearing: trb.TaperedBearing) -> None:
+    """`run --mean`: it was left out without a word. A spall on a roller has none."""
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), trb.Spall(4.0, 7.0), "direct", accuracy=1e-2)
+    ready = trb.prepare(scene)
+    assert solving.assess_mean(ready) is None
+    mean = solving.assess_mean(ready, scene)
+    assert mean is not None
+    np.testing.assert_allclose(mean.spalled.stiffness, trb.solve(scene.replace(phase="mean")).stiffness, rtol=1e-12,
+                               atol=1e-6)  # fmt: skip
+    table = solving.assess_mean(trb.prepare(scene.replace(law="table")))
+    np.testing.assert_allclose(mean.loss, table.loss, rtol=2e-2)
+    on_roller = scene.replace(spalls=trb.Spall(4.0, 7.0, surface="roller"))
+    assert solving.assess_mean(ready.replace(spalls=on_roller.spalls), on_roller) is None
 
 
 @pytest.mark.slow
@@ -413,6 +454,13 @@ def test_check_and_example(capsys, paper: Path) -> None:
     code, out, _ = call(capsys, "check", str(paper))
     assert code == 0
     assert "in order: 23 rollers, 1 spall, radial 9000 N" in out
+    swept = paper.with_name("swept.toml")
+    swept.write_text(f"{PAPER}[sweep]\nload.radial = [8e3, 9e3]\n", encoding="utf-8")
+    assert call(capsys, "check", str(swept))[1].endswith(", with a sweep of 2 members\n")
+    swept.write_text(f"{PAPER}[sweep]\nload.radial = [8e3, 9e3]\noutputs = ['nonsense']\n", encoding="utf-8")
+    code, _, err = call(capsys, "check", str(swept))
+    assert code == 2
+    assert "nonsense" in err
     code, out, _ = call(capsys, "example")
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()] == [*scene_file.example_names(), "measured"]

@@ -30,6 +30,14 @@ def test_run_says_what_is_left_of_stiffness_and_of_its_loss(tmp_path: Path, caps
     assert found["stiffness_uncertainty"]["radial"] == pytest.approx(stiffness, rel=2e-3)
     share = loss / radial(made.bearing, made.design_load)[1]
     assert found["relative_loss_uncertainty"]["radial"] == pytest.approx(share, rel=1e-2)
+    path.write_text(f"{SCENE}[contact]\nlaw = 'direct'\n", encoding="utf-8")
+    assert cli.main(["--no-cache", "run", str(path), "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)  # by the table, for contacts that were solved know one bearing
+    share = stiffness / radial(made.bearing, made.design_load)[0]
+    told = record["estimated"]["stiffness_uncertainty"]["radial"] / record["stiffness"]["radial"]
+    assert told == pytest.approx(share, rel=2e-3)
+    path.write_text(SCENE, encoding="utf-8")
+    share = loss / radial(made.bearing, made.design_load)[1]
     assert cli.main(["--no-cache", "run", str(path)]) == 0
     words = " ".join(capsys.readouterr().out.split())
     assert f"and what the spall takes of it within ± {100.0 * share:.0f} %" in words

@@ -18,7 +18,7 @@ from difftrb.law.direct import accuracy_at_edges
 from difftrb.report import worth_text
 from difftrb.scene import scene_file
 from difftrb.scene.auto_law import apart, main_values
-from difftrb.scene.scene import Picked
+from difftrb.scene.scene import Picked, raceway_laws
 from difftrb.sweeps.store import store_of
 
 TABLE_2 = trb.liu2018()
@@ -98,6 +98,15 @@ def test_of_narrow_spalls_the_worst_counts(bearing: trb.TaperedBearing, solves: 
     """The table says 2.8e-3 of them, which nine in ten keep; one scene was 1.2e-2 off."""
     scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 0.1, angle=1.0),), accuracy=asked)
     assert trb.prepare(scene).law.name == law
+
+
+@pytest.mark.parametrize(("width", "law"), [(0.2, "direct"), (4.0, "table")])
+def test_both_raceways_laws_count(bearing: trb.TaperedBearing, solves: dict, width: float, law: str) -> None:
+    """A narrow spall on the inner raceway, of which the table says 2.8e-3: only the outer one's 2.9e-4 was asked."""
+    spall = trb.Spall(8.0, width, surface="inner")
+    ready = trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (spall,), accuracy=2e-3, phase=0.05))
+    assert ready.law.name == law
+    assert float(ready.picked.error) >= max(float(own.error) for own in raceway_laws(ready))
 
 
 @pytest.mark.parametrize("known", [True, False])

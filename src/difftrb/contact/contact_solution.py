@@ -72,10 +72,8 @@ def given(
         )
     _refuse_arrays(contact=contact, load=load, tilt=tilt, spall=spall)
     if not isinstance(tilt, jax.core.Tracer) and abs(float(tilt)) > MOST_TILT:
-        raise status.SceneError(
-            f"tilt = {float(tilt):g}: must be {number_in(-MOST_TILT, MOST_TILT, 'rad')}: turned farther, a roller stands "
-            "on its end"
-        )
+        wanted = number_in(-MOST_TILT, MOST_TILT, "rad")
+        raise status.SceneError(f"tilt = {float(tilt):g}: must be {wanted}: turned farther, a roller stands on its end")
     straight = is_zero(tilt)
     inputs = Inputs(
         as_floats(contact), xp.asarray(load), as_floats(spall), place, None if straight else xp.asarray(tilt)
