@@ -206,7 +206,7 @@ def test_figures_and_slopes_are_of_every_spall(bearing: trb.TaperedBearing) -> N
     np.testing.assert_allclose(record["length"], np.asarray(result.by_length)[0])
     assert record["length"][0] > 100.0 * record["length"][1]
     words = io.StringIO()
-    Console(file=words, width=200).print(run_text.run_text(scene, result))
+    Console(file=words, width=200, markup=False).print(run_text.run_text(scene, result))
     shown = [line.split() for line in words.getvalue().splitlines()]
     assert [row[0] for row in shown if len(row) == 5 and row[0] in "012"][:3] == ["0", "1", "2"]
     assert "a spall on the inner raceway calls for them" in words.getvalue()
@@ -223,7 +223,7 @@ def test_a_mean_is_made_for_a_law_of_one_phase(bearing: trb.TaperedBearing) -> N
                                atol=1e-6)  # fmt: skip
     table = solving.assess_mean(trb.prepare(scene.replace(law="table")))
     np.testing.assert_allclose(mean.loss, table.loss, rtol=2e-2)
-    on_roller = scene.replace(spalls=trb.Spall(4.0, 7.0, surface="roller"))
+    on_roller = scene.replace(spalls=trb.Spall(4.0, 7.0, surface="roller"), law="table")
     assert solving.assess_mean(ready.replace(spalls=on_roller.spalls), on_roller) is None
 
 

@@ -65,10 +65,11 @@ def assess_mean(scene: Scene, anew: Scene | None = None, progress: Progress | No
     with a spall's width, whether or not a roller stands on its edge at this phase.
 
     A law that is made for one phase is prepared for all of them, from `anew`, the scene as it was before; that takes as
-    long as `prepare` of a mean. None without it, and for a scene that is a mean already, or has no spalls. Raises
-    `SceneError` for what has no mean, a spall on a roller.
+    long as `prepare` of a mean. None without it, for a scene that is a mean already or has no spalls, and for a spall
+    on a roller, which belongs to that one.
     """
-    if isinstance(scene.phase, PitchMean) or not scene.spalls:
+    no_mean = isinstance(scene.phase, PitchMean) or any(spall.surface == "roller" for spall in scene.spalls)
+    if no_mean or not scene.spalls:
         return None
     if not base.kind(cast(Law, scene.law).name).one_scene:
         return assess_prepared(checks.checked(dataclasses.replace(scene, phase="mean")))
