@@ -294,11 +294,14 @@ def along(value: Any, rates: Sequence[Any], scalars: Sequence[Any]) -> Any:
 
 
 def solved(matrix: Any, right: Any) -> Any:
-    """x with `matrix` x = `right`; NaN where there is none."""
+    """x with `matrix` x = `right`, shapes (…, n, n), (…, n, m); NaN where a matrix is singular, as JAX has it."""
     try:
         return module_of(matrix, right).linalg.solve(matrix, right)
     except np.linalg.LinAlgError:
-        return np.full(right.shape, np.nan)
+        if matrix.ndim == 2:
+            return np.full(right.shape, np.nan)
+    every = np.broadcast_to(matrix, (*right.shape[:-2], *matrix.shape[-2:]))
+    return np.stack([solved(*each) for each in zip(every, right, strict=True)])
 
 
 def ones_like(x: Any) -> Any:

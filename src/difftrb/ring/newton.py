@@ -301,23 +301,11 @@ def solve(matrix: Any, right: Any) -> Any:
     """x with matrix · x = right, shapes (…, n, n), (…, n); of three by cofactors: in a batch many times faster than a
     factorisation."""
     if right.shape[-1] != 3:
-        solved = jnp.linalg.solve if xp.of_jax((matrix, right)) else _by_numpy
-        return solved(matrix, right[..., None])[..., 0]
+        return xp.solved(matrix, right[..., None])[..., 0]
     rows, determinant = cofactors(matrix)
     x = right[..., 0:1] * rows[..., 0, :]
     x = x + right[..., 1:2] * rows[..., 1, :] + right[..., 2:3] * rows[..., 2, :]
     return x / determinant[..., None]
-
-
-def _by_numpy(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """As numpy's, and NaN where a matrix is singular, as JAX has it."""
-    try:
-        return np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:
-        if matrix.ndim == 2:
-            return np.full(right.shape, np.nan)
-    every = np.broadcast_to(matrix, (*right.shape[:-2], *matrix.shape[-2:]))
-    return np.stack([_by_numpy(*each) for each in zip(every, right, strict=True)])
 
 
 def cofactors(matrix: Any) -> tuple[Any, Any]:
