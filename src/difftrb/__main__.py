@@ -302,7 +302,8 @@ def main(arguments: list[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal without µ and █ gets question marks, not a traceback
     if options.command.jax:
-        jax_config.set_up_jax(options.cache)
+        with console.busy("starting"):  # to load JAX takes a second or two
+            jax_config.set_up_jax(options.cache)
     try:
         if _is_in_the_way(options):
             return console.refuse(f"{options.out}: is a file; name a folder", EXIT_BAD_FILE)
