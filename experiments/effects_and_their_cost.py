@@ -1,4 +1,5 @@
-"""What every effect changes, in stiffness, loads and gradient of three scenes, and what it costs.
+"""What every effect changes, in stiffness, loads and gradient of three scenes, and what it costs; and what rings by
+contacts cost where rollers or rings tilt.
 
 taskset -c 0 python experiments/effects_and_their_cost.py [--batch 1000] [--out DIR]
 """
@@ -131,6 +132,35 @@ def compare(batch: int, loads: dict[str, trb.Load] = LOADS, names: Sequence[str]
     return rows
 
 
+def by_contacts(batch: int, names: Sequence[str] | None = None) -> dict[str, float]:
+    """Microseconds a ring by law "direct", prepared, with its derivative by the radial load, in a batch of loads."""
+    free, tilt = effects.Raceways(), effects.Tilt(moment_lateral=1e4)
+    every: dict[str, tuple[effects.Effect, ...]] = {
+        "none": (), "raceways": (free,), "tilt": (tilt,), "tilt, raceways": (free, tilt),
+        "tilt, raceways, flange, speed": (free, tilt, effects.Flange("hertz", 100.0), effects.Centrifugal(7100.0)),
+    }  # fmt: skip
+    spall, shares = trb.Spall(4.0, 7.0, axial_offset=1.0), jnp.linspace(0.999, 1.001, batch)
+    found = {}
+    for name, acting in every.items():
+        if names is not None and name not in names:
+            continue
+        scene = trb.Scene(BEARING, LOADS["combined"], (spall,), "direct", accuracy=1e-2, phase=0.05, effects=acting)
+        ready = trb.prepare(scene)
+
+        def one(share: jax.Array, ready: trb.Scene = ready) -> tuple[jax.Array, jax.Array, jax.Array]:
+            def solved(share: jax.Array) -> tuple[jax.Array, jax.Array]:
+                r = trb.solve(dataclasses.replace(ready, load=trb.Load(9000.0 * share, 4500.0)))
+                return r.radial_stiffness, r.status_code
+
+            return jax.jvp(solved, (share,), (jnp.ones(()),), has_aux=True)
+
+        run = jax.jit(jax.vmap(one))
+        if np.any(run(shares)[2]):
+            raise SystemExit(f"{name}: a status")
+        found[name] = 1e6 * median_seconds(lambda run=run: run(shares)) / batch
+    return found
+
+
 def draw(rows: list[Row], loads: Sequence[str], folder: Path) -> None:
     """Changes of stiffness and largest load, and run time, side by side."""
     import matplotlib
@@ -185,6 +215,11 @@ def main() -> None:
             str(row.program),
         )
     Console(width=150).print(table)
+    contacts = by_contacts(options.batch)
+    for name, microseconds in contacts.items():
+        print(
+            f"by contacts: {name}: {microseconds:.1f} µs, {microseconds / contacts['none']:.2f} times the plain ring's"
+        )
     if options.out is not None:
         draw(rows, list(LOADS), options.out)
         (options.out / "effects.json").write_text(json.dumps([row._asdict() for row in rows], indent=1) + "\n")

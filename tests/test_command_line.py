@@ -212,6 +212,7 @@ def test_figures_and_slopes_are_of_every_spall(bearing: trb.TaperedBearing) -> N
     assert "a spall on the inner raceway calls for them" in words.getvalue()
 
 
+@pytest.mark.slow
 def test_a_mean_is_made_for_a_law_of_one_phase(bearing: trb.TaperedBearing) -> None:
     """`run --mean`: it was left out without a word. A spall on a roller has none."""
     scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), trb.Spall(4.0, 7.0), "direct", accuracy=1e-2)

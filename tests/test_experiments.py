@@ -253,6 +253,7 @@ def test_effects_and_their_cost(tmp_path: Path) -> None:
     assert through.stiffness[0] < -10.0
     experiment.draw(rows, ["combined"], tmp_path)
     assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
+    assert experiment.by_contacts(2, ("none",))["none"] > 0.0
 
 
 def test_became_slower_than_the_baseline() -> None:
