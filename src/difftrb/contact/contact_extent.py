@@ -92,8 +92,8 @@ def domain_of_any(
     rest = gaps.rest_at(y, contact, tilt)
     needed = needed_by_slices(contact, load)
     weight = xp.full(y.shape, 2.0 * half / 256.0)
-    sunk = approach_of_slices(needed, weight, rest + lowest, 60)
-    healthy = approach_of_slices(needed, weight, rest, 60)
+    sunk = approach_of_slices(needed, weight, rest + lowest)
+    healthy = approach_of_slices(needed, weight, rest)
     delta = xp.minimum(sunk, healthy + xp.maximum(xp.max(lowest), 0.0))
     # a raised rim meets the roller before the raceway does; so does a bottom that is all there is
     least = xp.min(lowest)
@@ -232,27 +232,20 @@ def _approach_on_lands(
     return approach_of_slices(needed, weight, rest + later[:, None])
 
 
-def approach_of_slices(needed: Any, weight: Any, rest: Any, steps: int = 30) -> Any:
+def approach_of_slices(needed: Any, weight: Any, rest: Any) -> Any:
     """The approach [mm] at which slices that weigh `weight` [mm] and begin at `rest` [mm] carry `needed` [mm²]."""
+
+    def carried_by(pressed: Any, needed: Any, weight: Any, rest: Any) -> Any:
+        own = xp.where(pressed, weight, 0.0)
+        return (needed + xp.total(own * rest)) / xp.total(own)
 
     weight, rest = weight.reshape(-1), rest.reshape(-1)
     still = xp.fixed((needed, weight, rest))
-    least = xp.min(still[1])
-
-    def newton(delta: Any, needed: Any, weight: Any, rest: Any) -> Any:
-        pressed = xp.where(delta > rest, weight, 0.0)
-        held, slope = xp.total(pressed * (delta - rest)), xp.total(pressed)
-        return delta - (held - needed) / xp.maximum(slope, least)
-
-    def going(state: tuple) -> Any:
-        delta, last, count = state
-        return (delta != last) & (count < steps)
-
-    begin = still[0] / xp.sum(still[1]) + xp.max(still[2])
-    found, *_ = loops.repeated_while(
-        going, lambda state: (newton(state[0], *still), state[0], state[2] + 1), (begin, 0.0 * begin, 0)
-    )
-    return newton(found, needed, weight, rest)  # one step from the solution carries its derivatives
+    first = xp.argsort(still[2])
+    sizes, begun = still[1][first], still[2][first]
+    # slices that begin later do not press yet and would pull: of the first ones, however many, the approach is the least
+    least = xp.min((still[0] + xp.cumsum(sizes * begun)) / xp.cumsum(sizes))
+    return carried_by(still[2] < least, needed, weight, rest)
 
 
 def reach_of_strips(contact: LineContact, load: Any, low: Any, high: Any) -> tuple[Any, Any, Any, Any]:
