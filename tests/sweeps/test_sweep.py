@@ -29,6 +29,8 @@ from difftrb.sweeps import axes, blocks, chunks, shared_law, store, sweep_file, 
 from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.swept import front, manifest_of
 
+pytest.importorskip("zarr")  # README's extra `cluster` has it; what is without it is tested beside it
+
 SIZES = ("spall.0.length", "spall.0.width")
 FILE = f"""{scene_file.example("spall")}
 [contact]

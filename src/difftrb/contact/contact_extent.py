@@ -243,7 +243,7 @@ def approach_of_slices(needed: Any, weight: Any, rest: Any) -> Any:
     still = xp.fixed((needed, weight, rest))
     first = xp.argsort(still[2])
     sizes, begun = still[1][first], still[2][first]
-    # slices that begin later do not press yet and would pull: of the first ones, however many, the approach is the least
+    # slices that begin later would pull: of the first ones, however many, the approach is the least
     least = xp.min((still[0] + xp.cumsum(sizes * begun)) / xp.cumsum(sizes))
     return carried_by(still[2] < least, needed, weight, rest)
 

@@ -136,14 +136,20 @@ def keep_tilts(states: States, contact: LineContact, raceways: float, clear: Any
     """Whether rollers are turned as those that were solved, and all others overlap with so many `raceways` less than an
     upright one that approaches by `clear` [mm]."""
     middle, every = rest.rings if rest.rings is not None else (rest.approach, xp.zeros_like(rest.loads))
-    at = ALONG.reshape(-1, *[1] * every.ndim) * contact.length
-    crowned = raceways * crown.height(at, contact)
-    overlap = xp.maximum(middle[None] + at * every[None] - crowned, 0.0)
+    crowned = raceways * crown.height(ALONG * contact.length, contact)
+    overlap = mean_overlap(crowned, contact.length, middle, every)
     alone = xp.sum(states.at, axis=-2).reshape(every.shape) == 0.0
-    # a line contact carries about as the overlap along it: one that is pressed at its end alone, less
-    least = xp.mean(xp.maximum(clear - crowned, 0.0), axis=0)
-    pressed = xp.any(alone & (xp.mean(overlap, axis=0) > least))
+    pressed = xp.any(alone & (overlap > mean_overlap(crowned, contact.length, clear, xp.zeros_like(clear))))
     turned = -xp.einsum("...sr,...r->...s", states.at, every.reshape(*states.at.shape[:-2], -1))
     half = 0.5 * (xp.max(states.tilts, axis=-1) - xp.min(states.tilts, axis=-1))
     off = xp.abs(turned - xp.mean(states.tilts, axis=-1)) * xp.max(states.at, axis=-1)
     return (xp.max(off / half) < TURNED_WITHIN) & ~pressed
+
+
+def mean_overlap(crowned: Any, length: Any, approach: Any, tilt: Any) -> Any:
+    """Of rollers and raceways along a roller [mm], in the shape of the rings' approach [mm] and tilt [rad] there, from
+    how far the crowns have risen at `ALONG` [mm]. A line contact carries about as this; one that is pressed at its end
+    alone, less."""
+    at = ALONG.reshape(-1, *[1] * np.ndim(approach))
+    along = at * length * tilt[None] - crowned.reshape(at.shape)
+    return xp.mean(xp.maximum(approach[None] + along, 0.0), axis=0)

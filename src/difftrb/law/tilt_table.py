@@ -21,7 +21,7 @@ from difftrb.law import load_curve, roller_tilt, samples
 from difftrb.law.direct import DirectLaw
 from difftrb.law.roller_tilt import RollerContacts
 from difftrb.law.samples import Case, Node, Progress, Turning
-from difftrb.law.states_of_rollers import ALONG
+from difftrb.law.states_of_rollers import ALONG, mean_overlap
 
 MOST_TURNED = 3.0
 """Of a table, by `TiltTable.reach`: a heavily loaded roller presses with a third of its length there."""
@@ -129,11 +129,10 @@ class TiltTable(NamedTuple):
     def about(self, approach: float, tilt: float) -> float:
         """About P [N] of a roller turned farther than the table knows: that of an upright one whose overlap along it is
         as large; 0 where that is less than the table knows."""
-        y = ALONG * self.length
-        crowned = np.sum([crown.height(y, contact) for contact in self.contacts], axis=0)
+        crowned = np.sum([crown.height(ALONG * self.length, contact) for contact in self.contacts], axis=0)
         logs = np.linspace(self.low, self.high, TRIED)
-        levels = np.mean(np.maximum(self.upright(np.exp(logs))[:, None] - crowned, 0.0), axis=1)
-        own = float(np.mean(np.maximum(approach + tilt * y - crowned, 0.0)))
+        levels = mean_overlap(crowned, self.length, self.upright(np.exp(logs)), np.zeros(TRIED))
+        own = float(mean_overlap(crowned, self.length, np.asarray(approach), np.asarray(tilt)))
         return 0.0 if own < levels[0] else float(np.exp(np.interp(own, levels, logs)))
 
     def at(self, pressed: float, tilt: float) -> Turned:

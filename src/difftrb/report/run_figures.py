@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from difftrb.core.geometry import arc_radius
 from difftrb.report import bearing_drawing, pressure_figure
 from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED, loads_of, phase_of
+from difftrb.report.run_text import DIRECTIONS
 from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.solution import Assessment
 from difftrb.turning import spall_loss
@@ -30,7 +31,6 @@ NO_MAP = (
 )
 BY_DESIGN = (NO_TURN, NO_MAP)
 """What need not be said but on the page."""
-DIRECTIONS = (("radial", 0), ("axial", 2))
 
 
 def figures(scene: Scene, result: Assessment, mean: Assessment | None, missing: list[str]) -> Iterator[tuple[str, Any]]:
@@ -62,7 +62,7 @@ def over_turn(turn: Turn, scene: Scene) -> Figure:
     figure, axes = plt.subplots(1, 2, figsize=(10.5, 3.5))
     figure.subplots_adjust(left=0.07, right=0.98, bottom=0.27, top=0.82, wspace=0.14)  # to lay it out takes longer
     pitch = turn.phases[-1]
-    for ax, (name, k) in zip(axes, DIRECTIONS, strict=True):
+    for ax, (name, k) in zip(axes, DIRECTIONS.items(), strict=True):
         sound, spalled = turn.healthy[:, k, k] / 1e3, turn.stiffness[:, k, k] / 1e3
         ax.plot(turn.phases, sound, color=HEALTHY, lw=1.8, label="healthy")
         if scene.spalls:
@@ -96,7 +96,7 @@ def loss_over_sizes(found: LossMap, scene: Scene, mean: Assessment) -> Figure:
     figure, axes = plt.subplots(1, 2, figsize=(10.5, 4.1), layout="constrained")
     one = len(scene.spalls) == 1
     which, beside = ("this spall", "") if one else ("spall 0", ", with all spalls, over the size of spall 0")
-    for row, (ax, (name, _)) in enumerate(zip(axes, DIRECTIONS, strict=True)):
+    for row, (ax, (name, _)) in enumerate(zip(axes, DIRECTIONS.items(), strict=True)):
         _map(found, row, ax)
         spall, sound = scene.spalls[0], float(np.asarray(mean.healthy.both_stiffnesses)[row])
         slopes = [-100.0 * float(np.asarray(by)[row, 0]) / sound for by in (mean.by_length, mean.by_width)]

@@ -23,7 +23,8 @@ from difftrb.scene.scene import PitchMean, Scene
 from difftrb.scene.solution import AXES, Assessment, Solution
 
 BAR = 28
-DIRECTIONS = "radial", "axial"
+DIRECTIONS = {"radial": 0, "axial": 2}
+"""With their places among the axes of stiffness."""
 CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
@@ -33,12 +34,11 @@ def run_json(
 ) -> dict[str, Any]:  # fmt: skip
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
-    `sensitivity` is by the spall's size, of several spalls a list of one number each; None for a healthy scene. With
-    effects there is a key `effects`, with
-    `edges` a key `edge_stress`, with the law "auto" a key `picked`, with an `audit` a key of that name. With the `mean`
-    over the cage's turn there is a key `mean`: stiffness, healthy, loss and sensitivity. With a bearing that was
-    `estimated` from its catalogue there is a key of that name: values and expanded uncertainties. `remarks` are what
-    has to be known before the numbers.
+    `sensitivity` is by the spall's size, of several spalls a list of one number each; None for a healthy scene.
+    With effects there is a key `effects`, with `edges` a key `edge_stress`, with the law "auto" a key `picked`,
+    with an `audit` a key of that name. With the `mean` over the cage's turn there is a key `mean`: stiffness,
+    healthy, loss and sensitivity. With a bearing that was `estimated` from its catalogue there is a key of that
+    name: values and expanded uncertainties. `remarks` are what has to be known before the numbers.
     """
     spalled, sound = result.spalled, result.healthy
     verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
