@@ -837,7 +837,7 @@ def test_workers_of_dask_make_the_same_files(whole: Path, plan: Plan, tmp_path: 
 @pytest.mark.hard
 def test_a_scheduler_that_dies_is_said_in_one_sentence(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    differing, (told,) = experiment().kills_on_dask(tmp_path, 1, "scheduler")
+    differing, (told,) = experiment().kills_on_dask(tmp_path, 1, "scheduler", SMALL)
     assert differing == []
     if not told.endswith("command ended 1"):  # it was done before
         assert "command ended 2: difftrb: " in told
