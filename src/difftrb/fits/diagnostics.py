@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from difftrb.fits import fit_result, optimal_design, predicted, profile_intervals, suspects
-from difftrb.fits.fit_result import Alternative, Fit
+from difftrb.fits.fit_result import UNLIKELY, Alternative, Fit
 from difftrb.fits.least_squares import AT_BOUND
 from difftrb.fits.measured import Measurement
 from difftrb.fits.profile_intervals import CONFIDENCE
@@ -49,7 +49,10 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
         remarks.append(_unclear(fit, np.nonzero(unclear)[0].tolist()))
     remarks += _of_alternatives(fit)
     if len(fit.alternatives) > TOLD:
-        remarks.append(f"{len(fit.alternatives) - TOLD} more answers are not ruled out")
+        more = len(fit.alternatives) - TOLD
+        remarks.append(f"{more} more answers are not ruled out" if more > 1 else "one more answer is not ruled out")
+    if fit.freedom <= 0:
+        remarks.append("there are no more rows than parameters, so none checks the fit")
     if fit.sigma_estimated:
         kind = "losses" if all(row.is_loss for row in fit.rows) else "values"
         middle = 100.0 * float(np.median(fit.sigma / np.array([abs(float(row.value)) or 1.0 for row in fit.rows])))
@@ -105,11 +108,14 @@ def _about_misfit(fit: Fit) -> list[str]:
     found = []
     if not fit.explained:
         worst = int(np.argmax(np.abs(fit.residuals)))
-        times = float(np.sqrt(fit.chi2 / fit.freedom))
+        chi2, freedom = fit.misfit
+        times = float(np.sqrt(chi2 / freedom))
+        rows = "" if fit.robust == "squares" else " even in the two thirds of the rows that it meets best"
+        of = f"of {freedom} degrees of freedom" if fit.freedom > 0 else "where so many parameters could meet every row"
         missed = ", or the search has missed the best of so many parameters" if len(fit.parameters) > MANY else ""
         found.append(
-            f"the fit misses the data by {times:.1f} times their sigma (χ² = {fit.chi2:.3g} of {fit.freedom} degrees "
-            f"of freedom), worst in row {worst + 1} ({fit.residuals[worst]:+.1f} sigma): sigma is too small, rows "
+            f"the fit misses the data{rows} by {times:.1f} times their sigma (χ² = {chi2:.3g} {of}), "
+            f"worst in row {worst + 1} ({fit.residuals[worst]:+.1f} sigma): sigma is too small, rows "
             f"contradict each other, or the model lacks something{missed}; do not rely on the sizes"
         )
     for k, off in enumerate(fit.residuals):
@@ -236,7 +242,10 @@ def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float
     advice = f"measure {optimal_design.in_words(row)}, where they differ by {apart:.2g} sigma"
     if apart < TOLD_APART:
         advice = "no load and phase like those measured tells them apart"
-    how = "fits nearly as well" if other.chi2 - fit.chi2 <= fit.limit else "is not ruled out"
+    # limits grow with the misfit of a fit that hardly passes: others may not pass
+    missed = fit.chance >= UNLIKELY > fit_result.tail(other.chi2, max(fit.freedom, 1))
+    near = other.chi2 - fit.chi2 <= fit.limit and not missed
+    how = "fits nearly as well" if near else "is not ruled out"
     if other.weight > 1.0 - sum(each.weight for each in fit.alternatives):
         how += ", over a wider range, and is likelier than the one in the table"
     return (

@@ -201,8 +201,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
             f"raceways give way, a spall takes about {worth_text.outer_share(fit.scene, heaviest):.2f} of that: name "
             "effects.raceways for rows that were measured"
         )
-    told = f"χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom"
-    lines.append(f"{fit.status}; {told if fit.freedom > 0 else 'no more rows than parameters, so none checks the fit'}")
+    told = f"; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom" if fit.freedom > 0 else ""
+    lines.append(f"{fit.status}{told}")
     return Group(table, rows, *(Text(line) for line in lines))
 
 

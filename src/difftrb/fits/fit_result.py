@@ -109,10 +109,17 @@ class Fit(status.Judged):
 
     @property
     def chance(self) -> float:
-        """Chance of a χ² this large if the model and sigma are right; NaN if sigma was estimated, or without rows to
-        spare, or for a robust fit."""
-        told = self.freedom > 0 and not self.sigma_estimated and self.robust == "squares"
-        return tail(self.chi2, self.freedom) if told else float("nan")
+        """Chance of a `misfit` this large if the model and sigma are right; NaN if sigma was estimated."""
+        return float("nan") if self.sigma_estimated else tail(*self.misfit)
+
+    @property
+    def misfit(self) -> tuple[float, int]:
+        """χ² of the rows that should be met, and its degrees of freedom, one where no row is to spare: as many
+        parameters as rows meet them all, or their bounds keep them from it. Of a robust fit those two thirds of the
+        rows that are nearest to it: what misses more is no outlier."""
+        squares = np.sort(self.residuals**2)
+        kept = squares if self.robust == "squares" else squares[: len(squares) - len(squares) // 3]
+        return float(np.sum(kept)), max(len(kept) - len(self.values), 1)
 
     @property
     def explained(self) -> bool:

@@ -87,10 +87,13 @@ def fit(
     width: that takes a program of its own.
     """
     status.require_float64()
-    if model_error is not None and not 0.0 <= model_error < np.inf:
+    if model_error is not None and not (isinstance(model_error, float | int) and 0.0 <= model_error < np.inf):
         raise MeasuredError(f"model_error = {model_error!r}: must be 0 or a positive number; None takes the law's own")
     if robust not in ROBUST:
         raise MeasuredError(f"robust = {robust!r} is not known; use one of {', '.join(ROBUST)}")
+    if starts is not None and not (isinstance(starts, int) and starts >= 1):
+        raise MeasuredError(f"starts = {starts!r}: must be a whole number, at least 1, or None for as many as needed")
+    fit_parameters.named(parameters)
     rows = measured.listed(rows)
     scene = prepare_fit(scene, rows, progress)
     measured.check_loads(scene, rows)
@@ -135,7 +138,7 @@ def _fit(
         problem, found = _with_sigma(problem, scan, freedom)
     else:
         found = search.with_edges_moved(problem, search.minima(problem, scan))
-        if freedom > 0 and fit_result.tail(2.0 * float(np.nanmin(found.cost)), freedom) < fit_result.UNLIKELY:
+        if fit_result.tail(2.0 * float(np.nanmin(found.cost)), max(freedom, 1)) < fit_result.UNLIKELY:
             scan, more = search.thorough(problem, scan)
             if np.nanmin(more.cost) < np.nanmin(found.cost):
                 found = search.with_edges_moved(problem, more)
@@ -209,8 +212,8 @@ class Tried(NamedTuple):
 def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Tried:
     best, freedom = int(np.nanargmin(found.cost)), scan.told.shape[1] - found.place.shape[1]
     place, normal, cost = found.place[best], found.normal[best], float(found.cost[best])
-    told = not estimated and freedom > 0 and problem.robust == ROBUST.index("squares")
-    scale = max(2.0 * cost / freedom, 1.0) if told else 1.0
+    told = not estimated and problem.robust == ROBUST.index("squares")
+    scale = max(2.0 * cost / max(freedom, 1), 1.0) if told else 1.0
     limits = profile_intervals.limits_of(freedom if estimated else None, scale)
     costs = np.concatenate([found.cost, predicted.costs(problem, scan.told)])
     known = Known(np.concatenate([found.place, scan.place]), np.nan_to_num(costs, nan=np.inf))

@@ -93,9 +93,11 @@ class Measurement:
 
 
 def listed(rows: Sequence[Measurement]) -> tuple[Measurement, ...]:
-    """Rows as a tuple; raises `MeasuredError` for the name of a file in place of them."""
+    """Rows as a tuple; raises `MeasuredError` for the name of a file in place of them, and for what is no row."""
     if isinstance(rows, str | Path):
         raise MeasuredError(f"measurements = {str(rows)!r}: give rows, say load_measured({str(rows)!r})")
+    if not isinstance(rows, Sequence) or not all(isinstance(row, Measurement) for row in rows):
+        raise MeasuredError("measurements: give a list of Measurement, or what load_measured returns")
     return tuple(rows)
 
 

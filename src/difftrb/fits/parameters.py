@@ -312,6 +312,8 @@ def named(names: Sequence[str]) -> tuple[Parameter, ...]:
     if isinstance(names, str):
         raise MeasuredError(f"parameters = {names!r}: give a list of names, say ({names!r},)")
     for name in names:
+        if not isinstance(name, str):
+            raise MeasuredError(f"parameters: {name!r} is no name; say ('length',)")
         if name not in PARAMETERS:
             parted = "; part names by commas" if len(name.split()) > 1 else ""
             raise MeasuredError(f"parameters: {name!r} is not known; {did_you_mean(name, PARAMETERS)}{parted}")

@@ -129,7 +129,8 @@ def _rows(fit: Fit, scan: Scan) -> Iterator[Suspect]:
         found = _down(fit, problem, scan)
         told = float(found.beside[0][int(np.nanargmin(found.cost))][k])
         off = f"row {k + 1} is off: {row.quantity} = {row.value:g} {row.unit}, where the others let expect {told:.4g}"
-        yield _suspect(fit, problem, found, off, "check that row, or fit with --robust student")
+        one = _suspect(fit, problem, found, off, "check that row, or fit with --robust student")
+        yield one if one.explains else one._replace(advice="check that row")
 
 
 def _fractions(fit: Fit, scan: Scan) -> Iterator[Suspect]:
