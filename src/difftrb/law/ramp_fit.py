@@ -99,9 +99,10 @@ def roller_curves(
     if not spalls:
         return RollerCurves(each)
     at: list[Any] = []
+    nearest = _nearest_edges(spalls, distances)
     for i, spall in enumerate(spalls):
         for side in (1.0, -1.0):
-            here = next_to(spall, distances[i], side) & ((under == 0) | (under == i + 1))
+            here = next_to(spall, distances[i], side) & ((under == 0) & (nearest == i) | (under == i + 1))
             for taken in at:  # no roller twice: it may be the nearest to both edges
                 here = here & ~taken
             at.append(here)
@@ -120,6 +121,15 @@ def roller_curves(
     alike = xp.tree_map(stacked, *[dataclasses.replace(ramp, edge=0.0, share=0.0) for ramp in every])
     together = dataclasses.replace(alike, edge=edges, share=share)
     return RollerCurves(each, together, xp.module_of(under).stack(at).astype(float))
+
+
+def _nearest_edges(spalls: tuple[Spall, ...], distances: Any) -> Any:
+    """Of which spall an edge is nearest to every roller, shape (…, rollers): between two spalls that lie closer than
+    rollers a roller may be the nearest to an edge of the one and stand on the ramp of the other."""
+    away, widths = xp.value(distances), [xp.value(spall.width) for spall in spalls]
+    of = xp.module_of(away, *widths)
+    beside = [of.abs(of.abs(away[i]) - 0.5 * width) for i, width in enumerate(widths)]
+    return of.argmin(of.stack(beside), axis=0)
 
 
 def _at_phases(share: Any, phases: tuple[int, ...]) -> Any:
