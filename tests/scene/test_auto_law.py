@@ -12,7 +12,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.core import status
+from difftrb.core import geometry, status
 from difftrb.law import samples
 from difftrb.law.direct import accuracy_at_edges
 from difftrb.report import worth_text
@@ -169,6 +169,34 @@ def test_sweep_over_widths_is_for_the_narrowest(bearing: trb.TaperedBearing, law
     assert np.isfinite(swept.values["radial_stiffness"]).all()
     wide = trb.sweep(["radial_stiffness"], scene, {"spall.0.width": [3.0, 7.0]})
     assert swept.values["radial_stiffness"][1] == pytest.approx(wide.values["radial_stiffness"][0], rel=1e-9)
+
+
+@pytest.mark.parametrize("law", ["auto", pytest.param("table", marks=pytest.mark.slow)])
+def test_sweep_over_crowns_is_for_the_narrowest(bearing: trb.TaperedBearing, law: str) -> None:
+    """A spall that is wide for the scene's crown is narrow for a heavier one: those members were refused."""
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 2.6),), law=law)
+    crowns = [6500.0, 26000.0]
+    swept = trb.sweep(["radial_stiffness"], scene, {"contact.design_load": crowns})
+    assert swept.counts == {"converged": 2}
+    alone = [float(trb.solve(scene.replace(design_load=crown, law="table")).radial_stiffness) for crown in crowns]
+    np.testing.assert_allclose(swept.values["radial_stiffness"], alone, rtol=1e-9)
+
+
+@pytest.mark.hard
+def test_two_spalls_closer_than_rollers_may_be_named_in_either_order(bearing: trb.TaperedBearing) -> None:
+    """A roller on the land between them, at an edge of the second one, is the nearest to an edge of the first, too: it
+    was taken for healthy, and the stiffness was 13 % off."""
+    radius = float(geometry.arc_radius(bearing))
+    spalls = trb.Spall(11.5, 6.0, angle=-6.0 / radius), trb.Spall(11.5, 6.0, angle=3.02 / radius)
+    scene = trb.Scene(bearing, trb.Load(9000.0, 2300.0), spalls)
+    ready, other = trb.prepare(scene), trb.prepare(dataclasses.replace(scene, spalls=spalls[::-1]))
+    found, again = trb.assess(ready), trb.assess(other)
+    np.testing.assert_allclose(again.spalled.stiffness, found.spalled.stiffness, rtol=1e-12)
+    np.testing.assert_allclose(again.by_width, np.asarray(found.by_width)[:, ::-1], rtol=1e-9, atol=1e-6)
+    assert float(found.by_width[0, 1]) < -1e5
+    audit = trb.verify(ready, found.spalled)
+    assert audit.load_error < 1e-3
+    assert audit.stiffness_error.max() < 1e-3
 
 
 @pytest.mark.portable

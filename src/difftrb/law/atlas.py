@@ -168,10 +168,14 @@ class AtlasLaw:
             known = _place(contact, spall).known | (spall.length <= 0.0)
             code = status.worst(code, xp.module_of(known).where(known, status.CONVERGED, status.SLIVER))
             if not self.narrow:
-                wide = 0.5 * spall.width > _farthest(contact)  # widths may come one a phase
+                wide = self.is_wide(spall)  # widths may come one a phase
                 of = xp.module_of(wide)
                 code = status.worst(code, of.where(of.all(wide), status.CONVERGED, status.NARROW))
         return code
+
+    def is_wide(self, spall: Spall) -> Any:
+        """Whether no roller meets both its edges: a law that is not `narrow` knows wide ones alone."""
+        return 0.5 * spall.width > _farthest(self.contact)
 
     def of_any_width(self) -> AtlasLaw:
         """The same for narrow spalls, too."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from operator import itemgetter
 
@@ -10,12 +11,14 @@ import jax.numpy as jnp
 
 from difftrb.core import status
 from difftrb.core.status import SweepError
+from difftrb.law.atlas import AtlasLaw
 from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress
 from difftrb.scene import expected_loads
 from difftrb.scene.auto_law import by_table
 from difftrb.scene.checks import of_one_shape
-from difftrb.scene.scene import LawName, PitchMean, Scene, is_auto, outer_law
+from difftrb.scene.scene import LawName, PitchMean, Scene, is_auto, outer_law, raceway_laws
+from difftrb.scene.scene_laws import with_any_width
 from difftrb.scene.solving import prepare
 from difftrb.sweeps.axes import Axis, number_at, replaced
 
@@ -38,7 +41,8 @@ def with_shared_law(
     if not isinstance(scene.law, LawName):
         return prepare(scene)
     if is_auto(scene):
-        made = by_table(_with_ends(scene, ends, 0))
+        narrowest = by_table(_with_ends(scene, ends, 0))
+        made = _of_any_width(narrowest, narrowest, ends)
         return dataclasses.replace(made, load=scene.load, spalls=scene.spalls)
     law = LAWS.get(scene.law.name)
     if law is not None:  # else `prepare` refuses it
@@ -55,6 +59,20 @@ def with_shared_law(
     ready = prepare(dataclasses.replace(scene, law=made.law, effects=made.effects))
     for key in ends:
         _refuse_other(ready, key, ends[key])
+    return _of_any_width(ready, dataclasses.replace(ready, spalls=low.spalls), ends)
+
+
+def _of_any_width(ready: Scene, narrowest: Scene, ends: dict[str, tuple[float, float]]) -> Scene:
+    """With a table that knows narrow spalls, too, where the `narrowest` may be narrow for the contact of a member: the
+    bearing or its crown change on the axes."""
+    keys = [key for key in ends if key.startswith(("bearing.", "contact."))]
+    for values in itertools.product(*(ends[key] for key in keys)):
+        corner = narrowest
+        for key, value in zip(keys, values, strict=True):
+            corner = replaced(corner, key, value)
+        tables = [law for law in raceway_laws(corner) if isinstance(law, AtlasLaw) and not law.narrow]
+        if not all(bool(law.is_wide(spall)) for law in tables for spall in corner.spalls):
+            return with_any_width(ready) or ready
     return ready
 
 
