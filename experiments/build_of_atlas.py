@@ -120,7 +120,7 @@ def solved(contact: LineContact, cases: list[Case], accuracy: float, progress: P
         reach = samples.last_touch(contact, solution) if case.spall is not None and case.distance == 0.0 else 0.0
         return Found(float(solution.approach), 0.5 * float(solution.contact_width), reach)
 
-    return samples.mapped(one, cases, progress)
+    return samples.mapped(one, cases, accuracy, progress)
 
 
 def _blank(size: Size) -> Atlas:

@@ -46,7 +46,7 @@ def test_contacts_are_solved_once(keeping: Path, contact: trb.LineContact, monke
     cases = [Case(1000.0), Case(2000.0, trb.Spall(4.0, 7.0))]
     first = samples.all_solved(contact, cases, 1e-2)
     asked: list[int] = []
-    monkeypatch.setattr(samples, "mapped", lambda solve, cases, progress: asked.append(len(cases)) or [])
+    monkeypatch.setattr(samples, "mapped", lambda solve, cases, *_: asked.append(len(cases)) or [])
     done: list[tuple[int, int]] = []
     again = samples.all_solved(contact, cases, 1e-2, lambda *told: done.append(told))
     assert not asked

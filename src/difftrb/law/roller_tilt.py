@@ -206,7 +206,7 @@ def tilt_curves(
         rest = at_rest(rollers[k], loads, accuracy, guess, turning)
         return rest.tilt, rest.gain(loads[0] / loads[1]) if turning else 0.0
 
-    solved = np.reshape(samples.mapped(solve, asked, progress), (len(leaning), log_loads.shape[1], 2))
+    solved = np.reshape(samples.mapped(solve, asked, accuracy, progress), (len(leaning), log_loads.shape[1], 2))
     for k, own in zip(leaning, solved, strict=True):
         ends = log_loads[k][[0, -1]]
         curves[k] = TiltCurve(*(np.polynomial.Chebyshev.fit(log_loads[k], part, len(own) - 1, ends) for part in own.T))

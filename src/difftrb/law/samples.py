@@ -23,6 +23,10 @@ from difftrb.core.geometry import LineContact, Real, Spall
 ALONG = 41
 """Places along a spall at which it is asked how far the roller stands off."""
 
+THREADED = 9e-4
+"""Accuracies below take more than one thread: two cores are 1.4 times as fast as one at 1e-4, 1.7 times at 1e-5, 0.9 at
+1e-3, 0.8 at 1e-2."""
+
 Asked = TypeVar("Asked")
 Solved = TypeVar("Solved")
 
@@ -220,7 +224,7 @@ def all_solved(
     solve = solved_turning if turning else solved
 
     def anew() -> list[Node]:
-        return mapped(lambda case: solve(contact, case, accuracy), cases, progress)
+        return mapped(lambda case: solve(contact, case, accuracy), cases, accuracy, progress)
 
     nodes = user_cache.result(anew, solve.__name__, (solve, contact, tuple(cases), accuracy))
     if progress is not None:
@@ -228,11 +232,15 @@ def all_solved(
     return nodes
 
 
-def mapped(solve: Callable[[Asked], Solved], cases: Sequence[Asked], progress: Progress | None = None) -> list[Solved]:
-    """`solve` of every case, on all cores that this process may use."""
+def mapped(
+    solve: Callable[[Asked], Solved], cases: Sequence[Asked], accuracy: float, progress: Progress | None = None
+) -> list[Solved]:
+    """`solve` of every case, of contacts of this accuracy: of fine ones on all cores that this process may use."""
     nodes: list[Solved] = []
+    # of coarse ones the arrays are small: threads would wait for Python's lock, a quarter longer than one alone
+    workers = machine.cores() if accuracy < THREADED else 1
     # LAPACK's own threads, besides these, only wait for each other: exact edges would take twice as long
-    with threadpool_limits(1, "blas"), ThreadPoolExecutor(machine.cores()) as pool:
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(workers) as pool:
         for node in pool.map(solve, cases):
             nodes.append(node)
             if progress is not None:

@@ -173,7 +173,7 @@ def _in_series(of: Rollers, asked: Asked, turning: bool, progress: Progress | No
         return Turned(rest.tilt, rest.shares(between.ratio))
 
     marks = contacts, dict(of.spalls), tuple(asked), (between.ratio, between.thrown), of.accuracy, turning
-    return user_cache.result(lambda: samples.mapped(solve, asked, progress), "rollers_in_series", marks)
+    return user_cache.result(lambda: samples.mapped(solve, asked, of.accuracy, progress), "rollers_in_series", marks)
 
 
 def _spread(

@@ -164,7 +164,7 @@ def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress 
         return dict(zip((outer.key, inner.key), rest.shares(state.ratio), strict=True))
 
     solved: dict[Key, Node] = {}
-    for each in samples.mapped(rolled, list(tilting.values()), progress):
+    for each in samples.mapped(rolled, list(tilting.values()), accuracy, progress):
         solved |= each
     wanted = {each.key: each for state in states if state.tilting is None for each in state.contacts}
     for raceway in ("outer", "inner"):
