@@ -175,7 +175,7 @@ class AtlasLaw:
 
     def is_wide(self, spall: Spall) -> Any:
         """Whether no roller meets both its edges: a law that is not `narrow` knows wide ones alone."""
-        return 0.5 * spall.width > _farthest(self.contact)
+        return _is_wide(self.contact, spall)
 
     def of_any_width(self) -> AtlasLaw:
         """The same for narrow spalls, too."""
@@ -289,7 +289,7 @@ def _narrow(beside: Ramp, contact: LineContact, spall: Spall) -> Ramp:
 @np.errstate(all="ignore")
 def atlas_law(contact: LineContact, spalls: tuple[Spall, ...] | None = None) -> AtlasLaw:
     """The law of this contact, traced or not, for these spalls; None is for any."""
-    narrow = spalls is None or not all(_is_wide(contact, spall) for spall in spalls)
+    narrow = spalls is None or not all(_is_known_wide(contact, spall) for spall in spalls)
     return AtlasLaw(contact, _error(contact, spalls), narrow)
 
 
@@ -304,16 +304,19 @@ def _error(contact: LineContact, spalls: tuple[Spall, ...] | None) -> Any:
         thirds = 3.0 * xp.sqrt(place.aside)
         own = xp.where(thirds < 1.0, atlas.errors[0], xp.where(thirds < 2.0, atlas.errors[1], atlas.errors[2]))
         error = xp.maximum(error, xp.where(place.over_end, atlas.errors[3], own))
-        wide = 0.5 * spall.width > _farthest(contact)
-        error = xp.maximum(error, xp.where(wide, 0.0, atlas.narrow_error))
+        error = xp.maximum(error, xp.where(_is_wide(contact, spall), 0.0, atlas.narrow_error))
     return error
 
 
-def _is_wide(contact: LineContact, spall: Spall) -> bool:
-    """Whether the spall is known to be so wide that no roller meets both its edges: what is traced by jit is not known,
-    what is differentiated outside of it is."""
+def _is_wide(contact: LineContact, spall: Spall) -> Any:
+    """Whether no roller meets both edges of the spall."""
+    return 0.5 * spall.width > _farthest(contact)
+
+
+def _is_known_wide(contact: LineContact, spall: Spall) -> bool:
+    """The same, if it is known: what is traced by jit is not, what is differentiated outside of it is."""
     try:
-        return bool(xp.value(0.5 * spall.width > _farthest(contact)))
+        return bool(xp.value(_is_wide(contact, spall)))
     except jax.errors.ConcretizationTypeError:
         return False
 
