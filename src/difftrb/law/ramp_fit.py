@@ -99,10 +99,12 @@ def roller_curves(
     if not spalls:
         return RollerCurves(each)
     at: list[Any] = []
-    nearest = _nearest_edges(spalls, distances)
+    nearest = _nearest_edges(spalls, distances) if len(spalls) > 1 else None
     for i, spall in enumerate(spalls):
         for side in (1.0, -1.0):
-            here = next_to(spall, distances[i], side) & ((under == 0) & (nearest == i) | (under == i + 1))
+            here = next_to(spall, distances[i], side)
+            if nearest is not None:
+                here = here & ((under == 0) & (nearest == i) | (under == i + 1))
             for taken in at:  # no roller twice: it may be the nearest to both edges
                 here = here & ~taken
             at.append(here)
