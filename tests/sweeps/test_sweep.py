@@ -29,7 +29,7 @@ from difftrb.sweeps import axes, blocks, chunks, shared_law, store, sweep_file, 
 from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.swept import front, manifest_of
 
-pytest.importorskip("zarr")  # README's extra `cluster` has it; what is without it is tested beside it
+needs_zarr = pytest.mark.skipif(not store.has_zarr(), reason="README's extra `cluster` has zarr")
 
 SIZES = ("spall.0.length", "spall.0.width")
 FILE = f"""{scene_file.example("spall")}
@@ -184,6 +184,7 @@ def test_what_does_not_fit_is_not_begun(plan: Plan, tmp_path: Path, monkeypatch:
         trb.sweep("loads", plan.base, given, batch=10**9)
 
 
+@needs_zarr
 def test_a_sweep_that_is_there_but_for_a_chunk_needs_room_for_that(
     plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -349,6 +350,7 @@ def damages() -> dict[str, Callable[[Path], object]]:
     }
 
 
+@needs_zarr
 @pytest.mark.parametrize("column", ["radial_stiffness_by_spall_0_width", "status_code"])
 @pytest.mark.parametrize("damage", damages())
 def test_what_is_damaged_is_found_and_made_again(
@@ -366,6 +368,7 @@ def test_what_is_damaged_is_found_and_made_again(
     assert chunks.run(plan, out, resume=True).computed == 0
 
 
+@needs_zarr
 @pytest.mark.parametrize("damage", damages())
 @pytest.mark.parametrize("file", ["zarr.json", "load_axial/zarr.json", "load_axial/c/0", "status_code/zarr.json"])
 def test_descriptions_are_made_again(plan: Plan, whole: Path, tmp_path: Path, file: str, damage: str) -> None:
@@ -378,6 +381,7 @@ def test_descriptions_are_made_again(plan: Plan, whole: Path, tmp_path: Path, fi
         trb.load_sweep(out)
 
 
+@needs_zarr
 def test_what_killed_processes_left_is_removed_after_an_hour(plan: Plan, whole: Path, tmp_path: Path) -> None:
     out = copied(whole, tmp_path)
     old, new = (shard(out, 0).with_name(f"0.{name}.partial") for name in ("abc", "def"))
@@ -388,6 +392,7 @@ def test_what_killed_processes_left_is_removed_after_an_hour(plan: Plan, whole: 
     assert (old.exists(), new.exists()) == (False, True)
 
 
+@needs_zarr
 def test_without_zarr_chunks_are_npz(plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Made, damaged, resumed; also where zarr is there."""
     out = tmp_path / "out"
@@ -418,6 +423,7 @@ def test_without_zarr_chunks_are_npz(plan: Plan, whole: Path, tmp_path: Path, mo
     assert chunks.run(plan, out, resume=True).computed == 0
 
 
+@needs_zarr
 @pytest.mark.parametrize("kind", ["zarr", "npz"])
 def test_a_full_disk_leaves_what_is_written(
     plan: Plan, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
@@ -517,6 +523,7 @@ def test_a_sweep_in_a_bucket(plan: Plan, whole: Path, bucket: type) -> None:
     assert there.identical(trb.load_sweep(whole).to_xarray())
 
 
+@needs_zarr
 def test_a_url_that_cannot_be_opened(plan: Plan) -> None:
     with pytest.raises(trb.SweepError, match=r"^nowhere://bucket/run/sweep\.zarr: Protocol not known: nowhere$"):
         chunks.run(plan, "nowhere://bucket/run")
