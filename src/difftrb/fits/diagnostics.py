@@ -243,7 +243,7 @@ def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float
     if apart < TOLD_APART:
         advice = "no load and phase like those measured tells them apart"
     # limits grow with the misfit of a fit that hardly passes: others may not pass
-    missed = fit.chance >= UNLIKELY > fit_result.tail(other.chi2, max(fit.freedom, 1))
+    missed = fit.robust == "squares" and fit.chance >= UNLIKELY > fit_result.tail(other.chi2, fit.freedom)
     near = other.chi2 - fit.chi2 <= fit.limit and not missed
     how = "fits nearly as well" if near else "is not ruled out"
     if other.weight > 1.0 - sum(each.weight for each in fit.alternatives):

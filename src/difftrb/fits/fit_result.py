@@ -200,5 +200,5 @@ def weights(problem: Problem, found: Least, cases: list[int], scale: float, wide
 
 
 def tail(chi2: float, freedom: int) -> float:
-    """Chance that chi² of so many degrees of freedom is larger."""
-    return float(scipy.special.gammaincc(0.5 * freedom, 0.5 * chi2))
+    """Chance that chi² of so many degrees of freedom is larger; of one where no row is to spare."""
+    return float(scipy.special.gammaincc(0.5 * max(freedom, 1), 0.5 * chi2))

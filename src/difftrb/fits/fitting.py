@@ -138,7 +138,7 @@ def _fit(
         problem, found = _with_sigma(problem, scan, freedom)
     else:
         found = search.with_edges_moved(problem, search.minima(problem, scan))
-        if fit_result.tail(2.0 * float(np.nanmin(found.cost)), max(freedom, 1)) < fit_result.UNLIKELY:
+        if fit_result.tail(2.0 * float(np.nanmin(found.cost)), freedom) < fit_result.UNLIKELY:
             scan, more = search.thorough(problem, scan)
             if np.nanmin(more.cost) < np.nanmin(found.cost):
                 found = search.with_edges_moved(problem, more)

@@ -23,7 +23,7 @@ from difftrb.core.geometry import LineContact, Real, Spall
 ALONG = 41
 """Places along a spall at which it is asked how far the roller stands off."""
 
-THREADED = 9e-4
+THREADED = 1e-3
 """Accuracies below take more than one thread: two cores are 1.4 times as fast as one at 1e-4, 1.7 times at 1e-5, 0.9 at
 1e-3, 0.8 at 1e-2."""
 
