@@ -283,6 +283,18 @@ def test_the_next_measurement_shrinks_the_interval(noisy_fit: trb.Fit) -> None:
         assert best.errors[name] <= first.errors[name] + 1e-12
 
 
+def test_rows_without_a_roller_at_the_spall_tell_no_error_in_proportion(noisy_fit: trb.Fit) -> None:
+    """Half of the rows at a phase may see no spall: the error to expect of a loss became 1e8 %, and no measurement
+    told two answers apart."""
+    among = optimal_design.candidates(noisy_fit)
+    seen = noisy_fit.predicted.copy()
+    seen[::2] = 1e-15
+    blind = dataclasses.replace(noisy_fit, predicted=seen)
+    usual, found = (optimal_design.next_measurements(each, among, count=1)[0] for each in (noisy_fit, blind))
+    assert found.row.sigma == pytest.approx(usual.row.sigma, rel=0.5)
+    assert found.gain == pytest.approx(usual.gain, rel=0.5)
+
+
 def test_bounded_coordinates_go_both_ways() -> None:
     some = least_squares.Bounds(jnp.array([0.1, -3.0]), jnp.array([10.0, 3.0]), (True, False))
     values = jnp.array([2.0, 0.5])
@@ -725,3 +737,9 @@ def test_mirror_images_are_alternatives(bearing: trb.TaperedBearing) -> None:
     assert "likelier than the one in the table" in first
     assert "weight 60 %" in first
     assert "weight 30 %" in second
+    # mirror images are as likely as each other but for rounding; and where none explains the data none fits well
+    (alike,) = diagnostics._of_alternatives(dataclasses.replace(found, alternatives=(other._replace(weight=0.501),)))
+    assert "likelier" not in alike
+    off = dataclasses.replace(found, chi2=445.0, limit=300.0, alternatives=(other._replace(weight=0.9, chi2=554.0),))
+    (missed,) = diagnostics._of_alternatives(off)
+    assert "another answer is not ruled out: " in missed

@@ -162,3 +162,9 @@ def test_a_crown_may_be_larger_than_the_scenes(bearing: trb.TaperedBearing, desi
     scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), trb.Spall(4.0, 7.0), law="table", design_load=design_load)
     low, high = parameters.PARAMETERS["crown"].limits(trb.prepare(scene), ())
     assert (low, high) == pytest.approx((0.25 * design_load, 4.0 * design_load), rel=1e-6)
+
+
+def test_values_are_told_with_their_units() -> None:
+    """A dash for "no unit" is for tables."""
+    assert parameters.PARAMETERS["scale"].told(0.5) == "scale 0.5"
+    assert parameters.PARAMETERS["length"].told(4.12345, 4) == "length 4.123 mm"

@@ -25,6 +25,8 @@ HEALTHY = 0.05
 TIMES = " × "
 MANY = 3
 """Parameters whose range is scanned closely enough to find the answer."""
+ALIKE = 0.05
+"""By how much an answer's weight has to be more than another's for it to be called likelier."""
 TOLD = 3
 """Most other answers that are told in words."""
 
@@ -174,7 +176,7 @@ def _bounds(fit: Fit) -> list[str]:
     for i, name in enumerate(fit.parameters):
         if abs(fit.place[i]) >= AT_BOUND:
             side = "largest" if fit.place[i] > 0.0 else "smallest"
-            found.append(f"{name} ends at the {side} value that is searched, {fit.values[i]:.4g} {fit.units[i]}")
+            found.append(f"{name} ends at the {side} value that is searched, {fit.values[i]:.4g} {fit.units[i]}".removesuffix(" –"))
     return found
 
 
@@ -202,7 +204,9 @@ def _unclear(fit: Fit, unclear: list[int]) -> str:
 
 def _fits_as_well(fit: Fit, i: int) -> str:
     """An interval in brackets: what lies beyond an end of the range that is searched may fit, too."""
-    (low, high), (no_low, no_high) = fit.intervals[i], fit.open[i]
+    (low, high), (no_low, no_high), period = fit.intervals[i], fit.open[i], fit.problem.parameters[i].period
+    if period is not None and high - low >= period:
+        return "(any value fits as well)"
     if no_low != no_high:
         return f"({low:.3g} {fit.units[i]} and more)" if no_high else f"({high:.3g} {fit.units[i]} and less)"
     return f"({low:.3g} … {high:.3g} {fit.units[i]} fit as well)"
@@ -238,15 +242,15 @@ def _of_alternatives(fit: Fit) -> list[str]:
 
 
 def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float) -> str:
-    answer = ", ".join(f"{n} {v:.4g} {u}" for n, v, u in zip(fit.parameters, other.values, fit.units, strict=True))
+    answer = ", ".join(p.told(v, 4) for p, v in zip(fit.problem.parameters, other.values, strict=True))
     advice = f"measure {optimal_design.in_words(row)}, where they differ by {apart:.2g} sigma"
     if apart < TOLD_APART:
         advice = "no load and phase like those measured tells them apart"
-    # limits grow with the misfit of a fit that hardly passes: others may not pass
-    missed = fit.robust == "squares" and fit.chance >= UNLIKELY > fit_result.tail(other.chi2, fit.freedom)
+    # limits grow with the misfit of a fit: others may not pass, and where none passes none fits well
+    missed = fit.robust == "squares" and fit_result.tail(other.chi2, fit.freedom) < UNLIKELY
     near = other.chi2 - fit.chi2 <= fit.limit and not missed
     how = "fits nearly as well" if near else "is not ruled out"
-    if other.weight > 1.0 - sum(each.weight for each in fit.alternatives):
+    if not missed and other.weight > 1.0 - sum(each.weight for each in fit.alternatives) + ALIKE:
         how += ", over a wider range, and is likelier than the one in the table"
     return (
         f"another answer {how}: {answer} (χ² {other.chi2:.3g}, here {fit.chi2:.3g}; weight "

@@ -190,8 +190,7 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
         again = " once more" if any(_is_same(s.row, row, fit) for row in fit.rows) else ""
         first = "next" if s is suggestions[0] else "and then"
         lines.append(f"{first}: measure {in_words(s.row)}{again} (standard errors then: {errors})")
-    held = [f"{name} {PARAMETERS[name].start(fit.scene):.4g} {PARAMETERS[name].unit}"
-            for name in HELD if name not in fit.parameters]  # fmt: skip
+    held = [PARAMETERS[name].told(PARAMETERS[name].start(fit.scene), 4) for name in HELD if name not in fit.parameters]
     if held:
         lines.append(f"held as in the scene: {', '.join(held)}; what is fitted holds for that alone")
     if effect_base.among(fit.scene.effects, Raceways) is None:

@@ -131,10 +131,11 @@ def _sigma(fit: Fit, row: Measurement, value: float) -> float:
     """The error to expect of a measurement: its own, or in proportion to what it will be, as of the fit's rows."""
     if row.sigma not in (None, 1.0):
         return float(row.sigma)  # type: ignore[arg-type]
-    of_kind = [k for k, other in enumerate(fit.rows) if other.is_loss == row.is_loss] or range(len(fit.rows))
-    own = [fit.sigma[k] / max(abs(fit.predicted[k]), 1e-12) for k in of_kind]
-    smallest = min(fit.sigma[k] for k in of_kind)
-    return max(float(np.median(own)) * abs(value), 0.3 * float(smallest), 1e-9)
+    of_kind = [other.is_loss == row.is_loss for other in fit.rows]
+    sigma, size = (each[of_kind] if any(of_kind) else each for each in (fit.sigma, np.abs(fit.predicted)))
+    told = size > sigma  # a row at a phase where no roller is at the spall says nothing of what is in proportion
+    share = float(np.median((sigma / size)[told])) if told.any() else 1.0
+    return max(share * abs(value), 0.3 * float(sigma.min()), 1e-9)
 
 
 def in_words(row: Measurement) -> str:

@@ -95,7 +95,7 @@ def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, c
     """From the lowest case."""
     k = int(np.nanargmin(found.cost))
     values = problem.bounds.values(found.place[k])
-    told = [f"{p.name} {v:.3g} {p.unit}" for p, v in zip(problem.parameters, values, strict=True)]
+    told = [p.told(v) for p, v in zip(problem.parameters, values, strict=True)]
     chi2, answer = 2.0 * float(found.cost[k]), ", ".join(told[: len(fit.parameters)])
     other = bool(fit_result.outside(values[: len(fit.parameters)], fit.values, fit.intervals).any())
     return Suspect(
@@ -169,7 +169,7 @@ def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
         found = search.minima(problem, search.scanned(problem, at), free, lowest=LOWEST)
         k = int(np.nanargmin(found.cost))
         value = float(bounds.values(found.place[k])[i])
-        what = f"{parameter.suspect} ({parameter.name} {value:.3g} {parameter.unit})"
+        what = f"{parameter.suspect} ({parameter.told(value)})"
         yield _suspect(fit, problem, found, what, f"fit {parameter.name}, too, or measure it", ADDED)
 
 
