@@ -61,6 +61,10 @@ CASES: dict[str, tuple[str, ...]] = {
     "sweep of 20 000 with gradients": ("-m", "difftrb", "sweep", "sweep.toml", "--out", "swept"),
     "README's snippet": ("-c", f"{SCENE}trb.solve(scene).check(); jax.grad(stiffness)(scene)"),
     "jit(grad(f)) of a user": ("-c", f"{SCENE}jax.jit(jax.grad(stiffness))(scene)"),
+    "the same with compiler_options": (
+        "-c",
+        f"{SCENE}jax.jit(jax.grad(stiffness), compiler_options=trb.compiler_options())(scene)",
+    ),
 }
 """Arguments of Python."""
 TIMES = 3

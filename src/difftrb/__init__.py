@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from difftrb.contact.solver import approach_slopes, solve_contact
     from difftrb.contact.stress_intensity import EdgeIntensity, edge_intensity
     from difftrb.core.geometry import LineContact, Spall, TaperedBearing
+    from difftrb.core.jax_config import compiler_options
     from difftrb.core.packaged_bearings import bearing
     from difftrb.core.status import DifftrbError, SceneError, SolveError, SweepError
     from difftrb.core.user_cache import keep_compiled
@@ -55,6 +56,7 @@ _HOMES = {
     "scene.edge_stress": ("EdgeStress", "edge_stresses"),
     "fits.fit_result": ("Fit",),
     "contact.stress_intensity": ("EdgeIntensity", "edge_intensity"),
+    "core.jax_config": ("compiler_options",),
     "core.user_cache": ("keep_compiled",),
     "core.geometry": ("LineContact", "Spall", "TaperedBearing"),
     "core.packaged_bearings": ("bearing",),

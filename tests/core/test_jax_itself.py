@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import difftrb as trb
 from difftrb.core import jax_config
 
 pytestmark = pytest.mark.hard
@@ -22,6 +23,14 @@ def test_batched_small_matrix_products() -> None:
 @pytest.mark.portable
 def test_it_is_not_the_release_that_is_wrong() -> None:
     assert jax.__version__ != "0.10.2"
+
+
+@pytest.mark.portable
+def test_programs_of_ones_own_take_the_packages_options() -> None:
+    options = trb.compiler_options()
+    assert float(jax.jit(lambda x: x + 1.0, compiler_options=options)(1.0)) == 2.0
+    options.clear()  # one's own
+    assert trb.compiler_options() == jax_config.quick() != {}
 
 
 @pytest.mark.portable
