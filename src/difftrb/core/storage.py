@@ -38,7 +38,7 @@ def write(path: Path, arrays: Arrays) -> None:
 def replacing(path: Path) -> Iterator[Path]:
     """A scratch file beside `path` that takes its place when the block ends well, and is removed when it does not.
 
-    What a killed process left (`leftovers`) is named after `path`.
+    What a killed process left (`remove_leftovers`) is named after `path`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, scratch = tempfile.mkstemp(dir=path.parent, prefix=f"{path.name}-", suffix=SCRATCH)

@@ -9,12 +9,7 @@ import numpy as np
 
 from difftrb.core.geometry import TaperedBearing
 from difftrb.fits import predicted
-from difftrb.fits.conditions import Condition, row_conditions
 from difftrb.fits.fit_result import Fit
-from difftrb.fits.measured import ENTRIES
-from difftrb.ring.load import Load
-from difftrb.scene.prepared import solve_prepared
-from difftrb.scene.scene import PitchMean, Scene, healthy
 from difftrb.scene.scene_laws import with_any_width
 
 
@@ -28,10 +23,11 @@ def moves(fit: Fit) -> Callable[[TaperedBearing, float], np.ndarray]:
     step = np.linalg.pinv(predicted.evaluated(fit.problem, fit.place[None]).jacobian[0])  # of deviations in sigma
     bounds = fit.problem.bounds
     slope = np.asarray(bounds.slope(fit.place)) * np.where(bounds.logarithmic, fit.values, 1.0)
-    own = _told(fit, plain)
+    own = predicted.rows_of(fit.problem.parameters, plain, fit.rows, fit.values)
 
     def moved(bearing: TaperedBearing, design_load: float) -> np.ndarray:
-        other = _told(fit, dataclasses.replace(plain, bearing=bearing, design_load=design_load))
+        scene = dataclasses.replace(plain, bearing=bearing, design_load=design_load)
+        other = predicted.rows_of(fit.problem.parameters, scene, fit.rows, fit.values)
         with np.errstate(all="ignore"):
             share = np.where(own == 0.0, 0.0, other / own - 1.0)
         return -slope * (step @ (share * fit.predicted / fit.sigma))
@@ -56,30 +52,3 @@ def sentence(fit: Fit, about: np.ndarray) -> str:
     if not lost:
         return text
     return f"{text}, so that nothing is known of {' and '.join(lost)}: measure losses, or give the rollers' dimensions"
-
-
-def _told(fit: Fit, scene: Scene) -> np.ndarray:
-    """What a scene of numbers with the fitted values says of the rows [% or N/mm], shape (rows,)."""
-    values = dict(zip(fit.problem.parameters, map(float, fit.values), strict=True))
-    for parameter, value in values.items():
-        scene = parameter.scene(scene, value)
-
-    def stiffness(scene: Scene, at: Condition) -> np.ndarray:
-        load = Load(at.radial, at.axial)
-        for parameter, value in values.items():
-            load = parameter.load(load, value)
-        phase = PitchMean() if at.phase is None else at.phase
-        own = dataclasses.replace(scene, load=load, phase=phase, definition=at.definition)
-        return np.asarray(solve_prepared(own).stiffness)
-
-    place, every = row_conditions(scene, fit.rows)
-    wanted = {place[k] for k, row in enumerate(fit.rows) if row.is_loss}
-    spalled = [stiffness(scene, each) for each in every]
-    sound = [stiffness(healthy(scene), each) if k in wanted else None for k, each in enumerate(every)]
-    told = np.empty(len(fit.rows))
-    for k, row in enumerate(fit.rows):
-        entry = ENTRIES[row.entry]
-        told[k] = spalled[place[k]][entry]
-        if row.is_loss and (whole := sound[place[k]]) is not None:
-            told[k] = 100.0 * (1.0 - told[k] / whole[entry])
-    return told

@@ -254,6 +254,16 @@ def other_rows_at(problem: Problem, rows: Sequence[Measurement], places: np.ndar
 
 
 @np.errstate(all="ignore")
+def rows_of(
+    parameters: Sequence[Parameter], scene: Scene, rows: Sequence[Measurement], values: np.ndarray
+) -> np.ndarray:
+    """What a prepared scene with these values says of rows [% or N/mm], shape (rows,): of numbers."""
+    of, at = _of(parameters, scene), conditions.conditions(scene, rows)
+    both = (rings_of_rows.of_numbers(of, values, at, sound) for sound in (False, True))
+    return xp.value(_read(parameters, at, values, *both))
+
+
+@np.errstate(all="ignore")
 def _by_numbers(problem: Problem, at: Conditions, sound: Any, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of one place: values, shape (rows,), and slopes, shape (rows, parameters)."""
     of, values = _of(problem.parameters, problem.scene), problem.bounds.values(Taylor(place, by=np.eye(len(place))))

@@ -16,12 +16,12 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
 from difftrb.core.geometry import Spall, TaperedBearing
-from difftrb.core.taylor import goes_through
+from difftrb.core.taylor import Taylor, goes_through, plus, summed
 from difftrb.law import edge_ramp
 from difftrb.law.base import Law, Rest
 from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.tilted_roller import of_slices
-from difftrb.ring import expanded_rest, holding, newton, newton_start, roller_balance, roller_places
+from difftrb.ring import holding, newton, newton_start, roller_balance, roller_places
 from difftrb.ring.load import Load
 from difftrb.ring.newton import Rollers, System
 from difftrb.ring.terms import PLAIN, Terms, beside, of_rows
@@ -198,7 +198,7 @@ def _at_rest(system: System, count: int, terms: Terms) -> tuple[Equilibrium, Any
     pressed, rollers or their slices."""
     u, (pressed, slopes), (residual, iterations, inside) = newton.found(xp.values(system))
     if xp.expands(system):
-        u, approach, pressed, tangent = expanded_rest.expanded(system, u, inside)
+        u, approach, pressed, tangent = _expanded(system, u, inside)
     else:
         approach, tangent = system.rollers.approach(u), newton.tangent(system.rollers.normals, slopes)
     loads, tilts = pressed, None
@@ -250,3 +250,30 @@ def judged(
     u, approach, loads, tangent = (xp.where(newton.of_each(usable, value), value, np.nan) for value in numbers)
     residual = xp.where(of.all(usable), rest.residual, np.nan)
     return Equilibrium(u, approach, loads, tangent, residual, rest.iterations, code, tilts=rest.tilts)
+
+
+def _expanded(system: System, u: Any, inside: Any) -> tuple[Any, Any, Any, Any]:
+    """Displacement, approach, loads and tangent stiffness with derivatives: the conditions of rest are linearised
+    (implicit function theorem), and nothing is iterated again. In a traced scene, too, where differentiating the
+    program would make it many times as large."""
+    (rollers, force, _, size, axial), normals = system, system.rollers.normals
+    approach = rollers.approach(u)  # as parameters move, at this displacement
+    loads = roller_balance.expanded_loads(rollers.seat, rollers.curves, approach, inside)
+    # the last parameter is the approach itself; without others there is nothing to follow
+    (by, slope), (slope_by, bend) = ((part[:-1], part[-1]) for part in (loads.by, loads.mixed))
+    if not len(by):
+        by = slope_by = None
+    pushed = xp.einsum("...r,...ri->...i", Taylor(loads.value, by), normals)
+    unbalanced = (pushed - newton.aligned(force, u)) / newton.of_each(size, u)
+    jacobian = newton.tangent(xp.value(normals), slope)
+    jacobian = jacobian / newton.of_each(size, jacobian)
+    if axial is not None:
+        unbalanced, jacobian = newton.with_axial(axial, u, unbalanced, jacobian)
+    moved = Taylor(u)
+    if xp.by(unbalanced) is not None:
+        moved = Taylor(u, by=-newton.solve(jacobian[None], unbalanced.by))
+    # and as the displacement follows
+    further = xp.einsum("...ri,...i->...r", xp.value(normals), moved).by
+    held = Taylor(loads.value, plus(by, summed((further, slope))))
+    slopes = Taylor(slope, plus(slope_by, summed((further, bend))))
+    return moved, rollers.approach(moved), held, newton.tangent(normals, slopes)

@@ -60,6 +60,11 @@ class Seat(NamedTuple):
         return xp.cos(self.inner - self.flange)
 
     @property
+    def ratio(self) -> Any:
+        """Of the outer raceway's force by the inner one's, without what is thrown outwards."""
+        return self.inner_cos / self.outer_cos
+
+    @property
     def outwards(self) -> Any:
         """Centrifugal force [N], 0 if there is none."""
         return 0.0 if self.centrifugal is None else self.centrifugal
@@ -170,7 +175,7 @@ def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any,
 def _placed(seat: Seat, inside: Any) -> tuple[Any, Any]:
     """Outer load of a roller in balance [N], and by how much it is displaced along the outer normal [mm]: at an inner
     approach [mm], or, if the inner raceway does not give way, at an inner load [N]."""
-    ratio = seat.inner_cos / seat.outer_cos
+    ratio = seat.ratio
     if seat.inner_curves is None:
         inner, approach = inside, 0.0 * inside
     else:
@@ -270,7 +275,7 @@ def _most(seat: Seat, outer_curves: RollerCurves, approach: Any) -> Any:
     """No `inside` is larger."""
     if seat.inner_curves is None:
         return edge_ramp.roller_loads(outer_curves, approach)[0] / seat.inner_cos
-    return xp.maximum(approach, 0.0) * seat.inner_cos / seat.outer_cos
+    return xp.maximum(approach, 0.0) * seat.ratio
 
 
 def _looked_for(seat: Seat, outer_curves: RollerCurves, approach: jax.Array) -> jax.Array:

@@ -77,7 +77,7 @@ def _beyond(seat: Seat, facing: Facing | None, loads: Any) -> tuple[Any, Any]:
         return approach, moment
     inner = roller_balance.inner_load(seat, loads)
     more, moment = facing.law.leaning(facing.spalls, facing.distances, inner)
-    return approach + more / (seat.inner_cos / seat.outer_cos), moment
+    return approach + more / seat.ratio, moment
 
 
 @register

@@ -215,7 +215,7 @@ def _approach(part: AtPhase, state: State, own: list[Node]) -> tuple[float, floa
     seat, load = part.terms.seat, state.contacts[0].case.load
     approach, compliance = own[0].approach + _depth(part, state.roller), own[0].compliance
     if len(own) > 1 and seat is not None:
-        ratio = float(seat.inner_cos / seat.outer_cos)
+        ratio = float(seat.ratio)
         approach += own[1].approach / ratio
         compliance += own[1].compliance / ratio**2
     if seat is not None and seat.flange_compliance is not None:

@@ -88,7 +88,7 @@ def _states(
     largest = float(np.max(loads))
     least, ratio = 0.0, 1.0
     if terms.seat is not None:
-        least, ratio = float(terms.seat.least), float(terms.seat.inner_cos / terms.seat.outer_cos)
+        least, ratio = float(terms.seat.least), float(terms.seat.ratio)
     contacts: dict[Raceway, LineContact] = {"outer": raceway_contact(scene, "outer")}
     if terms.facing is not None:
         contacts["inner"] = raceway_contact(scene, "inner")

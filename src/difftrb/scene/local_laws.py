@@ -21,6 +21,7 @@ from difftrb.law.local import LocalLaw
 from difftrb.law.local_states import Reached
 from difftrb.law.roller_tilt import RollerContacts, TiltCurve
 from difftrb.law.samples import Progress
+from difftrb.law.tilted_states import Spalls
 from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways
 from difftrb.ring.roller_balance import Seat
@@ -38,8 +39,6 @@ LEAST_INNER = 1e-3
 """Least share of an outer load that the inner raceway is taken to carry: contacts have a load."""
 LEAST_SHARE = 0.15
 """Least share of a healthy roller's load that one over a spall is taken to carry at first."""
-
-Spalls = Mapping[Raceway, tuple[Spall, ...]]
 
 
 class Now(NamedTuple):
@@ -176,14 +175,9 @@ def _tilts(
 def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> Now:
     """What rollers carry on every raceway, and the spalls that they may meet there. One free to tilt is reached on both
     raceways or on none."""
-    ready = holding(scene, made)
+    ready = on_raceways(scene, made)
     loads, away, approach, seat, _ = jax.tree.map(np.asarray, rest_at(ready))
-    share = FARTHER * (ring.OF_ONE_RACEWAY if len(made) > 1 else 1.0)
-    met: dict[Raceway, np.ndarray] = {}
-    for raceway, law in made.items():
-        rest = Rest(float(law.contact.radius), share * approach, loads[raceway])
-        own = [rest.in_reach(s, d) for s, d in zip(spalls[raceway], np.moveaxis(away[raceway], 1, 0), strict=True)]
-        met[raceway] = np.reshape(np.array(own, bool), (len(own), *approach.shape))
+    met = met_by(made, spalls, away, approach, loads)
     meets = {raceway: own.any(axis=0) for raceway, own in met.items()}
     if any(law.free_to_tilt for law in made.values()):
         meets = dict.fromkeys(meets, np.logical_or(meets["outer"], meets["inner"]))
@@ -197,11 +191,26 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> 
     now = Now(loads, reached)
     if seat is None:
         return now
-    ratio, thrown = seat.inner_cos / seat.outer_cos, seat.least  # the same at all phases
+    ratio, thrown = seat.ratio, seat.least  # the same at all phases
     return now._replace(ratio=float(np.ravel(ratio)[0]), thrown=float(np.ravel(thrown)[0]))
 
 
-def holding(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
+def met_by(
+    made: Mapping[Raceway, LocalLaw], spalls: Spalls, away: Mapping[Raceway, np.ndarray], approach: np.ndarray,
+    loads: Mapping[Raceway, np.ndarray],
+) -> dict[Raceway, np.ndarray]:  # fmt: skip
+    """Which spalls on every raceway rollers may meet, shape (spalls, phases, rollers), for approaches [mm] and loads
+    [N] of shape (phases, rollers), and distances [mm] of shape (phases, spalls, rollers)."""
+    share = FARTHER * (ring.OF_ONE_RACEWAY if len(made) > 1 else 1.0)
+    met = {}
+    for raceway, law in made.items():
+        rest = Rest(float(law.contact.radius), share * approach, loads[raceway])
+        own = [rest.in_reach(s, d) for s, d in zip(spalls[raceway], np.moveaxis(away[raceway], 1, 0), strict=True)]
+        met[raceway] = np.reshape(np.array(own, bool), (len(own), *approach.shape))
+    return met
+
+
+def on_raceways(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
     """The scene with these laws on its raceways."""
     acting = tuple(
         SeriesRaceways(each.inner_design_load, made["inner"], rollers=each.rollers)

@@ -33,7 +33,7 @@ from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import expected_loads
 from difftrb.scene.cage_phases import phases
-from difftrb.scene.local_laws import holding, local_laws
+from difftrb.scene.local_laws import local_laws, on_raceways
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, healthy, raceway_contact
 from difftrb.scene.tilted_laws import tilted_laws
@@ -75,7 +75,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
         if at_one or _may_meet_more(scene):
             bases = _healthy_laws(scene, progress)
             if at_one and effect_base.among(scene.effects, Through) is not None:
-                return holding(scene, bases)
+                return on_raceways(scene, bases)
             if at_one or any(_meet_more(scene, raceway, base) for raceway, base in bases.items()):
                 return _judged(scene, local_laws(scene, bases, progress))
     made: dict[Raceway, Law] = {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}
@@ -84,10 +84,10 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
 
 def _judged(scene: Scene, made: Mapping[Raceway, LocalLaw]) -> Scene:
     """The scene with laws of its rollers' states, which say so if it does not end in these."""
-    ready = holding(scene, made)
+    ready = on_raceways(scene, made)
     if int(solve_prepared(ready).status_code) != status.OTHER_SCENE:
         return ready
-    return holding(scene, {raceway: dataclasses.replace(law, stays=False) for raceway, law in made.items()})
+    return on_raceways(scene, {raceway: dataclasses.replace(law, stays=False) for raceway, law in made.items()})
 
 
 def with_any_width(scene: Scene) -> Scene | None:
@@ -146,7 +146,7 @@ def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | 
 
     The phases of a mean hang on all laws, so all are made before the first edge is solved.
     """
-    ready = holding(scene, made)
+    ready = on_raceways(scene, made)
     lacking: dict[Raceway, DirectLaw] = {
         raceway: law for raceway in _lacking(scene) if isinstance(law := made.get(raceway), DirectLaw) and law.spalls
     }
@@ -156,7 +156,7 @@ def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | 
     edged: dict[Raceway, Law] = dict(made)
     for raceway, law in lacking.items():
         edged[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
-    return holding(scene, edged)
+    return on_raceways(scene, edged)
 
 
 def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw, every: Any) -> list[list[tuple[float, float]]]:

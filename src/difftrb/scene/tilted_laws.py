@@ -17,17 +17,16 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Raceway
 from difftrb.law import local_states, tilted_states
-from difftrb.law.base import Rest
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw
 from difftrb.law.local_states import Reached
 from difftrb.law.samples import Progress
 from difftrb.law.tilt_table import Between
 from difftrb.law.tilted_states import Rollers, Spalls
-from difftrb.ring import ring, roller_balance, roller_places
+from difftrb.ring import roller_balance, roller_places
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene import prepared
-from difftrb.scene.local_laws import FARTHER, ROUNDS, STAYS, guess, holding, rest_at
+from difftrb.scene.local_laws import ROUNDS, STAYS, guess, met_by, on_raceways, rest_at
 from difftrb.scene.scene import PitchMean, Scene, healthy
 
 LIGHT = 1e-3
@@ -71,12 +70,12 @@ def tilted_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Prog
 
 def _between(scene: Scene, bases: Mapping[Raceway, DirectLaw]) -> Between:
     """What rollers have between the rings, by the scene's effects."""
-    ready = xp.numbers(healthy(holding(scene, dict(bases))))
+    ready = xp.numbers(healthy(on_raceways(scene, dict(bases))))
     _, _, terms = prepared.rings_at(ready, np.zeros(1))
     seat = terms.seat
     if seat is None:
         return Between()
-    ratio, thrown = (float(np.ravel(x)[0]) for x in (seat.inner_cos / seat.outer_cos, seat.least))
+    ratio, thrown = (float(np.ravel(x)[0]) for x in (seat.ratio, seat.least))
     return Between(ratio if len(bases) > 1 else 1.0, thrown, lambda pressed: _sunk(seat, pressed + thrown))
 
 
@@ -124,16 +123,11 @@ def _is_near(of: Rollers, one: tuple[float, float], other: tuple[float, float], 
 def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], of: Rollers, before: frozenset[At]) -> Now:
     """With how much rollers press at which tilt, and the spalls that they may meet. Healthy ones have what the table
     has at their place, whatever laws they were found by; those that were clear `before` what their contacts would."""
-    ready = holding(scene, made)
+    ready = on_raceways(scene, made)
     every, away, approach, _, tilts = jax.tree.map(np.asarray, rest_at(ready))
     pressed, tilts = every["outer"] - of.table.between.thrown, -tilts
     deepest = approach + 0.5 * of.table.length * np.abs(tilts)
-    share = FARTHER * (ring.OF_ONE_RACEWAY if len(made) > 1 else 1.0)
-    met: dict[Raceway, np.ndarray] = {}
-    for raceway, law in made.items():
-        rest = Rest(float(law.contact.radius), share * deepest, every[raceway])
-        under = [rest.in_reach(s, d) for s, d in zip(of.spalls[raceway], np.moveaxis(away[raceway], 1, 0), strict=True)]
-        met[raceway] = np.reshape(np.array(under, bool), (len(under), *approach.shape))
+    met = met_by(made, of.spalls, away, deepest, every)
     states = made["outer"].states
     first = states is None
     solved = np.zeros(approach.shape, bool)
