@@ -502,33 +502,44 @@ def test_a_version_and_an_example_need_no_jax() -> None:
         ("900.0", "450.0", "is 0.019 of the bearing's dynamic load rating C (ISO 281), less than the 0.02 C"),
         ("120.0", "60.0", "check for a lost factor of ten"),
         ("9.0", "4.5", "loads are in N, and this looks like kN"),
+        ("3e5", "3e5", "times the bearing's dynamic load rating C (ISO 281): its steel would yield"),
     ],
 )
-def test_small_loads_get_a_remark(capsys, tmp_path: Path, radial: str, axial: str, words: str | None) -> None:
+def test_small_and_huge_loads_get_a_remark(capsys, tmp_path: Path, radial: str, axial: str, words: str | None) -> None:
     """In one sentence on stderr; the scene is as much in order as before."""
     path = tmp_path / "light.toml"
     path.write_text(PAPER.replace("9000.0", radial).replace("4500.0", axial), encoding="utf-8")
-    for arguments in (["check"], ["run", "--json"]):
+    for arguments in (["check"], ["run", "--json"], ["stiffness", "--json", "--phases", "4"]):
         code, _, err = call(capsys, arguments[0], str(path), *arguments[1:])
         assert code == 0
         assert err == "" if words is None else words in err
         assert err.count("\n") == (words is not None)
 
 
+def test_slopes_by_the_size_of_a_map_are_not_told(bearing: trb.TaperedBearing) -> None:
+    """They were fourteen times too large in the packaged one; a rectangular spall beside it has its own."""
+    nothing, slope = jnp.zeros(2), np.ones((2, 2))
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.load_height_map(trb.example_map()), trb.Spall(4.0, 7.0)))
+    found = solve_prepared(trb.prepare(scene.replace(spalls=(), law="liu2018")))
+    told = run_text.slopes_by_spall(scene, Assessment(found, found, nothing, slope, slope))
+    assert told == [[["–", "–"]] * 2, [["1.0", "1.0"]] * 2]
+    assert any("slopes by a height map's size are not told" in one for one in remarks.of_solution(scene, found))
+
+
 @pytest.mark.portable
 def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
     file = scene_file.parse(scene_file.example("contact"))
-    assert remarks.light_contact_load(file) is None
+    assert remarks.odd_contact_load(file) is None
     light = dataclasses.replace(file, contact=dataclasses.replace(file.contact, load=3.0))
-    assert "contact.load = 3 N: " in str(remarks.light_contact_load(light))
-    assert remarks.light_ring_load(scene_file.parse(scene_file.example("mounting"))) is None
+    assert "contact.load = 3 N: " in str(remarks.odd_contact_load(light))
+    assert remarks.odd_ring_load(scene_file.parse(scene_file.example("mounting"))) is None
     pressed = 'bearing = "32008J"\n[load]\nradial = {}\naxial = 0\n[effects.double_row]\npreload = 0.03\n'
-    assert remarks.light_ring_load(scene_file.parse(pressed.format(800))) is None
+    assert remarks.odd_ring_load(scene_file.parse(pressed.format(800))) is None
     scene_file.check_ring(scene_file.parse(pressed.format(0)), "pair.toml")
     rows = measured_table.parse(measured_table.example())
-    assert remarks.light_measured_load(file.bearing, rows) is None
+    assert remarks.odd_measured_load(file.bearing, rows) is None
     in_kn = [dataclasses.replace(row, radial=row.radial / 1e3, axial=row.axial / 1e3) for row in rows[1:]]
-    assert str(remarks.light_measured_load(file.bearing, [rows[0], *in_kn])).startswith(
+    assert str(remarks.odd_measured_load(file.bearing, [rows[0], *in_kn])).startswith(
         "row 5: radial = 3 N, axial = 4.5 N: "
     )
     assert not remarks.all_in_kn(file.bearing, [rows[0], *in_kn])

@@ -59,8 +59,7 @@ def _run(options: Any) -> int:
     source, path = _source(options)
     file = scene_file.parse(source, path)
     scene_file.check_ring(file, path)
-    console.remark(remarks.light_ring_load(file), path)
-    console.remark(remarks.far_angle(file), path)
+    console.remark(path, *remarks.of_ring(file))
     started = time.perf_counter()
     with console.bar("solving contacts for the roller law") as progress:
         scene = jax.block_until_ready(difftrb.prepare(file.scene(), progress))
@@ -72,9 +71,9 @@ def _run(options: Any) -> int:
         with (console.bar if options.mean else console.busy)("solving the ring at all phases") as progress:
             mean = jax.device_get(solving.assess_mean(scene, file.scene() if options.mean else None, progress))
     if mean is not None and not bool(mean.spalled.converged):
-        console.remark(f"no mean over the cage's turn: {mean.spalled.status}", path)
+        console.remark(path, f"no mean over the cage's turn: {mean.spalled.status}")
     elif mean is None and options.mean and any(spall.surface == "roller" for spall in scene.spalls):
-        console.remark("no mean over the cage's turn: a spall on a roller belongs to that one", path)
+        console.remark(path, "no mean over the cage's turn: a spall on a roller belongs to that one")
     checked = None
     if options.verify and bool(result.spalled.converged):
         with console.bar("solving the rollers' contacts afresh") as progress:
@@ -117,7 +116,7 @@ def _contact(options: Any) -> int:
 
     file, path = _read(options)
     scene_file.check_contact(file, path)
-    console.remark(remarks.light_contact_load(file), path)
+    console.remark(path, remarks.odd_contact_load(file))
     started = time.perf_counter()
     with console.busy("solving the contact"):
         solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
@@ -158,8 +157,7 @@ def _check(options: Any) -> int:
 
         plan = sweep_file.parse(text, path).plan(law=False)
         sweep = f", with a sweep of {plan.members:,} members"
-    console.remark(remarks.light_ring_load(file), path)
-    console.remark(remarks.far_angle(file), path)
+    console.remark(path, *remarks.of_ring(file))
     spalls = f"{len(file.spall)} spall{'s' if len(file.spall) > 1 else ''}" if file.spall else "healthy"
     print(f"{path}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
           f"axial {file.load.axial:g} N, law {file.contact.law}{sweep}")  # fmt: skip

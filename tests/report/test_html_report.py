@@ -13,6 +13,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.contact import strip_model
 from difftrb.contact.solver import pressure_patches
+from difftrb.report import html_report
 from difftrb.scene import scene_file, solving
 from difftrb.turning import spall_loss
 
@@ -62,6 +63,16 @@ def written(folder: Path, text: str, *more: str) -> tuple[str, Page]:
     return html, Page(html)
 
 
+def test_a_healthy_bearing_has_no_column_of_a_spall(scene: trb.Scene) -> None:
+    whole = scene.replace(spalls=())
+    result = trb.assess(whole)
+    table = html_report._stiffness_table(html_report.Run("healthy.toml", "", whole, {}, result))
+    assert "with spall" not in table
+    assert "loss" not in table
+    assert html_report._heading("pressure", whole) == "Pressure under the rollers"
+    assert html_report._heading("pressure", scene) == "Pressure at the spall"
+
+
 @pytest.mark.portable
 def test_a_page_holds_all_it_needs(capsys, tmp_path: Path) -> None:
     """Every figure once, ids told apart, nothing from elsewhere, the scene's text and the record in it."""
@@ -70,6 +81,8 @@ def test_a_page_holds_all_it_needs(capsys, tmp_path: Path) -> None:
     assert not page.open
     assert len(html.encode()) < SMALL
     assert len(set(page.ids)) == len(page.ids)
+    assert '<a href="#numbers">Stiffness</a>' in html
+    assert "Bearing 32008J" in html  # a file's bearing is a copy
     assert {"bearing", "load_distribution", "pressure", "stiffness", "loss", "acting", "errors"} <= set(page.ids)
     for link in page.links:
         assert link.startswith("data:") or link.removeprefix("#") in page.ids, link

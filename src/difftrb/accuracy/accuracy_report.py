@@ -39,7 +39,7 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     """Measure, print it and write it where `options` ask; the exit code."""
     if options.accuracy is not None and not 1e-6 <= options.accuracy <= 1.0:
         raise SceneError(f"--accuracy = {options.accuracy:g}: must be a number in 1e-06 … 1")
-    console.remark(remarks.light_ring_load(file), path)
+    console.remark(path, *remarks.of_ring(file))
     full = options.full
     rungs, limit = ladder.rungs(full), float("inf") if full else timing.LIMIT
     with console.bar("measuring what accuracy costs") as progress:

@@ -45,4 +45,4 @@ def _equal(of: object, known: TaperedBearing) -> bool:
     if not isinstance(of, TaperedBearing):
         return False
     pairs = [(getattr(of, name), getattr(known, name)) for name in known.__dataclass_fields__]
-    return all(isinstance(mine, int | float) and mine == theirs for mine, theirs in pairs)
+    return all(mine is theirs or (isinstance(mine, int | float) and mine == theirs) for mine, theirs in pairs)

@@ -46,10 +46,10 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     """Fit what `options` name to their measurements, print it and write it where they ask; the exit code."""
     scene_file.check_ring(file, path)
     rows = measured_table.load_measured(options.measured)
-    light = remarks.light_measured_load(file.bearing, rows)
+    light = remarks.odd_measured_load(file.bearing, rows)
     if light is not None and remarks.all_in_kn(file.bearing, rows):
         raise measured.MeasuredError(f"{options.measured}: {light}: name the columns radial [kN] and axial [kN]")
-    console.remark(light, options.measured)
+    console.remark(options.measured, light)
     started = time.perf_counter()
     with console.bar("solving contacts for the roller law") as progress:
         scene = prepare_fit(file.scene(), rows, progress)

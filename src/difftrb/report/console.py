@@ -30,10 +30,11 @@ def say(sentence: str) -> None:
     print(f"difftrb: {sentence}", file=sys.stderr)
 
 
-def remark(sentence: str | None, path: str) -> None:
+def remark(path: str, *sentences: str | None) -> None:
     """Say what may be wrong with a file that is in order, if anything."""
-    if sentence is not None:
-        say(f"{path}: {sentence}")
+    for sentence in sentences:
+        if sentence is not None:
+            say(f"{path}: {sentence}")
 
 
 def say_picked(base: Any) -> None:

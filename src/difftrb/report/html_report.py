@@ -109,16 +109,16 @@ def page(run: Run, figures: Mapping[str, str], missing: Sequence[str] = ()) -> s
     parts = [
         f"<header><h1>{escape(title)}</h1>",
         f'<p class="soft">{escape(about)}</p>',
-        _contents(figures),
+        _contents(figures, scene),
         "</header><main>",
         *(f'<p class="note">{escape(note)}</p>' for note in notes),
         _cards(run),
-        _drawn("bearing", figures, ""),
+        _drawn("bearing", figures, "", scene),
         f'<section id="numbers"><h2>Stiffness</h2>{_stiffness_table(run)}</section>',
-        _drawn("load_distribution", figures, "narrow"),
-        _drawn("pressure", figures, "middle"),
-        _drawn("stiffness", figures, ""),
-        _drawn("loss", figures, ""),
+        _drawn("load_distribution", figures, "narrow", scene),
+        _drawn("pressure", figures, "middle", scene),
+        _drawn("stiffness", figures, "", scene),
+        _drawn("loss", figures, "", scene),
         *(f'<p class="soft">{_with_code(sentence)}</p>' for sentence in missing),
         _acting(scene),
         _errors(run),
@@ -167,10 +167,16 @@ def _with_code(sentence: str) -> str:
 # ------------------------------------------------------------------------------------------------ parts
 
 
-def _contents(figures: Mapping[str, str]) -> str:
-    found = [(name, CAPTIONS[name][0]) for name in CAPTIONS if name in figures]
-    more = [("acting", "What acts"), ("errors", "How exact"), ("provenance", "Where it comes from")]
-    links = "".join(f'<a href="#{name}">{escape(words)}</a>' for name, words in [*found, *more])
+def _heading(name: str, scene: Scene) -> str:
+    return "Pressure under the rollers" if name == "pressure" and not scene.spalls else CAPTIONS[name][0]
+
+
+def _contents(figures: Mapping[str, str], scene: Scene) -> str:
+    found = {name: _heading(name, scene) for name in CAPTIONS if name in figures}
+    first = {"bearing": found.pop("bearing")} if "bearing" in found else {}
+    more = {"acting": "What acts", "errors": "How exact", "provenance": "Where it comes from"}
+    parts = {**first, "numbers": "Stiffness", **found, **more}
+    links = "".join(f'<a href="#{name}">{escape(words)}</a>' for name, words in parts.items())
     return f'<nav aria-label="Contents">{links}</nav>'
 
 
@@ -202,14 +208,13 @@ def _stiffness_table(run: Run) -> str:
     for where, result in ((at, run.result), ("mean over the cage's turn", run.mean)):
         if result is None:
             continue
-        every = run_text.slopes_by_spall(result)
-        for row, name in enumerate(run_text.DIRECTIONS):
-            both = [getattr(s, f"{name}_stiffness") for s in (result.healthy, result.spalled)]
-            cells = [*(number(v, ",.0f") for v in both), number(result.loss[row], ".3f")]
-            rows.append([f"{name}, {where}", *cells, *(every[0][row] if one else ())])
+        every = run_text.slopes_by_spall(run.scene, result)
+        for row, (name, cells) in enumerate(run_text.stiffness_cells(run.scene, result).items()):
+            rows.append([f"{name}, {where}", *cells])
             slopes += [[f"{name}, {where}", str(k), *own[row]] for k, own in enumerate(every)]
     by = "by length [N/mm per mm]", "by width [N/mm per mm]"
-    heads = ("", "healthy [N/mm]", "with spall [N/mm]", "loss [%]", *(by if one else ()))
+    losses = ("with spall [N/mm]", "loss [%]") if run.scene.spalls else ()
+    heads = ("", "healthy [N/mm]", *losses, *(by if one else ()))
     kind = f"{run.scene.definition.capitalize()} stiffness"
     found = table(heads, rows, f"{kind} and its derivatives by the spall's size" if one else kind)
     if len(run.scene.spalls) < 2:
@@ -223,10 +228,10 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> 
     return f'<div class="wide"><table><caption>{escape(caption)}</caption><tr>{head}</tr>{body}</table></div>'
 
 
-def _drawn(name: str, figures: Mapping[str, str], kind: str) -> str:
+def _drawn(name: str, figures: Mapping[str, str], kind: str, scene: Scene) -> str:
     if name not in figures:
         return ""
-    heading, words = CAPTIONS[name]
+    heading, words = _heading(name, scene), CAPTIONS[name][1]
     drawing = _inlined(figures[name], name, heading)
     return (
         f'<section id="{name}"><h2>{escape(heading)}</h2><figure class="{kind}">{drawing}'
@@ -245,7 +250,7 @@ def _inlined(svg: str, name: str, heading: str) -> str:
 def _acting(scene: Scene) -> str:
     both = effect_base.among(scene.effects, effects.Raceways) is not None
     raceways = "both raceways" if both else "the outer raceway"
-    acting = [f"contact of crowned rollers with {raceways}, elastic half-space; {worth_text.law_text(scene)}"]
+    acting = [f"contact of the rollers with {raceways}; {worth_text.law_text(scene)}"]
     for spall in scene.spalls:
         at = f"{spall.angle:g} rad ({math.degrees(spall.angle):.4g}°)"
         acting.append(

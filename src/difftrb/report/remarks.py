@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from difftrb.contact.height_map import HeightMap
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import effect_base, effects, life, roller_places
 from difftrb.ring.effects import Through
@@ -26,7 +27,12 @@ THOUSAND = 1000.0
 """N in a kN."""
 
 
-def light_ring_load(file: SceneFile) -> str | None:
+def of_ring(file: SceneFile) -> list[str]:
+    """What may be wrong with a ring's file that is in order."""
+    return [sentence for sentence in (odd_ring_load(file), far_angle(file)) if sentence is not None]
+
+
+def odd_ring_load(file: SceneFile) -> str | None:
     """The remark on a ring's `load.radial` and `load.axial`, if there is one; none with `effects.mounting`, which sets
     the axial load itself, or where a preload presses two rows besides."""
     pair = effect_base.among(file.effects, effects.DoubleRow)
@@ -35,7 +41,7 @@ def light_ring_load(file: SceneFile) -> str | None:
     rows = 1 if pair is None else 2
     share = float(_share(file.bearing, file.load.radial, file.load.axial, rows))
     given = f"load.radial = {file.load.radial:g} N, load.axial = {file.load.axial:g} N"
-    return _light(given, share)
+    return _odd(given, share)
 
 
 def far_angle(file: SceneFile) -> str | None:
@@ -49,18 +55,20 @@ def far_angle(file: SceneFile) -> str | None:
     return None
 
 
-def light_contact_load(file: SceneFile) -> str | None:
+def odd_contact_load(file: SceneFile) -> str | None:
     """The same on `contact.load`, as if it were the largest roller load of a bearing."""
     bearing, load = file.bearing, float(file.contact.load)
     whole = load * bearing.rollers * float(np.cos(bearing.outer_angle)) / 4.08  # half of the rollers loaded: Stribeck
-    return _light(f"contact.load = {load:g} N", float(_share(bearing, whole, 0.0)))
+    return _odd(f"contact.load = {load:g} N", float(_share(bearing, whole, 0.0)))
 
 
-def light_measured_load(bearing: TaperedBearing, rows: Sequence[Any]) -> str | None:
-    """The same on the lightest of measured rows, `fits.measured.Measurement`."""
+def odd_measured_load(bearing: TaperedBearing, rows: Sequence[Any]) -> str | None:
+    """The same on the heaviest or the lightest of measured rows, `fits.measured.Measurement`."""
     shares = [float(_share(bearing, row.radial, row.axial)) for row in rows]
-    k = int(np.argmin(np.where(np.array(shares) > 0.0, shares, np.inf)))
-    return _light(f"row {k + 1}: radial = {rows[k].radial:g} N, axial = {rows[k].axial:g} N", shares[k])
+    k = int(np.argmax(shares))
+    if shares[k] <= 1.0:
+        k = int(np.argmin(np.where(np.array(shares) > 0.0, shares, np.inf)))
+    return _odd(f"row {k + 1}: radial = {rows[k].radial:g} N, axial = {rows[k].axial:g} N", shares[k])
 
 
 def all_in_kn(bearing: TaperedBearing, rows: Sequence[Any]) -> bool:
@@ -73,8 +81,13 @@ def _share(bearing: TaperedBearing, radial: Real, axial: Real, rows: int = 1) ->
     return life.equivalent_load(bearing, radial, axial, rows) / life.load_rating(bearing, rows)
 
 
-def _light(given: str, share: float) -> str | None:
+def _odd(given: str, share: float) -> str | None:
     """In one sentence, what is `given` and why its unit may be wrong."""
+    if share > 1.0:
+        return (
+            f"{given}: the equivalent load is {share:.2g} times the bearing's dynamic load rating C (ISO 281): its "
+            "steel would yield, which the model does not know; loads are in N: check them"
+        )
     if not 0.0 < share < LEAST:
         return None
     light = f"{given}: the equivalent load is {share:.2g} of the bearing's dynamic load rating C (ISO 281)"
@@ -94,6 +107,11 @@ def of_solution(scene: Scene, solution: Solution) -> list[str]:
     """The same of one solution."""
     found, of = list(solution.remarks), solution.law
     loads, (low, high) = np.asarray(solution.loads), (float(v) for v in of.load_range)
+    if any(isinstance(spall, HeightMap) for spall in scene.spalls):
+        found.append(
+            "slopes by a height map's size are not told: those of a sampled surface with walls may be wrong by "
+            "factors; take differences over some cells, 0.1 mm say"
+        )
     if float(loads.max()) > high * (1.0 + 1e-9):
         found.append(
             f"rollers carry up to {loads.max():,.0f} N, and law {of.name!r} was made for {low:,.0f} … {high:,.0f} N: "

@@ -22,12 +22,12 @@ from difftrb.turning import spall_loss
 from difftrb.turning.spall_loss import LossMap, Turn
 
 NO_TURN = (
-    "Stiffness over the cage's turn is drawn for scenes without effects, whose law holds at every phase; `difftrb "
-    "stiffness` tells it of all."
+    "Stiffness over the cage's turn is drawn where the roller law holds at every phase and spalls stay on the outer "
+    "raceway; `difftrb stiffness` tells it of all."
 )
 NO_MAP = (
-    "Loss over length and width is drawn for scenes without effects, whose law holds at every phase, and for a wide "
-    "spall on the outer raceway; `difftrb sweep` over spall.0.length and spall.0.width does it for all."
+    "Loss over length and width is drawn where the roller law holds at every phase, for a wide spall on the outer "
+    "raceway; `difftrb sweep` over spall.0.length and spall.0.width does it for all."
 )
 BY_DESIGN = (NO_TURN, NO_MAP)
 """What need not be said but on the page."""

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from difftrb.contact.contact_solution import ContactSolution
+from difftrb.contact.height_map import HeightMap
 from difftrb.core import status
 from difftrb.report import remarks, worth_text
 from difftrb.report.catalogue_uncertainty import Estimated
@@ -69,10 +70,12 @@ def run_json(
 def _stiffness_record(scene: Scene, result: Assessment) -> dict[str, dict[str, Any]]:
     """Stiffness with and without spalls, what they take of it [%], and its slopes by their sizes."""
 
+    slopes = _slopes(scene, result)
+
     def slope(row: int) -> dict[str, Any]:
-        by_size = {"length": np.asarray(result.by_length)[row], "width": np.asarray(result.by_width)[row]}
         if not scene.spalls:
-            return dict.fromkeys(by_size)
+            return dict.fromkeys(("length", "width"))
+        by_size = {"length": slopes[:, row, 0], "width": slopes[:, row, 1]}
         return {size: by[0] if len(scene.spalls) == 1 else by for size, by in by_size.items()}
 
     return {
@@ -137,28 +140,46 @@ def _stiffness_tables(scene: Scene, result: Assessment, where: str) -> list[Tabl
     """Stiffness in either direction, its loss, and its slopes by the spall's size; of several spalls in a table of
     their own."""
     kind = {"tangent": "tangent dF/du", "secant": "secant F/u"}[scene.definition]
-    every, one = slopes_by_spall(result), len(scene.spalls) == 1
     losses, sizes = ["spalled", "loss [%]"] if scene.spalls else [], ["by length [/mm]", "by width [/mm]"]
-    table = house_table(f"Stiffness{where}, {kind} [N/mm]", "", "healthy", *losses, *(sizes if one else ()))
-    for row, name in enumerate(DIRECTIONS):
-        values = [getattr(s, f"{name}_stiffness") for s in (result.healthy, result.spalled)]
-        cells = [number(v, ",.0f") for v in values[: 1 + len(losses) // 2]]
-        cells += [number(result.loss[row], ".3f")] if scene.spalls else []
-        table.add_row(name, *cells, *(every[0][row] if one else ()))
+    heads = ["healthy", *losses, *(sizes if len(scene.spalls) == 1 else ())]
+    table = house_table(f"Stiffness{where}, {kind} [N/mm]", "", *heads)
+    for name, cells in stiffness_cells(scene, result).items():
+        table.add_row(name, *cells)
     if len(scene.spalls) < 2:
         return [table]
     heads = [f"{name} {size}" for name in DIRECTIONS for size in sizes]
     slopes = house_table(f"Stiffness{where} by the size of each spall [N/mm]", "spall", *heads)
-    for number_of, rows in enumerate(every):
+    for number_of, rows in enumerate(slopes_by_spall(scene, result)):
         slopes.add_row(str(number_of), *(cell for row in rows for cell in row))
     return [table, slopes]
 
 
-def slopes_by_spall(result: Assessment) -> list[list[list[str]]]:
+def stiffness_cells(scene: Scene, result: Assessment) -> dict[str, list[str]]:
+    """By direction: healthy stiffness [N/mm]; with spalls also theirs and the loss [%]; of one spall the slopes by its
+    size [N/mm per mm], too."""
+    found = {}
+    for row, name in enumerate(DIRECTIONS):
+        healthy, spalled = (getattr(s, f"{name}_stiffness") for s in (result.healthy, result.spalled))
+        found[name] = [number(healthy, ",.0f")]
+        if scene.spalls:
+            found[name] += [number(spalled, ",.0f"), number(result.loss[row], ".3f")]
+        if len(scene.spalls) == 1:
+            found[name] += slopes_by_spall(scene, result)[0][row]
+    return found
+
+
+def slopes_by_spall(scene: Scene, result: Assessment) -> list[list[list[str]]]:
     """For every spall, of radial and axial stiffness, its slopes by length and by width [N/mm per mm]; none where it is
-    0 because no roller stands on a rolling edge."""
-    by_size = np.stack([result.by_length, result.by_width], axis=-1)  # (radial | axial, spall, length | width)
-    return [[[number(v if v else np.nan, ",.1f") for v in row] for row in own] for own in np.moveaxis(by_size, 1, 0)]
+    0 because no roller stands on a rolling edge, or not known."""
+    return [[[number(v if v else np.nan, ",.1f") for v in row] for row in own] for own in _slopes(scene, result)]
+
+
+def _slopes(scene: Scene, result: Assessment) -> np.ndarray:
+    """The same in numbers, shape (spalls, radial | axial, length | width). NaN of height maps: those of a sampled
+    surface with walls may be wrong by factors."""
+    by_size = np.moveaxis(np.stack([result.by_length, result.by_width], axis=-1), 1, 0)
+    mapped = np.array([isinstance(spall, HeightMap) for spall in scene.spalls], bool)
+    return np.where(mapped[:, None, None], np.nan, by_size)
 
 
 def roller_columns(scene: Scene, result: Assessment) -> dict[str, list[str]]:

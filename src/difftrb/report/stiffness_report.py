@@ -15,7 +15,7 @@ from rich.table import Table
 from difftrb.core import storage
 from difftrb.core.bad_input import named
 from difftrb.core.status import SceneError
-from difftrb.report import console, tables
+from difftrb.report import console, remarks, tables
 from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.scene import scene_file, solution
 from difftrb.scene.file_schema import SceneFile
@@ -35,6 +35,7 @@ SHOWN = 3
 def deliver(options: Any, file: SceneFile, path: str) -> int:
     """Solve a scene over its cage's angle, print it and write it where `options` ask; the exit code."""
     scene_file.check_ring(file, path)
+    console.remark(path, *remarks.of_ring(file))
     with console.bar("solving the ring over the cage's angle") as progress:
         turn = stiffness(file.scene(), options.phases, slopes=options.slopes or None, progress=progress)
     if not np.all(np.asarray(turn.converged)):

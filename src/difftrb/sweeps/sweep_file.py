@@ -77,9 +77,9 @@ def deliver(options: Any) -> int:
     share = share_of(options.share)
     file = read(options.scene)
     if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
-        light = remarks.light_contact_load if file.of_contact else remarks.light_ring_load
-        console.remark(light(file.scene), options.scene)
-    console.remark(_idle_width(file), options.scene)
+        light = remarks.odd_contact_load if file.of_contact else remarks.odd_ring_load
+        console.remark(options.scene, light(file.scene))
+    console.remark(options.scene, _idle_width(file))
     with console.bar("preparing the roller law") as progress:
         plan = file.plan(options.batch, progress)
     console.say_picked(plan.base)

@@ -52,8 +52,8 @@ class LossMap(NamedTuple):
 
 
 def over_turn(scene: Scene, count: int = 240, alike: Turn | None = None) -> Turn | None:
-    """The stiffness of a prepared scene at `count` phases over one roller pitch, both ends among them. None where its
-    effects would need a program, its law is made for one phase, a spall turns along, or there is no solution.
+    """The stiffness of a prepared scene at `count` phases over one roller pitch, both ends among them. None where
+    rollers differ from each other, its law is made for one phase, a spall turns along, or there is no solution.
     `alike`: the same with other spalls, whose healthy rings are this one's, too."""
     if not _is_for_all_phases(scene):
         return None
