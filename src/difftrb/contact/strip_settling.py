@@ -8,6 +8,7 @@ approach by the second, so that two or three solves are enough and no boundary n
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -254,31 +255,7 @@ def shifts(
     found = every[0]
     on = found.active[plan.outline_of][:, None]
     loads, *virtual = (xp.where(on, x, 0.0) for x in (found.loads, *(each.by_load for each in every)))
-    of_row = np.eye(problem.gap.shape[0])[plan.rows].T
-    same = xp.moveaxis(_same(plan, found.held), -1, 0)
-
-    def pairs_of(left: Any, right: Any) -> list[tuple[Any, Any, Any]]:
-        """Virtual by found loads at the same frequency, of pairs of rows; at the same end, of pairs of strips; ∫ gap of
-        the virtual ones."""
-        at = xp.where(found.held, bounds(plan, problem._replace(left=left, right=right)), found.ends)
-        low, high = _intervals(plan, at)
-        wave = strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0])
-        strength = _strengths(plan, low, high)
-        curved = strip_waves.gap_integrals(plan.orders, low, high)
-
-        def waves_of(parts: Any) -> Any:
-            return xp.einsum("rs,sk->rk", of_row, xp.einsum("sm,smk->sk", parts, wave))
-
-        there, tails = waves_of(loads), xp.einsum("sm,sme->es", loads, strength)
-        count = there.shape[1] if plan.even else there.shape[1] // 2
-        starts = range(0, there.shape[1], count)
-
-        def with_found(by_load: Any) -> tuple[Any, Any, Any]:
-            here, tail = waves_of(by_load), xp.einsum("sm,sme->es", by_load, strength)
-            pairs = sum(here[:, None, k : k + count] * there[None, :, k : k + count] for k in starts)
-            return pairs, tail[:, :, None] * tails[:, None, :] * same, xp.total(by_load * curved)
-
-        return [with_found(by_load) for by_load in virtual]
+    pairs_of = partial(_pairs, plan, problem, found, loads, virtual)
 
     def work(products: Any, mass: Any, pairs: Any, tails: Any) -> Any:
         own = mass[plan.rows][:, plan.rows]
@@ -304,3 +281,31 @@ def shifts(
         own = problem.bend * curved + by_load[:, 0] * (problem.gap[plan.rows] - found.approach)
         changes.append(rows + edges - xp.fixed(rows) + xp.total(weight * own) + each.compliance * lacking)
     return changes
+
+
+def _pairs(
+    plan: StripPlan, problem: StripProblem, found: Settled, loads: Any, virtual: list[Any], left: Any, right: Any
+) -> list[tuple[Any, Any, Any]]:
+    """Virtual by found loads at the same frequency, of pairs of rows; at the same end, of pairs of strips; ∫ gap of
+    the virtual ones: with rolling edges `left` and `right`."""
+    of_row = np.eye(problem.gap.shape[0])[plan.rows].T
+    same = xp.moveaxis(_same(plan, found.held), -1, 0)
+    at = xp.where(found.held, bounds(plan, problem._replace(left=left, right=right)), found.ends)
+    low, high = _intervals(plan, at)
+    wave = strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0])
+    strength = _strengths(plan, low, high)
+    curved = strip_waves.gap_integrals(plan.orders, low, high)
+
+    def waves_of(parts: Any) -> Any:
+        return xp.einsum("rs,sk->rk", of_row, xp.einsum("sm,smk->sk", parts, wave))
+
+    there, tails = waves_of(loads), xp.einsum("sm,sme->es", loads, strength)
+    count = there.shape[1] if plan.even else there.shape[1] // 2
+    starts = range(0, there.shape[1], count)
+
+    def with_found(by_load: Any) -> tuple[Any, Any, Any]:
+        here, tail = waves_of(by_load), xp.einsum("sm,sme->es", by_load, strength)
+        pairs = sum(here[:, None, k : k + count] * there[None, :, k : k + count] for k in starts)
+        return pairs, tail[:, :, None] * tails[:, None, :] * same, xp.total(by_load * curved)
+
+    return [with_found(by_load) for by_load in virtual]

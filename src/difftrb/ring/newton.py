@@ -206,12 +206,7 @@ def damped(
 
     def stepped(state: _State, new: RingBalance) -> _State:
         u, now, p, damping, count, inside = state
-        of = xp.module_of(new)
-        better = of.sum(new.residual * p, axis=-1) <= 0.5 * of.abs(of.sum(now.residual * p, axis=-1))
-        better = better & of.isfinite(_largest(new))  # a step may be so long that loads overflow
-        # or that no roller is loaded, from where the way back is short steps; short ones may cross a gap so
-        short = of.max(of.abs(p), axis=-1) * PER_MM <= 1.0
-        better = better & ((new.jacobian[..., 0, 0] > 0.0) | (now.jacobian[..., 0, 0] == 0.0) | short)
+        of, better = xp.module_of(new), _is_better(now, new, p)
 
         def kept(one: Any, other: Any) -> Any:
             return of.where(better.reshape(better.shape + (1,) * (one.ndim - better.ndim)), one, other)
@@ -250,6 +245,16 @@ def damped(
             last = tried(last)
     off = _largest(last.now)
     return last.u, last.now, xp.module_of(off).max(off), last.count
+
+
+def _is_better(now: RingBalance, new: RingBalance, p: Any) -> Any:
+    """Whether a step p from `now` to `new` is taken, shape (…)."""
+    of = xp.module_of(new)
+    better = of.sum(new.residual * p, axis=-1) <= 0.5 * of.abs(of.sum(now.residual * p, axis=-1))
+    better = better & of.isfinite(_largest(new))  # a step may be so long that loads overflow
+    # or that no roller is loaded, from where the way back is short steps; short ones may cross a gap so
+    short = of.max(of.abs(p), axis=-1) * PER_MM <= 1.0
+    return better & ((new.jacobian[..., 0, 0] > 0.0) | (now.jacobian[..., 0, 0] == 0.0) | short)
 
 
 def _largest(now: RingBalance) -> Any:

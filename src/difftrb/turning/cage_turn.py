@@ -124,29 +124,35 @@ class CageTurn(status.Judged):
         if not is_whole(highest, 0, count // 2):
             raise SceneError(f"highest = {highest!r}: must be a whole number in 0 … {count // 2}, half of the phases")
 
-        def coefficients(values: jax.Array) -> jax.Array:
-            found = jnp.fft.rfft(values, axis=0)[: highest + 1] / count
-            doubled = jnp.where((np.arange(highest + 1) > 0) & (2 * np.arange(highest + 1) < count), 2.0, 1.0)
+        order = np.arange(highest + 1)
+        doubled = np.where((order > 0) & (2 * order < count), 2.0, 1.0)
+
+        def coefficients(values: Any) -> Any:
+            found = xp.module_of(values).fft.rfft(values, axis=0)[: highest + 1] / count
             return found * doubled.reshape(-1, *[1] * (values.ndim - 1))
 
-        return Orders(jnp.arange(highest + 1), coefficients(self.stiffness), coefficients(self.displacement))
+        own = _told((self.stiffness, self.displacement))
+        return Orders(jnp.asarray(order), *(jnp.asarray(coefficients(each)) for each in own))
 
     def in_series(self, *others: Any) -> CageTurn:
         """With springs in series, a shaft and a housing, say: each the stiffness of one [N/mm] along all axes, shape
         (axes,), or a matrix, shape (axes, axes); radial, lateral, axial. The load stays: it passes through all.
         Displacements stay those of the bearing."""
         axes = self.stiffness.shape[-1]
-        give = sum((jnp.linalg.inv(_as_matrix(other, axes)) for other in others), jnp.zeros((axes, axes)))
-        own = jnp.eye(axes)[None] + jnp.einsum("pij,jk->pik", self.stiffness, give)
-        total = jnp.linalg.solve(own, self.stiffness)  # (K⁻¹ + C)⁻¹ = (1 + K C)⁻¹ K
+        matrices = [_as_matrix(other, axes) for other in others]
+        stiffness, *slopes, matrices = _told((self.stiffness, self.by_length, self.by_width, matrices))
+        of, unit = xp.module_of((stiffness, matrices)), np.eye(axes)
+        give = sum((of.linalg.inv(matrix) for matrix in matrices), np.zeros((axes, axes)))
+        own = unit[None] + of.einsum("pij,jk->pik", stiffness, give)
+        total = of.linalg.solve(own, stiffness)  # (K⁻¹ + C)⁻¹ = (1 + K C)⁻¹ K
         # dK_total = (1 + K C)⁻¹ dK (1 + C K)⁻¹, whose ends are each other's mirror where C is symmetric alone
-        left, right = jnp.linalg.inv(own), jnp.eye(axes)[None] - jnp.einsum("ij,pjk->pik", give, total)
+        left, right = of.linalg.inv(own), unit[None] - of.einsum("ij,pjk->pik", give, total)
 
-        def through(slopes: jax.Array | None) -> jax.Array | None:
-            return None if slopes is None else jnp.einsum("pij,pjks,pkl->pils", left, slopes, right)
+        def through(slopes: Any) -> jax.Array | None:
+            return None if slopes is None else jnp.asarray(of.einsum("pij,pjks,pkl->pils", left, slopes, right))
 
-        by = through(self.by_length), through(self.by_width)
-        return dataclasses.replace(self, stiffness=total, by_length=by[0], by_width=by[1])
+        by = [through(each) for each in slopes]
+        return dataclasses.replace(self, stiffness=jnp.asarray(total), by_length=by[0], by_width=by[1])
 
     def __repr__(self) -> str:
         """On one line."""
@@ -165,7 +171,12 @@ def _is_above_0(value: Any) -> bool:
         return False
 
 
-def _as_matrix(stiffness: Any, axes: int) -> jax.Array:
+def _told(values: Any) -> Any:
+    """Numbers as numpy's, for which nothing is compiled; what is traced as it is."""
+    return xp.numbers(values) if xp.are_numbers(values) else values
+
+
+def _as_matrix(stiffness: Any, axes: int) -> Any:
     try:
         given = jnp.asarray(stiffness, float)
     except (TypeError, ValueError):
@@ -175,7 +186,7 @@ def _as_matrix(stiffness: Any, axes: int) -> jax.Array:
         if not np.isfinite(own).all() or not (np.linalg.eigvalsh(0.5 * (own + own.T)) > 0.0).all():
             raise SceneError("a stiffness in series must be above 0 N/mm along every axis, and finite")
     if given.shape == (axes,):
-        return jnp.diag(given)
+        return given[:, None] * np.eye(axes)
     if given.shape == (axes, axes):
         return given
     raise SceneError(f"a stiffness in series has shape {given.shape}: give ({axes},) or ({axes}, {axes}) [N/mm]")
