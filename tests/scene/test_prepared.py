@@ -227,7 +227,14 @@ def test_gradients_of_numbers_outside_jit_compile_next_to_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    "command", [("run",), ("run", "--mean", "--json"), ("check", "{scene}"), ("run", "{scene}", "--mean")]
+    "command",
+    [
+        ("run",),
+        ("run", "--mean", "--json"),
+        ("check", "{scene}"),
+        ("run", "{scene}", "--mean"),
+        ("stiffness", "{scene}", "--speed", "1000", "--shaft", "1e6,2e6", "--out", "{out}/stiffness.csv"),
+    ],
 )
 def test_commands_on_numbers_compile_nothing(command: tuple[str, ...], tmp_path) -> None:
     (tmp_path / "scene.toml").write_text(
@@ -235,7 +242,7 @@ def test_commands_on_numbers_compile_nothing(command: tuple[str, ...], tmp_path)
         "raceways = {}\ncentrifugal = { speed_rpm = 3000 }\ndouble_row = { preload = 0.01 }\nflange = {}\n",
         encoding="utf-8",
     )
-    assert programs(*(part.format(scene=tmp_path / "scene.toml") for part in command)) == 0
+    assert programs(*(part.format(scene=tmp_path / "scene.toml", out=tmp_path) for part in command)) == 0
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,12 @@ class Judged:
     @property
     def converged(self) -> jax.Array:
         """Whether the solve can be trusted."""
-        return self.status_code == CONVERGED
+        import jax
+
+        code = self.status_code
+        if isinstance(code, jax.Array) and not isinstance(code, jax.core.Tracer):
+            return jax.device_put(np.asarray(code) == CONVERGED)  # nothing is compiled for it
+        return code == CONVERGED
 
     @property
     def status(self) -> str:

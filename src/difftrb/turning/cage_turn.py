@@ -102,18 +102,20 @@ class CageTurn(status.Judged):
     @property
     def mean_stiffness(self) -> jax.Array:
         """Over the phases [N/mm], shape (axes, axes)."""
-        return jnp.mean(self.stiffness, axis=0)
+        return jax.device_put(_told(self.stiffness).mean(axis=0))
 
     @property
     def waveform(self) -> jax.Array:
         """Displacement against its mean [mm], shape (phases, axes): what a sensor would see at creeping speed."""
-        return self.displacement - jnp.mean(self.displacement, axis=0, keepdims=True)
+        own = _told(self.displacement)
+        return jax.device_put(own - own.mean(axis=0, keepdims=True))
 
     def time(self, speed_rpm: Real) -> jax.Array:
         """When the cage is there [s], shape (phases,), from 0, the inner ring at `speed_rpm`, the outer at rest."""
         if xp.are_numbers(speed_rpm) and not _is_above_0(speed_rpm):
             raise SceneError(f"speed_rpm = {speed_rpm!r}: must be a number above 0 rev/min, and finite")
-        return (self.cage - self.cage[0]) / geometry.cage_rate(self.bearing, speed_rpm)
+        cage, bearing, speed_rpm = _told((self.cage, self.bearing, speed_rpm))
+        return jax.device_put((cage - cage[0]) / geometry.cage_rate(bearing, speed_rpm))
 
     def orders(self, highest: int = 16) -> Orders:
         """Fourier orders 0 … `highest` (at most half the phases) of stiffness and displacement. Raises `SceneError` if
@@ -132,7 +134,7 @@ class CageTurn(status.Judged):
             return found * doubled.reshape(-1, *[1] * (values.ndim - 1))
 
         own = _told((self.stiffness, self.displacement))
-        return Orders(jnp.asarray(order), *(jnp.asarray(coefficients(each)) for each in own))
+        return Orders(*jax.device_put((order, *map(coefficients, own))))
 
     def in_series(self, *others: Any) -> CageTurn:
         """With springs in series, a shaft and a housing, say: each the stiffness of one [N/mm] along all axes, shape
@@ -149,10 +151,10 @@ class CageTurn(status.Judged):
         left, right = of.linalg.inv(own), unit[None] - of.einsum("ij,pjk->pik", give, total)
 
         def through(slopes: Any) -> jax.Array | None:
-            return None if slopes is None else jnp.asarray(of.einsum("pij,pjks,pkl->pils", left, slopes, right))
+            return None if slopes is None else jax.device_put(of.einsum("pij,pjks,pkl->pils", left, slopes, right))
 
         by = [through(each) for each in slopes]
-        return dataclasses.replace(self, stiffness=jnp.asarray(total), by_length=by[0], by_width=by[1])
+        return dataclasses.replace(self, stiffness=jax.device_put(total), by_length=by[0], by_width=by[1])
 
     def __repr__(self) -> str:
         """On one line."""
@@ -178,7 +180,7 @@ def _told(values: Any) -> Any:
 
 def _as_matrix(stiffness: Any, axes: int) -> Any:
     try:
-        given = jnp.asarray(stiffness, float)
+        given = jnp.asarray(stiffness, float) if xp.of_jax(stiffness) else np.asarray(stiffness, float)
     except (TypeError, ValueError):
         raise SceneError(f"a stiffness in series = {stiffness!r}: must be numbers [N/mm]") from None
     if xp.are_numbers(given) and given.shape in ((axes,), (axes, axes)):
@@ -224,7 +226,7 @@ def stiffness(
         phases = min(TURN_PHASES * (scene.bearing.rollers if repeats == "turn" else 1), MOST)
     spread = natural * (np.arange(phases) / phases)
     found = _solved(dataclasses.replace(scene, phase=start), spread, slopes, progress)
-    return CageTurn(jnp.asarray(start + spread), *found, natural, scene.bearing, repeats)
+    return CageTurn(jax.device_put(start + spread), *found, natural, scene.bearing, repeats)
 
 
 def _repetition(scene: Scene) -> tuple[Repeats, Real]:
@@ -264,7 +266,7 @@ def _solved(scene: Scene, spread: Any, slopes: bool | None, progress: Progress |
 @np.errstate(all="ignore")
 def _by_numbers(scene: Scene, spread: Any) -> _Found:
     """At all phases at once, in numpy, with slopes."""
-    return jax.tree.map(jnp.asarray, _with_slopes(xp.numbers(scene), np.asarray(spread, float)))
+    return jax.device_put(_with_slopes(xp.numbers(scene), np.asarray(spread, float)))
 
 
 def _traced(scene: Scene, spread: Any, slopes: bool) -> _Found:
