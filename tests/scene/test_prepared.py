@@ -231,6 +231,7 @@ def test_gradients_of_numbers_outside_jit_compile_next_to_nothing() -> None:
     [
         ("run",),
         ("run", "--mean", "--json"),
+        ("run", "--out", "{out}/run"),
         ("check", "{scene}"),
         ("run", "{scene}", "--mean"),
         ("stiffness", "{scene}", "--speed", "1000", "--shaft", "1e6,2e6", "--out", "{out}/stiffness.csv"),

@@ -83,7 +83,7 @@ def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap |
         return None
     scene = xp.numbers(scene)
     mean = solve_prepared(dataclasses.replace(healthy(scene), phase=PitchMean()))
-    whole = np.asarray(mean.both_stiffnesses)
+    whole = xp.numbers(mean).both_stiffnesses
     values = np.full((3, 2, len(lengths), len(widths)), np.nan)
     known = still(scene, np.array([[scene.load.radial, scene.load.axial]], float))
     at_rest = None if known is None else known[0]
