@@ -42,8 +42,8 @@ def paper(tmp_path: Path) -> Path:
 
 
 RUN_KEYS = {
-    "status", "converged", "angles", "loads", "displacement", "stiffness", "healthy", "loss", "sensitivity", "residual",
-    "iterations", "seconds",
+    "scene", "status", "converged", "angles", "loads", "displacement", "stiffness", "healthy", "loss", "sensitivity",
+    "residual", "iterations", "seconds",
 }  # fmt: skip
 CONTACT_KEYS = {
     "status", "converged", "approach", "peak_pressure", "contact_width", "loaded_fraction", "residual", "iterations",

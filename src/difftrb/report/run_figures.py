@@ -29,6 +29,8 @@ NO_MAP = (
     "Loss over length and width is drawn where the roller law holds at every phase, for a wide spall on the outer "
     "raceway; `difftrb sweep` over spall.0.length and spall.0.width does it for all."
 )
+LABELS = 0.9
+"""Height of the row in which contours of loss are named, from the bottom to the top of the map."""
 BY_DESIGN = (NO_TURN, NO_MAP)
 """What need not be said but on the page."""
 
@@ -121,7 +123,7 @@ def _map(found: LossMap, row: int, ax: Axes) -> None:
     mesh = ax.pcolormesh(fine_x, fine_y, smooth, cmap="viridis", shading="gouraud", rasterized=True)
     if np.isfinite(smooth).sum() > 4 and np.nanmax(smooth) > np.nanmin(smooth):
         lines = ax.contour(fine_x, fine_y, np.ma.masked_invalid(smooth), colors="white", linewidths=0.8, levels=6)
-        ax.clabel(lines, fontsize=8, fmt="%.3g %%")
+        ax.clabel(lines, fontsize=8, fmt="%.3g %%", manual=_label_places(fine_x, fine_y, smooth, lines.levels))
     rise = [found.by_length[row] * np.ptp(x), found.by_width[row] * np.ptp(y)]
     places = np.meshgrid(x, y, indexing="ij")
     inner = np.zeros(loss.shape, bool)
@@ -132,6 +134,14 @@ def _map(found: LossMap, row: int, ax: Axes) -> None:
         ax.quiver(*arrows, color="white", alpha=0.9, angles="uv", width=0.005, pivot="mid",
                   scale=12.0 * np.hypot(*rise)[shown].max())  # fmt: skip
     ax.figure.colorbar(mesh, ax=ax, label="loss [%]")
+
+
+def _label_places(x: np.ndarray, y: np.ndarray, loss: np.ndarray, levels: np.ndarray) -> list[tuple[float, float]]:
+    """Where contours are named: in a row above the arrows, where they cross it away from the sides."""
+    row = round(LABELS * (len(y) - 1))
+    at = [float(np.interp(level, loss[row], x)) for level in levels]
+    aside = 0.05 * float(np.ptp(x))
+    return [(place, float(y[row])) for place in at if x[0] + aside < place < x[-1] - aside]
 
 
 def _between(x: np.ndarray, values: np.ndarray, slopes: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from rich.text import Text
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.height_map import HeightMap
-from difftrb.core import status
+from difftrb.core import packaged_bearings, status
 from difftrb.report import remarks, worth_text
 from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.report.tables import house_table, number, plain
@@ -35,6 +36,7 @@ def run_json(
 ) -> dict[str, Any]:  # fmt: skip
     """The main job's result with the keys of the command line's `--json`; numbers that do not exist are None.
 
+    `scene` is what was solved: bearing, load and spalls [N, mm, rad], by which `law`, in which release of `difftrb`.
     `sensitivity` is by the spall's size, of several spalls a list of one number each; None for a healthy scene.
     With effects there is a key `effects`, with `edges` a key `edge_stress`, with the law "auto" a key `picked`,
     with an `audit` a key of that name. With the `mean` over the cage's turn there is a key `mean`: stiffness,
@@ -46,6 +48,7 @@ def run_json(
     stiffness = _stiffness_record(scene, result)
     place = {"definition": scene.definition, "phase": "mean" if isinstance(scene.phase, PitchMean) else scene.phase}
     return plain({
+        "scene": _scene_record(scene, spalled),
         "status": verdict,
         "converged": bool(spalled.converged & sound.converged),
         "angles": spalled.angles,
@@ -65,6 +68,18 @@ def run_json(
         **({"remarks": said} if (said := remarks.of_result(scene, result)) else {}),
         "seconds": seconds,
     })  # fmt: skip
+
+
+def _scene_record(scene: Scene, solution: Solution) -> dict[str, Any]:
+    """What was solved: for a record to be told from others."""
+    of = "surface", "row", "length", "width", "depth", "angle", "axial_offset"  # of a height map all but the depth
+    return {
+        "difftrb": metadata.version("difftrb"),
+        "bearing": packaged_bearings.name_of(scene.bearing) or dataclasses.asdict(scene.bearing),
+        "load": dataclasses.asdict(scene.load),
+        "spalls": [{name: getattr(spall, name, None) for name in of} for spall in scene.spalls],
+        "law": solution.law.name,
+    }
 
 
 def _stiffness_record(scene: Scene, result: Assessment) -> dict[str, dict[str, Any]]:
