@@ -134,7 +134,7 @@ def _sigma(fit: Fit, row: Measurement, value: float) -> float:
     of_kind = [other.is_loss == row.is_loss for other in fit.rows]
     sigma, size = (each[of_kind] if any(of_kind) else each for each in (fit.sigma, np.abs(fit.predicted)))
     told = size > sigma  # a row at a phase where no roller is at the spall says nothing of what is in proportion
-    share = float(np.median((sigma / size)[told])) if told.any() else 1.0
+    share = float(np.median(sigma[told] / size[told])) if told.any() else 1.0
     return max(share * abs(value), 0.3 * float(sigma.min()), 1e-9)
 
 
