@@ -21,6 +21,8 @@ from difftrb.law import load_curve
 from difftrb.law.base import spalls_under
 from difftrb.law.edge_ramp import RollerCurves
 
+pytestmark = pytest.mark.usefixtures("compiled_as_for_users")  # what runs thousands of times
+
 LOADS = ((9000.0, 4500.0), (3000.0, 4500.0), (6000.0, 3000.0))
 FEW = 128
 """Points that are scanned in place of 8192."""

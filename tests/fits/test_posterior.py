@@ -19,6 +19,8 @@ from difftrb.fits.nested_sampling import Sampled, sampled
 from difftrb.fits.spall_count import count_spalls
 from difftrb.report import figure_style
 
+pytestmark = pytest.mark.usefixtures("compiled_as_for_users")  # what runs thousands of times
+
 LIGHT, HEAVY = (3000.0, 4500.0), (9000.0, 4500.0)
 ROWS = [
     (load, phase, quantity)
