@@ -107,9 +107,10 @@ class Judged:
     def converged(self) -> jax.Array:
         """Whether the solve can be trusted."""
         import jax
+        from jax.core import Tracer
 
         code = self.status_code
-        if isinstance(code, jax.Array) and not isinstance(code, jax.core.Tracer):
+        if isinstance(code, jax.Array) and not isinstance(code, Tracer):
             return jax.device_put(np.asarray(code) == CONVERGED)  # nothing is compiled for it
         return code == CONVERGED
 

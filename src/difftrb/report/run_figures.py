@@ -123,7 +123,9 @@ def _map(found: LossMap, row: int, ax: Axes) -> None:
     mesh = ax.pcolormesh(fine_x, fine_y, smooth, cmap="viridis", shading="gouraud", rasterized=True)
     if np.isfinite(smooth).sum() > 4 and np.nanmax(smooth) > np.nanmin(smooth):
         lines = ax.contour(fine_x, fine_y, np.ma.masked_invalid(smooth), colors="white", linewidths=0.8, levels=6)
-        ax.clabel(lines, fontsize=8, fmt="%.3g %%", manual=_label_places(fine_x, fine_y, smooth, lines.levels))
+        ax.clabel(
+            lines, fontsize=8, fmt="%.3g %%", manual=_label_places(fine_x, fine_y, smooth, np.asarray(lines.levels))
+        )
     rise = [found.by_length[row] * np.ptp(x), found.by_width[row] * np.ptp(y)]
     places = np.meshgrid(x, y, indexing="ij")
     inner = np.zeros(loss.shape, bool)
