@@ -176,11 +176,8 @@ def _bounds(fit: Fit) -> list[str]:
     for i, name in enumerate(fit.parameters):
         if abs(fit.place[i]) >= AT_BOUND:
             side = "largest" if fit.place[i] > 0.0 else "smallest"
-            found.append(
-                f"{name} ends at the {side} value that is searched, {fit.values[i]:.4g} {fit.units[i]}".removesuffix(
-                    " –"
-                )
-            )
+            value = fit.problem.parameters[i].told(fit.values[i], 4).removeprefix(f"{name} ")
+            found.append(f"{name} ends at the {side} value that is searched, {value}")
     return found
 
 
