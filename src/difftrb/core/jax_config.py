@@ -49,8 +49,9 @@ def compiler_options() -> dict[str, Any]:
     """What JAX is told when it compiles this package's programs, for programs of one's own that solve scenes.
 
     `jax.jit(f, compiler_options=difftrb.compiler_options())` compiles sooner, a scene's gradient in 8 s of processors
-    for 24 with jax 0.10, with numbers that differ by rounding alone. JAX takes options at the outermost `jit` only, and this package cannot set them there. The names
-    are XLA's, for CPUs; those that the installed XLA does not know are left out.
+    for 24 with jax 0.10, with numbers that differ by rounding alone. JAX takes options at the outermost `jit` only, and
+    this package cannot set them there. The names are XLA's, for CPUs; those that the installed XLA does not know are
+    left out.
     """
     return dict(quick())
 
