@@ -21,7 +21,7 @@ import numpy as np
 from scipy import optimize
 
 import difftrb as trb
-from difftrb.fits import conditions, parameters, predicted, search
+from difftrb.fits import conditions, evaluations, parameters, predicted, search
 from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
 
 LOADS = ((9000.0, 4500.0), (6000.0, 4500.0), (3000.0, 4500.0))
@@ -44,7 +44,7 @@ def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measuremen
     sound = predicted.healthy_stiffness(scene, at)
     exact = predicted.Problem(sought, bounds, scene, at, rough, blank, blank, sound, 0.0, 0)  # type: ignore[arg-type]
     there = bounds.coordinates(np.array([[TRUTH.length, TRUTH.width]]))  # type: ignore[arg-type]
-    true = predicted.evaluated(exact, np.asarray(there)).beside[0][0]
+    true = evaluations.evaluated(exact, np.asarray(there)).beside[0][0]
     sigma = NOISE * true
     seen = true + sigma * np.random.default_rng(1).standard_normal(true.size)
     rows = [

@@ -13,7 +13,7 @@ import pytest
 from difftrb.core import jax_config
 from difftrb.core import user_cache as things
 from difftrb.core.traced_programs import kept
-from difftrb.fits import predicted
+from difftrb.fits import evaluations
 
 
 class Both(NamedTuple):
@@ -107,15 +107,15 @@ def test_the_packages_own_are_kept(keeping: Path, monkeypatch: pytest.MonkeyPatc
     def never(*_: Any) -> None:
         raise AssertionError("traced again")
 
-    predicted._rest.clear_cache()  # type: ignore[attr-defined]
-    first = predicted._rest(np.ones(5))
+    evaluations._rest.clear_cache()  # type: ignore[attr-defined]
+    first = evaluations._rest(np.ones(5))
     assert len(files(keeping)) == 1
-    predicted._rest.clear_cache()  # type: ignore[attr-defined]
+    evaluations._rest.clear_cache()  # type: ignore[attr-defined]
     monkeypatch.setattr(jax.export, "export", never)
-    second = predicted._rest(np.ones(5))
+    second = evaluations._rest(np.ones(5))
     assert jax.tree.structure(first) == jax.tree.structure(second)
     jax.tree.map(np.testing.assert_array_equal, first, second)
-    predicted._rest.clear_cache()  # type: ignore[attr-defined]
+    evaluations._rest.clear_cache()  # type: ignore[attr-defined]
 
 
 def test_within_another_program_it_is_traced_as_ever(keeping: Path) -> None:

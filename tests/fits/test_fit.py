@@ -14,6 +14,7 @@ from difftrb import __main__ as cli
 from difftrb.core import status
 from difftrb.fits import (
     diagnostics,
+    evaluations,
     fit_report,
     fit_result,
     least_squares,
@@ -24,11 +25,11 @@ from difftrb.fits import (
     suspects,
 )
 from difftrb.fits.conditions import conditions
+from difftrb.fits.evaluations import evaluated, solved
 from difftrb.fits.fit_problem import problem_of
 from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.measured_table import example, parse
-from difftrb.fits.predicted import evaluated, solved
 from difftrb.law import base as laws
 from difftrb.report import console
 from difftrb.scene import scene_file
@@ -501,11 +502,11 @@ def test_light_loads_that_the_law_does_not_know_are_not_advised(noisy_fit: trb.F
 def test_rows_by_numbers_are_those_of_the_program(noisy_fit: trb.Fit) -> None:
     """What may be measured next is told by numpy, with all slopes; means by a rule of more points."""
     single = [row for row in noisy_fit.rows if row.phase != "mean"]
-    places, known = np.stack([noisy_fit.place, noisy_fit.place + 0.3]), set(predicted._compiled)
+    places, known = np.stack([noisy_fit.place, noisy_fit.place + 0.3]), set(evaluations._compiled)
     values, slopes = predicted.other_rows_at(noisy_fit.problem, noisy_fit.rows, places)
     assert len(optimal_design.next_measurements(noisy_fit)) == 3
-    assert predicted._compiled == known
-    expected, rates = predicted._plainly(noisy_fit.problem, places)
+    assert evaluations._compiled == known
+    expected, rates = evaluations._plainly(noisy_fit.problem, places)
     own = [row in single for row in noisy_fit.rows]
     np.testing.assert_allclose(values[:, own], expected[:, own], rtol=1e-12)
     np.testing.assert_allclose(slopes[:, own], rates[:, own], atol=1e-12 * np.abs(rates).max())
@@ -522,9 +523,9 @@ def test_measurements_that_may_be_made_share_the_fits_program(bearing: trb.Taper
     values = trb.assess(turning).loss
     rows = [dataclasses.replace(row, value=float(v), sigma=0.05) for row, v in zip(phases[:2], values, strict=True)]
     found = fit(turning, 10 * rows, ("length",), starts=FEW)
-    known = set(predicted._compiled)
+    known = set(evaluations._compiled)
     assert len(optimal_design.next_measurements(found)) == 3
-    assert predicted._compiled == known
+    assert evaluations._compiled == known
 
 
 def test_an_interval_that_ends_with_the_range_does_not_determine(rig: trb.Scene, exact: np.ndarray) -> None:

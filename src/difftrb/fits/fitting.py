@@ -16,6 +16,7 @@ import numpy as np
 from difftrb.core import status
 from difftrb.fits import (
     diagnostics,
+    evaluations,
     fit_result,
     least_squares,
     measured,
@@ -129,7 +130,7 @@ def _fit(
     scan = search.scanned(problem, search.places(problem, starts))
     told(1)
     if not np.isfinite(scan.told).any():
-        code = predicted.evaluated(problem, scan.place[:1]).beside[1]
+        code = evaluations.evaluated(problem, scan.place[:1]).beside[1]
         why = status.describe(int(code[0])).partition(":")[0]  # its advice is for a scene, not for a fit
         raise MeasuredError(f"measurements: no spall has a solution under these loads: {why}; check their unit, N")
     _check_effects(problem.parameters, scan.slope)
@@ -167,7 +168,7 @@ def _check_effects(parameters: Sequence[Parameter], slope: np.ndarray) -> None:
 def _from(problem: Problem, places: np.ndarray) -> Least:
     """From these places with all parameters free, by Levenberg–Marquardt alone."""
     return search.once_round(
-        problem, predicted.solved(problem, places, np.ones_like(places, bool), 0, least_squares.STEPS)
+        problem, evaluations.solved(problem, places, np.ones_like(places, bool), 0, least_squares.STEPS)
     )
 
 
@@ -215,7 +216,7 @@ def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Trie
     told = not estimated and problem.robust == ROBUST.index("squares")
     scale = max(2.0 * cost / max(freedom, 1), 1.0) if told else 1.0
     limits = profile_intervals.limits_of(freedom if estimated else None, scale)
-    costs = np.concatenate([found.cost, predicted.costs(problem, scan.told)])
+    costs = np.concatenate([found.cost, evaluations.costs(problem, scan.told)])
     known = Known(np.concatenate([found.place, scan.place]), np.nan_to_num(costs, nan=np.inf))
     profiles = profile_intervals.profiles(problem, place, cost, normal, limits, known)
     return Tried(found, best, profiles, limits, scale, known)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from difftrb.core.bad_input import is_whole, number_in, shown
-from difftrb.fits import nested_sampling, predicted
+from difftrb.fits import evaluations, nested_sampling, predicted
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.least_squares import Bounds, at_shares
@@ -145,7 +145,7 @@ def posterior_of(
     problem = dataclasses.replace(problem, bounds=_once_round(problem))
 
     def log_likelihood(points: np.ndarray) -> np.ndarray:
-        told = predicted.rows_at(problem, at_shares(points), many=True)
+        told = evaluations.rows_at(problem, at_shares(points), many=True)
         return log_density(problem, told, widened)
 
     for many in (live, AGAIN * live):
@@ -212,4 +212,4 @@ def log_density(problem: Problem, told: np.ndarray, widened: float = 1.0) -> np.
     # an error that rows have in common takes more of the density the larger they are
     size = np.nan_to_num(told / sigma) ** 2
     shared = sum(np.log1p(common**2 * np.sum(size[:, kind], axis=1)) for kind in (losses, ~losses))
-    return fixed - predicted.costs(problem, told) / widened - 0.5 * shared
+    return fixed - evaluations.costs(problem, told) / widened - 0.5 * shared

@@ -1,4 +1,4 @@
-"""What the model says of measurements, how far it misses them, and where it misses them least.
+"""What the model says of measurements, and how far it misses them.
 
 Every condition is solved once, and every row is read from that.
 """
@@ -7,27 +7,23 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
 from difftrb.core import arrays as xp
-from difftrb.core import machine, status
+from difftrb.core import status
 from difftrb.core.geometry import Real
-from difftrb.core.jax_config import jit_quickly
 from difftrb.core.taylor import Taylor
-from difftrb.fits import conditions, least_squares, rings_of_rows
+from difftrb.fits import conditions, rings_of_rows
 from difftrb.fits import parameters as fit_parameters
-from difftrb.fits.conditions import COLUMN, ROW, Conditions, whole
-from difftrb.fits.least_squares import Alone, Bounds, Enough, Least
+from difftrb.fits.conditions import COLUMN, ROW, Conditions
+from difftrb.fits.least_squares import Bounds
 from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
-from difftrb.fits.rings_of_rows import Values, stiffness, with_slopes
+from difftrb.fits.rings_of_rows import Values, stiffness
 from difftrb.ring.load import Load
 from difftrb.scene.scene import Scene
 
@@ -36,18 +32,10 @@ HUBER = 1.345
 """Deviations beyond this many sigma count linearly: 95 % efficient on normal errors (Huber 1981)."""
 FREEDOM = 4.0
 """Degrees of freedom of Student's t for data with outliers (Lange, Little and Taylor 1989)."""
-LEAST_SHARE = 0.05
-"""Of a measured loss: predicted ones below count as this."""
 LOST = 1e3
 """Deviation [sigma] of a row that the model has no solution for."""
 Solve = Callable[..., tuple[jax.Array, jax.Array]]
 """`rings_of_rows.stiffness`, or `rings_of_rows.with_slopes`."""
-MANY = 1024
-"""More places than these are worth a program of their own."""
-BATCH, ROWS_BATCH = 16, 64
-"""Most cases that one call evaluates; and without slopes, where calling takes as long as a few cases."""
-ADAM = optax.adam(0.25)
-"""Steps of a quarter, in coordinates."""
 
 
 def predicted(
@@ -186,61 +174,10 @@ def counted(problem: Problem, values: jax.Array) -> jax.Array:
     return jnp.select([problem.robust == k for k in range(len(ROBUST))], [ways[name] for name in ROBUST], r)
 
 
-def solved(
-    problem: Problem, places: np.ndarray, free: np.ndarray, search: int, steps: int,
-    enough: Enough = Enough(), ratios: bool = False, alone: Alone | None = None,  # noqa: B008
-    room: np.ndarray | float = np.inf,
-) -> Least:  # fmt: skip
-    """Least squares from `places`, shape (cases, parameters), moving those coordinates that are `free`, same shape:
-    first `search` steps of Adam, then those of `alone`, then `steps` of Levenberg–Marquardt at most. With `ratios`
-    deviations are as in `by_ratios`. `room`: how far the first step may go, shape (parameters,).
-    """
-    first = least_squares.First(_adam, _rest(places), search) if search else None
-    evaluate = partial(by_ratios if ratios else evaluated, problem)
-    longest = np.minimum(scales(problem), least_squares.LONGEST)
-    return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, longest, alone, room)
-
-
 def scales(problem: Problem) -> np.ndarray:
     """How far basins lie apart, in coordinates in the middle of the range, shape (parameters,)."""
     low, high = problem.bounds.ends()
     return 4.0 * np.array([parameter.apart(problem.scene) for parameter in problem.parameters]) / (high - low)
-
-
-@jit_quickly()
-def _rest(places: Any) -> Any:
-    return ADAM.init(places)
-
-
-@jit_quickly()
-def _adam(gradient: Any, memory: Any) -> tuple[Any, Any]:
-    move, memory = ADAM.update(gradient, memory)
-    return move, memory
-
-
-def evaluated(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
-    """Deviations as they count and their slopes by coordinates at `places`, shape (cases, parameters); beside them what
-    the model says of the rows, and its status."""
-    deviations, jacobian, *beside = _in_parts(_evaluated, problem, places)
-    return least_squares.Evaluated(deviations, jacobian, tuple(beside))
-
-
-def by_ratios(problem: Problem, places: np.ndarray) -> least_squares.Evaluated:
-    """As `evaluated`, with the logarithm of a loss by the measured one in place of their difference, both small alike.
-
-    A spall far off tells far too little or too much of a row. By their difference the one is a plateau, and the other
-    outweighs all other rows; by their ratio both lead to where the rows agree, from several times as far."""
-    told, slopes = _plainly(problem, places)
-    rows, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
-    loss, least = problem.conditions.loss & (rows > 0.0), LEAST_SHARE * np.abs(rows)
-    with np.errstate(all="ignore"):
-        above = np.where(loss, np.maximum(told, least), 1.0)
-        size = np.where(loss, np.abs(rows), 1.0)
-        off = np.where(loss, size * np.log(above / size), told - rows) / sigma
-        rate = np.where(loss, size / above * (told > least), 1.0) / sigma
-    known = np.isfinite(off)
-    off, rate = np.where(known, off, LOST), np.where(known, rate, 0.0)
-    return least_squares.Evaluated(off, np.nan_to_num(slopes) * rate[..., None], (told,))
 
 
 def other_rows_at(problem: Problem, rows: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -273,121 +210,3 @@ def _by_numbers(problem: Problem, at: Conditions, sound: Any, place: np.ndarray)
     told = _read(problem.parameters, at, values, spalled, sound)
     slopes = xp.by(told)
     return xp.value(told), np.zeros((len(at.place), len(place))) if slopes is None else slopes.T
-
-
-def _plainly(problem: Problem, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the model says of the rows, however they were measured, and its slopes by coordinates."""
-    rows = len(problem.conditions.place)
-    found = evaluated(dataclasses.replace(problem, measured=np.zeros(rows), sigma=np.ones(rows), common=0.0,
-                                          robust=ROBUST.index("squares")), places)  # fmt: skip
-    return found.beside[0], found.jacobian
-
-
-def rows_at(problem: Problem, places: np.ndarray, many: bool | None = None) -> np.ndarray:
-    """What the model says of the rows at `places`, shape (cases, rows). Of `many` by a program without slopes, which
-    takes a quarter of the time, and seconds to compile. None: of more than `MANY`, or if it is compiled."""
-    if many is None:
-        many = len(places) > MANY or _kind(_rows, _laid_out(problem), ROWS_BATCH) in _compiled
-    if not many:
-        return evaluated(problem, places).beside[0]
-    return _in_parts(_rows, problem, places, ROWS_BATCH)[0]
-
-
-def _in_parts(
-    program: Callable[..., tuple[jax.Array, ...]], problem: Problem, places: np.ndarray, batch: int = BATCH
-) -> list[np.ndarray]:
-    """What a program says of all places: in even parts, side by side."""
-    rows, laid_out, cores = len(problem.measured), _laid_out(problem), machine.cores()
-    count = -(-len(places) // batch)
-    if len(places) > 1:
-        count = min(-(-count // cores) * cores, len(places))
-
-    def part(own: np.ndarray) -> list[np.ndarray]:
-        padded = np.zeros((batch, places.shape[1]))
-        padded[: len(own)] = own
-        every = (np.asarray(out)[: len(own)] for out in program(laid_out, padded, len(own)))
-        return [out[:, :rows] if out.ndim > 1 else out for out in every]
-
-    parts = np.array_split(places, max(count, 1))
-    kind = _kind(program, laid_out, batch)
-    first = [] if kind in _compiled else [part(parts.pop(0))]
-    _compiled.add(kind)
-    found = [*first, *_pool(cores).map(part, parts)]
-    return [np.concatenate(each) for each in zip(*found, strict=True)]
-
-
-@cache
-def _pool(cores: int) -> ThreadPoolExecutor:
-    """Threads that stay: a fit asks them hundreds of times."""
-    return ThreadPoolExecutor(cores)
-
-
-def _kind(program: Callable[..., Any], laid_out: Problem, batch: int) -> Any:
-    return program, batch, jax.tree.structure(laid_out), *map(np.shape, jax.tree.leaves(laid_out))
-
-
-_compiled: set[Any] = set()
-"""Programs by what they were compiled for: two threads would compile the same one twice."""
-
-
-def costs(problem: Problem, told: np.ndarray) -> np.ndarray:
-    """Half the sums of squares of what the model has `told` of the rows, shape (cases, rows); shape (cases,)."""
-    rows = len(problem.measured)
-    longer = np.pad(told, ((0, 0), (0, whole(rows) - rows)))
-    return np.asarray(_costs(_laid_out(problem), longer))
-
-
-@jit_quickly()
-def _costs(problem: Problem, told: Real) -> jax.Array:
-    return 0.5 * jnp.sum(jax.vmap(lambda values: counted(problem, values))(told) ** 2, axis=1)
-
-
-def _laid_out(problem: Problem) -> Problem:
-    """The problem with rows that do not count behind its own: one program does for many numbers of rows."""
-    more = whole(len(problem.measured)) - len(problem.measured)
-
-    at = _longer(problem.conditions, more)
-    return dataclasses.replace(problem, conditions=at, rough=None, measured=_padded(problem.measured, more, 0.0),
-                               sigma=_padded(problem.sigma, more, np.inf))  # fmt: skip
-
-
-def _longer(at: Conditions, more: int) -> Conditions:
-    """With so many more rows, of the first condition."""
-    own = (_padded(rows, more, 0) for rows in (at.place, at.entry, at.loss))
-    return dataclasses.replace(at, **dict(zip(("place", "entry", "loss"), own, strict=True)))
-
-
-def _padded(rows: Any, more: int, value: Any) -> np.ndarray:
-    return np.concatenate([np.asarray(rows), np.full(more, value, np.asarray(rows).dtype)])
-
-
-@jit_quickly()
-def _evaluated(problem: Problem, places: jax.Array, count: jax.Array) -> tuple[jax.Array, ...]:
-    def misfit(u: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        values, code = predictions(problem, u, with_slopes)
-        r = counted(problem, values)
-        return r, (r, values, code)
-
-    def one(u: jax.Array) -> tuple[jax.Array, ...]:
-        slopes, (r, values, code) = jax.jacfwd(misfit, has_aux=True)(u)
-        return r, slopes, values, code
-
-    return _each(one, places, count)
-
-
-@jit_quickly()
-def _rows(problem: Problem, places: jax.Array, count: jax.Array) -> tuple[jax.Array, ...]:
-    return _each(lambda u: predictions(problem, u)[:1], places, count)
-
-
-def _each(
-    of: Callable[[jax.Array], tuple[jax.Array, ...]], places: jax.Array, count: jax.Array
-) -> tuple[jax.Array, ...]:
-    """`of` the first `count` places, one after the other: the rings of one fill the processor."""
-    of = jax.jit(of, inline=True)  # traced once
-    blank = tuple(jnp.zeros((len(places), *out.shape), out.dtype) for out in jax.eval_shape(of, places[0]))
-
-    def one(k: jax.Array, out: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-        return tuple(whole.at[k].set(own) for whole, own in zip(out, of(places[k]), strict=True))
-
-    return jax.lax.fori_loop(0, count, one, blank)

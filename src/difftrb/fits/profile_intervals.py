@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from difftrb.fits import edges_at_rollers, predicted
+from difftrb.fits import edges_at_rollers, evaluations, predicted
 from difftrb.fits.least_squares import AT_BOUND, FARTHEST, Enough
 from difftrb.fits.predicted import Problem
 from difftrb.fits.search import SAME
@@ -98,7 +98,7 @@ def held(
     of = np.repeat(np.arange(len(free)), [len(own) for own in starts])
     places = np.where(free[of], np.concatenate([np.stack(own) for own in starts]), at[of])
     enough = Enough(ENOUGH, BEHIND, MARGIN, MEET * predicted.scales(problem))
-    found = predicted.solved(problem, places, free[of], 0, STEPS if free.any() else 0, enough)
+    found = evaluations.solved(problem, places, free[of], 0, STEPS if free.any() else 0, enough)
     cost = np.where(np.isfinite(found.cost), found.cost, np.inf)
     order = np.lexsort((cost, of))
     best = order[np.searchsorted(of[order], np.arange(len(free)))]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from difftrb.fits import edges_at_rollers, least_squares, predicted
+from difftrb.fits import edges_at_rollers, evaluations, least_squares, predicted
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.least_squares import AT_BOUND, Alone, Enough, Least
 from difftrb.fits.parameters import Parameter
@@ -71,9 +71,9 @@ def scanned(problem: Problem, places: np.ndarray) -> Scan:
     rough = _rough(problem)
     with ThreadPoolExecutor(1) as beside:
         # of many places it is another program, traced while the first one is compiled
-        many = beside.submit(predicted.rows_at, rough, places) if len(places) > predicted.MANY else None
-        jacobian = np.nan_to_num(predicted.evaluated(rough, places[:SLOPES]).jacobian)
-        told = predicted.rows_at(rough, places) if many is None else many.result()
+        many = beside.submit(evaluations.rows_at, rough, places) if len(places) > evaluations.MANY else None
+        jacobian = np.nan_to_num(evaluations.evaluated(rough, places[:SLOPES]).jacobian)
+        told = evaluations.rows_at(rough, places) if many is None else many.result()
     return Scan(places, told, np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
 
 
@@ -113,7 +113,7 @@ def spread(parameters: Sequence[Parameter], count: int, behind: int = 0) -> np.n
 def thorough(problem: Problem, scan: Scan) -> tuple[Scan, Least]:
     """As `minima`, of `MORE` points besides and by more steps: a larger scan, and where least squares end."""
     more = spread(problem.parameters, MORE * len(scan.place), len(scan.place))
-    told = predicted.rows_at(_rough(problem), more)
+    told = evaluations.rows_at(_rough(problem), more)
     scan = Scan(np.concatenate([scan.place, more]), np.concatenate([scan.told, told]), scan.slope)
     return scan, minima(problem, scan, rounds=THOROUGH)
 
@@ -135,7 +135,7 @@ def minima(
     for k, steps in enumerate(rounds):
         place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, fewest, most))]
         first = alone if k == 0 else None
-        found = predicted.solved(
+        found = evaluations.solved(
             rough, place, _moving(place, free), 0, steps, enough, ratios=True, alone=first, room=room
         )
         place, cost = found.place, found.cost
@@ -147,9 +147,9 @@ def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = N
     """Where least squares end that go down from these places, roughly, and then exactly from what is left of them;
     `free` as in `minima`."""
     enough = _enough(problem)
-    found = predicted.solved(_rough(problem), place, _moving(place, free), ADAM_STEPS, least_squares.STEPS, enough)
+    found = evaluations.solved(_rough(problem), place, _moving(place, free), ADAM_STEPS, least_squares.STEPS, enough)
     place = found.place[distinct(problem, found) or [0]]
-    return once_round(problem, predicted.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, enough))
+    return once_round(problem, evaluations.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, enough))
 
 
 def once_round(problem: Problem, found: Least) -> Least:
@@ -172,9 +172,9 @@ def with_edges_moved(problem: Problem, found: Least) -> Least:
         more = edges_at_rollers.beside(problem, found.place[from_here])
         if not len(more):
             break
-        cost = _alike(problem, predicted.rows_at(rough, more))
+        cost = _alike(problem, evaluations.rows_at(rough, more))
         more = more[_lower(more / predicted.scales(problem), cost, MOVED[1], ALIKE)]
-        near = predicted.solved(rough, more, _moving(more, None), 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
+        near = evaluations.solved(rough, more, _moving(more, None), 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
         ended = minima_from(problem, near.place[distinct(problem, near)[: LOWEST[1]]])
         lower = np.nanmin(ended.cost) < np.nanmin(found.cost) - GAIN
         found = least_squares.both(found, ended)

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import special
 
-from difftrb.fits import fit_result, predicted, search
+from difftrb.fits import evaluations, fit_result, predicted, search
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import UNLIKELY, Fit
 from difftrb.fits.least_squares import Least, at_shares
@@ -111,7 +111,7 @@ def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, c
 def _down(fit: Fit, problem: Problem, scan: Scan) -> Least:
     """Least squares of another problem of the fit's parameters, from the fit's place, what else fitted well, and the
     lowest points of that problem."""
-    low = np.argsort(predicted.costs(problem, scan.told), kind="stable")[:STARTS]
+    low = np.argsort(evaluations.costs(problem, scan.told), kind="stable")[:STARTS]
     return search.minima_from(problem, np.concatenate([fit.place[None], scan.place[low], _lowest(fit)]))
 
 
