@@ -16,7 +16,7 @@ from difftrb.fits import predicted, profile_intervals
 from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import Measurement
 from difftrb.fits.predicted import Problem
-from difftrb.fits.profile_intervals import Known, Profiles
+from difftrb.fits.profile_intervals import KnownCosts, Profiles
 from difftrb.scene.scene import Scene
 
 UNLIKELY = 1e-3
@@ -89,7 +89,7 @@ class Fit(status.Judged):
     place: np.ndarray
     normal: np.ndarray
     limit: float
-    known: Known
+    known: KnownCosts
     status_code: jax.Array
 
     def __repr__(self) -> str:

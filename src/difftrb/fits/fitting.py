@@ -31,7 +31,7 @@ from difftrb.fits.least_squares import AT_BOUND, Least
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.parameters import OfSpall, Parameter
 from difftrb.fits.predicted import ROBUST, Problem
-from difftrb.fits.profile_intervals import Known, Limits, Profiles
+from difftrb.fits.profile_intervals import KnownCosts, Limits, Profiles
 from difftrb.fits.search import Scan
 from difftrb.law.samples import Progress
 from difftrb.scene.scene import Scene
@@ -207,7 +207,7 @@ class Tried(NamedTuple):
     profiles: Profiles
     limits: Limits
     scale: float
-    known: Known
+    known: KnownCosts
 
 
 def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Tried:
@@ -217,7 +217,7 @@ def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Trie
     scale = max(2.0 * cost / max(freedom, 1), 1.0) if told else 1.0
     limits = profile_intervals.limits_of(freedom if estimated else None, scale)
     costs = np.concatenate([found.cost, evaluations.costs(problem, scan.told)])
-    known = Known(np.concatenate([found.place, scan.place]), np.nan_to_num(costs, nan=np.inf))
+    known = KnownCosts(np.concatenate([found.place, scan.place]), np.nan_to_num(costs, nan=np.inf))
     profiles = profile_intervals.profiles(problem, place, cost, normal, limits, known)
     return Tried(found, best, profiles, limits, scale, known)
 

@@ -48,7 +48,7 @@ LEVELS_OFF = 3.0
 1.5 times as long."""
 
 
-class Known(NamedTuple):
+class KnownCosts(NamedTuple):
     """Places where the cost was computed, shape (places, parameters), and the costs, shape (places,)."""
 
     place: np.ndarray
@@ -105,7 +105,7 @@ def held(
     return cost[best], found.place[best]
 
 
-def both_starts(u: np.ndarray, normal: np.ndarray, known: Known, free: np.ndarray, at: np.ndarray) -> np.ndarray:
+def both_starts(u: np.ndarray, normal: np.ndarray, known: KnownCosts, free: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Where to start with the parameters that are not `free`, shape (cases, parameters), where `at`, same shape, has
     them, shape (2, cases, parameters): where the quadratic about u expects the others, and at the lowest known place
     near by, for another basin may be deeper there."""
@@ -146,7 +146,7 @@ class Limits(NamedTuple):
 
 
 def profiles(
-    problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limits: Limits, known: Known
+    problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limits: Limits, known: KnownCosts
 ) -> Profiles:
     """Profiles about the least place u, shape (parameters,), with its cost and normal matrix, and where they have risen
     to their limits: first over the whole range, then between the places that an interval's ends lie between, until the

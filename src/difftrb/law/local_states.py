@@ -40,13 +40,13 @@ class Reached(NamedTuple):
     away: tuple[float, ...]
 
 
-Known = dict[tuple[bool, tuple[int, ...], tuple[float, ...], float, float], Node]
+SolvedContacts = dict[tuple[bool, tuple[int, ...], tuple[float, ...], float, float], Node]
 """Contacts that were solved on one raceway: whether with `Turning`, spalls, distances [mm], load [N], tilt [rad]."""
 
 
 def around(
     base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
-    loads: np.ndarray, found: bool, known: Known, tilts: Sequence[TiltCurve] | None = None,
+    loads: np.ndarray, found: bool, known: SolvedContacts, tilts: Sequence[TiltCurve] | None = None,
     progress: Progress | None = None,
 ) -> LocalLaw:  # fmt: skip
     """The law of rollers that carry about `loads` [N], shape (rollers reached,), from that of healthy ones.
@@ -93,7 +93,7 @@ def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]
 
 def solved_at(
     base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], loads: np.ndarray, tilts: np.ndarray,
-    turning: bool, known: Known, progress: Progress | None,
+    turning: bool, known: SolvedContacts, progress: Progress | None,
 ) -> list[list[Node]]:  # fmt: skip
     """Contacts of every roller reached under its `loads` [N] at its `tilts` [rad], shape (rollers reached, loads)."""
     asked = [

@@ -34,7 +34,7 @@ Over = Callable[[np.ndarray], np.ndarray]
 """Of the logarithm of a roller's load [log N]."""
 
 
-Known = tuple[Callable[[Case], Node | None], Callable[[Case], Node | None]]
+Lookup = tuple[Callable[[Case], Node | None], Callable[[Case], Node | None]]
 """What is known of contacts with the outer and with the inner raceway."""
 
 
@@ -42,7 +42,7 @@ def _unknown(case: Case) -> None:
     return None
 
 
-UNKNOWN: Known = (_unknown, _unknown)
+NOTHING_KNOWN: Lookup = (_unknown, _unknown)
 
 
 class TiltCurve(NamedTuple):
@@ -144,7 +144,7 @@ def at_rest(
     accuracy: float,
     start: float | None = None,
     turning: bool = False,
-    known: Known = UNKNOWN,
+    known: Lookup = NOTHING_KNOWN,
 ) -> Resting:
     """The roller at the tilt at which both moments are equal; `start` is a guess of it [rad]; `turning` asks
     for that of the contacts at the end. Contacts that are `known` are not solved: a function of either's case, None

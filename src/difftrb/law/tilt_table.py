@@ -223,7 +223,7 @@ def between_rings(tables: tuple[TiltTable, ...], between: Between, accuracy: flo
     return _through(empty, solved)
 
 
-def known_by(tables: tuple[TiltTable, TiltTable]) -> roller_tilt.Known:
+def known_by(tables: tuple[TiltTable, TiltTable]) -> roller_tilt.Lookup:
     """Healthy contacts with both raceways, as far as tables of either alone know them."""
 
     def of(table: TiltTable) -> Callable[[Case], Node | None]:

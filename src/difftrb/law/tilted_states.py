@@ -38,7 +38,7 @@ LEAST_TILT = 1e-9
 Spalls = Mapping[Raceway, tuple[Spall, ...]]
 Met = tuple[tuple[tuple[int, ...], tuple[float, ...]], ...]
 """Spalls that a roller may meet on every raceway, and how far away they are [mm]."""
-Known = dict[tuple[bool, Met, float, float], Turned]
+SolvedRollers = dict[tuple[bool, Met, float, float], Turned]
 """Rollers that were solved: whether with `Turning`, what they meet, with how much they press [N], tilt [rad]."""
 
 
@@ -74,7 +74,7 @@ def between_rings(
 
 def around(
     of: Rollers, reached: Mapping[Raceway, Sequence[Reached]], rollers: tuple[int, ...], pressed: np.ndarray,
-    tilts: np.ndarray, clear: np.ndarray, found: bool, known: Known, progress: Progress | None = None,
+    tilts: np.ndarray, clear: np.ndarray, found: bool, known: SolvedRollers, progress: Progress | None = None,
 ) -> dict[Raceway, LocalLaw]:  # fmt: skip
     """As `local_states.around`, of every raceway: of rollers that press the inner ring with about `pressed` [N] where
     the rings are tilted by about `tilts` [rad], as contacts see it; those that are `clear` would press with less than
@@ -128,7 +128,7 @@ def _carrying(node: Node, share: float) -> Node:
 
 
 def _solved(
-    of: Rollers, asked: Sequence[tuple[Met, np.ndarray, np.ndarray]], turning: bool, known: Known,
+    of: Rollers, asked: Sequence[tuple[Met, np.ndarray, np.ndarray]], turning: bool, known: SolvedRollers,
     progress: Progress | None,
 ) -> list[list[Turned]]:  # fmt: skip
     """Rollers under their loads at their tilts, a row for every one that is asked for."""

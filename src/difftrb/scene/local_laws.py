@@ -76,7 +76,7 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
         inner = [now.inner(load) for load in centres["outer"].values()]
         centres["inner"] = dict(zip(centres["inner"], inner, strict=True))
     found, tilts = False, None
-    known: dict[Raceway, local_states.Known] = {raceway: {} for raceway in bases}
+    known: dict[Raceway, local_states.SolvedContacts] = {raceway: {} for raceway in bases}
     for _ in range(ROUNDS):
         if free:
             tilts = _tilts(bases, spalls, now, list(centres["outer"].values()), found, tilts, progress)
