@@ -180,17 +180,13 @@ def record(found: Written) -> dict[str, Any]:
     """For JSON: complex numbers as real and imaginary part, NaN as null."""
     orders: dict[str, Any] = {}
     for name, values in found.orders.items():
-        parts = {"real": _plain(np.real(values)), "imaginary": _plain(np.imag(values))}
-        orders[name] = parts if np.iscomplexobj(values) else _plain(values)
+        parts = {"real": tables.plain(np.real(values)), "imaginary": tables.plain(np.imag(values))}
+        orders[name] = parts if np.iscomplexobj(values) else tables.plain(values)
     hertz = None if found.frequencies is None else {k: float(v) for k, v in vars(found.frequencies).items()}
     return {
-        **found.about, "axes": list(found.axes), "unit": found.unit, **{k: _plain(v) for k, v in found.arrays.items()},
+        **found.about, "axes": list(found.axes), "unit": found.unit, **{k: tables.plain(v) for k, v in found.arrays.items()},
         "orders": orders, "defect_frequencies": hertz,
     }  # fmt: skip
-
-
-def _plain(values: np.ndarray) -> Any:
-    return np.where(np.isfinite(values), values.astype(object), None).tolist()  # type: ignore[arg-type]
 
 
 def _flat(found: Written) -> dict[str, Any]:
