@@ -184,8 +184,8 @@ def record(found: Written) -> dict[str, Any]:
         orders[name] = parts if np.iscomplexobj(values) else tables.plain(values)
     hertz = None if found.frequencies is None else {k: float(v) for k, v in vars(found.frequencies).items()}
     return {
-        **found.about, "axes": list(found.axes), "unit": found.unit, **{k: tables.plain(v) for k, v in found.arrays.items()},
-        "orders": orders, "defect_frequencies": hertz,
+        **found.about, "axes": list(found.axes), "unit": found.unit, **tables.plain(found.arrays), "orders": orders,
+        "defect_frequencies": hertz,
     }  # fmt: skip
 
 
