@@ -143,10 +143,6 @@ class KnownToLaw(Parameter):
         """The widest range to look for the law's limits in [unit]."""
         raise NotImplementedError
 
-    def told(self, value: float, digits: int = 3) -> str:
-        """This value in a sentence, with its name."""
-        return f"{self.name} {value:.{digits}g} {self.unit}".removesuffix(" –")
-
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
         """As far as the law goes."""
         if scene.law.hard:  # type: ignore[union-attr]  # such laws are frozen
@@ -165,10 +161,6 @@ class Length(OfSpall):
     multiplies = True
     no_effect = "without a spall that a roller meets nothing depends on its length"
 
-    def told(self, value: float, digits: int = 3) -> str:
-        """This value in a sentence, with its name."""
-        return f"{self.name} {value:.{digits}g} {self.unit}".removesuffix(" –")
-
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
         longest = float(_size_limits(self.leading(scene))[0])
         return 0.01 * longest, longest
@@ -180,10 +172,6 @@ class Width(OfSpall):
 
     name, unit = "width", "mm"
     no_effect = "under this law width acts through the number of rollers inside only: give rows with phase = mean"
-
-    def told(self, value: float, digits: int = 3) -> str:
-        """This value in a sentence, with its name."""
-        return f"{self.name} {value:.{digits}g} {self.unit}".removesuffix(" –")
 
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
         return max(1.01 * float(_size_limits(self.leading(scene))[1]), 0.1), float(_half_way(self.leading(scene)))
@@ -284,10 +272,6 @@ class Preload(Parameter):
     name, unit, default, logarithmic, wide = "preload", "N", 0.0, False, np.inf
     no_effect = "nothing depends on the axial load here: leave preload out"
     suspect = "an axial load acts that was not measured"
-
-    def told(self, value: float, digits: int = 3) -> str:
-        """This value in a sentence, with its name."""
-        return f"{self.name} {value:.{digits}g} {self.unit}".removesuffix(" –")
 
     def limits(self, scene: Scene, rows: Sequence[Measurement]) -> tuple[float, float]:
         return 0.0, max(float(row.axial) for row in rows) or 1.0

@@ -185,28 +185,28 @@ def other_rows_at(problem: Problem, rows: Sequence[Measurement], places: np.ndar
     (cases, rows, parameters): by numbers, for they are few."""
     at = conditions.conditions(problem.scene, rows)
     sound = None if problem.sound is None else healthy_stiffness(problem.scene, at)
-    each = [_by_numbers(problem, at, sound, place) for place in places]
-    values, slopes = (np.stack(part) for part in zip(*each, strict=True))
-    return values, slopes
+    values, slopes = np.empty((len(places), len(rows))), np.zeros((*places.shape, len(rows)))
+    for k, place in enumerate(places):
+        expanded = problem.bounds.values(Taylor(place, by=np.eye(len(place))))
+        told = _by_numbers(problem.parameters, problem.scene, at, expanded, sound)
+        values[k] = xp.value(told)
+        if (by := xp.by(told)) is not None:
+            slopes[k] = by
+    return values, np.moveaxis(slopes, 1, 2)
 
 
-@np.errstate(all="ignore")
 def rows_of(
     parameters: Sequence[Parameter], scene: Scene, rows: Sequence[Measurement], values: np.ndarray
 ) -> np.ndarray:
     """What a prepared scene with these values says of rows [% or N/mm], shape (rows,): of numbers."""
-    of, at = _of(parameters, scene), conditions.conditions(scene, rows)
-    both = (rings_of_rows.of_numbers(of, values, at, sound) for sound in (False, True))
-    return xp.value(_read(parameters, at, values, *both))
+    return xp.value(_by_numbers(parameters, scene, conditions.conditions(scene, rows), values, None))
 
 
 @np.errstate(all="ignore")
-def _by_numbers(problem: Problem, at: Conditions, sound: Any, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of one place: values, shape (rows,), and slopes, shape (rows, parameters)."""
-    of, values = _of(problem.parameters, problem.scene), problem.bounds.values(Taylor(place, by=np.eye(len(place))))
+def _by_numbers(parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: Any, sound: Any) -> Any:
+    """`predicted` of numbers, or of their expansion, shape (rows,)."""
+    of = _of(parameters, scene)
     at = conditions.of_changing(at) if sound is None else at
     spalled = rings_of_rows.of_numbers(of, values, at)
     sound = rings_of_rows.of_numbers(of, values, at, sound=True) if sound is None else np.asarray(sound)
-    told = _read(problem.parameters, at, values, spalled, sound)
-    slopes = xp.by(told)
-    return xp.value(told), np.zeros((len(at.place), len(place))) if slopes is None else slopes.T
+    return _read(parameters, at, values, spalled, sound)

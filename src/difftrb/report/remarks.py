@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.contact.height_map import HeightMap
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import effect_base, effects, life, roller_places
 from difftrb.ring.effects import Through
 from difftrb.scene.edge_stress import beside_spall
 from difftrb.scene.file_schema import SceneFile
 from difftrb.scene.prepared import assess_prepared
-from difftrb.scene.scene import PitchMean, Scene
+from difftrb.scene.scene import PitchMean, Scene, has_map
 from difftrb.scene.solution import Assessment, Solution
 
 LEAST = 0.02
@@ -27,9 +26,9 @@ THOUSAND = 1000.0
 """N in a kN."""
 
 
-def of_ring(file: SceneFile) -> list[str]:
-    """What may be wrong with a ring's file that is in order."""
-    return [sentence for sentence in (odd_ring_load(file), far_angle(file)) if sentence is not None]
+def of_ring(file: SceneFile) -> tuple[str | None, ...]:
+    """What may be wrong with a ring's file that is in order, each if there is one."""
+    return odd_ring_load(file), far_angle(file)
 
 
 def odd_ring_load(file: SceneFile) -> str | None:
@@ -107,7 +106,7 @@ def of_solution(scene: Scene, solution: Solution) -> list[str]:
     """The same of one solution."""
     found, of = list(solution.remarks), solution.law
     loads, (low, high) = np.asarray(solution.loads), (float(v) for v in of.load_range)
-    if any(isinstance(spall, HeightMap) for spall in scene.spalls):
+    if has_map(scene):
         found.append(
             "slopes by a height map's size are not told: those of a sampled surface with walls may be wrong by "
             "factors; take differences over some cells, 0.1 mm say"
