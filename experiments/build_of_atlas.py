@@ -41,6 +41,10 @@ LIGHT, EDGE_LIGHT = 0.75, 0.5
 loads, both have a kink, which no polynomial follows; one through all solves alike sways for it at every load."""
 RIDGE = 5e-4
 """Noise of a solve's share by the size of s's coefficients."""
+LIGHTER = 1e-3
+"""Load by the design load of the contact that tells a curve's exponent below `LOADS`, between `EXPONENTS`: where far
+land begins to carry there, none does."""
+EXPONENTS = 1.2, 2.5
 CHECKED = 0.05, 2.5
 """Loads of healthy rollers at which the atlas is compared, by the design load."""
 EDGE_LENGTHS = 0.15, 1.0
@@ -136,7 +140,7 @@ def _blank(size: Size) -> Atlas:
         np.asarray(chebyshev_nodes(size.lengths, 0.0, 1.0)),
         np.asarray(chebyshev_nodes(size.asides, 0.0, 1.0)),
         np.full((size.numbers, size.loads), nan), np.full((size.numbers, extents), nan),
-        np.full((*places, size.loads), nan), np.full((*places, extents), nan),
+        np.full((*places, size.loads), nan), np.full((*places, extents), nan), np.full(places, ramp_fit.POINT),
         np.asarray(chebyshev_nodes(size.edge_numbers + 2, lowest, highest))[1:-1],  # beyond, shares are as there
         np.asarray(chebyshev_nodes(size.edge_lengths, *EDGE_LENGTHS)),
         np.asarray(chebyshev_nodes(size.edge_asides, 0.0, 1.0)),
@@ -191,6 +195,23 @@ def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -
     sunk[0, :-1] = sunk[1, :-1] - (sunk[2, :-1] - sunk[1, :-1]) * (x[1] - x[0]) / (x[2] - x[1])
     return {"healthy": healthy, "half_width": ramp_fit.extents(log_loads, half), "full": full,
             "sunk": sunk}  # fmt: skip
+
+
+def light(size: Size, built: Atlas, k: int, progress: Progress | None = None) -> storage.Arrays:
+    """`Atlas.light` at the k-th λ: by exponents of these, curves go through contacts at the load `LIGHTER`, too."""
+    number, load = float(np.exp(built.log_numbers[k])), LIGHTER * DESIGN_LOAD
+    contact, places = contact_at(number), [s for s in _stands(built.lengths, built.asides) if s.i > 0 or s.over_end]
+    spalls = [stand.spall(number) for stand in places]
+    nodes = solved(contact, [Case(load, spall) for spall in spalls], size.accuracy, progress)
+    law, found = law_of(built, contact), np.full(built.light.shape[1:], ramp_fit.POINT)
+    for stand, spall, node in zip(places, spalls, nodes, strict=True):
+        straight = dataclasses.replace(law.beside(spall).full, bend=None)
+        lowest = float(straight.middle - straight.reach)
+        above = max(node.approach - float(straight.shift), 1e-9 * node.approach)
+        own, x = float(load_curve.exponent_below(straight)), np.log(above) - lowest
+        missing = np.log(LIGHTER / LOADS[0]) - own * x
+        found[stand.i, stand.a] = np.clip(own + missing / (x - np.expm1(x)), *EXPONENTS)
+    return {"light": found}
 
 
 def _nearest(
@@ -312,6 +333,7 @@ def build(folder: Path, size: Size) -> Atlas:
     for k in range(size.numbers):
         for field, value in kept("levels", partial(levels, size, built), k).items():
             getattr(built, field)[k] = value
+        built.light[k] = kept("light", partial(light, size, built), k)["light"]
     middle = size.edge_numbers // 2
     for k in sorted(range(size.edge_numbers), key=lambda k: abs(k - middle)):
         solves = kept("edges", partial(edges, size, built), k)

@@ -53,10 +53,12 @@ def test_error_falls_exponentially_with_nodes() -> None:
     assert error(16) < 2e-7
 
 
-@pytest.mark.parametrize("delta", [1.5e-4, 2e-4, 3e-3, 5e-2, 0.2])
-def test_slopes_by_three_ways(delta: float) -> None:
+@pytest.mark.parametrize("exponent", [None, 1.5])
+@pytest.mark.parametrize("delta", [1.2e-4, 1.5e-4, 2e-4, 3e-3, 5e-2, 0.2])
+def test_slopes_by_three_ways(delta: float, exponent: float | None) -> None:
     """The slope that `load` states, forward, reverse and by differences; below, inside and above the nodes."""
     own, at, h = through(12), jnp.asarray(delta), 1e-6 * delta
+    own = own if exponent is None else load_curve.lighter(own, exponent)
     stated = float(load_of(own, at)[1])
 
     def load(d: jax.Array) -> jax.Array:
@@ -72,8 +74,9 @@ def test_slopes_by_three_ways(delta: float) -> None:
     assert float(slope(at + h) - slope(at - h)) / (2 * h) == pytest.approx(float(jax.grad(slope)(at)), rel=1e-5)
 
 
-def test_value_and_slope_are_continuous_where_the_nodes_end() -> None:
-    own = through(12)
+@pytest.mark.parametrize("exponent", [None, 1.5])
+def test_value_and_slope_are_continuous_where_the_nodes_end(exponent: float | None) -> None:
+    own = through(12) if exponent is None else load_curve.lighter(through(12), exponent)
     for end in approach(jnp.array([3.0, 3000.0])):
         for k in (0, 1):
             below, above = (float(load_of(own, end * (1.0 + s * 1e-10))[k]) for s in (-1.0, 1.0))
@@ -86,12 +89,30 @@ def test_beyond_the_nodes_it_is_a_power_law() -> None:
     assert loads[2] / loads[1] == pytest.approx(loads[1] / loads[0], rel=1e-10)
 
 
+def test_under_light_loads_it_becomes_another_power_law() -> None:
+    """Between the nodes nothing changes; below them the exponent nears the other one in proportion to δ − δ₀."""
+    straight = through(12)
+    own = load_curve.lighter(straight, 1.5)
+    for delta in (2e-3, 5e-2, 0.2):
+        assert float(load_of(own, delta)[0]) == float(load_of(straight, delta)[0])
+    lowest = float(jnp.exp(own.middle - own.reach))
+
+    def exponent(curve: load_curve.Curve, share: float) -> float:
+        load, slope = map(float, load_of(curve, SHIFT + share * lowest))
+        return slope * share * lowest / load
+
+    end = exponent(straight, 0.5)
+    for share in (0.9, 0.5, 0.1, 1e-6):
+        assert exponent(own, share) == pytest.approx(1.5 + (end - 1.5) * share, rel=1e-9)
+
+
 def test_no_load_and_no_nan_up_to_the_shift() -> None:
+    own = load_curve.lighter(through(12), 1.5)
     for delta in (-1.0, 0.0, SHIFT):
-        loads, slopes = load_of(through(12), jnp.asarray(delta))
+        loads, slopes = load_of(own, jnp.asarray(delta))
         assert (float(loads), float(slopes)) == (0.0, 0.0)
         for k in (0, 1):
-            by_curve, by_delta = jax.grad(lambda c, d, k=k: load_of(c, d)[k], (0, 1))(through(12), jnp.asarray(delta))
+            by_curve, by_delta = jax.grad(lambda c, d, k=k: load_of(c, d)[k], (0, 1))(own, jnp.asarray(delta))
             assert all(np.isfinite(np.asarray(leaf)).all() for leaf in (*jax.tree.leaves(by_curve), by_delta))
 
 
@@ -113,9 +134,9 @@ def test_gradient_by_the_nodes() -> None:
 
 
 def test_start_value_inverts() -> None:
-    own = through(12)
-    for load in (0.5, 80.0, 9000.0):
-        assert float(load_of(own, approach_of(own, jnp.asarray(load)))[0]) == pytest.approx(load, rel=1e-6)
+    for own in (through(12), load_curve.lighter(through(12), 1.5)):
+        for load in (0.5, 80.0, 9000.0):
+            assert float(load_of(own, approach_of(own, jnp.asarray(load)))[0]) == pytest.approx(load, rel=1e-6)
 
 
 def test_weights_reproduce_polynomials() -> None:
@@ -132,3 +153,11 @@ def test_joined_curves_keep_their_own() -> None:
             float, jax.tree.leaves(single)[1:]
         )
         np.testing.assert_array_equal(load_curve.one_of(both, k).coefficients, single.coefficients)
+
+
+def test_curves_that_bend_go_with_those_that_do_not() -> None:
+    own, straight = load_curve.lighter(through(12), 1.5), through(12)
+    both = load_curve.joined(own, straight)
+    low = SHIFT + 0.1 * float(jnp.exp(own.middle - own.reach))
+    for k, single in enumerate((own, straight)):
+        assert float(load_of(load_curve.one_of(both, k), low)[0]) == float(load_of(single, low)[0])

@@ -28,8 +28,8 @@ PINNED: dict[str, dict[str, float]] = {
         "by outer angle": -11869462.74633, "load by axial load": 0.1632036475224,
     },
     "table": {
-        "by angle": -6166097.293588, "by length": -4303.08781382, "by modulus": 15.37872718514,
-        "by width": -107565.7052171, "load of roller 0": 1584.73223586, "radial stiffness": 3489887.784256,
+        "by angle": -6119917.259971, "by length": -4282.497038585, "by modulus": 15.38082277829,
+        "by width": -106760.1084763, "load of roller 0": 1584.731800131, "radial stiffness": 3490229.13315,
     },
     "contact": {
         "approach": 0.008161756184811, "contact width": 0.2093458177945, "load": 2.226036697054e-06,

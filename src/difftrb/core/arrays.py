@@ -132,7 +132,8 @@ def diff(x: Any, **options: Any) -> Any:
 
 def within(x: Any, low: Any, high: Any) -> Any:
     """As clip, whose derivative in JAX, a half at either end, costs divisions; here it is whole at the ends."""
-    return where(x >= low, where(x <= high, x, high), low)
+    below = x if high is np.inf else where(x <= high, x, high)
+    return where(x >= low, below, low)
 
 
 def magnitude(x: Any) -> Any:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import importlib.resources
-from collections.abc import Sequence
 from functools import cache, cached_property
 from typing import Any
 
@@ -53,6 +52,8 @@ class Atlas:
       healthy: log δ, shape (numbers, loads). half_width: see `Ramp`, shape (numbers, coefficients).
       full: log δ over a spall's middle, shape (numbers, lengths, asides + 1, loads).
       sunk: see `Ramp`, shape (numbers, lengths, asides + 1, coefficients).
+      light: exponents to which curves over a spall's middle go under loads below the lightest node, by a contact at a
+        tenth of that, shape (numbers, lengths, asides + 1).
       edge_numbers, edge_lengths, edge_asides: nodes at which ramps are solved.
       share: as `edge_ramp.in_powers` takes it, shape (edge numbers, edge lengths, edge asides + 1, levels, terms).
       errors: of a load by a healthy roller's, against contact solves between the nodes: what nine in ten keep, of
@@ -68,6 +69,7 @@ class Atlas:
     half_width: np.ndarray
     full: np.ndarray
     sunk: np.ndarray
+    light: np.ndarray
     edge_numbers: np.ndarray
     edge_lengths: np.ndarray
     edge_asides: np.ndarray
@@ -87,6 +89,11 @@ class Atlas:
     def __repr__(self) -> str:
         """The same in every process, for what is told apart by it: sweeps that go on in another one."""
         return f"Atlas({self._digest[:16]})"
+
+    @cached_property
+    def over_middle(self) -> np.ndarray:
+        """`full`, `sunk` and `light`, one behind the other along a last axis: read at once."""
+        return np.concatenate([self.full, self.sunk, self.light[..., None]], axis=-1)
 
     @cached_property
     def share_in_powers(self) -> np.ndarray:
@@ -193,6 +200,7 @@ class AtlasLaw:
         at = _weights(atlas.log_numbers, xp.log(number_of(contact)))
         loads = atlas.log_loads + xp.log(contact.design_load)
         own = load_curve.through(loads, unit * xp.exp(xp.einsum("n,nq->q", at, atlas.healthy)), np.zeros(()))
+        own = load_curve.lighter(own, ramp_fit.POINT)
         across = 0.5 * xp.log(2.0 * contact.radius * unit)
         half_width = _plus(xp.einsum("n,nc->c", at, atlas.half_width), across)
         middle, reach = 0.5 * (loads[-1] + loads[0]), 0.5 * (loads[-1] - loads[0])
@@ -206,15 +214,16 @@ class AtlasLaw:
         atlas, contact, place = self.atlas, self.contact, _place(self.contact, spall)
         number, unit = xp.log(number_of(contact)), crown.scale(contact)
         nodes = atlas.log_numbers, atlas.lengths, atlas.asides
-        log_full, sunk = _read((atlas.full, atlas.sunk), nodes, number, place)
+        over, loads = _read(atlas.over_middle, nodes, number, place), len(atlas.log_loads)
         shift = ramp_fit.shift_over(contact, spall)
-        approaches = xp.maximum(unit * xp.exp(log_full), (shift * (1.0 + 1e-9))[None])
+        approaches = xp.maximum(unit * xp.exp(over[:loads]), (shift * (1.0 + 1e-9))[None])
         full = load_curve.through(atlas.log_loads + xp.log(contact.design_load), approaches, shift)
+        full = load_curve.lighter(full, over[-1])
         nodes = atlas.edge_numbers, atlas.edge_lengths, atlas.edge_asides
-        (share,) = _read((atlas.share_in_powers,), nodes, number, place)
+        share = _read(atlas.share_in_powers, nodes, number, place)
         by_load = xp.log(unit / contact.design_load)
         rise = ramp_fit.rise_over(contact, spall)
-        return healthy.beside(np.zeros(()), full, _plus(sunk, by_load), rise, share)
+        return healthy.beside(np.zeros(()), full, _plus(over[loads:-1], by_load), rise, share)
 
 
 def _plus(coefficients: Any, first: Any) -> Any:
@@ -235,8 +244,8 @@ def _of_nodes(z: tuple[float, ...]) -> np.ndarray:
     return np.linalg.inv(np.polynomial.chebyshev.chebvander(np.array(z), len(z) - 1))
 
 
-def _read(tables: Sequence[np.ndarray], nodes: tuple[np.ndarray, ...], number: Any, place: Place) -> list[Any]:
-    """What tables of shape (numbers, lengths, asides + 1, …) hold at a log λ and a place, shape (…): by their nodes.
+def _read(table: np.ndarray, nodes: tuple[np.ndarray, ...], number: Any, place: Place) -> Any:
+    """What a table of shape (numbers, lengths, asides + 1, …) holds at a log λ and a place, shape (…): by its nodes.
 
     By the contact's number first: where that is one for a batch, this is done once. Derivatives by the number and the
     place come first, which are three, then those by what these depend on, which may be many.
@@ -251,13 +260,10 @@ def _read(tables: Sequence[np.ndarray], nodes: tuple[np.ndarray, ...], number: A
     rows = xp.value(at)[None]
     if moves:
         rows = xp.concatenate([rows, xp.by(at)])
-    found = []
-    for table in tables:
-        held = xp.einsum("kn,n...->k...", rows, table)
-        value, *by_number = xp.einsum("ij,kij...->k...", xp.value(beside), held)
-        by_place = xp.einsum("mij,ij...->m...", xp.by(beside), held[0]) if shifts else (None, None)
-        found.append(xp.along(value, [by_number[0] if moves else None, *by_place], (number, place.length, place.aside)))
-    return found
+    held = xp.einsum("kn,n...->k...", rows, table)
+    value, *by_number = xp.einsum("ij,kij...->k...", xp.value(beside), held)
+    by_place = xp.einsum("mij,ij...->m...", xp.by(beside), held[0]) if shifts else (None, None)
+    return xp.along(value, [by_number[0] if moves else None, *by_place], (number, place.length, place.aside))
 
 
 def _at_place(lengths: np.ndarray, asides: np.ndarray, place: Place) -> Any:

@@ -2,11 +2,13 @@
 
 A power law is a polynomial of degree one. A curve through contact solves goes exactly through them; outside it runs
 on straight in these logarithms, so that Q, dQ/dδ are continuous for every δ and d²Q/dδ² wherever a solve was near.
+Where it is known which contact it becomes under vanishing loads, it goes over to that one (`lighter`).
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -29,12 +31,15 @@ class Curve:
       coefficients: cₖ, shape (degree + 1, …). middle, reach: of log(δ − δ₀) [log mm], shape (…).
       shift: δ₀ [mm], shape (…): the approach at which load begins, 0 but over a spall under whose middle the crown
         has to be closed first.
+      bend: by how much the exponent under vanishing loads is larger than at the curve's lower end [-], shape (…); None:
+        it is the same.
     """
 
     coefficients: jax.Array
     middle: jax.Array
     reach: jax.Array
     shift: jax.Array
+    bend: Any = None
 
 
 def power(stiffness: Real, exponent: Real) -> Curve:
@@ -69,6 +74,22 @@ def through(log_loads: Any, approaches: Any, shift: Any) -> Curve:
     missing = z.ndim - log_loads.ndim
     values = log_loads.reshape(-1, *[1] * missing) if missing > 0 else log_loads
     return Curve(_interpolant(z, xp.broadcast_to(values, z.shape)), middle, reach, shift)
+
+
+def lighter(curve: Curve, exponent: Any) -> Curve:
+    """The same curve, which under vanishing loads becomes Q ~ (δ − δ₀)^`exponent` [-].
+
+    Below its lower end the exponent's difference to that falls in proportion to δ − δ₀: Q is as on straight, times
+    exp(b (x − eˣ + 1)) with x = log of (δ − δ₀) by that at the end, and b the difference there. In this proportion the
+    contact of a smooth crown leaves Hertz's ellipse, as the first higher term of its gap grows.
+    """
+    return dataclasses.replace(curve, bend=exponent - exponent_below(curve))
+
+
+def exponent_below(curve: Curve) -> Any:
+    """d log Q/d log(δ − δ₀) at the curve's lower end [-]."""
+    degrees = np.arange(1.0, len(curve.coefficients))
+    return xp.einsum("k,k...->...", degrees * (-1.0) ** (degrees - 1.0), curve.coefficients[1:]) / curve.reach
 
 
 def _interpolant(z: Any, values: Any) -> Any:
@@ -129,21 +150,41 @@ def carried(curve: Curve, approach: Any) -> Any:
     above = approach - curve.shift
     touching = above > 0.0
     z = (xp.log(xp.where(touching, above, 1.0)) - curve.middle) / curve.reach
-    return xp.where(touching, xp.exp(series.polynomial(curve.coefficients, z, straight=True)), 0.0)
+    return xp.where(touching, xp.exp(_log_load(curve, z)), 0.0)
+
+
+def _log_load(curve: Curve, z: Any) -> Any:
+    straight = series.polynomial(curve.coefficients, z, straight=True)
+    if curve.bend is None:
+        return straight
+    return straight + curve.bend * xp.with_rates(_leaving, curve.reach * (z + 1.0))
+
+
+def _leaving(x: Any) -> tuple[Any, Any, Any]:
+    """x − eˣ + 1 below 0 and 0 above, with its first two derivatives."""
+    of = xp.module_of(x)
+    below = of.minimum(x, 0.0)
+    more = of.expm1(below)
+    return below - more, -more, of.where(x < 0.0, -1.0 - more, 0.0)
 
 
 def approach(curve: Curve, loads: Any) -> Any:
     """δ [mm] at which the curves carry `loads` [N] > 0, by Newton's method on logarithms: a start value, to about
     1e-6, that carries no derivative."""
+    return approach_and_exponent(curve, loads)[0]
+
+
+def approach_and_exponent(curve: Curve, loads: Any) -> tuple[Any, Any]:
+    """`approach`, and d log Q/d log(δ − δ₀) there [-]."""
     curve, loads = xp.fixed((curve, loads))
     goal = xp.log(loads)
 
-    def step(z: Any) -> Any:
-        found = series.polynomial(curve.coefficients, xp.variable(z), straight=True)
-        return z + (goal - found.value) / found.by[0]
+    def step(state: tuple[Any, Any]) -> tuple[Any, Any]:
+        found = _log_load(curve, xp.variable(state[0]))
+        return state[0] + (goal - found.value) / found.by[0], found.by[0]
 
-    z = loops.repeated(6, step, xp.zeros_like(curve.middle + goal))
-    return xp.exp(curve.middle + curve.reach * z) + curve.shift
+    z, rate = loops.repeated(6, step, (xp.zeros_like(curve.middle + goal),) * 2)
+    return xp.exp(curve.middle + curve.reach * z) + curve.shift, rate / curve.reach
 
 
 def chosen(curves: Curve, index: Any) -> Curve:
@@ -170,11 +211,27 @@ def one_of(curves: Curve, index: Any) -> Curve:
 
 def joined(*curves: Curve) -> Curve:
     """Several curves, each of shape () or (n,), one behind the other along a last axis."""
+    bends = [c.bend for c in curves]
+    if any(bend is not None for bend in bends):
+        bends = [_with_bend(c).bend for c in curves]
 
     def columns(fields: list[jax.Array], rank: int) -> jax.Array:
         return xp.concatenate([f if f.ndim > rank else f[..., None] for f in fields], axis=-1)
 
     return Curve(
-        columns([c.coefficients for c in curves], 1),
-        *(columns([getattr(c, name) for c in curves], 0) for name in ("middle", "reach", "shift")),
-    )
+        columns([c.coefficients for c in curves], 1), columns([c.middle for c in curves], 0),
+        columns([c.reach for c in curves], 0), columns([c.shift for c in curves], 0),
+        None if bends[0] is None else columns(bends, 0),
+    )  # fmt: skip
+
+
+def replaced(curves: Curve, mix: Callable[[Any, Any], Any], others: Curve) -> Curve:
+    """What `mix` makes of every field of `curves` and of `others`, which may be of a lower degree."""
+    missing = curves.coefficients.shape[0] - others.coefficients.shape[0]
+    more = np.zeros((missing, *others.coefficients.shape[1:]))
+    others = dataclasses.replace(others, coefficients=xp.concatenate([others.coefficients, more]))
+    return xp.tree_map(mix, curves, others if curves.bend is None else _with_bend(others))
+
+
+def _with_bend(curve: Curve) -> Curve:
+    return curve if curve.bend is not None else dataclasses.replace(curve, bend=0.0 * curve.shift)

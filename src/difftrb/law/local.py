@@ -16,7 +16,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
-from difftrb.law import ramp_fit, samples, states_of_rollers, tilted_roller
+from difftrb.law import load_curve, ramp_fit, samples, states_of_rollers, tilted_roller
 from difftrb.law.base import Law, Rest, of_base
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
 from difftrb.law.edge_ramp import NearState, RollerCurves
@@ -78,16 +78,13 @@ class LocalLaw:
             return RollerCurves(every)
         approaches = self._carried(self.states, self.states.approaches, self.states.slopes, spalls, distances)
         own = through(self.states.log_loads, approaches, self.states.lowest)
-        missing = every.coefficients.shape[0] - own.coefficients.shape[0]
-        more = np.zeros((missing, *own.coefficients.shape[1:]))
-        own = dataclasses.replace(own, coefficients=xp.concatenate([own.coefficients, more]))
         at, here = self.states.at, xp.sum(self.states.at, axis=-2) > 0.0
 
         def chosen(of_all: Any, of_own: Any) -> Any:
             of_own = xp.einsum("...s,...sr->...r", of_own, at).reshape(*of_all.shape)
             return xp.where(xp.broadcast_to(here, of_all.shape), of_own, of_all)
 
-        return RollerCurves(xp.tree_map(chosen, every, own))
+        return RollerCurves(load_curve.replaced(every, chosen, own))
 
     def slices(
         self, spalls: tuple[Spall, ...], distances: Any, beyond: Beyond | None = None, least: Any = 0.0

@@ -68,9 +68,8 @@ def in_load_zone(healthy: Curve, force: Any, rollers: int, axial: Any) -> tuple[
     # less than that holds no load; thrown rollers may take it
     push = xp.maximum(force[..., 2], axial * norm(force))
     share = push / (rollers * axial)
-    at_share = load_curve.approach(healthy, share)
-    load, slope = load_curve.load(healthy, at_share)
-    narrow, largest = load_zone(force[..., 0] * axial / (radial * push), at_share * slope / load)
+    _, exponent = load_curve.approach_and_exponent(healthy, share)
+    narrow, largest = load_zone(force[..., 0] * axial / (radial * push), exponent)
     return share * largest, narrow
 
 
