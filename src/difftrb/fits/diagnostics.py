@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.fits import fit_result, optimal_design, predicted, profile_intervals, suspects
+from difftrb.fits import fit_result, optimal_design, predicted, profile_intervals, search, suspects
 from difftrb.fits.fit_result import UNLIKELY, Alternative, Fit
 from difftrb.fits.least_squares import AT_BOUND
 from difftrb.fits.measured import Measurement
@@ -53,6 +53,11 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
     if len(fit.alternatives) > TOLD:
         more = len(fit.alternatives) - TOLD
         remarks.append(f"{more} more answers are not ruled out" if more > 1 else "one more answer is not ruled out")
+    if len(fit.parameters) > MANY and fit.explained:
+        remarks.append(
+            f"the range of more than {MANY} parameters is scanned thinly: an answer that fits as well may be missed; "
+            f"--starts {4 * search.points(len(fit.parameters))} looks closer"
+        )
     if fit.freedom <= 0:
         remarks.append("there are no more rows than parameters, so none checks the fit")
     if fit.sigma_estimated:
@@ -139,7 +144,9 @@ def _healthy(fit: Fit) -> str:
         return ""
     off = (np.array([float(row.value) for row in fit.rows]) - predicted.healthy_rows(fit.problem)) / fit.sigma
     chi2 = float(np.sum(off**2))
-    if fit_result.tail(max(chi2 - fit.chi2, 0.0), len(fit.parameters)) < HEALTHY or not np.isfinite(chi2):
+    by_one = fit_result.tail(max(chi2 - fit.chi2, 0.0), len(fit.parameters))
+    # as many answers, as many chances that noise looks like one
+    if 1.0 - (1.0 - by_one) ** (1 + len(fit.alternatives)) < HEALTHY or not np.isfinite(chi2):
         return ""
     limits = [
         f"{name} < {fit.intervals[i][1]:.3g} {fit.units[i]}"
@@ -148,7 +155,9 @@ def _healthy(fit: Fit) -> str:
     ]
     known = "; nor do the data limit its size"
     if limits:
-        known = f"; {100.0 * CONFIDENCE:g} % limits of one: {', '.join(limits)}"
+        means = all(row.phase == "mean" for row in fit.rows)
+        which = "one" if means else "one that a roller was over when it was measured"
+        known = f"; {100.0 * CONFIDENCE:g} % limits of {which}: {', '.join(limits)}"
     return f"no spall is needed: the healthy bearing fits as well (χ² {chi2:.3g}, here {fit.chi2:.3g}){known}"
 
 
@@ -164,9 +173,10 @@ def _beyond(fit: Fit, most: np.ndarray) -> list[str]:
                 "differs"
             )
         if not row.is_loss and not row.is_coupling and not 0.2 < row.value / fit.predicted[k] < 5.0:
+            times, other = row.value / fit.predicted[k], "N/m" if row.value > fit.predicted[k] else "N/µm"
             found.append(
-                f"row {k + 1}: {row.quantity} = {row.value:g} N/mm is {row.value / fit.predicted[k]:.2g} times what "
-                "the model gives: check the unit (N/mm, not N/µm)"
+                f"row {k + 1}: {row.quantity} = {row.value:g} N/mm is {times:{'.0f' if times > 10.0 else '.2g'}} times "
+                f"what the model gives: check the unit (N/mm, not {other})"
             )
     return found
 
@@ -242,6 +252,10 @@ def _of_alternatives(fit: Fit) -> list[str]:
     return [_of_alternative(fit, other, *best) for other, best in zip(told, telling, strict=True)]
 
 
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.{0 if share > 0.1 else 1}f} %" if share > 1e-3 else "below 0.1 %"
+
+
 def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float) -> str:
     answer = ", ".join(p.told(v, 4) for p, v in zip(fit.problem.parameters, other.values, strict=True))
     advice = f"measure {optimal_design.in_words(row)}, where they differ by {apart:.2g} sigma"
@@ -255,5 +269,5 @@ def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float
         how += ", over a wider range, and is likelier than the one in the table"
     return (
         f"another answer {how}: {answer} (χ² {other.chi2:.3g}, here {fit.chi2:.3g}; weight "
-        f"{100.0 * other.weight:.2g} %): {advice}"
+        f"{_percent(other.weight)}): {advice}"
     )

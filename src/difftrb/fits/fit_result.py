@@ -47,7 +47,8 @@ class Fit(status.Judged):
 
     Attributes:
       parameters: names of what was fitted. values: in mm, rad, N or 1 (`units`), shape (parameters,).
-      standard_errors: from the covariance at the optimum, shape (parameters,); NaN at a bound.
+      standard_errors: from the covariance at the optimum, shape (parameters,); NaN at a bound, and where the interval
+        belies it, as at a cliff or a kink.
       intervals: 95 %, from profiles of the likelihood, shape (parameters, 2); where χ² levels off behind an end, that
         is where 99.7 % end. `open` where an end is the end of the range that was searched, shape (parameters, 2).
       correlation: of the parameters, shape (parameters, parameters).
@@ -114,11 +115,13 @@ class Fit(status.Judged):
 
     @property
     def misfit(self) -> tuple[float, int]:
-        """χ² of the rows that should be met, and its degrees of freedom, one where no row is to spare: as many
-        parameters as rows meet them all, or their bounds keep them from it. Of a robust fit those two thirds of the
-        rows that are nearest to it: what misses more is no outlier."""
+        """χ² of the rows that should be met, with the model's common error in it, and its degrees of freedom, one where
+        no row is to spare: as many parameters as rows meet them all, or their bounds keep them from it. Of a robust fit
+        that of those two thirds of the rows that are nearest to it: what misses more is no outlier."""
+        if self.robust == "squares":
+            return self.chi2, max(self.freedom, 1)
         squares = np.sort(self.residuals**2)
-        kept = squares if self.robust == "squares" else squares[: len(squares) - len(squares) // 3]
+        kept = squares[: len(squares) - len(squares) // 3]
         return float(np.sum(kept)), max(len(kept) - len(self.values), 1)
 
     @property

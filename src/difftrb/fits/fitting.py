@@ -49,6 +49,8 @@ NEARLY = 1.05
 """Widths within this factor of the least one that is searched are at it."""
 STEPS = 4
 """Of a fit, as its progress counts them: scan, search, profiles, remarks."""
+BENT = 4.0
+"""An interval's end this many times as far as its standard error says, or this near, belies it."""
 DEEPER = 3
 """Most times that a fit goes on from a profile that has found a lower place."""
 
@@ -240,8 +242,9 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     return Fit(
         parameters=tuple(parameter.name for parameter in problem.parameters),
         values=values,
-        # what is as uncertain as before any measurement has none
-        standard_errors=np.where((variance > 0.0) & (spread < prior), spread * np.abs(slope), np.nan),
+        standard_errors=np.where(
+            _is_normal(u, profiles, tried.limits, variance, prior), spread * np.abs(slope), np.nan
+        ),
         intervals=bounds.values(_joined(problem, tried, others).T).T,
         open=profiles.open,
         correlation=correlation + np.diag(1.0 - np.diag(correlation)),
@@ -270,6 +273,18 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
         known=tried.known,
         status_code=status.worst(found.beside[1][best], converged),
     )
+
+
+def _is_normal(
+    place: np.ndarray, profiles: Profiles, limits: Limits, variance: np.ndarray, prior: np.ndarray
+) -> np.ndarray:
+    """Of which parameters the covariance tells an error, shape (parameters,): not of those that are at a bound or as
+    uncertain as before any measurement, nor where the profile has a cliff or another slope close by, so that an end of
+    the interval is `BENT` times nearer or farther than by the covariance."""
+    spread = np.sqrt(np.maximum(variance, 0.0))
+    known = (spread > 0.0) & (spread < prior)
+    told = np.abs(profiles.ends - place[:, None]) / np.where(known, spread * np.sqrt(limits.end), 1.0)[:, None]
+    return known & np.all(profiles.open | ((told > 1.0 / BENT) & (told < BENT)), axis=1)
 
 
 def _others(problem: Problem, tried: Tried, values: np.ndarray) -> list[int]:

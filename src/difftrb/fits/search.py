@@ -17,7 +17,7 @@ import numpy as np
 from difftrb.fits import edges_at_rollers, evaluations, least_squares, predicted
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.least_squares import AT_BOUND, Alone, Enough, Least
-from difftrb.fits.parameters import Parameter
+from difftrb.fits.parameters import OfSpall, Parameter
 from difftrb.fits.predicted import Problem
 
 SCANNED = 64, 512, 4096, 8192
@@ -26,7 +26,7 @@ SLOPES = 64
 """Points at which it is looked whether deviations change with a coordinate."""
 FACTOR = 10.0
 """By how much losses may be off at points that are taken for good ones."""
-LOWEST = 256, 12
+LOWEST = 256, 24
 """Most points from which least squares go down, and cases that go on to the end."""
 ROUNDS = 4, 12
 """Steps of Levenberg–Marquardt after which only every fourth case goes on (`KEPT`)."""
@@ -49,6 +49,8 @@ MOVED = 12, 128
 """Of how many minima edges are moved, and from how many places least squares then go down."""
 ALIKE = 0.02
 """Of those, which are closer than this are one."""
+ELSEWHERE = 512
+"""Places of one spall that are tried beside the other one."""
 MOVES, GAIN = 3, 1e-3
 """How often at most, and by how much half of χ² has to come lower to go on."""
 THOROUGH = 8, 16
@@ -163,13 +165,14 @@ def once_round(problem: Problem, found: Least) -> Least:
 
 
 def with_edges_moved(problem: Problem, found: Least) -> Least:
-    """What was found, and where least squares end from the lowest of these with edges moved (`edges_at_rollers`), as
-    long as that comes lower."""
+    """What was found, and where least squares end from the lowest of these with edges moved (`edges_at_rollers`) and,
+    of several spalls, one of them elsewhere, as long as that comes lower."""
     rough, room, told = _rough(problem), edges_at_rollers.room(problem), set[int]()
     for _ in range(MOVES):
         from_here = [k for k in distinct(problem, found)[: MOVED[0]] if k not in told]
         told.update(from_here)
-        more = edges_at_rollers.beside(problem, found.place[from_here])
+        moved = edges_at_rollers.beside(problem, found.place[from_here])
+        more = np.concatenate([moved, _with_one_elsewhere(problem, found.place[from_here])])
         if not len(more):
             break
         cost = _alike(problem, evaluations.rows_at(rough, more))
@@ -181,6 +184,19 @@ def with_edges_moved(problem: Problem, found: Least) -> Least:
         if not lower:
             break
     return found
+
+
+def _with_one_elsewhere(problem: Problem, places_found: np.ndarray) -> np.ndarray:
+    """These places, coordinates of shape (places, parameters), with one of several spalls as in points of the range,
+    shape (more places, parameters): of two spalls each may be right where the other one is not. None of a single
+    spall."""
+    numbers = np.array([p.number if isinstance(p, OfSpall) else -1 for p in problem.parameters])
+    spalls = [k for k in np.unique(numbers) if k >= 0]
+    if len(spalls) < 2:
+        return np.zeros((0, len(numbers)))
+    points = places(problem, ELSEWHERE)
+    found = [np.where(numbers == k, points, place) for place in places_found for k in spalls]
+    return np.concatenate(found)
 
 
 def _enough(problem: Problem) -> Enough:

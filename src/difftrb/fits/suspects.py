@@ -18,7 +18,7 @@ from scipy import special
 from difftrb.fits import evaluations, fit_result, predicted, search
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import UNLIKELY, Fit
-from difftrb.fits.least_squares import Least, at_shares
+from difftrb.fits.least_squares import AT_BOUND, Least, at_shares
 from difftrb.fits.measured import MeasuredError
 from difftrb.fits.parameters import PARAMETERS, Parameter
 from difftrb.fits.predicted import Problem
@@ -44,6 +44,9 @@ ALONE = UNLIKELY
 """Chance of its gain below which a row is named that is left aside."""
 ADDED = 0.1
 """The same of a parameter, where sigma was estimated: then few rows have to tell both."""
+
+PART = 0.2
+"""The same of any suspect, where sigma is given and the data are far from explained."""
 
 
 class Suspect(NamedTuple):
@@ -78,12 +81,14 @@ def wanted(fit: Fit) -> bool:
 
 
 def _gains(fit: Fit, chi2: float, chance: float) -> bool:
-    """Whether one more freedom brings more than chance, by Fisher's F or, with sigma given, by χ²."""
+    """Whether one more freedom brings more than chance, by Fisher's F. With sigma given by χ²; then F says whether it
+    takes away a good part of what is missed."""
     gain, left = max(fit.chi2 - chi2, 0.0), fit.freedom - 1
-    if not fit.sigma_estimated:
-        return fit_result.tail(gain, 1) < UNLIKELY
     share = gain / (chi2 / left) if chi2 > 0.0 else np.inf
-    return float(special.fdtrc(1, left, share)) < chance
+    likely = float(special.fdtrc(1, left, share))
+    if fit.sigma_estimated:
+        return likely < chance
+    return likely < PART and fit_result.tail(gain, 1) < UNLIKELY
 
 
 def _explains(fit: Fit, chi2: float) -> bool:
@@ -169,7 +174,8 @@ def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
         found = search.minima(problem, search.scanned(problem, at), free, lowest=LOWEST)
         k = int(np.nanargmin(found.cost))
         value = float(bounds.values(found.place[k])[i])
-        what = f"{parameter.suspect} ({parameter.told(value)})"
+        end = ", the end of its range" if abs(found.place[k, i]) >= AT_BOUND else ""
+        what = f"{parameter.suspect} ({parameter.told(value)}{end})"
         yield _suspect(fit, problem, found, what, f"fit {parameter.name}, too, or measure it", ADDED)
 
 
