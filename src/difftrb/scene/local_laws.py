@@ -41,7 +41,7 @@ LEAST_SHARE = 0.15
 """Least share of a healthy roller's load that one over a spall is taken to carry at first."""
 
 
-class Now(NamedTuple):
+class LoadedRollers(NamedTuple):
     """Rollers of all rows at rest: loads on every raceway [N], shape (phases, rollers), and spalls that they may meet
     there; outer by inner load of a roller, the former without what is `thrown` [N] and carried by the outer raceway
     alone."""
@@ -110,7 +110,7 @@ def _kept(centres: Centres, loads: Centres, near: float) -> Centres:
     return {at: centres[at] if at in stay else load for at, load in loads.items()}
 
 
-def _loads(now: Now, raceway: Raceway, base: DirectLaw) -> Centres:
+def _loads(now: LoadedRollers, raceway: Raceway, base: DirectLaw) -> Centres:
     """Of the rollers reached [N], at least the lightest that the base law knows."""
     least = float(np.exp(base.log_loads[0]))
     return {each[:3]: max(float(now.loads[raceway][each[:2]]), least) for each in now.reached[raceway]}
@@ -131,7 +131,7 @@ class Tilts(NamedTuple):
 
     curves: dict[tuple[int, int], TiltCurve]
 
-    def of(self, raceway: Raceway, now: Now) -> list[TiltCurve]:
+    def of(self, raceway: Raceway, now: LoadedRollers) -> list[TiltCurve]:
         """As a raceway sees them, over the logarithm of the load there."""
         curves = [self.curves[each[:2]] for each in now.reached[raceway]]
         if raceway == "outer":
@@ -139,7 +139,7 @@ class Tilts(NamedTuple):
         return [_from_inside(own, now) for own in curves]
 
 
-def _from_inside(own: TiltCurve, now: Now) -> TiltCurve:
+def _from_inside(own: TiltCurve, now: LoadedRollers) -> TiltCurve:
     """As the inner raceway sees it: turned the other way, and pushed by the inner load."""
     if own is roller_tilt.UPRIGHT:
         return own
@@ -151,7 +151,7 @@ def _from_inside(own: TiltCurve, now: Now) -> TiltCurve:
 
 
 def _tilts(
-    bases: Mapping[Raceway, DirectLaw], spalls: Spalls, now: Now, loads: Sequence[float], found: bool,
+    bases: Mapping[Raceway, DirectLaw], spalls: Spalls, now: LoadedRollers, loads: Sequence[float], found: bool,
     before: Tilts | None, progress: Progress | None,
 ) -> Tilts:  # fmt: skip
     """Tilts of all rollers reached about their outer `loads` [N]."""
@@ -172,7 +172,7 @@ def _tilts(
 # ------------------------------------------------------------------------------------------------ the ring on them
 
 
-def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> Now:
+def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> LoadedRollers:
     """What rollers carry on every raceway, and the spalls that they may meet there. One free to tilt is reached on both
     raceways or on none."""
     ready = on_raceways(scene, made)
@@ -188,7 +188,7 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> 
                     tuple(away[raceway][p, own[:, p, j], j].tolist()))
             for p, j in np.argwhere(meets[raceway])
         ]  # fmt: skip
-    now = Now(loads, reached)
+    now = LoadedRollers(loads, reached)
     if seat is None:
         return now
     ratio, thrown = seat.ratio, seat.least  # the same at all phases

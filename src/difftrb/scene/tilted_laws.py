@@ -40,7 +40,7 @@ At = tuple[int, int, tuple[tuple[int, ...], ...]]
 """A phase, a roller, and the spalls that it may meet on every raceway."""
 
 
-class Now(NamedTuple):
+class TiltedRollers(NamedTuple):
     """Rollers of all rows at rest: those that carry or meet a spall, and how many there are, with the phases in front.
     Of those how much they press [N] and the tilts of their rings [rad], as contacts see them, and which are clear of
     the land beside a spall."""
@@ -120,7 +120,7 @@ def _is_near(of: Rollers, one: tuple[float, float], other: tuple[float, float], 
     return abs(np.log(one[0] / other[0])) < near and turned < 0.5 * near
 
 
-def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], of: Rollers, before: frozenset[At]) -> Now:
+def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], of: Rollers, before: frozenset[At]) -> TiltedRollers:
     """With how much rollers press at which tilt, and the spalls that they may meet. Healthy ones have what the table
     has at their place, whatever laws they were found by; those that were clear `before` what their contacts would."""
     ready = on_raceways(scene, made)
@@ -160,7 +160,7 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], of: Rollers, before
             for raceway, each in own.items():
                 reached[raceway].append(each)
             centres[at] = load, float(tilts[p, j])
-    return Now(reached, pressed.shape, centres, frozenset(clear))
+    return TiltedRollers(reached, pressed.shape, centres, frozenset(clear))
 
 
 def _reached(p: int, j: int, met: np.ndarray, away: np.ndarray) -> Reached:
