@@ -164,8 +164,8 @@ def _leaving(x: Any) -> tuple[Any, Any, Any]:
     """x − eˣ + 1 below 0 and 0 above, with its first two derivatives."""
     of = xp.module_of(x)
     below = of.minimum(x, 0.0)
-    more = of.expm1(below)
-    return below - more, -more, of.where(x < 0.0, -1.0 - more, 0.0)
+    share = of.exp(below)  # not expm1, which is three times as slow; 1e-16 of log Q does not matter
+    return below + 1.0 - share, 1.0 - share, of.where(x < 0.0, -share, 0.0)
 
 
 def approach(curve: Curve, loads: Any) -> Any:
@@ -189,6 +189,7 @@ def approach_and_exponent(curve: Curve, loads: Any) -> tuple[Any, Any]:
 
 def chosen(curves: Curve, index: Any) -> Curve:
     """As `one_of`, for few curves and many an index: by comparing, which in a batch is faster than gathering."""
+    here = [index == k for k in range(curves.shift.shape[-1])]
 
     def field(values: Any) -> Any:
         lead = values.shape[:-1]
@@ -198,7 +199,7 @@ def chosen(curves: Curve, index: Any) -> Curve:
 
         taken = column(0)
         for k in range(1, values.shape[-1]):
-            taken = xp.where((index == k).reshape((1,) * len(lead) + index.shape), column(k), taken)
+            taken = xp.where(here[k].reshape((1,) * len(lead) + index.shape), column(k), taken)
         return xp.broadcast_to(taken, (*lead, *index.shape))
 
     return xp.tree_map(field, curves)
