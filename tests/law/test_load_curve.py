@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from difftrb.core import series
 from difftrb.core.numeric import chebyshev_nodes
+from difftrb.core.taylor import Taylor
 from difftrb.law import load_curve
 
 pytestmark = pytest.mark.exact
@@ -81,6 +83,19 @@ def test_value_and_slope_are_continuous_where_the_nodes_end(exponent: float | No
         for k in (0, 1):
             below, above = (float(load_of(own, end * (1.0 + s * 1e-10))[k]) for s in (-1.0, 1.0))
             assert below == pytest.approx(above, rel=1e-8)
+
+
+def test_second_derivative_at_an_end_is_that_of_a_side() -> None:
+    """It was that of neither: what goes on straight and what does not both left the end itself out."""
+    coefficients = np.asarray(through(12).coefficients)
+
+    def second(z: float) -> float:
+        at = Taylor(np.asarray(z), by=np.ones(1), mixed=np.zeros(1))
+        return float(series.polynomial(coefficients, at, straight=True).mixed[0])
+
+    for end in (-1.0, 1.0):
+        assert second(end) != 0.0
+        assert second(end) == pytest.approx(second(end * (1.0 - 1e-9)), rel=1e-6)
 
 
 def test_beyond_the_nodes_it_is_a_power_law() -> None:

@@ -92,6 +92,16 @@ def test_rollers_that_hardly_carry_count_in_the_stiffness(bearing: trb.TaperedBe
     assert np.max(trb.verify(ready, trb.solve(ready)).stiffness_error) < 3e-3
 
 
+def test_a_roller_that_carries_next_to_nothing_has_a_stiffness(bearing: trb.TaperedBearing) -> None:
+    """One carries 9e-6 of the largest load, and was solved under a thousandth: carried on straight to no load at all,
+    it had no stiffness, and the audit said 2.4e-3."""
+    scene = trb.Scene(bearing, trb.Load(9000.0, 3149.8586891442756), law="table", phase=0.1)
+    found = trb.solve(scene)
+    lightest = min(load for load in np.asarray(found.loads) if load > 0.0)
+    assert 1e-7 < lightest / np.max(found.loads) < 1e-5
+    assert np.max(trb.verify(scene, found).stiffness_error) < 3e-4
+
+
 def test_slices_have_no_audit(bearing: trb.TaperedBearing) -> None:
     tilted = trb.Scene(bearing, trb.Load(9000.0, 4500.0), law="palmgren", effects=(trb.effects.Tilt(),))
     audit = trb.verify(tilted)

@@ -28,8 +28,8 @@ PINNED: dict[str, dict[str, float]] = {
         "by outer angle": -11869462.74633, "load by axial load": 0.1632036475224,
     },
     "table": {
-        "by angle": -6119917.259971, "by length": -4282.497038585, "by modulus": 15.38082277829,
-        "by width": -106760.1084763, "load of roller 0": 1584.731800131, "radial stiffness": 3490229.13315,
+        "by angle": -6120374.216388, "by length": -4282.70078651, "by modulus": 15.38080203617,
+        "by width": -106768.0799431, "load of roller 0": 1584.731804444, "radial stiffness": 3490225.754181,
     },
     "contact": {
         "approach": 0.008161756184811, "contact width": 0.2093458177945, "load": 2.226036697054e-06,

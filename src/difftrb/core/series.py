@@ -24,7 +24,7 @@ def polynomial(coefficients: Any, x: Any, straight: bool = False) -> Any:
         inside = xp.within(z.value, -1.0, 1.0)
         table, rates, curves = _powers(inside, len(coefficients))
         table = table + (z.value - inside)[None] * rates
-        curves = xp.where((xp.module_of(inside).abs(z.value) < 1.0)[None], curves, 0.0)
+        curves = xp.where((xp.module_of(inside).abs(z.value) <= 1.0)[None], curves, 0.0)
     else:
         table, rates, curves = _powers(z.value, len(coefficients))
 
@@ -58,7 +58,7 @@ def _by_steps(coefficients: Any, z: Taylor, straight: bool) -> Any:
     bend = None
     if z.mixed is not None:
         bend = numeric.polynomial(coefficients, inside, 2)
-        bend = xp.where(xp.module_of(inside).abs(z.value) < 1.0, bend, 0.0) if straight else bend
+        bend = xp.where(xp.module_of(inside).abs(z.value) <= 1.0, bend, 0.0) if straight else bend
     return chained(z, value, rate, bend)
 
 

@@ -200,7 +200,7 @@ class AtlasLaw:
         at = _weights(atlas.log_numbers, xp.log(number_of(contact)))
         loads = atlas.log_loads + xp.log(contact.design_load)
         own = load_curve.through(loads, unit * xp.exp(xp.einsum("n,nq->q", at, atlas.healthy)), np.zeros(()))
-        own = load_curve.lighter(own, ramp_fit.POINT)
+        own = ramp_fit.lighter(own, 1.0 / (1.0 + np.exp(atlas.log_loads[0])))
         across = 0.5 * xp.log(2.0 * contact.radius * unit)
         half_width = _plus(xp.einsum("n,nc->c", at, atlas.half_width), across)
         middle, reach = 0.5 * (loads[-1] + loads[0]), 0.5 * (loads[-1] - loads[0])

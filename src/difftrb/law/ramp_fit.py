@@ -26,13 +26,8 @@ SHALLOWEST = 1e-4
 """Least depth by the approach that counts for where a ramp ends."""
 EXTENT_DEGREE = 5
 """Of the polynomials that say where a ramp begins and ends."""
-
-
 POINT = 1.5
 """d log Q/d log δ of a crowned roller under vanishing loads: its contact is Hertz's ellipse."""
-
-LIGHT = 0.05
-"""Largest load by the design load from which a contact goes over to that in proportion to its approach."""
 
 
 class Healthy(NamedTuple):
@@ -54,12 +49,18 @@ def healthy_level(
     """For `contact`, of solves of a neighbour of it, `solved`, at `log_loads` [log N], shape (loads,): approaches
     carried to `contact` [mm], shape (loads,), and `Ramp.half_width` as solved."""
     middle, reach = 0.5 * (log_loads[-1] + log_loads[0]), 0.5 * (log_loads[-1] - log_loads[0])
-    own = load_curve.lighter(load_curve.through(log_loads, approaches, np.zeros(())), POINT)
-    is_light = xp.exp(log_loads[0]) < LIGHT * contact.design_load
-    own = dataclasses.replace(own, bend=xp.where(is_light, own.bend, 0.0))
+    own = load_curve.through(log_loads, approaches, np.zeros(()))
+    own = lighter(own, contact.design_load / (contact.design_load + xp.exp(log_loads[0])))
     wider = 0.5 * xp.log(contact.radius / solved.radius * solved.modulus / contact.modulus)  # as of a line contact
     half_width = half_width + np.eye(1, len(half_width))[0] * wider
     return Healthy(own, half_width, xp.stack([middle, reach]), contact.radius)
+
+
+def lighter(curve: Curve, share: Any) -> Curve:
+    """A healthy roller's curve, which under vanishing loads goes over to Hertz's ellipse by this `share`: one by one
+    plus the load at its lower end by the design load. The larger that is, the later a contact leaves a line."""
+    own = load_curve.lighter(curve, POINT)
+    return dataclasses.replace(own, bend=own.bend * share)
 
 
 def extents(log_loads: np.ndarray, half_widths: np.ndarray) -> np.ndarray:

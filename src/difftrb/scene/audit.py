@@ -194,10 +194,10 @@ def _judged(part: AtPhase, nodes: Mapping[Key, Node], accuracy: float) -> Audit:
             continue
         j, load = state.roller, state.contacts[0].case.load
         approach, compliance = _approach(part, state, own)
-        carried = load + (part.approach[j] - approach) / compliance
+        powers[j] = approach / (compliance * load)
+        carried, stiffness[j] = _at_rest(state, part, load, approach, compliance)
         error = max(carried, 0.0) - part.loads[j]
-        errors[j], powers[j] = error, approach / (compliance * load)
-        stiffness[j] = 1.0 / compliance if carried >= load or part.loads[j] >= load else 0.0
+        errors[j] = error
         tilted.append((j, dataclasses.replace(own[0], compliance=compliance)))
         spalls = tuple(number for each in state.contacts for number in each.spalls)
         rollers.append(Audited(float(part.here.phase), j, spalls, float(part.loads[j]), float(error)))
@@ -207,6 +207,21 @@ def _judged(part: AtPhase, nodes: Mapping[Key, Node], accuracy: float) -> Audit:
     else:
         stiffness_error = _tilted_stiffness_error(part, part.turns, tilted)
     return Audit(tuple(rollers), load_error, stiffness_error, _promised(part), accuracy, len(nodes), failed)
+
+
+def _at_rest(state: State, part: AtPhase, load: float, approach: float, compliance: float) -> tuple[float, float]:
+    """What a roller's contacts, solved at this `load` [N], `approach` [mm] and `compliance` [mm/N], carry where it is
+    [N], and their stiffness there [N/mm]. One that carries hardly anything was pressed more than it is: by the power
+    that it has there, unless a spall is under it, where load may begin at any approach."""
+    at, own = float(part.approach[state.roller]), float(part.loads[state.roller])
+    carried = load + (at - approach) / compliance
+    if carried >= load or own >= load:
+        return carried, 1.0 / compliance
+    if at <= 0.0 or any(each.spalls for each in state.contacts):
+        return carried, 0.0
+    power = approach / (compliance * load)
+    carried = load * (at / approach) ** power
+    return carried, power * carried / at
 
 
 def _approach(part: AtPhase, state: State, own: list[Node]) -> tuple[float, float]:
