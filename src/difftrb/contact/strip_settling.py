@@ -247,10 +247,10 @@ def shifts(
     """What the approach is off by, to first order in a change of the problem: 0 for the one that was solved.
 
     With W w + g = δ m, m·w = load and v = ∂w/∂load: dδ = v·(dW w + dg − δ dm) + ∂δ/∂load (dload − dm·w). Boundaries
-    that are free do not matter, those held by an edge move with it. Of what was `turned`, it is the moment that is off
-    by this, all but what the rows' own arms add: of all in `every`, which differ in that alone. W changes with the
-    rows, whose kernel is `kernel_of(*ends)`, and with the rolling edges: each is expanded alone, for there are few of
-    either.
+    that are free do not matter, those held by an edge move with it, and so do the narrowest outlines beyond one. Of
+    what was `turned`, it is the moment that is off by this, all but what the rows' own arms add: of all in `every`,
+    which differ in that alone. W changes with the rows, whose kernel is `kernel_of(*ends)`, and with the rolling edges:
+    each is expanded alone, for there are few of either.
     """
     found = every[0]
     on = found.active[plan.outline_of][:, None]
@@ -290,7 +290,11 @@ def _pairs(
     the virtual ones: with rolling edges `left` and `right`."""
     of_row = np.eye(problem.gap.shape[0])[plan.rows].T
     same = xp.moveaxis(_same(plan, found.held), -1, 0)
-    at = xp.where(found.held, bounds(plan, problem._replace(left=left, right=right)), found.ends)
+    bound = bounds(plan, problem._replace(left=left, right=right))
+    at = xp.where(found.held, bound, found.ends)
+    # the narrowest ones beyond an edge are too wide to end where pressure vanishes: they move with it as they are
+    narrowest = found.ends[:, 1] - found.ends[:, 0] <= _narrowest(plan) * (1.0 + 1e-6)
+    at = _waiting(plan, bound, at, ~narrowest)
     low, high = _intervals(plan, at)
     wave = strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0])
     strength = _strengths(plan, low, high)
