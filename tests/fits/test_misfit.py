@@ -7,7 +7,9 @@ import pytest
 
 import difftrb as trb
 from difftrb.fits import diagnostics, fit_problem, fit_result, fitting, search
+from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
+from difftrb.fits.predicted import Problem
 from difftrb.fits.profile_intervals import Limits, Profiles
 
 
@@ -109,13 +111,35 @@ def test_which_unit_it_may_be(guess: trb.Scene) -> None:
     assert not any(said.count(f"{found.chi2:.3g}") > 1 for said in found.doubts)
 
 
+def _of_two(bearing: trb.TaperedBearing, names: tuple[str, ...], depth: float = 0.2) -> Problem:
+    spalls = trb.Spall(3.0, 5.0), trb.Spall(2.0, 3.0, depth, angle=0.4)
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), spalls, "table")
+    rows = _rows(*((9000.0, name, 3.0, 0.1) for name in ("radial_loss", "axial_loss")), phase=0.1)
+    return fit_problem.problem_of(fit_problem.prepare_fit(scene, rows), rows, names, "squares", 0.0)[0]
+
+
+@pytest.mark.hard
+def test_two_spalls_with_each_other_s_names_are_one_answer(bearing: trb.TaperedBearing) -> None:
+    """It was said to be another answer, as good; what differs in what is not sought, or is sought of one, is one."""
+    names = ("length", "width", "angle", "length_2", "width_2", "angle_2")
+    problem, other = _of_two(bearing, names), [3, 4, 5, 0, 1, 2]
+    assert search.exchange(problem) == other
+    assert search.exchange(_of_two(bearing, names, depth=0.3)) is None
+    assert search.exchange(_of_two(bearing, names[:-2] + names[-1:])) is None
+    assert search.exchange(_of_two(bearing, (names[0], names[3]))) is None
+    place = problem.bounds.coordinates(np.array([[4.0, 6.0, 0.1, 2.0, 3.0, 0.5]]))
+    normal = np.arange(36.0).reshape(1, 6, 6)
+    none = np.zeros(1)
+    found = Least(place[:, other], none, normal[:, other][:, :, other], (), none, none)
+    named = search.once_round(problem, found)
+    np.testing.assert_array_equal(named.place, place)
+    np.testing.assert_allclose(named.normal, normal, rtol=1e-12)
+
+
 @pytest.mark.hard
 def test_two_spalls_each_elsewhere(bearing: trb.TaperedBearing) -> None:
     """Places that are tried beside one that was found leave one of the two spalls where it is."""
-    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(3.0, 5.0), trb.Spall(2.0, 3.0, angle=0.4)), "table")
-    names = ("length", "width", "angle", "length_2", "angle_2")
-    rows = _rows(*((9000.0, name, 3.0, 0.1) for name in ("radial_loss", "axial_loss")), phase=0.1)
-    problem, _ = fit_problem.problem_of(fit_problem.prepare_fit(scene, rows), rows, names, "squares", 0.0)
+    problem = _of_two(bearing, ("length", "width", "angle", "length_2", "angle_2"))
     here = np.linspace(-1.0, 1.0, 10).reshape(2, 5)
     found = search._with_one_elsewhere(problem, here)
     assert found.shape == (4 * search.ELSEWHERE, 5)

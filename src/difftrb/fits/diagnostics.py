@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.fits import fit_result, optimal_design, predicted, profile_intervals, search, suspects
+from difftrb.fits import conditions, fit_result, optimal_design, predicted, profile_intervals, search, suspects
 from difftrb.fits.fit_result import UNLIKELY, Alternative, Fit
 from difftrb.fits.least_squares import AT_BOUND
 from difftrb.fits.measured import Measurement
@@ -155,8 +155,8 @@ def _healthy(fit: Fit) -> str:
     ]
     known = "; nor do the data limit its size"
     if limits:
-        means = all(row.phase == "mean" for row in fit.rows)
-        which = "one" if means else "one that a roller was over when it was measured"
+        at_phases = len(conditions.phases(fit.problem.conditions)) > 0
+        which = "one that a roller was over when it was measured" if at_phases else "one"
         known = f"; {100.0 * CONFIDENCE:g} % limits of {which}: {', '.join(limits)}"
     return f"no spall is needed: the healthy bearing fits as well (χ² {chi2:.3g}, here {fit.chi2:.3g}){known}"
 

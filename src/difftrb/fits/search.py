@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from difftrb.core import arrays as xp
 from difftrb.fits import edges_at_rollers, evaluations, least_squares, predicted
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.least_squares import AT_BOUND, Alone, Enough, Least
@@ -155,13 +156,45 @@ def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = N
 
 
 def once_round(problem: Problem, found: Least) -> Least:
-    """The same minima, those beyond half a period of a parameter at what is the same within it."""
+    """The same minima, those beyond half a period of a parameter at what is the same within it, and two spalls that are
+    alike named as the scene names those nearest to them."""
     bounds = problem.bounds
     values = bounds.values(found.place)
     turned = fit_parameters.turned(problem.parameters, values)
     place = np.where(turned == values, found.place, bounds.coordinates(turned))
     rate = bounds.slope(place) / np.maximum(bounds.slope(found.place), 1e-300)
-    return found._replace(place=place, normal=found.normal * rate[:, :, None] * rate[:, None, :])
+    normal = found.normal * rate[:, :, None] * rate[:, None, :]
+    other = exchange(problem)
+    if other is None:
+        return found._replace(place=place, normal=normal)
+    own = np.array([parameter.start(problem.scene) for parameter in problem.parameters], float)
+    angles = [i for i, p in enumerate(problem.parameters) if isinstance(p, OfSpall) and p.field == "angle"]
+    as_they_are, exchanged = (
+        np.sum(np.abs(fit_parameters.turned(problem.parameters, of - own))[:, angles], axis=1)
+        for of in (turned, turned[:, other])
+    )
+    nearer = exchanged < as_they_are
+    return found._replace(
+        place=np.where(nearer[:, None], place[:, other], place),
+        normal=np.where(nearer[:, None, None], normal[:, other][:, :, other], normal),
+    )
+
+
+def exchange(problem: Problem) -> list[int] | None:
+    """Which parameter each becomes when two spalls exchange their names; None where that is another scene: they are not
+    two, or not the same is sought of both, or they differ in what is not."""
+    fields = [{p.field: i for i, p in enumerate(problem.parameters) if isinstance(p, OfSpall) and p.number == k}
+              for k in (0, 1)]  # fmt: skip
+    one, two = fields
+    if "angle" not in one or one.keys() != two.keys():
+        return None
+    first, second = (xp.numbers(spall) for spall in problem.scene.spalls[:2])
+    if dataclasses.replace(second, **{field: getattr(first, field) for field in one}) != first:
+        return None
+    order = list(range(len(problem.parameters)))
+    for field, i in one.items():
+        order[i], order[two[field]] = two[field], i
+    return order
 
 
 def with_edges_moved(problem: Problem, found: Least) -> Least:
