@@ -167,13 +167,18 @@ def _stands(lengths: np.ndarray, asides: np.ndarray) -> list[Stand]:
     return [Stand(i, a, float(x), aside, over) for i, x in enumerate(lengths) for a, aside, over in beside]
 
 
+def _with_spalls(built: Atlas) -> list[Stand]:
+    """All places of the levels but those of spalls of no length."""
+    return [stand for stand in _stands(built.lengths, built.asides) if stand.i > 0 or stand.over_end]
+
+
 def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -> storage.Arrays:
     """Contacts without an edge in reach at the k-th λ."""
     number = float(np.exp(built.log_numbers[k]))
     contact, unit = contact_at(number), float(crown.scale(contact_at(number)))
     log_loads = np.asarray(chebyshev_nodes(size.solved_loads, *np.log(LOADS)))
     loads, across = np.exp(log_loads), np.sqrt(2.0 * float(contact.radius) * unit)
-    places = [stand for stand in _stands(built.lengths, built.asides) if stand.i > 0 or stand.over_end]
+    places = _with_spalls(built)
     shapes = [stand.spall(number) for stand in places]
     cases = [Case(float(q) * DESIGN_LOAD, shape) for shape in (None, *shapes) for q in loads]
     nodes = solved(contact, cases, size.accuracy, progress)
@@ -200,17 +205,18 @@ def levels(size: Size, built: Atlas, k: int, progress: Progress | None = None) -
 def light(size: Size, built: Atlas, k: int, progress: Progress | None = None) -> storage.Arrays:
     """`Atlas.light` at the k-th λ: by exponents of these, curves go through contacts at the load `LIGHTER`, too."""
     number, load = float(np.exp(built.log_numbers[k])), LIGHTER * DESIGN_LOAD
-    contact, places = contact_at(number), [s for s in _stands(built.lengths, built.asides) if s.i > 0 or s.over_end]
+    contact, places = contact_at(number), _with_spalls(built)
     spalls = [stand.spall(number) for stand in places]
     nodes = solved(contact, [Case(load, spall) for spall in spalls], size.accuracy, progress)
     law, found = law_of(built, contact), np.full(built.light.shape[1:], ramp_fit.POINT)
     for stand, spall, node in zip(places, spalls, nodes, strict=True):
-        straight = dataclasses.replace(law.beside(spall).full, bend=None)
-        lowest = float(straight.middle - straight.reach)
-        above = max(node.approach - float(straight.shift), 1e-9 * node.approach)
-        own, x = float(load_curve.exponent_below(straight)), np.log(above) - lowest
-        missing = np.log(LIGHTER / LOADS[0]) - own * x
-        found[stand.i, stand.a] = np.clip(own + missing / (x - np.expm1(x)), *EXPONENTS)
+        curve = law.beside(spall).full
+        at = max(node.approach, float(curve.shift) + 1e-9 * node.approach)
+        straight, bent = (  # log Q is linear in the bend
+            float(np.log(load_curve.carried(dataclasses.replace(curve, bend=np.asarray(b)), at))) for b in (0.0, 1.0)
+        )
+        bend = (np.log(load) - straight) / (bent - straight)
+        found[stand.i, stand.a] = np.clip(float(load_curve.exponent_below(curve)) + bend, *EXPONENTS)
     return {"light": found}
 
 
@@ -333,7 +339,9 @@ def build(folder: Path, size: Size) -> Atlas:
     for k in range(size.numbers):
         for field, value in kept("levels", partial(levels, size, built), k).items():
             getattr(built, field)[k] = value
-        built.light[k] = kept("light", partial(light, size, built), k)["light"]
+    # an atlas keeps what it has put together to be read: of all levels at once, and anew with what is found by them
+    lights = [kept("light", partial(light, size, built), k)["light"] for k in range(size.numbers)]
+    built = dataclasses.replace(built, light=np.array(lights))
     middle = size.edge_numbers // 2
     for k in sorted(range(size.edge_numbers), key=lambda k: abs(k - middle)):
         solves = kept("edges", partial(edges, size, built), k)

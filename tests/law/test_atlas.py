@@ -109,6 +109,30 @@ def test_nodes_solved_afresh() -> None:
     assert max(light) < 1e-2
 
 
+@pytest.mark.slow
+def test_an_atlas_is_read_as_it_was_built(tmp_path) -> None:
+    """The smallest one: what one step put together to be read was kept for the next ones, before all was there."""
+    size = build_of_atlas.Size(
+        numbers=2, loads=4, solved_loads=6, lengths=3, asides=2, edge_numbers=2, edge_lengths=2, solved_lengths=2,
+        edge_asides=2, levels=2, solved_levels=2, places=2, accuracy=1e-2, edge_accuracy=1e-2,
+    )  # fmt: skip
+    built = build_of_atlas.build(tmp_path, size)
+    for name in ("healthy", "half_width", "full", "sunk", "light", "share"):
+        assert np.isfinite(getattr(built, name)).all(), name
+    np.testing.assert_array_equal(
+        built.over_middle, np.concatenate([built.full, built.sunk, built.light[..., None]], -1)
+    )
+    number, load = float(np.exp(built.log_numbers[1])), build_of_atlas.LIGHTER * build_of_atlas.DESIGN_LOAD
+    contact, spall = (
+        build_of_atlas.contact_at(number),
+        build_of_atlas.spall_at(number, float(built.lengths[2]), 0.0, False),
+    )
+    curve = build_of_atlas.law_of(built, contact).beside(spall).full
+    approach = samples.pressed(contact, samples.Case(load, spall), 1e-2).approach
+    assert build_of_atlas.EXPONENTS[0] < built.light[1, 2, 0] < build_of_atlas.EXPONENTS[1]
+    assert float(carried_at(curve, approach)) == pytest.approx(load, rel=1e-6)
+
+
 @pytest.mark.parametrize("region", [*(pytest.param(k, marks=pytest.mark.slow) for k in range(4)), 4])
 def test_between_the_nodes_it_is_as_exact_as_it_says(region: int) -> None:
     """Over spalls and on ramps of random contacts: in the thirds of the places aside, over the roller's end; and over
