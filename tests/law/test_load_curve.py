@@ -121,8 +121,9 @@ def test_under_light_loads_it_becomes_another_power_law() -> None:
         assert exponent(own, share) == pytest.approx(1.5 + (end - 1.5) * share, rel=1e-9)
 
 
-def test_no_load_and_no_nan_up_to_the_shift() -> None:
-    own = load_curve.lighter(through(12), 1.5)
+@pytest.mark.parametrize("exponent", [None, 1.5])
+def test_no_load_and_no_nan_up_to_the_shift(exponent: float | None) -> None:
+    own = through(12) if exponent is None else load_curve.lighter(through(12), exponent)
     for delta in (-1.0, 0.0, SHIFT):
         loads, slopes = load_of(own, jnp.asarray(delta))
         assert (float(loads), float(slopes)) == (0.0, 0.0)

@@ -132,8 +132,7 @@ def diff(x: Any, **options: Any) -> Any:
 
 def within(x: Any, low: Any, high: Any) -> Any:
     """As clip, whose derivative in JAX, a half at either end, costs divisions; here it is whole at the ends."""
-    below = x if high is np.inf else where(x <= high, x, high)
-    return where(x >= low, below, low)
+    return where(x >= low, where(x <= high, x, high), low)
 
 
 def magnitude(x: Any) -> Any:

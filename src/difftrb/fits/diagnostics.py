@@ -173,10 +173,11 @@ def _beyond(fit: Fit, most: np.ndarray) -> list[str]:
                 "differs"
             )
         if not row.is_loss and not row.is_coupling and not 0.2 < row.value / fit.predicted[k] < 5.0:
-            times, other = row.value / fit.predicted[k], "N/m" if row.value > fit.predicted[k] else "N/µm"
+            times = row.value / fit.predicted[k]
+            told, other = (f"{times:.0f}" if times > 10.0 else f"{times:.2g}"), "N/m" if times > 1.0 else "N/µm"
             found.append(
-                f"row {k + 1}: {row.quantity} = {row.value:g} N/mm is {times:{'.0f' if times > 10.0 else '.2g'}} times "
-                f"what the model gives: check the unit (N/mm, not {other})"
+                f"row {k + 1}: {row.quantity} = {row.value:g} N/mm is {told} times what the model gives: check the "
+                f"unit (N/mm, not {other})"
             )
     return found
 

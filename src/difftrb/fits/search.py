@@ -163,20 +163,24 @@ def once_round(problem: Problem, found: Least) -> Least:
     turned = fit_parameters.turned(problem.parameters, values)
     place = np.where(turned == values, found.place, bounds.coordinates(turned))
     rate = bounds.slope(place) / np.maximum(bounds.slope(found.place), 1e-300)
-    normal = found.normal * rate[:, :, None] * rate[:, None, :]
+    found = found._replace(place=place, normal=found.normal * rate[:, :, None] * rate[:, None, :])
     other = exchange(problem)
-    if other is None:
-        return found._replace(place=place, normal=normal)
+    return found if other is None else _named(problem, found, turned, other)
+
+
+def _named(problem: Problem, found: Least, values: np.ndarray, other: list[int]) -> Least:
+    """Minima at these `values`, with the names of two spalls exchanged, `other`, where their angles are nearer to the
+    scene's then."""
     own = np.array([parameter.start(problem.scene) for parameter in problem.parameters], float)
     angles = [i for i, p in enumerate(problem.parameters) if isinstance(p, OfSpall) and p.field == "angle"]
-    as_they_are, exchanged = (
-        np.sum(np.abs(fit_parameters.turned(problem.parameters, of - own))[:, angles], axis=1)
-        for of in (turned, turned[:, other])
-    )
-    nearer = exchanged < as_they_are
+
+    def away(of: np.ndarray) -> np.ndarray:
+        return np.sum(np.abs(fit_parameters.turned(problem.parameters, of - own))[:, angles], axis=1)
+
+    nearer = away(values[:, other]) < away(values)
     return found._replace(
-        place=np.where(nearer[:, None], place[:, other], place),
-        normal=np.where(nearer[:, None, None], normal[:, other][:, :, other], normal),
+        place=np.where(nearer[:, None], found.place[:, other], found.place),
+        normal=np.where(nearer[:, None, None], found.normal[:, other][:, :, other], found.normal),
     )
 
 

@@ -160,7 +160,7 @@ def spread(ramp: Any, axes: int) -> Any:
 
 def _of_load(ramp: Any, load: Any) -> Any:
     least = xp.exp(ramp.loads[0] - ramp.loads[1])
-    return (xp.log(xp.within(load, least, np.inf)) - ramp.loads[0]) / ramp.loads[1]
+    return (xp.log(xp.where(load >= least, load, least)) - ramp.loads[0]) / ramp.loads[1]
 
 
 def level(ramp: Ramp, healthy: Any) -> Any:

@@ -189,7 +189,7 @@ def approach_and_exponent(curve: Curve, loads: Any) -> tuple[Any, Any]:
 
 def chosen(curves: Curve, index: Any) -> Curve:
     """As `one_of`, for few curves and many an index: by comparing, which in a batch is faster than gathering."""
-    here = [index == k for k in range(curves.shift.shape[-1])]
+    here = [index == k for k in range(1, curves.shift.shape[-1])]
 
     def field(values: Any) -> Any:
         lead = values.shape[:-1]
@@ -198,8 +198,8 @@ def chosen(curves: Curve, index: Any) -> Curve:
             return values[..., k].reshape(*lead, *[1] * index.ndim)
 
         taken = column(0)
-        for k in range(1, values.shape[-1]):
-            taken = xp.where(here[k].reshape((1,) * len(lead) + index.shape), column(k), taken)
+        for k, is_own in enumerate(here, start=1):
+            taken = xp.where(is_own.reshape((1,) * len(lead) + index.shape), column(k), taken)
         return xp.broadcast_to(taken, (*lead, *index.shape))
 
     return xp.tree_map(field, curves)
@@ -212,9 +212,8 @@ def one_of(curves: Curve, index: Any) -> Curve:
 
 def joined(*curves: Curve) -> Curve:
     """Several curves, each of shape () or (n,), one behind the other along a last axis."""
-    bends = [c.bend for c in curves]
-    if any(bend is not None for bend in bends):
-        bends = [_with_bend(c).bend for c in curves]
+    if any(c.bend is not None for c in curves):
+        curves = tuple(map(_with_bend, curves))
 
     def columns(fields: list[jax.Array], rank: int) -> jax.Array:
         return xp.concatenate([f if f.ndim > rank else f[..., None] for f in fields], axis=-1)
@@ -222,7 +221,7 @@ def joined(*curves: Curve) -> Curve:
     return Curve(
         columns([c.coefficients for c in curves], 1), columns([c.middle for c in curves], 0),
         columns([c.reach for c in curves], 0), columns([c.shift for c in curves], 0),
-        None if bends[0] is None else columns(bends, 0),
+        None if curves[0].bend is None else columns([c.bend for c in curves], 0),
     )  # fmt: skip
 
 

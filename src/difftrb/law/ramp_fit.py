@@ -49,17 +49,18 @@ def healthy_level(
     """For `contact`, of solves of a neighbour of it, `solved`, at `log_loads` [log N], shape (loads,): approaches
     carried to `contact` [mm], shape (loads,), and `Ramp.half_width` as solved."""
     middle, reach = 0.5 * (log_loads[-1] + log_loads[0]), 0.5 * (log_loads[-1] - log_loads[0])
-    own = load_curve.through(log_loads, approaches, np.zeros(()))
-    own = lighter(own, contact.design_load / (contact.design_load + xp.exp(log_loads[0])))
+    share = contact.design_load / (contact.design_load + xp.exp(log_loads[0]))
+    own = healthy_curve(log_loads, approaches, share)
     wider = 0.5 * xp.log(contact.radius / solved.radius * solved.modulus / contact.modulus)  # as of a line contact
     half_width = half_width + np.eye(1, len(half_width))[0] * wider
     return Healthy(own, half_width, xp.stack([middle, reach]), contact.radius)
 
 
-def lighter(curve: Curve, share: Any) -> Curve:
-    """A healthy roller's curve, which under vanishing loads goes over to Hertz's ellipse by this `share`: one by one
-    plus the load at its lower end by the design load. The larger that is, the later a contact leaves a line."""
-    own = load_curve.lighter(curve, POINT)
+def healthy_curve(log_loads: Any, approaches: Any, share: Any) -> Curve:
+    """A healthy roller's curve through solves at `log_loads` [log N], `approaches` [mm], both of shape (loads,), which
+    under vanishing loads goes over to Hertz's ellipse by this `share` [-]: one by one plus the least load by the design
+    load. The larger that is, the later a contact leaves a line."""
+    own = load_curve.lighter(load_curve.through(log_loads, approaches, np.zeros(())), POINT)
     return dataclasses.replace(own, bend=own.bend * share)
 
 

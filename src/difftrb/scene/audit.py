@@ -195,7 +195,7 @@ def _judged(part: AtPhase, nodes: Mapping[Key, Node], accuracy: float) -> Audit:
         j, load = state.roller, state.contacts[0].case.load
         approach, compliance = _approach(part, state, own)
         powers[j] = approach / (compliance * load)
-        carried, stiffness[j] = _at_rest(state, part, load, approach, compliance)
+        carried, stiffness[j] = _carried_there(state, part, load, approach, powers[j])
         error = max(carried, 0.0) - part.loads[j]
         errors[j] = error
         tilted.append((j, dataclasses.replace(own[0], compliance=compliance)))
@@ -209,17 +209,16 @@ def _judged(part: AtPhase, nodes: Mapping[Key, Node], accuracy: float) -> Audit:
     return Audit(tuple(rollers), load_error, stiffness_error, _promised(part), accuracy, len(nodes), failed)
 
 
-def _at_rest(state: State, part: AtPhase, load: float, approach: float, compliance: float) -> tuple[float, float]:
-    """What a roller's contacts, solved at this `load` [N], `approach` [mm] and `compliance` [mm/N], carry where it is
-    [N], and their stiffness there [N/mm]. One that carries hardly anything was pressed more than it is: by the power
-    that it has there, unless a spall is under it, where load may begin at any approach."""
-    at, own = float(part.approach[state.roller]), float(part.loads[state.roller])
-    carried = load + (at - approach) / compliance
+def _carried_there(state: State, part: AtPhase, load: float, approach: float, power: float) -> tuple[float, float]:
+    """What a roller's contacts, solved at this `load` [N] and `approach` [mm], with d log Q/d log δ the `power`, carry
+    where it is [N], and their stiffness there [N/mm]. One that carries hardly anything was pressed more than it is: by
+    that power, unless a spall is under it, where load may begin at any approach."""
+    at, own, slope = float(part.approach[state.roller]), float(part.loads[state.roller]), power * load / approach
+    carried = load + (at - approach) * slope
     if carried >= load or own >= load:
-        return carried, 1.0 / compliance
+        return carried, slope
     if at <= 0.0 or any(each.spalls for each in state.contacts):
         return carried, 0.0
-    power = approach / (compliance * load)
     carried = load * (at / approach) ** power
     return carried, power * carried / at
 
