@@ -91,6 +91,7 @@ def told(fit: trb.Fit) -> dict[str, Any]:
         "rows": len(fit.rows),
         "values": fit.values.tolist(),
         "intervals": fit.intervals.tolist(),
+        "own": fit.own_intervals.tolist(),
         "determined": fit.determined_each.tolist(),
         "alternatives": [[*other.values.tolist(), other.weight] for other in fit.alternatives],
         "chi2": fit.chi2,
@@ -108,7 +109,7 @@ def inside(fit: dict[str, Any], truth: np.ndarray) -> np.ndarray:
 
 def answered(fit: dict[str, Any], truth: np.ndarray) -> bool:
     """Whether the truth is what the fit says, within its intervals, or so near to another answer that it names."""
-    ends = np.array(fit["intervals"])
+    ends = np.array(fit["own"])
     named = [np.array(fit["values"]), *(np.array(other[:-1]) for other in fit["alternatives"])]
     return any(bool(np.all(np.abs(truth - values) <= np.ptp(ends, axis=1))) for values in named)
 

@@ -66,17 +66,18 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
         remarks.append(
             f"no sigma was given: from how the fit misses the {kind} it is estimated as {middle:.2g} % of them"
         )
-    clear = ~unclear & fit.explained & (not wrong) & (not healthy)
+    whole = np.array([len(own) == 1 for own in fit.pieces])
+    clear = whole & ~unclear & fit.explained & (not wrong) & (not healthy)
     for other in fit.alternatives:
-        clear &= ~fit_result.outside(other.values, fit.values, fit.intervals)
+        clear &= ~fit_result.outside(other.values, fit.values, fit.own_intervals)
     return {"remarks": tuple(remarks), "doubts": doubts, "determined_each": clear}
 
 
 def _is_open(fit: Fit, i: int) -> bool:
-    (low, high), parameter = fit.intervals[i], fit.problem.parameters[i]
+    (low, high), beyond, parameter = fit.own_intervals[i], fit.own_open[i], fit.problem.parameters[i]
     if parameter.logarithmic:
-        return bool(fit.open[i].any()) or bool(high / low > parameter.wide)
-    return bool(fit.open[i].all()) or high - low > parameter.wide
+        return bool(beyond.any()) or bool(high / low > parameter.wide)
+    return bool(beyond.all()) or high - low > parameter.wide
 
 
 def _about_rows(fit: Fit) -> list[str]:
@@ -216,7 +217,8 @@ def _unclear(fit: Fit, unclear: list[int]) -> str:
 
 def _fits_as_well(fit: Fit, i: int) -> str:
     """An interval in brackets: what lies beyond an end of the range that is searched may fit, too."""
-    (low, high), (no_low, no_high), period = fit.intervals[i], fit.open[i], fit.problem.parameters[i].period
+    period = fit.problem.parameters[i].period
+    (low, high), (no_low, no_high) = fit.own_intervals[i], fit.own_open[i]
     if period is not None and high - low >= period:
         return "(any value fits as well)"
     if no_low != no_high:

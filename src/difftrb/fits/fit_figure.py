@@ -80,7 +80,7 @@ def profiles(fit: Fit, ax: Axes) -> Axes:
         fit.labels, itertools.cycle((*COLOURS, "black")), itertools.cycle(("-", "--", "-.", ":")), strict=False
     )
     for i, (name, colour, style) in enumerate(styles):
-        values, (low, high) = fit.along(i, fit.profiles.coordinates[i]), fit.intervals[i]
+        values, (low, high) = fit.along(i, fit.profiles.coordinates[i]), fit.own_intervals[i]
         away = 2.0 * (values - fit.values[i]) / ((high - low) or 1.0)
         rise = np.maximum(fit.profiles.rise[i], 0.0)
         near = rise < 4.0 * limit

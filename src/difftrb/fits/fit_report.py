@@ -107,6 +107,7 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
             "unit": fit.units[i],
             "standard_error": fit.standard_errors[i],
             "interval": fit.intervals[i],
+            "pieces": fit.pieces[i],
             "open": fit.open[i],
             "determined": bool(fit.determined_each[i]),
         }
@@ -161,7 +162,7 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
             more = [tables.number(by_catalogue[i] if fit.determined_each[i] else np.nan, ".2g")]
             within = np.ptp(fit.intervals[i])
             known = "by the rows, not by the bearing" if known == "yes" and 2.0 * by_catalogue[i] > within else known
-        values = f"{fit.values[i]:.4g}", tables.number(fit.standard_errors[i], ".2g"), interval(fit, i)
+        values = f"{fit.values[i]:.4g}", tables.number(fit.standard_errors[i], ".2g"), fit.interval_in_words(i)
         table.add_row(name, *values, *more, fit.units[i], known)
     rows = tables.house_table("Measurements")
     for heading in ("row", "quantity", "radial [N]", "axial [N]", "phase", "measured", "model", "off [sigma]"):
@@ -176,8 +177,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
         )  # fmt: skip
     lines = [*fit.remarks]
     if fit.alternatives:
-        lines.insert(0, "other answers are possible, see below; errors are of the one in the table alone, and so are "
-                     "intervals but for others that they overlap")  # fmt: skip
+        lines.insert(0, "other answers are possible, see below; intervals hold those that fit as well, standard errors "
+                     "are of the one in the table alone")  # fmt: skip
     if len(fit.parameters) > 1:
         pairs = [
             f"{a} and {b} {fit.correlation[i, j]:+.2f}"
@@ -217,18 +218,6 @@ def _near(one: Condition, other: Condition) -> bool:
         return False
     pairs = ((one.radial, other.radial), (one.axial, other.axial), (one.phase or 0.0, other.phase or 0.0))
     return all(math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6) for a, b in pairs)
-
-
-def interval(fit: Fit, i: int) -> str:
-    """An interval in words: an end that the range sets and not the data is left out."""
-    (low, high), (no_low, no_high) = fit.intervals[i], fit.open[i]
-    if no_low and no_high:
-        return "any"
-    if no_low:
-        return f"< {high:.4g}"
-    if no_high:
-        return f"> {low:.4g}"
-    return f"{low:.4g} … {high:.4g}"
 
 
 def _amount(value: float) -> str:

@@ -19,6 +19,8 @@ from difftrb.fits.predicted import Problem
 from difftrb.fits.profile_intervals import KnownCosts, Profiles
 from difftrb.scene.scene import Scene
 
+MOST_TOLD = 2
+"""Pieces of an interval that are told one by one."""
 UNLIKELY = 1e-3
 """Probability of a χ² below which data and model are taken to contradict each other."""
 
@@ -49,15 +51,18 @@ class Fit(status.Judged):
       parameters: names of what was fitted. values: in mm, rad, N or 1 (`units`), shape (parameters,).
       standard_errors: from the covariance at the optimum, shape (parameters,); NaN at a bound, and where the interval
         belies it, as at a cliff or a kink.
-      intervals: 95 %, from profiles of the likelihood, shape (parameters, 2); where χ² levels off behind an end, that
-        is where 99.7 % end. `open` where an end is the end of the range that was searched, shape (parameters, 2).
+      pieces: of the 95 % interval of each parameter, rising, shape (pieces, 2) each. One is the fitted value's, from
+        the profile of its likelihood: where χ² levels off behind an end, that is where 99.7 % end. `alternatives` that
+        fit as well have others. open: where the first and the last of them end with the range that was searched,
+        shape (parameters, 2).
       correlation: of the parameters, shape (parameters, parameters).
       rows: the measurements. predicted: what the model says of them [% or N/mm], shape (rows,). sigma: that they were
         weighed by, shape (rows,); `sigma_estimated` if none was given. residuals: measured minus predicted in sigma.
       chi2: sum of squared residuals (of how they count, if robust). freedom: rows less parameters.
       remarks: what is worth knowing, in sentences. doubts: those of them that name what may be wrong with the data.
-      determined_each: whether a parameter has a closed interval less than a factor of 1.5 wide (angle: 0.5 rad) that
-        holds it in all `alternatives`, too, while the model explains the data; shape (parameters,). `determined`: all.
+      determined_each: whether a parameter has a closed interval of one piece, less than a factor of 1.5 wide (angle:
+        0.5 rad), that holds it in all `alternatives`, too, while the model explains the data; shape (parameters,).
+        `determined`: all.
       alternatives: other answers that fit about as well, the best first.
       robust: how deviations counted. scene: prepared, with the fitted spall. history: of all starts.
       profiles, problem, place (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends):
@@ -68,7 +73,7 @@ class Fit(status.Judged):
     parameters: tuple[str, ...]
     values: np.ndarray
     standard_errors: np.ndarray
-    intervals: np.ndarray
+    pieces: tuple[np.ndarray, ...]
     open: np.ndarray
     correlation: np.ndarray
     rows: tuple[Measurement, ...]
@@ -95,10 +100,10 @@ class Fit(status.Judged):
 
     def __repr__(self) -> str:
         """On a few lines: parameters with their intervals, misfit, remarks."""
-        parts = zip(self.parameters, self.values, self.units, self.intervals, self.determined_each, strict=True)
+        parts = zip(self.parameters, self.values, self.units, self.determined_each, strict=True)
         lines = [
-            f"  {name} {value:.4g} {unit} ({low:.4g} … {high:.4g}{'' if sure else ', not determined'})"
-            for name, value, unit, (low, high), sure in parts
+            f"  {name} {value:.4g} {unit} ({self.interval_in_words(i)}{'' if sure else ', not determined'})"
+            for i, (name, value, unit, sure) in enumerate(parts)
         ]
         first = f"Fit of {len(self.rows)} rows, χ² {self.chi2:.3g}: {self.status}"
         return "\n".join([first, *lines, *(f"  {remark}" for remark in self.remarks)])
@@ -107,6 +112,41 @@ class Fit(status.Judged):
     def determined(self) -> bool:
         """Whether every parameter is."""
         return bool(self.determined_each.all())
+
+    @property
+    def intervals(self) -> np.ndarray:
+        """95 %, shape (parameters, 2): the least range that holds all `pieces`."""
+        return np.array([(own[0, 0], own[-1, 1]) for own in self.pieces])
+
+    @property
+    def own_intervals(self) -> np.ndarray:
+        """Those `pieces` that hold the fitted values, shape (parameters, 2)."""
+        return np.stack([own[self._own(i)] for i, own in enumerate(self.pieces)])
+
+    @property
+    def own_open(self) -> np.ndarray:
+        """Where `own_intervals` end with the range that was searched, shape (parameters, 2)."""
+        at = [(self._own(i), len(own) - 1) for i, own in enumerate(self.pieces)]
+        return self.open & np.array([(k == 0, k == last) for k, last in at])
+
+    def _own(self, i: int) -> int:
+        """Which of the pieces holds the fitted value, or is next to it."""
+        low, high = self.pieces[i].T
+        return int(np.argmin(np.maximum(np.maximum(low - self.values[i], self.values[i] - high), 0.0)))
+
+    def interval_in_words(self, i: int) -> str:
+        """The pieces of an interval; an end that the range sets and not the data is left out. Many are told as one."""
+        pieces, (no_low, no_high) = self.pieces[i], self.open[i]
+        if len(pieces) > MOST_TOLD:
+            pieces = self.intervals[i : i + 1]
+        if len(pieces) == 1 and no_low and no_high:
+            return "any"
+        told = [f"{low:.4g} … {high:.4g}" for low, high in pieces]
+        if no_low:
+            told[0] = f"< {pieces[0, 1]:.4g}"
+        if no_high:
+            told[-1] = f"> {pieces[-1, 0]:.4g}"
+        return " or ".join(told)
 
     @property
     def chance(self) -> float:

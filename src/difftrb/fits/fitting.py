@@ -238,6 +238,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     prior = np.array([parameter.prior for parameter in problem.parameters])
     converged = np.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
     others = _others(problem, tried, every)
+    pieces = _pieces(problem, tried, others, every)
     weight = fit_result.weights(problem, found, [best, *others], tried.scale, predicted.scales(problem))[1:]
     return Fit(
         parameters=tuple(parameter.name for parameter in problem.parameters),
@@ -245,8 +246,8 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
         standard_errors=np.where(
             _is_normal(u, profiles, tried.limits, variance, prior), spread * np.abs(slope), np.nan
         ),
-        intervals=bounds.values(_joined(problem, tried, others).T).T,
-        open=profiles.open,
+        pieces=tuple(own[:, :2] for own in pieces),
+        open=np.array([(own[0, 2], own[-1, 3]) for own in pieces], bool),
         correlation=correlation + np.diag(1.0 - np.diag(correlation)),
         rows=rows,
         predicted=told,
@@ -305,19 +306,36 @@ def _others(problem: Problem, tried: Tried, values: np.ndarray) -> list[int]:
     return cases
 
 
-def _joined(problem: Problem, tried: Tried, others: list[int]) -> np.ndarray:
-    """Ends of the intervals in coordinates, shape (parameters, 2), as far as those of `others` go that they overlap: a
-    parameter may be told as well beside another value of the rest, where its profile, which follows one minimum, does
-    not come. An interval of those is that of a normal distribution, no longer than basins lie apart."""
-    found, (low, high) = tried.found, tried.profiles.ends.T.copy()
+def _pieces(problem: Problem, tried: Tried, others: list[int], values: np.ndarray) -> list[np.ndarray]:
+    """Of each parameter the pieces of its interval, rising: low, high, and whether these ends are open, shape (pieces,
+    4); `values` of all minima.
+
+    A profile follows one minimum, and `others` may be as good: each of them has a piece, too, as of a normal
+    distribution, no longer than basins lie apart. Those that overlap are one.
+    """
+    found, bounds, best = tried.found, problem.bounds, tried.best
+    ends = [np.column_stack([bounds.values(tried.profiles.ends.T).T, tried.profiles.open])]
     for k in others:
-        left = tried.limits.end - 2.0 * (found.cost[k] - found.cost[tried.best])
-        own = np.diag(profile_intervals.covariance(found.normal[k], found.place[k]))
-        away = np.minimum(np.sqrt(max(left, 0.0) * np.maximum(own, 0.0)), predicted.scales(problem))
-        below, above = found.place[k] - away, found.place[k] + away
-        both = (left > 0.0) & (below <= high) & (above >= low)
-        low, high = np.where(both, np.minimum(low, below), low), np.where(both, np.maximum(high, above), high)
-    return np.stack([low, high], axis=1)
+        left = tried.limits.end - 2.0 * (found.cost[k] - found.cost[best])
+        if left > 0.0:
+            own = np.diag(profile_intervals.covariance(found.normal[k], found.place[k]))
+            away = np.minimum(np.sqrt(left * np.maximum(own, 0.0)), predicted.scales(problem))
+            both = np.stack([found.place[k] - away, found.place[k] + away])
+            turn = fit_parameters.turned(problem.parameters, values[k], values[best]) - values[k]
+            ends.append(np.column_stack([(bounds.values(both) + turn).T, (np.abs(both) > AT_BOUND).T]))
+    return [_united(own) for own in np.stack(ends, axis=1)]
+
+
+def _united(ends: np.ndarray) -> np.ndarray:
+    """Pieces as of `_pieces`, shape (pieces, 4), with those made one that overlap."""
+    united: list[np.ndarray] = []
+    for low, high, low_open, high_open in ends[np.argsort(ends[:, 0], kind="stable")]:
+        if united and low <= united[-1][1]:
+            if high > united[-1][1]:
+                united[-1][[1, 3]] = high, high_open
+        else:
+            united.append(np.array([low, high, low_open, high_open]))
+    return np.array(united)
 
 
 def _on_one_plateau(problem: Problem, found: Least, one: int, other: int) -> bool:

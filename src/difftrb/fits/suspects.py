@@ -102,7 +102,7 @@ def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, c
     values = problem.bounds.values(found.place[k])
     told = [p.told(v) for p, v in zip(problem.parameters, values, strict=True)]
     chi2, answer = 2.0 * float(found.cost[k]), ", ".join(told[: len(fit.parameters)])
-    other = bool(fit_result.outside(values[: len(fit.parameters)], fit.values, fit.intervals).any())
+    other = bool(fit_result.outside(values[: len(fit.parameters)], fit.values, fit.own_intervals).any())
     return Suspect(
         what,
         answer,
