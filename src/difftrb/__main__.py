@@ -231,7 +231,7 @@ COMMANDS = (
                 help="a table (CSV) of loads, phase, quantity, value and sigma; see `difftrb example measured`"),
         _option("--parameters", default="length,width", metavar="NAMES",
                 help="what to fit, of length, width, angle, depth, axial_offset, crown, preload, scale, "
-                "load_factor, length_2, width_2, angle_2 (default length,width)"),
+                "reference, load_factor, length_2, width_2, angle_2 (default length,width)"),
         _option("--robust", default="squares", help="huber or student where single rows may be far off"),
         _option("--posterior", action="store_true", help="all that the rows leave possible, weighed"),
         _option("--spalls", metavar="N,…", help="how likely rows make so many spalls, say 0,1,2"),

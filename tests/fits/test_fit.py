@@ -653,7 +653,8 @@ def test_the_packaged_measurements_are_in_order() -> None:
 
 @pytest.mark.slow
 def test_what_may_be_wrong_is_tried_and_named(rig: trb.Scene, exact: np.ndarray) -> None:
-    """One row off, an axial load that was not measured: each is found, with the size that it hides."""
+    """One row off, an axial load that was not measured, a healthy bearing that was stiffer: each is found, with the
+    size that it hides."""
     pressed = [dataclasses.replace(row, axial=row.axial + 1500.0) for row in BLANK]
     problem = fit(rig, measured(exact), model_error=0.0).problem
     there = problem.bounds.coordinates(np.array([[5.0, 9.0]]))
@@ -661,6 +662,7 @@ def test_what_may_be_wrong_is_tried_and_named(rig: trb.Scene, exact: np.ndarray)
     for sentence, values in {
         "row 3 is off": np.where(np.arange(8) == 2, 1.25, 1.0) * exact,
         "an axial load acts that was not measured (preload 1.5e+03 N)": preloaded,
+        "so that all losses are off (reference 1.01)": 100.0 - (100.0 - exact) / 1.01,
     }.items():
         found = fit(rig, measured(values), model_error=0.0, starts=FEW)
         assert not found.explained, sentence

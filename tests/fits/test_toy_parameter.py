@@ -97,7 +97,8 @@ def test_wrong_declarations_get_one_sentence(name: str) -> None:
     assert sentence in str(caught.value)
     assert "\n" not in str(caught.value)
     assert set(parameters.PARAMETERS) == {
-        "length", "width", "depth", "angle", "axial_offset", "crown", "preload", "scale", "load_factor",
+        "length", "width", "depth", "angle", "axial_offset", "crown", "preload", "scale", "reference",
+        "load_factor",
         "axial_factor", "length_2", "width_2", "angle_2",
     }  # fmt: skip
 

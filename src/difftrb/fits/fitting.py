@@ -73,9 +73,9 @@ def fit(
       rows: from `load_measured`, or your own.
       parameters: of "length", "width", "depth", "angle", "axial_offset" (of the spall), "length_2", "width_2",
         "angle_2" (of a second one), "crown" (the rollers' design load), "preload" (added to every axial load), "scale"
-        (the bearing's share in the measured compliance, the rest being housing and shaft), "load_factor" (by which all
-        loads are off), and what `fits.parameters.register` adds. All others stay as in the scene. Default: length and
-        width.
+        (the bearing's share in the measured compliance, the rest being housing and shaft), "reference" (by which the
+        healthy stiffness is off that losses are told by), "load_factor" (by which all loads are off), and what
+        `fits.parameters.register` adds. All others stay as in the scene. Default: length and width.
       robust: "squares"; "huber" or "student" where single rows may be far off.
       starts: at how many points the range is scanned, at least 1; the first is the scene's own spall. None: 64, 512,
         4096 or 8192, for one, two, three or more parameters.

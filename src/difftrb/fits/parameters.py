@@ -299,6 +299,18 @@ class Scale(Parameter):
 
 
 @register
+class Reference(Parameter):
+    """The healthy bearing's stiffness that losses are told by, over its true one: 0.9 … 1.1; rows of stiffness keep."""
+
+    name, unit, low, high, default, changes_healthy = "reference", "–", 0.9, 1.1, 1.0, False
+    in_products, no_effect = False, "stiffness does not depend on it: measure losses, or leave reference out"
+    suspect = "the healthy bearing that losses are told by was stiffer or softer, so that all losses are off"
+
+    def measured(self, healthy: jax.Array, added: jax.Array, value: Real) -> tuple[jax.Array, jax.Array]:
+        return value * healthy, value * (1.0 + added) - 1.0
+
+
+@register
 class LoadFactor(Parameter):
     """By what all loads have to be multiplied: 0.5 … 2."""
 
