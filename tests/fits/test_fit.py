@@ -731,8 +731,12 @@ def test_mirror_images_are_alternatives(bearing: trb.TaperedBearing) -> None:
     assert found.determined_each.tolist() == [True, True, False]
     for k in (0, 1):
         assert found.intervals[k, 0] < MIRRORED[k] < found.intervals[k, 1]
-    low, high = np.sort(np.abs(found.intervals[2]))
+    low, high = np.sort(np.abs(found.own_intervals[2]))
     assert low < abs(MIRRORED[2]) < high
+    one, two = found.pieces[2]  # its interval is of both images
+    np.testing.assert_allclose(one, -two[::-1], atol=0.03)  # of a profile, and of a normal distribution
+    np.testing.assert_array_equal(found.intervals[2], [one[0], two[1]])
+    assert found.interval_in_words(2) == " or ".join(f"{low:.4g} … {high:.4g}" for low, high in (one, two))
     assert any("another answer fits nearly as well" in remark and "sigma" in remark for remark in found.remarks)
     # the lowest χ² of a narrow basin may be less likely than the others
     wider = dataclasses.replace(found, alternatives=(other._replace(weight=0.3), other._replace(weight=0.6)))

@@ -87,6 +87,40 @@ def _of_means(guess: trb.Scene, quantities: tuple[str, ...], factor: float, erro
     return told
 
 
+@pytest.mark.parametrize("robust", ["squares", "student"])
+def test_no_spall_is_needed_as_residuals_count(guess: trb.Scene, robust: str) -> None:
+    """The healthy bearing was judged by plain squares beside a fit by what counts: one outlier, and a robust fit never
+    said it."""
+    noise = 0.02 * np.random.default_rng(4).standard_normal(8)
+    noise[3] = 0.3 if robust == "student" else noise[3]
+    told = [(radial, f"{way}_loss", 0.0, 0.02) for radial in (9000.0, 6000.0, 5000.0, 3000.0)
+            for way in ("radial", "axial")]  # fmt: skip
+    rows = [dataclasses.replace(row, value=float(v)) for row, v in zip(_rows(*told), noise, strict=True)]
+    found = trb.fit(guess, rows, robust=robust, starts=64)
+    assert any(remark.startswith("no spall is needed") for remark in found.remarks), found.remarks
+
+
+def test_pieces_of_an_interval() -> None:
+    """Those that overlap are one; what is open stays so at its own end."""
+    ends = np.array([[3.0, 4.0, 0, 0], [1.0, 2.0, 1, 0], [1.5, 2.5, 0, 0], [3.5, 3.6, 0, 1]])
+    np.testing.assert_array_equal(fitting._united(ends), [[1.0, 2.5, 1, 0], [3.0, 4.0, 0, 0]])
+    np.testing.assert_array_equal(fitting._united(ends[:1]), ends[:1])
+
+
+def test_a_law_for_one_spall_is_refused_prepared_too(bearing: trb.TaperedBearing) -> None:
+    """By its name alone it was; prepared it ended in "no spall has a solution … check their unit"."""
+    rows = _rows((9000.0, "radial_loss", 1.0, 0.01), (9000.0, "axial_loss", 0.5, 0.01))
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(3.0, 5.0),), law="direct", accuracy=1e-2)
+    for each in (scene, trb.prepare(scene)):
+        with pytest.raises(MeasuredError, match="'direct' holds for one spall; fit with"):
+            trb.fit(each, rows)
+
+
+def test_names_of_files_are_no_rows(guess: trb.Scene) -> None:
+    with pytest.raises(MeasuredError, match=r"say load_measured\('rows.csv'\)"):
+        trb.count_spalls(guess, "rows.csv")  # type: ignore[arg-type]
+
+
 @pytest.mark.hard
 def test_an_error_that_all_rows_share_is_no_misfit(guess: trb.Scene) -> None:
     """All stiffnesses 1 % too large, known to 0.1 % each: with an error of 1 % that the model may have that is no

@@ -6,6 +6,7 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -13,7 +14,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.contact import strip_model
 from difftrb.contact.solver import pressure_patches
-from difftrb.report import html_report
+from difftrb.report import bearing_drawing, html_report
 from difftrb.scene import scene_file, solving
 from difftrb.turning import spall_loss
 
@@ -166,3 +167,15 @@ def test_pressure_point_by_point_carries_the_load(contact, spall, offset: float,
             inside = (np.abs(y - spall.axial_offset) < 0.4 * spall.length) & (np.abs(p.x - offset) < 0.4 * spall.width)
             assert (p.pressure[inside] == 0.0).all()
     assert float(solution.force.sum()) == pytest.approx(830.0, rel=1e-9)
+
+
+def test_other_surfaces_are_not_drawn_into_the_outer_raceway(scene: trb.Scene) -> None:
+    """Spalls on a roller and of a second row were."""
+    drawn = dataclasses.replace(scene, spalls=(trb.Spall(4.0, 7.0, surface="roller"), trb.Spall(4.0, 7.0, row=2)))
+    figure = bearing_drawing.bearing(drawn, trb.solve(scene))
+    section, front, unrolled = figure.axes
+    assert not any("spall" in text.get_text() for text in section.texts)
+    assert unrolled.get_title() == "Outer raceway unrolled"
+    assert len(unrolled.patches) == 1  # the raceway
+    assert len(front.patches) == 2 + scene.bearing.rollers  # rings and rollers
+    plt.close(figure)

@@ -368,6 +368,18 @@ def test_twice_or_against_each_other_is_said(bearing) -> None:
         trb.solve(named(effects.Mounting(0.01)))
     with pytest.raises(ValueError, match=r"mounting\.bore is missing"):
         trb.solve(dataclasses.replace(named(effects.Mounting(0.01, shaft_interference=0.02)), load=trb.Load(1.0, 0.0)))
+    for wrong, sentence in {
+        effects.Mounting(shaft_bore=20.0): "bore is missing: shaft_bore needs it",
+        effects.Mounting(housing_outside=90.0): "outside is missing: housing_outside needs it",
+        effects.Mounting(bore=70.0): "bore is 70 mm wide and the inner raceway, which is around it, ",
+        effects.Mounting(bore=40.0, shaft_bore=45.0): "shaft_bore is 45 mm wide and bore, which is around it, 40 mm",
+        effects.Mounting(outside=50.0): "mm wide and outside, which is around it, 50 mm",
+        effects.Mounting(outside=68.0, housing_outside=60.0): "outside is 68 mm wide and housing_outside",
+    }.items():
+        with pytest.raises(ValueError, match=sentence):
+            trb.solve(dataclasses.replace(named(wrong), load=trb.Load(1.0, 0.0)))
+    with pytest.raises(ValueError, match=r"end_radius is of no use to a rigid flange"):
+        trb.solve(named(effects.Flange(end_radius=100.0)))
     with pytest.raises(ValueError, match=r"end_radius is missing"):
         trb.solve(named(effects.Flange("hertz")))
     with pytest.raises(ValueError, match=r"raceways needs a law"):

@@ -156,7 +156,7 @@ def test_figures_show_long_axes_at_some_values(plan: Plan) -> None:
 def test_more_members_than_any_sweep_can_have(plan: Plan, tmp_path: Path, mode: str) -> None:
     given = dict.fromkeys(("load.axial", "spall.0.angle", "stiffness.phase"), np.linspace(0.0, 1.0, 10**5))
     run = {"sweep": trb.sweep, "write_sweep": partial(trb.write_sweep, folder=tmp_path / "out")}[mode]
-    words = r"^100,000 × 100,000 × 100,000 = 1,000,000,000,000,000 members, which take 50.0 PB of disk or more: must be"
+    words = r"^100,000 × 100,000 × 100,000 = 1,000,000,000,000,000 members, which take 25.0 PB of disk or more: must be"
     with pytest.raises(trb.SweepError, match=words):
         run(["loads"], plan.base, given, gradients=["load.axial", "load.radial"])
     assert not (tmp_path / "out").exists()
@@ -768,6 +768,14 @@ def test_shares() -> None:
     for wrong in ("0/2", "3/2", "1", "a/b", "1/0", "-1/2"):
         with pytest.raises(trb.SweepError, match=f"^--share {wrong}: must be I/N"):
             sweep_file.share_of(wrong, {})
+
+
+@pytest.mark.parametrize("share", [(3, 2), (0, 2), (1, 0)])
+def test_shares_that_are_none_write_nothing(plan: Plan, tmp_path: Path, share: tuple[int, int]) -> None:
+    """(3, 2) wrote chunks that no sweep has."""
+    with pytest.raises(trb.SweepError, match=r"^share = \(\d, \d\): must be \(i, n\)"):
+        chunks.run(plan, tmp_path / "out", share=share)
+    assert not (tmp_path / "out").exists()
 
 
 def experiment():

@@ -197,7 +197,9 @@ def test_files_agree(turn: CageTurn, tmp_path: Path) -> None:
         stiffness_report.write(turn, tmp_path / "K.xlsx")
 
 
-def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_the_command(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
     out = tmp_path / "K.csv"
     call = ["--no-cache", "stiffness", "--phases", "8", "--speed", "3000", "--housing", "1e6,5e5", "--out", str(out)]
     assert cli.main(call) == 0
@@ -206,8 +208,15 @@ def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None
     assert len(out.read_text(encoding="utf-8").splitlines()) == 9
     assert cli.main(["--no-cache", "stiffness", "--phases", "8", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["axes"] == ["radial", "lateral", "axial"]
-    assert cli.main(["--no-cache", "stiffness", "--housing", "soft"]) == 2
-    assert "give RADIAL,AXIAL in N/mm" in capsys.readouterr().err
+    with monkeypatch.context() as patched:  # all of it is said before anything is solved
+        patched.setattr(stiffness_report, "stiffness", None)
+        for wrong, said in (
+            (["--housing", "soft"], "give RADIAL,AXIAL in N/mm"),
+            (["--speed", "0"], "speed = 0: must be above 0 rev/min"),
+            (["--out", str(tmp_path / "K.xlsx")], "K.xlsx: cannot be written; name a file that ends with"),
+        ):
+            assert cli.main(["--no-cache", "stiffness", *wrong]) == 2
+            assert said in capsys.readouterr().err
 
 
 def test_labels_and_reprs(spalled: trb.Scene, turn: CageTurn) -> None:

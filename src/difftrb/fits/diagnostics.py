@@ -6,7 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.fits import conditions, fit_result, optimal_design, predicted, profile_intervals, search, suspects
+from difftrb.fits import (
+    conditions,
+    evaluations,
+    fit_result,
+    optimal_design,
+    predicted,
+    profile_intervals,
+    search,
+    suspects,
+)
 from difftrb.fits.fit_result import UNLIKELY, Alternative, Fit
 from difftrb.fits.least_squares import AT_BOUND
 from difftrb.fits.measured import Measurement
@@ -84,13 +93,14 @@ def _about_rows(fit: Fit) -> list[str]:
     """What is odd about the measurements alone."""
     found = []
     by_kind: dict[tuple, list[int]] = {}
+    places, _ = conditions.row_conditions(fit.scene, fit.rows)
     for k, row in enumerate(fit.rows):
         if row.is_loss and row.value < -3.0 * fit.sigma[k] and abs(fit.residuals[k]) > FAR:
             found.append(
                 f"row {k + 1}: {row.quantity} = {row.value:g} % is below zero by more than its error: a spall cannot "
                 "stiffen a bearing; check the sign (a loss is positive) and which of the two is the healthy bearing"
             )
-        by_kind.setdefault((row.radial, row.axial, row.quantity, row.definition, row.phase), []).append(k)
+        by_kind.setdefault((places[k], row.quantity), []).append(k)
     for same in by_kind.values():
         values = np.array([fit.rows[k].value for k in same])
         low, high = same[int(np.argmin(values))], same[int(np.argmax(values))]
@@ -143,8 +153,7 @@ def _healthy(fit: Fit) -> str:
     losses = np.array([row.is_loss for row in fit.rows])
     if fit.problem.sound is None and not losses.all():
         return ""
-    off = (np.array([float(row.value) for row in fit.rows]) - predicted.healthy_rows(fit.problem)) / fit.sigma
-    chi2 = float(np.sum(off**2))
+    chi2 = 2.0 * float(evaluations.costs(fit.problem, predicted.healthy_rows(fit.problem)[None])[0])
     by_one = fit_result.tail(max(chi2 - fit.chi2, 0.0), len(fit.parameters))
     # as many answers, as many chances that noise looks like one
     if 1.0 - (1.0 - by_one) ** (1 + len(fit.alternatives)) < HEALTHY or not np.isfinite(chi2):

@@ -11,6 +11,7 @@ from difftrb.fits import conditions, measured, predicted
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.predicted import ROBUST, Problem
+from difftrb.law import base as laws
 from difftrb.law.samples import Progress
 from difftrb.ring.load import Load, largest_load
 from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
@@ -32,9 +33,10 @@ def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | 
         raise MeasuredError("measurements: there are no rows to fit")
     for k, row in enumerate(rows, 1):
         measured.check(row, f"measurements: row {k}")
+    name = getattr(scene.law, "name", "")
+    if laws.kind(name).one_scene:
+        raise MeasuredError(f"contact.law = {name!r} holds for one spall; fit with contact.law = 'table'")
     if isinstance(scene.law, LawName):
-        if scene.law.name == "direct":
-            raise MeasuredError("contact.law = 'direct' holds for one spall; fit with contact.law = 'table'")
         loads = [Load(float(row.radial), float(row.axial)) for row in rows]
         loads.sort(key=lambda load: float(largest_load(scene.bearing, load)))
         scene = dataclasses.replace(scene, load=loads[-1])

@@ -12,7 +12,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from difftrb.core import status
-from difftrb.fits import estimated_bearing, measured, measured_table
+from difftrb.fits import estimated_bearing, measured, measured_table, parameters, spall_count
 from difftrb.fits.conditions import Condition, row_conditions
 from difftrb.fits.fit_figure import PERCENT, corner, fit_panels
 from difftrb.fits.fit_problem import prepare_fit
@@ -50,11 +50,15 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     if light is not None and remarks.all_in_kn(file.bearing, rows):
         raise measured.MeasuredError(f"{options.measured}: {light}: name the columns radial [kN] and axial [kN]")
     console.remark(options.measured, light)
+    names = [name.strip() for name in options.parameters.split(",")]
+    parameters.named(names)  # what is wrong is said before anything is solved
+    counts = None if options.spalls is None else _counts(options.spalls)
+    if counts is not None:
+        spall_count.check(file.scene(), rows, counts, names)
     started = time.perf_counter()
     with console.bar("solving contacts for the roller law") as progress:
         scene = prepare_fit(file.scene(), rows, progress)
     console.say_picked(scene)
-    names = [name.strip() for name in options.parameters.split(",")]
     with console.bar("fitting; the first time its program is compiled") as progress:
         result = fit(scene, rows, names, options.robust, progress=progress)
     with console.busy("looking for what to measure next"):
@@ -73,9 +77,9 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
         record["posterior"] = tables.plain(posterior_json(drawn))
         texts.append(posterior_text(drawn))
         figures.append(("posterior", lambda: corner(drawn, dict(zip(result.parameters, result.values, strict=True)))))
-    if options.spalls is not None:
+    if counts is not None:
         with console.bar("counting spalls") as progress:
-            counted = count_spalls(scene, rows, _counts(options.spalls), names, progress=progress)
+            counted = count_spalls(scene, rows, counts, names, progress=progress)
         record["spalls"] = tables.plain(count_json(counted))
         texts.append(count_text(counted))
     if int(result.status_code) == status.NOT_CONVERGED:
@@ -114,8 +118,9 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
         for i, name in enumerate(fit.parameters)
     }
     rows = [
-        {"quantity": row.quantity, "radial": row.radial, "axial": row.axial, "value": row.value, "unit": row.unit,
-         "predicted": told, "sigma": sigma, "residual": off}
+        {"quantity": row.quantity, "radial": row.radial, "axial": row.axial, "phase": row.phase,
+         "definition": row.definition, "value": row.value, "unit": row.unit, "predicted": told, "sigma": sigma,
+         "residual": off}
         for row, told, sigma, off in zip(fit.rows, fit.predicted, fit.sigma, fit.residuals, strict=True)
     ]  # fmt: skip
     return tables.plain({

@@ -69,7 +69,7 @@ def example() -> str:
 def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
     """Check the text of a table of measurements; `path` names it in errors. Raises `MeasuredError`."""
     passed = re.compile(r"\s*(#|$|sep=.$)", re.IGNORECASE)  # a spreadsheet may say first what parts columns
-    numbered = [(n, line) for n, line in enumerate(text.splitlines(), 1) if not passed.match(line)]
+    numbered = [(n, line) for n, line in enumerate(re.split(r"\r\n?|\n", text), 1) if not passed.match(line)]
     if not numbered:
         raise MeasuredError(
             f"{path}: holds no rows; give a line of column names (radial, axial, quantity, value …) and rows"

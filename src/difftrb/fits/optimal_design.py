@@ -38,13 +38,13 @@ def candidates(fit: Fit) -> tuple[Measurement, ...]:
     where the law covers them, both directions, with a roller in the middle of the spall, with the spall between two
     rollers, and the mean over phases; of the kinds of quantity that were measured."""
     scene = fit.scene
-    measured = sorted({(float(row.radial), float(row.axial)) for row in fit.rows})
-    most = max(float(largest_load(scene.bearing, Load(*pair))) for pair in measured)
-    loads = [
-        (r * a, f * b) for r, f in measured for a, b in ((1.0, 1.0), (0.0, 1.0), (0.5, 1.0), (1.0, 0.5), (1.0, 2.0))
-    ]
+    known = sorted({(float(row.radial), float(row.axial)) for row in fit.rows})
+    most = max(float(largest_load(scene.bearing, Load(*pair))) for pair in known)
+    loads = [(r * a, f * b) for r, f in known for a, b in ((1.0, 1.0), (0.0, 1.0), (0.5, 1.0), (1.0, 0.5), (1.0, 2.0))]
     half = 0.5 * float(geometry.roller_pitch(scene.bearing))
-    centred = float(geometry.turned(float(scene.spalls[0].angle)))
+    first = scene.spalls[0]
+    # a roller's own stays with roller 0, which bears most at the load line
+    centred = 0.0 if first.surface == "roller" else float(geometry.turned(float(first.angle)))
     turns_along = any(spall.surface == "roller" for spall in scene.spalls)  # it has no mean
     kinds = [kind for kind in ("loss", "stiffness") if any(row.quantity.endswith(kind) for row in fit.rows)]
     definition = fit.rows[0].definition
@@ -84,7 +84,9 @@ def next_measurements(
     """
     if not isinstance(fit, Fit):
         raise MeasuredError(f"next_measurements: {type(fit).__name__} is no fit: give what difftrb.fit returns")
-    among = candidates(fit) if among is None else tuple(among)
+    if not isinstance(count, int) or count < 1:
+        raise MeasuredError(f"next_measurements: count = {count!r}: must be a whole number, at least 1")
+    among = candidates(fit) if among is None else measured.listed(among)
     if not among:
         raise MeasuredError("next_measurements: there is nothing to choose from: give measurements in `among`")
     if parameter is not None and parameter not in fit.parameters:

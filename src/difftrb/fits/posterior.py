@@ -123,6 +123,8 @@ def posterior(
 
     Raises `MeasuredError` for what cannot be sampled.
     """
+    if not isinstance(fit, Fit):
+        raise MeasuredError(f"posterior: {type(fit).__name__} is no fit: give what difftrb.fit returns")
     fit.check()
     for name, value, low, high in (("live", live, 50, 10_000), ("draws", draws, 100, 100_000)):
         if not is_whole(value, low, high):

@@ -86,8 +86,8 @@ def count_spalls(
     `MeasuredError`.
     """
     status.require_float64()
-    counts, rows = tuple(counts), tuple(rows)
-    _check(scene, rows, counts, parameters)
+    counts, rows = tuple(counts), measured.listed(rows)
+    check(scene, rows, counts, parameters)
     ready = fit_problem.prepare_fit(dataclasses.replace(scene, spalls=scene.spalls[:1]), rows)
     measured.check_loads(ready, rows)
     spalls = _spalls(scene)
@@ -109,7 +109,8 @@ def count_spalls(
     return SpallCount(counts, evidences, errors, shares / np.sum(shares), tuple(found))
 
 
-def _check(scene: Scene, rows: Sequence[Measurement], counts: Sequence[int], parameters: Sequence[str]) -> None:
+def check(scene: Scene, rows: Sequence[Measurement], counts: Sequence[int], parameters: Sequence[str]) -> None:
+    """Raises `MeasuredError` for what cannot be counted."""
     if not counts or len(set(counts)) < len(counts) or not set(counts) <= set(range(MOST + 1)):
         raise MeasuredError(f"spalls = {', '.join(map(str, counts))}: must be some of 0 … {MOST}, each once")
     if not scene.spalls:

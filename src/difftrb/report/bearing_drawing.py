@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
 from difftrb.core import geometry
-from difftrb.core.geometry import TaperedBearing
+from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.report.figure_style import ACCENT, HEALTHY, SPALLED
-from difftrb.ring import roller_places
 from difftrb.scene.scene import Scene
 from difftrb.scene.solution import Solution
 
@@ -66,7 +65,7 @@ def section_view(scene: Scene, ax: Axes) -> None:
     ax.add_patch(Polygon(roller, fc="white", ec=DARK, lw=1.4, zorder=3))
     ends = [(apex - 1.35 * reach) * along, (apex + 1.35 * reach) * along]
     ax.plot(*np.transpose(ends), color=DARK, lw=0.7, ls="-.", zorder=4)
-    for spall in roller_places.spalls_on(scene.spalls, "outer")[:1]:
+    for spall in _on_outer_raceway(scene)[:1]:
         middle, depth = slant + float(spall.axial_offset), float(spall.depth)
         p, q = on(outer, middle - 0.5 * float(spall.length)), on(outer, middle + 0.5 * float(spall.length))
         up = np.array([-np.sin(outer), np.cos(outer)])
@@ -103,7 +102,7 @@ def front_view(scene: Scene, solution: Solution, ax: Axes) -> None:
             ax.annotate("roller 0", place, (inside * np.sin(angle + 0.5), -inside * np.cos(angle + 0.5)), fontsize=8,
                         ha="center", arrowprops={"arrowstyle": "-", "lw": 0.7, "color": DARK})  # fmt: skip
     for spall in scene.spalls:
-        if spall.surface == "roller":
+        if spall.surface == "roller" or spall.row > 1:
             continue
         turn = np.degrees(float(spall.width / geometry.arc_radius(of, spall.surface)))
         middle, band = np.degrees(float(spall.angle)) - 90.0, 0.4 * radius
@@ -121,7 +120,7 @@ def front_view(scene: Scene, solution: Solution, ax: Axes) -> None:
 def unrolled_view(scene: Scene, solution: Solution, ax: Axes) -> None:
     """The outer raceway about the first spall, or about the most loaded roller; contacts as wide as they are."""
     of: TaperedBearing = scene.bearing
-    spalls, loads = roller_places.spalls_on(scene.spalls, "outer"), np.asarray(solution.loads)
+    spalls, loads = _on_outer_raceway(scene), np.asarray(solution.loads)
     radius, half = float(geometry.arc_radius(of)), 0.5 * float(of.roller_length)
     middle = float(spalls[0].angle) if spalls else float(np.asarray(solution.angles)[loads.argmax()])
     pitch = radius * float(geometry.roller_pitch(of))
@@ -147,6 +146,11 @@ def unrolled_view(scene: Scene, solution: Solution, ax: Axes) -> None:
     ax.set_ylim(-1.15 * half, 1.55 * half)
     size = f": spall {spalls[0].length:g} × {spalls[0].width:g} mm" if spalls else ""
     ax.set_title(f"Outer raceway unrolled{size}", fontsize=10)
+
+
+def _on_outer_raceway(scene: Scene) -> list[Spall]:
+    """The spalls on the outer raceway of the first row: that is drawn."""
+    return [spall for spall in scene.spalls if spall.surface == "outer" and spall.row == 1]
 
 
 def _to_scale(ax: Axes, across: tuple[float, float], up: tuple[float, float]) -> Any:

@@ -40,10 +40,7 @@ class Estimated(NamedTuple):
     @property
     def sentence(self) -> str:
         """What was estimated, and what that leaves of stiffness."""
-        own = self.catalogue.estimates
-        main = ("rollers", "pitch_diameter", "roller_diameter", "roller_length", "design_load")
-        told = "; ".join(f"{name.replace('_', ' ')} {own[name]}" for name in main if not own[name].given)
-        text = f"bearing estimated from its catalogue (± at k = 2): {told}"
+        text = told(self.catalogue)
         if self.uncertainty is None:
             return (
                 f"{text}; what that leaves of stiffness is not known: rectangular spalls on rings that do not tilt tell"
@@ -56,6 +53,14 @@ class Estimated(NamedTuple):
             return text
         radial, axial = 100.0 * self.of_loss
         return f"{text}, and what the spall takes of it within ± {radial:.0f} % and ± {axial:.0f} % of that"
+
+
+def told(catalogue: CatalogueBearing) -> str:
+    """What was estimated, in a sentence."""
+    own = catalogue.estimates
+    main = ("rollers", "pitch_diameter", "roller_diameter", "roller_length", "design_load")
+    values = "; ".join(f"{name.replace('_', ' ')} {own[name]}" for name in main if not own[name].given)
+    return f"bearing estimated from its catalogue (± at k = 2): {values}"
 
 
 def estimated(scene: Scene, anew: Scene, catalogue: CatalogueBearing, stiffness: Any) -> Estimated:

@@ -15,8 +15,7 @@ from rich.table import Table
 from difftrb.core import storage
 from difftrb.core.bad_input import named
 from difftrb.core.status import SceneError
-from difftrb.report import console, remarks, tables
-from difftrb.report.catalogue_uncertainty import Estimated
+from difftrb.report import catalogue_uncertainty, console, remarks, tables
 from difftrb.scene import scene_file, solution
 from difftrb.scene.file_schema import SceneFile
 from difftrb.turning import fmu
@@ -35,25 +34,34 @@ SHOWN = 3
 def deliver(options: Any, file: SceneFile, path: str) -> int:
     """Solve a scene over its cage's angle, print it and write it where `options` ask; the exit code."""
     scene_file.check_ring(file, path)
+    pairs = [springs(one) for one in (options.shaft, options.housing) if one is not None]
+    if options.out is not None:
+        check_ending(Path(options.out))
+    speed: float | None = options.speed
+    if speed is not None and not speed > 0.0:
+        raise SceneError(f"speed = {speed:g}: must be above 0 rev/min")
     console.remark(path, *remarks.of_ring(file))
+    if file.stiffness.definition != "tangent":
+        console.remark(path, f"stiffness.definition = {file.stiffness.definition!r} is not used: this is dF/du")
     with console.bar("solving the ring over the cage's angle") as progress:
         turn = stiffness(file.scene(), options.phases, slopes=options.slopes or None, progress=progress)
     if not np.all(np.asarray(turn.converged)):
         return console.refuse(f"{path}: {turn.status}", console.EXIT_NO_SOLUTION)
-    turn = turn.in_series(*(springs(one, turn) for one in (options.shaft, options.housing) if one is not None))
-    found = in_units(turn, options.units, options.speed)
+    rigid = [1e30] * (turn.stiffness.shape[-1] - SHOWN)  # against tilt
+    turn = turn.in_series(*(np.array([radial, radial, axial, *rigid]) for radial, axial in pairs))
+    found = in_units(turn, options.units, speed)
     if options.out is not None:
-        write(turn, options.out, options.units, options.speed)
+        write(turn, options.out, options.units, speed)
     if options.json:
         print(json.dumps(record(found), indent=1))
         return console.EXIT_OK
     console.show(text(found))
     if turn.repeats == "turn" and turn.no_orders is not None:
         console.show(f"note: no orders: {turn.no_orders}")
-    if found.frequencies is not None:
-        console.show(_told(found.frequencies, file, options.speed))
+    if found.frequencies is not None and speed is not None:
+        console.show(_told(found.frequencies, file, speed))
     if file.catalogue is not None:
-        console.show(f"note: {Estimated(file.catalogue, np.zeros(2), None, None).sentence}")
+        console.show(f"note: {catalogue_uncertainty.told(file.catalogue)}")
     if options.out is not None:
         console.show(f"written to {options.out}")
     return console.EXIT_OK
@@ -70,15 +78,15 @@ def _told(frequencies: DefectFrequencies, file: SceneFile, speed: float) -> str:
     return f"frequencies [Hz] at {speed:g} rev/min: {', '.join(hertz)}"
 
 
-def springs(given: str, turn: CageTurn) -> np.ndarray:
-    """ "RADIAL,AXIAL" [N/mm] as stiffness along all axes; rigid against tilt. Raises `SceneError`."""
+def springs(given: str) -> tuple[float, float]:
+    """ "RADIAL,AXIAL" [N/mm] as two numbers. Raises `SceneError`."""
     try:
         radial, axial = (float(part) for part in given.split(","))
     except ValueError:
         radial = axial = -1.0
     if not (0.0 < radial < np.inf and 0.0 < axial < np.inf):
         raise SceneError(f"a stiffness in series = {given}: give RADIAL,AXIAL in N/mm, both above 0")
-    return np.array([radial, radial, axial, *[1e30] * (turn.stiffness.shape[-1] - SHOWN)])
+    return radial, axial
 
 
 def text(found: Written) -> Table:
@@ -158,9 +166,7 @@ def write(turn: CageTurn, path: str | Path, units: Units = "mm", speed_rpm: floa
     for another ending, OSError if it cannot be written.
     """
     path = Path(path)
-    if path.suffix not in KINDS:
-        wrong = "is a folder" if path.is_dir() else "cannot be written"
-        raise SceneError(f"{named(path)}: {wrong}; name a file that ends with {' or '.join(KINDS)}")
+    check_ending(path)
     if path.suffix == ".fmu":
         fmu.write(turn, path, speed_rpm or 0.0)
         return
@@ -174,6 +180,13 @@ def write(turn: CageTurn, path: str | Path, units: Units = "mm", speed_rpm: floa
         else:
             with open(scratch, "w", newline="", encoding="utf-8") as file:
                 csv.writer(file).writerows(_rows(found))
+
+
+def check_ending(path: Path) -> None:
+    """Raises `SceneError` for what cannot be written to."""
+    if path.suffix not in KINDS:
+        wrong = "is a folder" if path.is_dir() else "cannot be written"
+        raise SceneError(f"{named(path)}: {wrong}; name a file that ends with {' or '.join(KINDS)}")
 
 
 def record(found: Written) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import itertools
 import pkgutil
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
@@ -141,6 +142,10 @@ class Flange(Effect):
         """A radius to be soft by."""
         if self.compliance == "hertz" and self.end_radius is None:
             raise SceneError("effects.flange.end_radius is missing: compliance = 'hertz' needs it; give a number in mm")
+        if self.compliance == "rigid" and self.end_radius is not None:
+            raise SceneError(
+                "effects.flange.end_radius is of no use to a rigid flange: set compliance = 'hertz', or leave it out"
+            )
 
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """A flange that gives way, if asked."""
@@ -271,19 +276,40 @@ class Mounting(Effect):
 
     def check(self, asked: Asked) -> None:
         """Diameters to fit by, and no axial load beside the position."""
-        for fit, size in (("shaft_interference", "bore"), ("housing_interference", "outside")):
-            if is_given(getattr(self, fit)) and getattr(self, size) is None:
-                raise SceneError(f"effects.mounting.{size} is missing: {fit} needs it; give a number in mm")
+        for size, needs in (("bore", "shaft_interference"), ("bore", "shaft_bore"),
+                            ("outside", "housing_interference"), ("outside", "housing_outside")):  # fmt: skip
+            if getattr(self, size) is None and getattr(self, needs) is not None and is_given(getattr(self, needs)):
+                raise SceneError(f"effects.mounting.{size} is missing: {needs} needs it; give a number in mm")
+        self._check_that_one_fits_into_another(asked.bearing)
         if is_given(asked.load.axial):
             raise SceneError(
                 "load.axial must be 0 with effects.mounting, which holds the rings at a position: the axial force is "
                 "what comes out; set it to 0"
             )
 
+    def _check_that_one_fits_into_another(self, bearing: TaperedBearing) -> None:
+        if self.bore is None and self.outside is None:
+            return
+        inner, outer = self.raceways(bearing)
+        outwards = {"shaft_bore": self.shaft_bore, "bore": self.bore, "the inner raceway": inner,
+                    "the outer raceway": outer, "outside": self.outside,
+                    "housing_outside": self.housing_outside}  # fmt: skip
+        known = [(name, float(size)) for name, size in outwards.items() if size is not None and xp.are_numbers(size)]
+        for (small, low), (large, high) in itertools.pairwise(known):
+            if low >= high:
+                raise SceneError(
+                    f"effects.mounting: {small} is {low:.4g} mm wide and {large}, which is around it, {high:.4g} mm; "
+                    "give diameters that fit into each other"
+                )
+
+    def raceways(self, bearing: TaperedBearing) -> tuple[Real, Real]:
+        """Diameters of inner and outer raceway at the rollers' middles [mm]."""
+        outer = 2.0 * geometry.outer_raceway_radius(bearing)
+        return outer * xp.sin(bearing.inner_angle) / xp.sin(bearing.outer_angle), outer
+
     def tightened(self, bearing: TaperedBearing) -> Real:
         """What inner raceway and rollers grow into the outer raceway by, in diameter [mm]: fits and warmth."""
-        outer = 2.0 * geometry.outer_raceway_radius(bearing)
-        inner = outer * xp.sin(bearing.inner_angle) / xp.sin(bearing.outer_angle)
+        inner, outer = self.raceways(bearing)
         grown = self.expansion * self.warmer * outer  # NSK E728g: inner ring and rollers together
         if self.bore is not None:
             k, hollow = self.bore / inner, self.shaft_bore / self.bore

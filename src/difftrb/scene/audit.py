@@ -134,7 +134,10 @@ def verify(scene: Scene, found: Solution | None = None, progress: Progress | Non
     only; not differentiable.
     """
     scene = checks.checked(scene)
-    found = (solve_prepared(solving.prepare(scene)) if found is None else found).check()
+    if found is None:
+        scene = solving.prepare(scene)
+        found = solve_prepared(scene)
+    found = found.check()
     if effect_base.among(scene.effects, Tilt) is not None and not isinstance(found.law, LocalLaw):
         return _nothing("effects.tilt goes by slices, which have no contact to compare with")
     ready = _ready(scene, found)

@@ -70,10 +70,10 @@ def parse(text: str, path: str | Path = "scene") -> SceneFile:
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so are numbers without end
         reason = str(error).splitlines()[0][:200]
         if twice := re.match(r"Cannot (?:overwrite a value|declare .* twice) \(at line (\d+)", reason):
-            key = text.splitlines()[int(twice[1]) - 1].split("=")[0].strip()
+            key = text.split("\n")[int(twice[1]) - 1].split("=")[0].strip()
             raise SceneError(f"{path}: line {twice[1]}: {shown(key)} is named twice; name it once") from None
         line = re.search(r"at line (\d+)", reason)
-        comma = line is not None and re.search(r"=\s*[+-]?\d+,\d", text.splitlines()[int(line[1]) - 1])
+        comma = line is not None and re.search(r"=\s*[+-]?\d+,\d", text.split("\n")[int(line[1]) - 1])
         more = "; write decimals with a point" if comma else ""
         raise SceneError(f"{path}: is not TOML that can be read: {reason}{more}") from None
     content.pop("sweep", None)  # for `sweep_file`

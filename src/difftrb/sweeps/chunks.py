@@ -88,6 +88,8 @@ def run(
     Raises `SweepError`: what is written stays, and stays good.
     """
     lanes = lanes_of(None if scheduler else devices)  # known before anything is written
+    if share is not None and not (len(share) == 2 and 1 <= share[0] <= share[1]):
+        raise SweepError(f"share = {share}: must be (i, n), this process's number from 1 on and how many there are")
     store, done = _begun(plan, out, resume or share is not None)
     own = range(plan.chunks)
     if share:

@@ -79,6 +79,8 @@ def deliver(options: Any) -> int:
     if not {"load.radial", "load.axial", "contact.load"} & set(file.axes):
         light = remarks.odd_contact_load if file.of_contact else remarks.odd_ring_load
         console.remark(options.scene, light(file.scene))
+    if not file.of_contact and not any(key.endswith(".angle") for key in file.axes):
+        console.remark(options.scene, remarks.far_angle(file.scene))
     console.remark(options.scene, _idle_width(file))
     with console.bar("preparing the roller law") as progress:
         plan = file.plan(options.batch, progress)

@@ -112,7 +112,7 @@ def _bytes_of_chunks(plan: Plan) -> int:
 def _check_members(counts: Sequence[int], columns: int) -> None:
     """Refuse more members than any sweep can have; `columns` are results and derivatives, one number or more each."""
     if (members := math.prod(counts)) > blocks.MOST:
-        disk = f"which take {_in_bytes(2 * members * (8 * columns + 1))} of disk or more"
+        disk = f"which take {_in_bytes(members * (8 * columns + 1))} of disk or more"
         raise SweepError(f"{_product(counts)}, {disk}: must be at most {blocks.MOST:,}; give fewer")
 
 
@@ -197,7 +197,7 @@ def forecast(plan: Plan, devices: int | None = None) -> str:
     return "\n".join([
         f"memory    {_in_bytes(memory)} beside JAX itself, whatever the number of members",
         f"time      {_duration(seconds)} on {len(lanes)} device{'s' if len(lanes) > 1 else ''}, and "
-        f"{_duration(first - call)} to compile; {1e6 * seconds / plan.members:.3g} µs a member",
+        f"{_duration(max(first - call, 0.0))} to compile; {1e6 * seconds / plan.members:.3g} µs a member",
     ])  # fmt: skip
 
 
