@@ -75,19 +75,21 @@ _carried = jax.jit(edge_ramp.roller_loads)
 
 def in_numpy(scene: trb.Scene) -> Callable[[], Answer]:
     """Of a prepared scene without a roller on a ramp: its curves are taken over, and only the root is left to find."""
-    coefficients, middle, reach, shift = (np.asarray(field) for field in jax.tree.leaves(_curves(scene).each))
-    known = task(scene)
+    curve = jax.tree.map(np.asarray, _curves(scene).each)
+    coefficients, reach, shift = curve.coefficients, curve.reach, curve.shift
+    bend, known = 0.0 if curve.bend is None else curve.bend, task(scene)
 
     def rollers(delta: np.ndarray) -> Answer:
         touching = delta > shift
         depth = np.where(touching, delta - shift, 1.0)
-        z = (np.log(depth) - middle) / reach
+        z = (np.log(depth) - curve.middle) / reach
         inside = np.clip(z, -1.0, 1.0) if len(coefficients) > 2 else z
         value, rate = coefficients[-1], np.zeros_like(z)
         for c in coefficients[-2::-1]:
             value, rate = value * inside + c, rate * inside + value
-        Q = np.where(touching, np.exp(value + rate * (z - inside)), 0.0)
-        return Q, Q * rate / (reach * depth)
+        below = np.minimum(reach * (z + 1.0), 0.0)
+        Q = np.where(touching, np.exp(value + rate * (z - inside) + bend * (below + 1.0 - np.exp(below))), 0.0)
+        return Q, Q * (rate / reach + bend * (1.0 - np.exp(below))) / depth
 
     return lambda: root(known, rollers)
 

@@ -13,8 +13,8 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import status
 from difftrb.fits import (
-    diagnostics,
     evaluations,
+    fit_remarks,
     fit_report,
     fit_result,
     least_squares,
@@ -740,13 +740,13 @@ def test_mirror_images_are_alternatives(bearing: trb.TaperedBearing) -> None:
     assert any("another answer fits nearly as well" in remark and "sigma" in remark for remark in found.remarks)
     # the lowest χ² of a narrow basin may be less likely than the others
     wider = dataclasses.replace(found, alternatives=(other._replace(weight=0.3), other._replace(weight=0.6)))
-    first, second = diagnostics._of_alternatives(wider)
+    first, second = fit_remarks._of_alternatives(wider)
     assert "likelier than the one in the table" in first
     assert "weight 60 %" in first
     assert "weight 30 %" in second
     # mirror images are as likely as each other but for rounding; and where none explains the data none fits well
-    (alike,) = diagnostics._of_alternatives(dataclasses.replace(found, alternatives=(other._replace(weight=0.501),)))
+    (alike,) = fit_remarks._of_alternatives(dataclasses.replace(found, alternatives=(other._replace(weight=0.501),)))
     assert "likelier" not in alike
     off = dataclasses.replace(found, chi2=445.0, limit=300.0, alternatives=(other._replace(weight=0.9, chi2=554.0),))
-    (missed,) = diagnostics._of_alternatives(off)
+    (missed,) = fit_remarks._of_alternatives(off)
     assert "another answer is not ruled out: " in missed

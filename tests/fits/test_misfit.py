@@ -1,12 +1,14 @@
 """What does not fit is not determined: with no row to spare, and beside rows that count for little."""
 
 import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.fits import diagnostics, fit_problem, fit_result, fitting, search
+from difftrb.fits import fit_problem, fit_remarks, fit_result, fitting, profile_intervals, search
 from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.predicted import Problem
@@ -138,7 +140,7 @@ def test_which_unit_it_may_be(guess: trb.Scene) -> None:
     found = trb.fit(guess, _of_means(guess, ("radial_stiffness", "axial_stiffness"), 1e3, 1e-3), ("length",))
     large = [remark for remark in found.remarks if "times what the model gives" in remark]
     small = dataclasses.replace(found, rows=tuple(dataclasses.replace(r, value=1e-6 * r.value) for r in found.rows))
-    for told, unit in ((large, "N/m"), (diagnostics._beyond(small, found.predicted), "N/µm")):
+    for told, unit in ((large, "N/m"), (fit_remarks._beyond(small, found.predicted), "N/µm")):
         assert len(told) == 6
         assert all(said.endswith(f"check the unit (N/mm, not {unit})") for said in told)
         assert not any("e+" in said.partition(" is ")[2] for said in told)
@@ -189,5 +191,6 @@ def test_a_cliff_has_no_standard_error() -> None:
     """Beside intervals of 0.09 rad some said 4 rad, or 2e-5: the slope at the optimum is not that on the way."""
     ends = np.array([[-2.1, 1.9], [-20.0, 2.0], [-0.1, 2.0], [-np.inf, 2.0], [-np.inf, 20.0]])
     profiles = Profiles(ends, ends, ends, np.isinf(ends), ends[:, 0], 0.0)
-    told = fitting._is_normal(np.zeros(5), profiles, Limits(4.0, 9.0), np.ones(5), np.full(5, 9.0))
-    assert told.tolist() == [True, False, False, True, False]
+    problem: Any = SimpleNamespace(prior=np.full(5, 9.0), bounds=SimpleNamespace(rate=lambda u: -2.0 + 0.0 * u))
+    told = profile_intervals.standard_errors(problem, np.zeros(5), np.eye(5), profiles, Limits(4.0, 9.0))
+    np.testing.assert_array_equal(told, [2.0, np.nan, np.nan, 2.0, np.nan])

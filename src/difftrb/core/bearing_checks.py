@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.core
@@ -16,6 +16,16 @@ APEX, TAPER = 0.02, 0.05
 """How far cone angles may be from one apex, and the roller's angle from its diameters, relative."""
 
 
+T = TypeVar("T")
+
+
+class Wrong(NamedTuple):
+    """A bearing that cannot be: the field that is blamed, and a sentence."""
+
+    key: str
+    sentence: str
+
+
 def as_numbers(*values: Any) -> list[float] | None:
     """Numbers as floats; None if one of them is traced."""
     if any(isinstance(value, jax.core.Tracer) for value in values):
@@ -25,9 +35,9 @@ def as_numbers(*values: Any) -> list[float] | None:
 
 def across(bearing: TaperedBearing, spalls: tuple[Any, ...]) -> str | None:
     """What the fields of a bearing, and spalls on its rollers' length, cannot be together."""
-    sentence = first(_diameters, _apex, _taper, _neighbours, of=bearing)
-    if sentence is not None:
-        return sentence
+    wrong = of_bearing(bearing)
+    if wrong is not None:
+        return wrong.sentence
     for i, spall in enumerate(spalls):
         sizes = as_numbers(spall.length, bearing.roller_length, spall.axial_offset)
         if sizes is None:
@@ -44,30 +54,40 @@ def across(bearing: TaperedBearing, spalls: tuple[Any, ...]) -> str | None:
     return None
 
 
-def _diameters(bearing: TaperedBearing) -> str | None:
+def of_bearing(bearing: TaperedBearing) -> Wrong | None:
+    """What the fields of a bearing cannot be together."""
+    return first(_diameters, _apex, _taper, _neighbours, of=bearing)
+
+
+def _wrong(key: str, rest: str) -> Wrong:
+    return Wrong(key, f"bearing.{key}{rest}")
+
+
+def _diameters(bearing: TaperedBearing) -> Wrong | None:
     known = as_numbers(bearing.roller_large_diameter, bearing.roller_small_diameter)
     if known is None or known[0] > known[1]:
         return None
-    return (
-        f"bearing.roller_large_diameter = {known[0]:g} must be larger than bearing.roller_small_diameter = "
-        f"{known[1]:g} mm"
+    return _wrong(
+        "roller_large_diameter",
+        f" = {known[0]:g} must be larger than bearing.roller_small_diameter = {known[1]:g} mm",
     )
 
 
-def _apex(bearing: TaperedBearing) -> str | None:
+def _apex(bearing: TaperedBearing) -> Wrong | None:
     known = as_numbers(bearing.inner_angle, bearing.roller_angle, bearing.outer_angle)
     if known is None:
         return None
     inner, roller, outer = known
     if _share_an_apex(inner, roller, outer):
         return None
-    return (
-        f"bearing.outer_angle = {outer:g} must be inner_angle + 2 roller_angle = {inner + 2.0 * roller:g} rad within "
-        f"{100.0 * APEX:g} %, so that all cones share one apex"
+    return _wrong(
+        "outer_angle",
+        f" = {outer:g} must be inner_angle + 2 roller_angle = {inner + 2.0 * roller:g} rad within "
+        f"{100.0 * APEX:g} %, so that all cones share one apex",
     )
 
 
-def _taper(bearing: TaperedBearing) -> str | None:
+def _taper(bearing: TaperedBearing) -> Wrong | None:
     known = as_numbers(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
                    bearing.roller_angle)  # fmt: skip
     if known is None:
@@ -76,13 +96,14 @@ def _taper(bearing: TaperedBearing) -> str | None:
     taper = (large - small) / (2.0 * length)
     if _tapers_by(angle, taper):
         return None
-    return (
-        f"bearing.roller_angle = {angle:g} does not fit the roller's diameters and length, which give {taper:.4g} rad; "
-        f"they must agree within {100.0 * TAPER:g} %"
+    return _wrong(
+        "roller_angle",
+        f" = {angle:g} does not fit the roller's diameters and length, which give {taper:.4g} rad; "
+        f"they must agree within {100.0 * TAPER:g} %",
     )
 
 
-def _neighbours(bearing: TaperedBearing) -> str | None:
+def _neighbours(bearing: TaperedBearing) -> Wrong | None:
     """Rollers side by side: at either end the chord between their axes must exceed the diameter there."""
     known = as_numbers(bearing.roller_large_diameter, bearing.roller_small_diameter, bearing.roller_length,
                    bearing.outer_angle, bearing.roller_angle)  # fmt: skip
@@ -95,9 +116,10 @@ def _neighbours(bearing: TaperedBearing) -> str | None:
             fit -= 2.0 * radius * math.sin(math.pi / max(fit, 1)) <= diameter  # those that touch do not turn
     if fit == bearing.rollers:
         return None
-    return (
-        f"bearing.rollers = {bearing.rollers}: rollers of these diameters overlap where they run; at most "
-        f"{max(fit, 0)} fit side by side: use fewer or thinner ones"
+    return _wrong(
+        "rollers",
+        f" = {bearing.rollers}: rollers of these diameters overlap where they run; at most "
+        f"{max(fit, 0)} fit side by side: use fewer or thinner ones",
     )
 
 
@@ -128,6 +150,6 @@ def _ends(large: Any, small: Any, length: Any, outer: Any, roller: Any) -> list[
     return [(diameter, end * xp.sin(outer - roller)) for diameter, end in ends]
 
 
-def first(*checks: Callable[[Any], str | None], of: Any) -> str | None:
-    """The first sentence there is."""
-    return next((sentence for check in checks if (sentence := check(of)) is not None), None)
+def first(*checks: Callable[[Any], T | None], of: Any) -> T | None:
+    """What the first check finds that finds something."""
+    return next((found for check in checks if (found := check(of)) is not None), None)

@@ -21,8 +21,7 @@ def moves(fit: Fit) -> Callable[[TaperedBearing, float], np.ndarray]:
     """
     plain = dataclasses.replace(with_any_width(fit.scene) or fit.scene, effects=())
     step = np.linalg.pinv(evaluations.evaluated(fit.problem, fit.place[None]).jacobian[0])  # of deviations in sigma
-    bounds = fit.problem.bounds
-    slope = np.asarray(bounds.slope(fit.place)) * np.where(bounds.logarithmic, fit.values, 1.0)
+    slope = fit.problem.bounds.rate(fit.place)
     own = predicted.rows_of(fit.problem.parameters, plain, fit.rows, fit.values)
 
     def moved(bearing: TaperedBearing, design_load: float) -> np.ndarray:

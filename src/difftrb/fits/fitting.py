@@ -15,8 +15,8 @@ import numpy as np
 
 from difftrb.core import status
 from difftrb.fits import (
-    diagnostics,
     evaluations,
+    fit_remarks,
     fit_result,
     least_squares,
     measured,
@@ -49,8 +49,6 @@ NEARLY = 1.05
 """Widths within this factor of the least one that is searched are at it."""
 STEPS = 4
 """Of a fit, as its progress counts them: scan, search, profiles, remarks."""
-BENT = 4.0
-"""An interval's end this many times as far as its standard error says, or this near, belies it."""
 DEEPER = 3
 """Most times that a fit goes on from a profile that has found a lower place."""
 
@@ -157,7 +155,7 @@ def _fit(
         tried = _judged(problem, scan, found, estimate)
     told(3)
     result = _result(rows, problem, tried, estimate)
-    return dataclasses.replace(result, **diagnostics.judged(result, scan))
+    return dataclasses.replace(result, **fit_remarks.judged(result, scan))
 
 
 def _check_effects(parameters: Sequence[Parameter], slope: np.ndarray) -> None:
@@ -230,12 +228,6 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     u, normal, told = (np.asarray(each[best]) for each in (found.place, found.normal, found.beside[0]))
     every = bounds.values(found.place)
     values = every[best]
-    known = profile_intervals.covariance(normal, u)
-    variance = np.diag(known)
-    slope = bounds.slope(u) * np.where(bounds.logarithmic, values, 1.0)
-    spread = np.sqrt(np.where(variance > 0.0, variance, 1.0))
-    correlation = known / np.outer(spread, spread)
-    prior = np.array([parameter.prior for parameter in problem.parameters])
     converged = np.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
     others = _others(problem, tried, every)
     pieces = _pieces(problem, tried, others, every)
@@ -243,12 +235,10 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     return Fit(
         parameters=tuple(parameter.name for parameter in problem.parameters),
         values=values,
-        standard_errors=np.where(
-            _is_normal(u, profiles, tried.limits, variance, prior), spread * np.abs(slope), np.nan
-        ),
+        standard_errors=profile_intervals.standard_errors(problem, u, normal, profiles, tried.limits),
         pieces=tuple(own[:, :2] for own in pieces),
         open=np.array([(own[0, 2], own[-1, 3]) for own in pieces], bool),
-        correlation=correlation + np.diag(1.0 - np.diag(correlation)),
+        correlation=profile_intervals.correlation(normal, u),
         rows=rows,
         predicted=told,
         sigma=np.asarray(problem.sigma),
@@ -274,18 +264,6 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
         known=tried.known,
         status_code=status.worst(found.beside[1][best], converged),
     )
-
-
-def _is_normal(
-    place: np.ndarray, profiles: Profiles, limits: Limits, variance: np.ndarray, prior: np.ndarray
-) -> np.ndarray:
-    """Of which parameters the covariance tells an error, shape (parameters,): not of those that are at a bound or as
-    uncertain as before any measurement, nor where the profile has a cliff or another slope close by, so that an end of
-    the interval is `BENT` times nearer or farther than by the covariance."""
-    spread = np.sqrt(np.maximum(variance, 0.0))
-    known = (spread > 0.0) & (spread < prior)
-    told = np.abs(profiles.ends - place[:, None]) / np.where(known, spread * np.sqrt(limits.end), 1.0)[:, None]
-    return known & np.all(profiles.open | ((told > 1.0 / BENT) & (told < BENT)), axis=1)
 
 
 def _others(problem: Problem, tried: Tried, values: np.ndarray) -> list[int]:

@@ -86,6 +86,10 @@ class Bounds:
         share = 1.0 / (1.0 + np.exp(-u))
         return (high - low) * share * (1.0 - share)
 
+    def rate(self, u: np.ndarray) -> np.ndarray:
+        """Slope of the values themselves by coordinates, shape (n,)."""
+        return np.asarray(self.slope(u) * np.where(self.logarithmic, self.values(u), 1.0))
+
 
 class Least(NamedTuple):
     """Minima: places, shape (cases, n); half the sums of squares there, shape (cases,); their normal matrices JᵀJ,

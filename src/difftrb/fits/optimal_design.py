@@ -96,9 +96,8 @@ def next_measurements(
     values, slopes = (each[0] for each in predicted.other_rows_at(fit.problem, among, fit.place[None]))
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, values, strict=True)])
     rows = slopes / sigma[:, None]
-    prior = np.array([parameter.prior for parameter in fit.problem.parameters])
-    covariance = np.linalg.inv(fit.normal + np.diag(1.0 / prior**2))
-    slope = fit.problem.bounds.slope(fit.place) * np.where(fit.problem.bounds.logarithmic, fit.values, 1.0)
+    covariance = np.linalg.inv(fit.normal + np.diag(1.0 / fit.problem.prior**2))
+    slope = fit.problem.bounds.rate(fit.place)
     chosen: list[Suggestion] = []
     left = np.ones(len(among), bool)
     for _ in range(min(count, len(among))):

@@ -121,6 +121,11 @@ class Problem:
     common: Real
     robust: int | jax.Array
 
+    @property
+    def prior(self) -> np.ndarray:
+        """How uncertain parameters are before any measurement, in coordinates, shape (parameters,)."""
+        return np.array([parameter.prior for parameter in self.parameters])
+
 
 def with_more(problem: Problem, more: Sequence[Parameter], rows: Sequence[Measurement]) -> Problem:
     """The problem with these parameters sought, too, behind its own."""

@@ -43,6 +43,8 @@ BESIDE = 0.5
 CONFIDENCE, SURE = 0.95, 0.9973
 """Of intervals: how often they hold what is sought; and of where they end if χ² levels off behind that, for then a
 little noise decides."""
+BENT = 4.0
+"""An interval's end this many times as far as its standard error says, or this near, belies it."""
 LEVELS_OFF = 3.0
 """An interval that would be this many times as long on one side to be sure is so there. Of a normal likelihood it is
 1.5 times as long."""
@@ -85,6 +87,29 @@ def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
     known, directions = np.linalg.eigh(matrix)
     inverted = (directions / np.maximum(known, 1e-13)[None, :]) @ directions.T
     return np.where(both, inverted / np.outer(size, size), 0.0)
+
+
+def correlation(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """By the same: of coordinates, shape (parameters, parameters)."""
+    known = covariance(normal, u)
+    spread = np.sqrt(np.where(np.diag(known) > 0.0, np.diag(known), 1.0))
+    found = known / np.outer(spread, spread)
+    return found + np.diag(1.0 - np.diag(found))
+
+
+def standard_errors(
+    problem: Problem, u: np.ndarray, normal: np.ndarray, profiles: Profiles, limits: Limits
+) -> np.ndarray:
+    """Of the parameters by the covariance at the place u [unit], shape (parameters,).
+
+    NaN where it tells none: at a bound, or as uncertain as before any measurement, and where the profile has a cliff or
+    another slope close by, so that an end of the interval is `BENT` times nearer or farther than by the covariance.
+    """
+    spread = np.sqrt(np.maximum(np.diag(covariance(normal, u)), 0.0))
+    known = (spread > 0.0) & (spread < problem.prior)
+    told = np.abs(profiles.ends - u[:, None]) / np.where(known, spread * np.sqrt(limits.end), 1.0)[:, None]
+    normal_like = known & np.all(profiles.open | ((told > 1.0 / BENT) & (told < BENT)), axis=1)
+    return np.where(normal_like, spread * np.abs(problem.bounds.rate(u)), np.nan)
 
 
 def held(

@@ -131,12 +131,12 @@ def estimated(known: Catalogue) -> CatalogueBearing:
     catalogue_relations.check(known)
     belief = _believed(known)
     bearing, design_load = _made(belief, belief.mean, belief.rollers)
-    sentence = catalogue_relations.check_rings(known, bearing)
+    wrong = catalogue_relations.check_rings(known, bearing)
     unusual = _usual(known, *catalogue_relations.prior(known), belief.mean)
-    if sentence is None or (unusual is not None and getattr(known, sentence.split()[0][8:], None) is None):
-        sentence = unusual  # what was not told cannot be blamed
-    if sentence is not None:
-        raise SceneError(sentence)
+    if unusual is not None and (wrong is None or getattr(known, wrong.key, None) is None):
+        raise SceneError(unusual)  # what was not told cannot be blamed
+    if wrong is not None:
+        raise SceneError(wrong.sentence)
 
     values = _numbers(bearing, design_load)
     uncertain = _spread(belief, lambda *made: np.array([value for value, _ in _numbers(*made).values()]))
@@ -206,8 +206,8 @@ def _believed(known: Catalogue) -> _Belief:
 
 def _overlap(known: Catalogue, x: np.ndarray, rollers: int) -> bool:
     """Whether so many rollers overlap."""
-    sentence = catalogue_relations.check_rings(known, _bearing(known, x, rollers))
-    return sentence is not None and sentence.startswith("bearing.rollers")
+    wrong = catalogue_relations.check_rings(known, _bearing(known, x, rollers))
+    return wrong is not None and wrong.key == "rollers"
 
 
 def _slopes(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from annotated_types import Interval, Unit
 
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry
-from difftrb.core.bearing_checks import across
+from difftrb.core.bearing_checks import Wrong, of_bearing
 from difftrb.core.geometry import FILE_RULES, Real, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.ring import life
@@ -167,26 +167,29 @@ def crown(bearing: TaperedBearing) -> Real:
     return CROWN * 2.0 * geometry.mean_roller_radius(bearing) * np.pi * modulus * bearing.roller_length
 
 
-def check_rings(known: Catalogue, bearing: TaperedBearing) -> str | None:
+def check_rings(known: Catalogue, bearing: TaperedBearing) -> Wrong | None:
     """Why these rollers have no place between bore and outside, if they have none."""
     if bearing.roller_small_diameter <= 0.0 or bearing.inner_angle <= 0.0:
-        return (
+        return Wrong(
+            "roller_length",
             f"bearing.roller_length = {bearing.roller_length:g}: rollers of this taper end at the common apex before "
-            "their small end: there is no such bearing; use shorter ones or a smaller contact angle"
+            "their small end: there is no such bearing; use shorter ones or a smaller contact angle",
         )
-    if (sentence := across(bearing, ())) is not None:
-        return sentence
+    if (wrong := of_bearing(bearing)) is not None:
+        return wrong
     width = bearing.roller_length * math.cos(geometry.roller_axis_angle(bearing))
     if width > known.T:
-        return f"bearing.roller_length = {bearing.roller_length:g}: must be less than the bearing's T = {known.T:g} mm"
+        long = f"bearing.roller_length = {bearing.roller_length:g}: must be less than the bearing's T = {known.T:g} mm"
+        return Wrong("roller_length", long)
     at, half = geometry.slant_distance(bearing), 0.5 * bearing.roller_length
     inner, outer = 2.0 * (at - half) * math.sin(bearing.inner_angle), 2.0 * (at + half) * math.sin(bearing.outer_angle)
     if inner > known.d and outer < known.D:
         return None
-    return (
+    return Wrong(
+        "roller_diameter",
         f"bearing.roller_diameter = {2.0 * geometry.mean_roller_radius(bearing):.4g} on pitch_diameter = "
         f"{2.0 * geometry.pitch_radius(bearing):.4g} mm: raceways of {inner:.4g} … {outer:.4g} mm leave no rings "
-        f"between d = {known.d:g} and D = {known.D:g} mm"
+        f"between d = {known.d:g} and D = {known.D:g} mm",
     )
 
 

@@ -6,8 +6,8 @@ Every roller that meets spalls gets contacts of its own, on both raceways where 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -75,9 +75,11 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
     if free:
         inner = [now.inner(load) for load in centres["outer"].values()]
         centres["inner"] = dict(zip(centres["inner"], inner, strict=True))
-    found, tilts = False, None
     known: dict[Raceway, local_states.SolvedContacts] = {raceway: {} for raceway in bases}
-    for _ in range(ROUNDS):
+    tilts = None
+
+    def around(centres: dict[Raceway, Centres], found: bool) -> dict[Raceway, Centres]:
+        nonlocal made, now, tilts
         if free:
             tilts = _tilts(bases, spalls, now, list(centres["outer"].values()), found, tilts, progress)
         made = {
@@ -88,16 +90,40 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
             for raceway, base in bases.items()
         }  # fmt: skip
         now = _at_rest(scene, made, spalls)
-        loads: dict[Raceway, Centres] = {raceway: _loads(now, raceway, base) for raceway, base in bases.items()}
-        near = STAYS if found else local_states.SEARCHED
-        kept: dict[Raceway, Centres] = {raceway: _kept(centres[raceway], loads[raceway], near) for raceway in bases}
-        if kept != centres:
-            centres = kept
-        elif found:
-            break
-        else:
-            found, centres = True, loads
+        return {raceway: _loads(now, raceway, base) for raceway, base in bases.items()}
+
+    def kept(
+        old: dict[Raceway, Centres], ended: dict[Raceway, Centres], near: float
+    ) -> dict[Raceway, Centres]:  # fmt: skip
+        return {raceway: _kept(old[raceway], ended[raceway], near) for raceway in bases}
+
+    until_they_stay(centres, around, kept)
     return {raceway: dataclasses.replace(law, settling=False) for raceway, law in made.items()}
+
+
+C = TypeVar("C")
+"""States of rollers around which contacts are solved."""
+
+
+def until_they_stay(centres: C, around: Callable[[C, bool], C | None], kept: Callable[[C, C, float], C]) -> None:
+    """Solve contacts around `centres` until rollers end there, for `ROUNDS` at most: first looked for by few contacts,
+    then `found`.
+
+    `around(centres, found)` solves them and returns where rollers end then; None leaves off. `kept(centres, ended,
+    near)` is the new centres, with the old one where a roller is `near` it, in the logarithm of its load.
+    """
+    found = False
+    for _ in range(ROUNDS):
+        ended = around(centres, found)
+        if ended is None:
+            return
+        own = kept(centres, ended, STAYS if found else local_states.SEARCHED)
+        if own != centres:
+            centres = own
+        elif found:
+            return
+        else:
+            found, centres = True, ended
 
 
 Centres = dict[tuple[int, int, tuple[int, ...]], float]

@@ -16,7 +16,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Raceway
-from difftrb.law import local_states, tilted_states
+from difftrb.law import tilted_states
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw
 from difftrb.law.local_states import Reached
@@ -26,7 +26,7 @@ from difftrb.law.tilted_states import Rollers, Spalls
 from difftrb.ring import roller_balance, roller_places
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene import prepared
-from difftrb.scene.local_laws import ROUNDS, STAYS, guess, met_by, on_raceways, rest_at
+from difftrb.scene.local_laws import guess, met_by, on_raceways, rest_at, until_they_stay
 from difftrb.scene.scene import PitchMean, Scene, healthy
 
 LIGHT = 1e-3
@@ -38,6 +38,10 @@ CLEAR = 0.05
 Laws = dict[Raceway, LocalLaw]
 At = tuple[int, int, tuple[tuple[int, ...], ...]]
 """A phase, a roller, and the spalls that it may meet on every raceway."""
+
+
+States = tuple[dict[At, tuple[float, float]], frozenset[At]]
+"""With how much rollers press [N] at which tilts of their rings [rad], and which are clear."""
 
 
 class TiltedRollers(NamedTuple):
@@ -89,27 +93,26 @@ def _settled(scene: Scene, of: Rollers, progress: Progress | None) -> Laws:
     made: Laws = {raceway: LocalLaw(base, None, settling=True, free_to_tilt=free) for raceway, base in of.bases.items()}
     now = _at_rest(scene, made, of, frozenset())
     rollers = now.rollers[0 if isinstance(scene.phase, PitchMean) else 1 :]
-    centres = dict(now.centres)
-    found, known, leaned = False, {}, False
-    for _ in range(ROUNDS):
-        pressed, tilts = np.array(list(centres.values())).reshape(-1, 2).T
+    known, leaned = {}, False
+
+    def around(states: States, found: bool) -> States | None:
+        nonlocal made, now, leaned
+        pressed, tilts = np.array(list(states[0].values())).reshape(-1, 2).T
         clear = np.array([at in now.clear for at in now.centres], bool)
         made = tilted_states.around(of, now.reached, rollers, pressed, tilts, clear, found, known, progress)
-        before = now.clear
         leans = int(made["outer"].status_code) == status.LEANS
         if leans and leaned:  # twice one after the other: they are not coming back
-            break
+            return None
         leaned = leans
-        now = _at_rest(scene, made, of, before)
-        ended, near = now.centres, STAYS if found else local_states.SEARCHED
-        kept = {at: centres[at] if at in centres and _is_near(of, centres[at], own, near) else own
-                for at, own in ended.items()}  # fmt: skip
-        if kept != centres or now.clear != before:
-            centres = kept
-        elif found:
-            break
-        else:
-            found, centres = True, ended
+        now = _at_rest(scene, made, of, now.clear)
+        return now.centres, now.clear
+
+    def kept(old: States, ended: States, near: float) -> States:
+        (centres, _), (others, clear) = old, ended
+        return {at: centres[at] if at in centres and _is_near(of, centres[at], own, near) else own
+                for at, own in others.items()}, clear  # fmt: skip
+
+    until_they_stay((now.centres, now.clear), around, kept)
     return made
 
 
