@@ -58,9 +58,10 @@ def borders(
     """Angles of roller 0 [rad] between which nothing has a kink, over the pitch that begins at 0, rising from there to
     its end; shape (kinks + 2,). If there are several loads, of parts of shape (loads,), so are these in front.
 
-    The laws met, the outer raceway's first, say how far their edges reach. `at_rest`: healthy rings under the `load`
-    with `terms`, at phases of shape (…, kinks): with few rollers a ring lies differently at every phase. `still`: of a
-    plain one the displacement [mm], shape (…, 3), if it is known and the same at all phases: then none is solved.
+    The laws met, the outer raceway's first, say how far their edges reach. `at_rest`: rings under the `load` with
+    `terms`, at phases of shape (…, kinks): over spalls, or with few rollers, a ring lies differently at every phase.
+    `still`: of a plain healthy one the displacement [mm], shape (…, 3), if it is known and the same at all phases: then
+    none is solved, and kinks are about where spalls put them.
     """
     whole = geometry.roller_pitch(bearing)
 
@@ -148,12 +149,12 @@ def _zone(bearing: TaperedBearing, u: Any, sides: np.ndarray) -> Any:
 
 
 def _share(law: Law, rest: ring.Equilibrium) -> Any:
-    """What part of the ring's approach to the most loaded roller is the contact's in which `law` holds, of every ring,
-    shape (…, kinks)."""
-    loads = xp.fixed(rest.loads)
-    top = xp.module_of(loads).argmax(loads, axis=-1)
-    whole = xp.taken(xp.moveaxis(rest.approach, -1, 0), top)
-    healthy = law.curves((), cast(Any, np.zeros((0, 1)))).each
-    curve = xp.fixed(load_curve.one_of(healthy, 0))
-    own = load_curve.approach(curve, xp.maximum(xp.module_of(loads).max(loads, axis=-1), 1.0))
+    """What part of the ring's approach to a loaded roller is the contact's in which `law` holds, of every ring, shape
+    (…, kinks): the largest there is, for rollers over a spall have less."""
+    loads, approach = xp.fixed((rest.loads, rest.approach))
+    of, healthy = xp.module_of(loads), law.curves((), cast(Any, np.zeros((0, 1)))).each
+    alone = load_curve.approach(xp.fixed(load_curve.one_of(healthy, 0)), xp.maximum(loads, 1.0))
+    heavy = (loads > 0.5 * of.max(loads, axis=-1)[..., None]) & (approach > 0.0)
+    share = of.where(heavy, alone / of.where(heavy, approach, 1.0), 0.0)
+    own, whole = (xp.taken(xp.moveaxis(part, -1, 0), of.argmax(share, axis=-1)) for part in (alone, rest.approach))
     return own / xp.maximum(whole, own)

@@ -55,22 +55,24 @@ def _of_laws(scene: Scene, change: Callable[[LocalLaw], Any]) -> Scene:
 @np.errstate(all="ignore")
 def pitch_borders(scene: Scene, still: Any = None) -> Any:
     """Between which phases a prepared scene has no kink [rad]; `still` as in `phase_rule.borders`. Loads may be
-    several."""
+    several. Laws by contacts around states know these at the phases alone: then kinks are where healthy rings have
+    them."""
     if xp.are_numbers(scene):
         scene = xp.numbers(scene)
     acting = law_in_effect(scene, outer_law(scene))
     met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
     if (inner := inner_law(scene)) is not None:
         met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), inner))
-    sound, upright = _of_laws(healthy(scene), local.stateless), local.stateless(acting)
-    terms = ring_at(sound, upright, 0.0)[1]
+    acting = local.stateless(acting)
+    rings = _of_laws(healthy(scene), local.stateless) if isinstance(scene.law, LocalLaw) else scene
+    terms = ring_at(rings, acting, 0.0)[1]
 
     def at_rest(each: Any) -> ring.Equilibrium:
         def of_phases(part: Any) -> Any:
             return xp.broadcast_to(part[:, None], each.shape) if np.ndim(part) else part
 
         load = xp.tree_map(of_phases, scene.load)
-        here, own = ring_at(dataclasses.replace(sound, load=load), upright, each)
+        here, own = ring_at(dataclasses.replace(rings, load=load), acting, each)
         return here.equilibrium(own)
 
     return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms, still)
