@@ -194,3 +194,13 @@ def test_a_cliff_has_no_standard_error() -> None:
     problem: Any = SimpleNamespace(prior=np.full(5, 9.0), bounds=SimpleNamespace(rate=lambda u: -2.0 + 0.0 * u))
     told = profile_intervals.standard_errors(problem, np.zeros(5), np.eye(5), profiles, Limits(4.0, 9.0))
     np.testing.assert_array_equal(told, [2.0, np.nan, np.nan, 2.0, np.nan])
+
+
+def test_a_profile_leaves_a_bound() -> None:
+    """From a length at the end of its range no slope leads away: the width's profile stayed there, and a width of 1.56
+    mm was called determined, 1.52 … 1.79, where 4.4 fitted as well."""
+    known = profile_intervals.KnownCosts(np.array([[0.5, 1.0]]), np.array([3.0]))
+    free, at = np.array([[True, False]]), np.array([[9.0, 1.0]])
+    starts = profile_intervals.starts_of(np.array([9.0, 0.0]), np.eye(2), known, free, at)
+    np.testing.assert_array_equal(starts[:, 0], [[7.0, 1.0], [0.5, 1.0], [profile_intervals.INSIDE, 1.0]])
+    assert len(profile_intervals.starts_of(np.array([6.0, 0.0]), np.eye(2), known, free, at)) == 2

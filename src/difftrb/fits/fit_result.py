@@ -201,7 +201,7 @@ class Fit(status.Judged):
         at = np.tile(self.place, (points * points, 1))
         at[:, 0], at[:, 1] = (axis.ravel() for axis in grid)
         free = np.tile(np.arange(len(self.place)) > 1, (len(at), 1))
-        starts = profile_intervals.both_starts(self.place, self.normal, self.known, free, at)
+        starts = profile_intervals.starts_of(self.place, self.normal, self.known, free, at)
         costs, _ = profile_intervals.held(self.problem, free, list(starts.swapaxes(0, 1)), at)
         return 2.0 * (costs - 0.5 * self.chi2).reshape(points, points)
 

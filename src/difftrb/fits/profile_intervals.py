@@ -38,6 +38,8 @@ FLAT = 0.25
 """Places that have risen by less than this share of the limit are not tried again from others."""
 MEET = 0.01
 """Cases that come this close to each other, of what parts basins, go on as one."""
+INSIDE = 2.0
+"""Coordinate from which a parameter starts that is at a bound."""
 BESIDE = 0.5
 """A profile's place starts from the lowest known point that lies closer than this, in coordinates, too."""
 CONFIDENCE, SURE = 0.95, 0.9973
@@ -130,10 +132,11 @@ def held(
     return cost[best], found.place[best]
 
 
-def both_starts(u: np.ndarray, normal: np.ndarray, known: KnownCosts, free: np.ndarray, at: np.ndarray) -> np.ndarray:
+def starts_of(u: np.ndarray, normal: np.ndarray, known: KnownCosts, free: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Where to start with the parameters that are not `free`, shape (cases, parameters), where `at`, same shape, has
-    them, shape (2, cases, parameters): where the quadratic about u expects the others, and at the lowest known place
-    near by, for another basin may be deeper there."""
+    them, shape (2 or 3, cases, parameters): where the quadratic about u expects the others, and at the lowest known
+    place near by, for another basin may be deeper there. Of u at a bound, from where no slope leads away, inside, too.
+    """
     starts = np.stack([at, at])
     for case, (moves, place) in enumerate(zip(free, at, strict=True)):
         if moves.any():
@@ -144,7 +147,10 @@ def both_starts(u: np.ndarray, normal: np.ndarray, known: KnownCosts, free: np.n
         away = np.max(np.abs(known.place - place)[:, ~moves], axis=1, initial=0.0)
         nearest = np.argmin(np.where(away < BESIDE, known.cost, np.max(known.cost) + away))
         starts[1, case, moves] = known.place[nearest, moves]
-    return starts
+    if not (np.abs(u) >= AT_BOUND).any():
+        return starts
+    inside = np.where(free & (np.abs(starts[0]) >= AT_BOUND), np.copysign(INSIDE, starts[0]), starts[0])
+    return np.concatenate([starts, inside[None]])
 
 
 class Held(NamedTuple):
@@ -184,7 +190,7 @@ def profiles(
     places = _places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
     of, at = np.repeat(np.arange(len(own)), [len(each) for each in places]), np.concatenate(places)
     free = own[of][:, None] != np.arange(len(u))
-    starts = both_starts(u, normal, known, free, np.where(free, u, at[:, None])).swapaxes(0, 1)
+    starts = starts_of(u, normal, known, free, np.where(free, u, at[:, None])).swapaxes(0, 1)
     wanted: list[Any] = [(number, value, u, two) for number, value, two in zip(of, at, starts, strict=True)]
     edges = edges_at_rollers.sought(problem)
     for k in range(ROUNDS + 1):
