@@ -107,8 +107,8 @@ def _method_for(spall: Defect, method: Method) -> Method:
 
 
 def is_symmetric(spall: Defect) -> bool:
-    """Whether a contact is known to be symmetric about the roller's middle: every `axial_offset` is a plain 0."""
-    return all(is_zero(each.axial_offset) for each in listed(spall))
+    """Whether a contact is known to be symmetric about the roller's middle."""
+    return all(is_zero(each.off_middle) for each in listed(spall))
 
 
 def listed(spall: Defect) -> tuple[Spall | HeightMap, ...]:

@@ -48,7 +48,8 @@ class HeightMap:
 
     Attributes:
       height: of the surface over the undamaged raceway [mm], negative is below, −10…10; shape (rows along the roller,
-        columns along the rolling direction), 2 × 2 to 4096 × 4096, row 0 at the lowest y.
+        columns along the rolling direction), 2 × 2 to 4096 × 4096, row 0 at the lowest y, column 0 at the smallest
+        angle.
       pitch_x: distance of its columns [mm], 1e-5…10. pitch_y: distance of its rows [mm], 1e-5…10.
       axial_offset: of its middle from the roller's middle, along the roller [mm], default 0.
       angle: of its middle from the load line [rad], default 0.
@@ -102,6 +103,16 @@ class HeightMap:
         return of.concatenate([places[-1:], places[:-1]]) * self.pitch_x
 
     ends = Spall.ends
+
+    @property
+    def off_middle(self) -> Any:
+        """As `Spall.off_middle`: its heights count, too."""
+        height = xp.numbers(self.height) if xp.are_numbers(self.height) else self.height
+        return (self.axial_offset != 0.0) | xp.module_of(height).any(height != height[::-1])
+
+    def turned_over(self) -> HeightMap:
+        """As `Spall.turned_over`."""
+        return dataclasses.replace(self, height=self.height[:, ::-1])
 
     @property
     def extent(self) -> tuple[Real, Real]:

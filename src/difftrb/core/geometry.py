@@ -122,6 +122,15 @@ class Spall:
         """How high it stands out of the raceway [mm]: not at all. A `HeightMap` may."""
         return 0.0
 
+    @property
+    def off_middle(self) -> Any:
+        """Whether it is another one at either end of the roller."""
+        return self.axial_offset != 0.0
+
+    def turned_over(self) -> Spall:
+        """As seen against the rolling direction: the same. A `HeightMap` is another one."""
+        return self
+
 
 @register
 @dataclasses.dataclass(frozen=True)

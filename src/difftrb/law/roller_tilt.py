@@ -65,7 +65,7 @@ class RollerContacts(NamedTuple):
     @property
     def leans(self) -> bool:
         """Whether the rings or a spall off the roller's middle may tilt it."""
-        return self.turned != 0.0 or any(float(spall.axial_offset) != 0.0 for own in self.spalls for spall in own)
+        return self.turned != 0.0 or any(bool(spall.off_middle) for own in self.spalls for spall in own)
 
     def cases(self, loads: tuple[float, float], tilt: float = 0.0) -> tuple[Case, Case]:
         """Its contacts under these loads [N] at a tilt [rad] against the outer raceway."""

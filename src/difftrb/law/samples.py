@@ -65,6 +65,12 @@ class Case(NamedTuple):
     distance: float | Sequence[float] = 0.0
     tilt: float = 0.0
 
+    @property
+    def offset(self) -> float | list[float]:
+        """Of the spall from the contact, as a contact takes it [mm]: a map is another one in a mirror."""
+        own = self.distance
+        return [-each for each in own] if isinstance(own, Sequence) else -own
+
 
 def case_under(load: float, spalls: Sequence[Spall], away: Sequence[float]) -> Case:
     """The contact of a roller over some spalls, at distances `away` [mm] from their middles. A single spall stands
@@ -134,22 +140,20 @@ def places(under: Sequence[int], spalls: int) -> list[int]:
 
 def pressed(contact: LineContact, case: Case, accuracy: float) -> ContactSolution:
     """The contact of one case, without slopes."""
-    return contacts.solve_contact(contact, case.load, case.spall, case.distance, accuracy, tilt=case.tilt)
+    return contacts.solve_contact(contact, case.load, case.spall, case.offset, accuracy, tilt=case.tilt)
 
 
 def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
     """Solve one case, choosing the method automatically. Of a roller over the middle of a wide spall, `reach` is how
     far from there a rolling edge would touch it [mm]; else 0."""
-    solution, by = contacts.approach_and_gradient(
-        contact, case.load, case.spall, case.distance, accuracy, tilt=case.tilt
-    )
+    solution, by = contacts.approach_and_gradient(contact, case.load, case.spall, case.offset, accuracy, tilt=case.tilt)
     return _node(contact, case, solution, by)
 
 
 def solved_turning(contact: LineContact, case: Case, accuracy: float) -> Node:
     """`solved`, with its `turning`."""
     solution, by, by_moment = contacts.approach_and_gradient(
-        contact, case.load, case.spall, case.distance, accuracy, tilt=case.tilt, moment=True
+        contact, case.load, case.spall, case.offset, accuracy, tilt=case.tilt, moment=True
     )
     turning = Turning(_or_zero(by.tilt), _or_zero(by_moment.tilt), _by_inputs(case, by_moment))
     return dataclasses.replace(_node(contact, case, solution, by), turning=turning)
@@ -170,7 +174,8 @@ def _or_zero(slope: Real | None) -> float:
 
 def _by_inputs(case: Case, by: contacts.Inputs) -> np.ndarray:
     """A gradient as `inputs` are ordered."""
-    slopes = np.array(inputs(by.contact, cast(Any, by.spall), by.offset if case.spall is not None else 0.0))
+    by_distance = -np.asarray(by.offset) if case.spall is not None else 0.0
+    slopes = np.array(inputs(by.contact, cast(Any, by.spall), by_distance))
     if is_symmetric(case.spall) and case.tilt == 0.0:  # half the roller was solved
         sizes = len(OF_SPALL)
         slopes[AT.spall_axial_offset : len(OF_CONTACT) + sizes * len(listed(case.spall)) : sizes] = 0.0

@@ -247,7 +247,8 @@ def judged(
     code = of.where(valid, code, status.BAD_INPUT)
     code = status.worst(code, of.asarray(law.status_code).astype(int))
     numbers = rest.displacement, rest.approach, rest.loads, rest.tangent
-    u, approach, loads, tangent = (xp.where(newton.of_each(usable, value), value, np.nan) for value in numbers)
+    # so that derivatives are NaN, too: of a number put in its place they are 0, as at an optimum
+    u, approach, loads, tangent = (value * of.where(newton.of_each(usable, value), 1.0, np.nan) for value in numbers)
     residual = xp.where(of.all(usable), rest.residual, np.nan)
     return Equilibrium(u, approach, loads, tangent, residual, rest.iterations, code, tilts=rest.tilts)
 

@@ -26,8 +26,10 @@ def directions(bearing: TaperedBearing, angles: Any) -> Any:
 
 
 def spalls_on(spalls: tuple[Spall, ...], raceway: Raceway) -> tuple[Spall, ...]:
-    """The spalls that rollers meet on a raceway: its own, and a roller's, which meets both."""
-    return tuple(spall for spall in spalls if spall.surface in (raceway, "roller"))
+    """The spalls that rollers meet on a raceway: its own, and a roller's, which meets both, the inner one the other way
+    round."""
+    return tuple(spall.turned_over() if spall.surface != raceway and raceway == "inner" else spall
+                 for spall in spalls if spall.surface in (raceway, "roller"))  # fmt: skip
 
 
 def distances(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: Any, raceway: Raceway = "outer") -> Any:

@@ -49,7 +49,7 @@ class Facing(NamedTuple):
             return np.asarray(status.OTHER_SCENE if other else status.CONVERGED)
         leans: Any = np.asarray(False)
         for spall, away in zip(spalls, distances, strict=True) if self.free else ():
-            leans = leans | xp.any(rest.in_reach(spall, away) & (spall.axial_offset != 0.0))
+            leans = leans | xp.any(rest.in_reach(spall, away) & spall.off_middle)
         return xp.where(leans, status.TILTS, status.CONVERGED)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.numeric import gauss_legendre
-from difftrb.law import local
+from difftrb.law import base, local
 from difftrb.law.local import LocalLaw
 from difftrb.ring import phase_rule, ring, roller_places
 from difftrb.scene.scene import PitchMean, Scene, healthy, inner_law, law_in_effect, outer_law, ring_at
@@ -55,8 +55,7 @@ def _of_laws(scene: Scene, change: Callable[[LocalLaw], Any]) -> Scene:
 @np.errstate(all="ignore")
 def pitch_borders(scene: Scene, still: Any = None) -> Any:
     """Between which phases a prepared scene has no kink [rad]; `still` as in `phase_rule.borders`. Loads may be
-    several. Laws by contacts around states know these at the phases alone: then kinks are where healthy rings have
-    them."""
+    several. Laws of one scene know its rollers at the phases alone: then kinks are where healthy rings have them."""
     if xp.are_numbers(scene):
         scene = xp.numbers(scene)
     acting = law_in_effect(scene, outer_law(scene))
@@ -64,7 +63,7 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
     if (inner := inner_law(scene)) is not None:
         met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), inner))
     acting = local.stateless(acting)
-    rings = _of_laws(healthy(scene), local.stateless) if isinstance(scene.law, LocalLaw) else scene
+    rings = _of_laws(healthy(scene), local.stateless) if base.kind(acting.name).one_scene else scene
     terms = ring_at(rings, acting, 0.0)[1]
 
     def at_rest(each: Any) -> ring.Equilibrium:

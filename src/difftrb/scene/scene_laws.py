@@ -195,7 +195,7 @@ def _may_meet_more(scene: Scene) -> bool:
 
 def _leans(scene: Scene) -> bool:
     """Whether rollers between both raceways may tilt over a spall off their middle."""
-    return effects.are_free(scene.effects) and any(float(spall.axial_offset) != 0.0 for spall in scene.spalls)
+    return effects.are_free(scene.effects) and any(bool(spall.off_middle) for spall in scene.spalls)
 
 
 def _meet_more(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
