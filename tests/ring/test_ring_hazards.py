@@ -67,6 +67,20 @@ def test_gradient_of_a_good_member_survives_a_bad_neighbour(bearing) -> None:
     assert float(slopes[1]) == pytest.approx(float(jax.grad(stiffness)(4500.0)), rel=1e-12)
 
 
+@pytest.mark.parametrize("how", [lambda f: f, jax.jit], ids=["numbers", "program"])
+def test_derivatives_of_what_has_no_solution_are_none(bearing, how) -> None:
+    """They were 0, as at an optimum, beside a value that is NaN."""
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), law="liu2018")
+
+    def stiffness(axial: jax.Array, length: jax.Array) -> jax.Array:
+        return trb.solve(scene.replace(axial=axial, length=length)).stiffness[0, 0]
+
+    slope = how(jax.grad(stiffness, argnums=(0, 1)))
+    assert np.isnan(slope(100.0, 4.0)).all()
+    assert np.isnan(slope(4500.0, np.nan)).all()
+    assert np.isfinite(slope(4500.0, 4.0)).all()
+
+
 def test_rollers_clear_of_the_raceway_leave_no_nan(bearing) -> None:
     scene = trb.Scene(bearing, trb.Load(9000.0, 2500.0), (trb.Spall(4.0, 7.0),), law="liu2018")
     r = trb.solve(scene).check()

@@ -59,7 +59,7 @@ SENTENCES = {
     BOTTOM: "a roller may meet the bottom of a spall, which this roller law does not know: use contact.law = 'direct', "
     "or give the spall its true depth",
     OUTSIDE: "rollers carry loads below or above the range that the roller law was made for: use contact.law = "
-    "'direct' or 'auto', or another design load",
+    "'direct' or 'auto', or another design load; where these say so, 'power' goes on to any load",
     UNKNOWN_LENGTH: "a spall is longer than the roller law knows: shorten it, or choose another contact.law",
     SLIVER: "a spall ends close to the roller's end, or takes more than 0.85 of its length, which the table does not "
     "know: use contact.law = 'direct' or 'auto', or move or shorten it",

@@ -41,8 +41,6 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     if speed is not None and not speed > 0.0:
         raise SceneError(f"speed = {speed:g}: must be above 0 rev/min")
     console.remark(path, *remarks.of_ring(file))
-    if file.stiffness.definition != "tangent":
-        console.remark(path, f"stiffness.definition = {file.stiffness.definition!r} is not used: this is dF/du")
     with console.bar("solving the ring over the cage's angle") as progress:
         turn = stiffness(file.scene(), options.phases, slopes=options.slopes or None, progress=progress)
     if not np.all(np.asarray(turn.converged)):

@@ -62,7 +62,8 @@ def basic(bearing: TaperedBearing, rating: Real, radial: Real, axial: Real, rows
 def reference(bearing: TaperedBearing, rating: Real, inner_loads: Any, outer_loads: Any, rows: int = 1) -> Any:
     """Basic reference rating life L10r [million revolutions], inner ring turning, from what every roller presses on
     inner and outer raceway [N], shape (…, rollers), of two rows (…, 2, rollers), evenly along its length; `rating` is
-    that of all rows."""
+    that of all rows. Neither the stress at the rollers' ends is counted, nor what raceways are rated more for then
+    (1/λν): under a radial load that half of the rollers share that is about (C/P)⁴."""
     slower = (1.038 * _slower(gamma(bearing))) ** 4.5
     each = rating / (bearing.rollers * xp.cos(bearing.outer_angle) * rows ** (7.0 / 9.0))
     inner_rating = each / 0.378 * (1.0 + slower) ** (2.0 / 9.0)  # ISO/TS 16281
@@ -104,8 +105,9 @@ def _of_rows(of: Ring, rating: Real, loads: Any) -> Any:
 @dataclasses.dataclass(frozen=True)
 class Life(Effect):
     """Rating life: basic, of a catalogue's load rating (ISO 281), and reference, of the loads of every roller
-    (ISO/TS 16281). With phase "mean" the mean of lives. The basic one of two rows with a preload, which a catalogue's
-    equivalent load does not know, is that of what each row carries.
+    (ISO/TS 16281), which is taken as even along the roller. With phase "mean" the mean of lives. The basic one of two
+    rows with a preload, which a catalogue's equivalent load does not know, is that of what each row carries: a tenth
+    less, under a radial load, with the least preload than with none.
 
     Attributes:
       load_rating: basic dynamic load rating C [N], 1…1e9, with `DoubleRow` the pair's. Default: by ISO 281 from the
