@@ -88,8 +88,11 @@ def borders(
             rest = at_rest(at)
             kinks, search = _nearer(known(_kinks(bearing, met, at, rest, terms)), at, before, whole)
             zone = _zone_from(xp.fixed(at), xp.fixed(rest.displacement), xp.fixed(bearing), xp.fixed(terms))
-            first = of.concatenate([zone, xp.value(kinks)[..., ENDS * rows :]], axis=-1)
-            return xp.mod(xp.where(k == 0, first, kinks), whole), search
+            start, way = (
+                of.where(k == 0, of.concatenate([part, own[..., ENDS * rows :]], axis=-1), own)
+                for part, own in zip(zone, (search.at, search.off), strict=True)
+            )
+            return xp.mod(xp.where(k == 0, start + way, kinks), whole), Search(start, way, search.slope)
 
         even = of.broadcast_to(whole * np.arange(count) / count, shape)
         kinks, _ = loops.counted(ROUNDS, moved, (even, Search(even, of.zeros(shape), -of.ones(shape))))
@@ -149,17 +152,18 @@ def _within(angle: Any, whole: float) -> Any:
     return xp.mod(angle + 0.5 * whole, whole) - 0.5 * whole
 
 
-def _zone_from(phases: Any, displacement: Any, bearing: TaperedBearing, terms: Terms) -> Any:
-    """Where to look for the ends of the load zones of all rows, shape (…, ends), by rings at several `phases` [rad],
-    shape (…, phases): where one is nearest to an end."""
-    found, whole = list[Any](), geometry.roller_pitch(bearing)
+def _zone_from(phases: Any, displacement: Any, bearing: TaperedBearing, terms: Terms) -> tuple[Any, Any]:
+    """From where to look for the ends of the load zones of all rows, and how far from there they are [rad], shape (…,
+    ends), by rings at several `phases` [rad], shape (…, phases): where one is nearest to an end."""
+    starts, ways, whole = list[Any](), list[Any](), geometry.roller_pitch(bearing)
     of = xp.module_of(phases, displacement)
     for u in rows_of(displacement, bearing, terms):
         ends, some = _zone(bearing, u)
         off = of.where(some[..., None], _within(ends - phases[..., None], whole), 0.0)  # (…, phases, sides)
         best = of.argmin(of.where(some[..., None], of.abs(off), np.inf), axis=-2)
-        found.append(of.take_along_axis(phases, best, -1) + of.take_along_axis(off, best[..., None, :], -2)[..., 0, :])
-    return of.concatenate(found, axis=-1)
+        starts.append(of.take_along_axis(phases, best, -1))
+        ways.append(of.take_along_axis(off, best[..., None, :], -2)[..., 0, :])
+    return of.concatenate(starts, axis=-1), of.concatenate(ways, axis=-1)
 
 
 def rows_of(displacement: Any, bearing: TaperedBearing, terms: Terms) -> tuple[Any, ...]:
