@@ -12,7 +12,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from difftrb.core import status
-from difftrb.fits import estimated_bearing, measured, measured_table, parameters, spall_count
+from difftrb.fits import estimated_bearing, measured, measured_table, spall_count
+from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import Condition, row_conditions
 from difftrb.fits.fit_figure import PERCENT, corner, fit_panels
 from difftrb.fits.fit_problem import prepare_fit
@@ -21,7 +22,6 @@ from difftrb.fits.fitting import fit
 from difftrb.fits.least_squares import STEPS
 from difftrb.fits.measured import Measurement
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
-from difftrb.fits.parameters import PARAMETERS
 from difftrb.fits.posterior import Posterior, posterior
 from difftrb.fits.spall_count import SpallCount, count_spalls
 from difftrb.report import console, remarks, tables, worth_text
@@ -51,7 +51,7 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
         raise measured.MeasuredError(f"{options.measured}: {light}: name the columns radial [kN] and axial [kN]")
     console.remark(options.measured, light)
     names = [name.strip() for name in options.parameters.split(",")]
-    parameters.named(names)  # what is wrong is said before anything is solved
+    fit_parameters.named(names)  # what is wrong is said before anything is solved
     counts = None if options.spalls is None else _counts(options.spalls)
     if counts is not None:
         spall_count.check(file.scene(), rows, counts, names)
@@ -196,7 +196,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
         again = " once more" if any(_is_same(s.row, row, fit) for row in fit.rows) else ""
         first = "next" if s is suggestions[0] else "and then"
         lines.append(f"{first}: measure {in_words(s.row)}{again} (standard errors then: {errors})")
-    held = [PARAMETERS[name].told(PARAMETERS[name].start(fit.scene), 4) for name in HELD if name not in fit.parameters]
+    sizes = [fit_parameters.PARAMETERS[name] for name in HELD if name not in fit.parameters]
+    held = [size.told(size.start(fit.scene), 4) for size in sizes]
     if held:
         lines.append(f"held as in the scene: {', '.join(held)}; what is fitted holds for that alone")
     if effect_base.among(fit.scene.effects, Raceways) is None:

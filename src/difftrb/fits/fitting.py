@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.core import status
+from difftrb.core.bad_input import is_whole
 from difftrb.fits import (
     evaluations,
     fit_remarks,
@@ -92,7 +93,7 @@ def fit(
         raise MeasuredError(f"model_error = {model_error!r}: must be 0 or a positive number; None takes the law's own")
     if robust not in ROBUST:
         raise MeasuredError(f"robust = {robust!r} is not known; use one of {', '.join(ROBUST)}")
-    if starts is not None and not (isinstance(starts, int) and starts >= 1):
+    if starts is not None and not is_whole(starts, 1):
         raise MeasuredError(f"starts = {starts!r}: must be a whole number, at least 1, or None for as many as needed")
     fit_parameters.named(parameters)
     rows = measured.listed(rows)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.core import geometry
+from difftrb.core.bad_input import is_whole
 from difftrb.fits import measured, predicted
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.measured import MeasuredError, Measurement
@@ -84,7 +85,7 @@ def next_measurements(
     """
     if not isinstance(fit, Fit):
         raise MeasuredError(f"next_measurements: {type(fit).__name__} is no fit: give what difftrb.fit returns")
-    if not isinstance(count, int) or count < 1:
+    if not is_whole(count, 1):
         raise MeasuredError(f"next_measurements: count = {count!r}: must be a whole number, at least 1")
     among = candidates(fit) if among is None else measured.listed(among)
     if not among:

@@ -38,8 +38,7 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     if options.out is not None:
         check_ending(Path(options.out))
     speed: float | None = options.speed
-    if speed is not None and not speed > 0.0:
-        raise SceneError(f"speed = {speed:g}: must be above 0 rev/min")
+    _check_speed(speed)
     console.remark(path, *remarks.of_ring(file))
     with console.bar("solving the ring over the cage's angle") as progress:
         turn = stiffness(file.scene(), options.phases, slopes=options.slopes or None, progress=progress)
@@ -141,9 +140,8 @@ def in_units(turn: CageTurn, units: Units = "mm", speed_rpm: float | None = None
             unit[name] = [[f"{one}/{per}" for one in row] for row in unit["stiffness"]]
     frequencies = None
     if speed_rpm is not None:
+        _check_speed(speed_rpm)
         frequencies = defect_frequencies(turn.bearing, speed_rpm)
-        if float(frequencies.ftf) <= 0.0:
-            raise SceneError(f"speed = {speed_rpm:g}: must be above 0 rev/min")
         arrays = {"time": np.asarray(turn.time(speed_rpm)), **arrays}
         unit["time"] = "s"
     orders = {}
@@ -178,6 +176,11 @@ def write(turn: CageTurn, path: str | Path, units: Units = "mm", speed_rpm: floa
         else:
             with open(scratch, "w", newline="", encoding="utf-8") as file:
                 csv.writer(file).writerows(_rows(found))
+
+
+def _check_speed(speed_rpm: float | None) -> None:
+    if speed_rpm is not None and not speed_rpm > 0.0:
+        raise SceneError(f"speed = {speed_rpm:g}: must be above 0 rev/min")
 
 
 def check_ending(path: Path) -> None:

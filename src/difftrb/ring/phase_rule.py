@@ -86,7 +86,8 @@ def borders(
         def moved(k: Any, state: tuple[Any, Search]) -> tuple[Any, Search]:
             at, before = state
             rest = at_rest(at)
-            kinks, search = _nearer(known(_kinks(bearing, met, at, rest, terms)), at, before, whole)
+            of_kinks = known(_kinks(bearing, met, at, rest.displacement, terms, rest))
+            kinks, search = _nearer(of_kinks, at, before, whole)
             zone = _zone_from(xp.fixed(at), xp.fixed(rest.displacement), xp.fixed(bearing), xp.fixed(terms))
             start, way = (
                 of.where(k == 0, of.concatenate([part, own[..., ENDS * rows :]], axis=-1), own)
@@ -137,19 +138,14 @@ class Search(NamedTuple):
 def _nearer(of_kinks: Any, at: Any, before: Search, whole: float) -> tuple[Any, Search]:
     """Where kinks are that are at `of_kinks` by rings at the phases `at` [rad], by a secant through what was `before`:
     where rollers lie in spalls a kink moves nearly as the cage turns."""
-    off = _within(of_kinks - at, whole)
+    off = geometry.turned(of_kinks - at, whole)
     now = Search(xp.fixed(at), xp.fixed(off), before.slope)
     of = xp.module_of(now.at, before.at)
-    way = _within(now.at - before.at, whole)
+    way = geometry.turned(now.at - before.at, whole)
     far = of.abs(way) > LEAST_WAY * whole
     slope = (now.off - before.off) / of.where(far, way, 1.0)
     slope = of.where(far & (slope > STEEPEST) & (slope < FLATTEST), slope, before.slope)
     return at - off / slope, now._replace(slope=slope)
-
-
-def _within(angle: Any, whole: float) -> Any:
-    """Within half a pitch of 0."""
-    return xp.mod(angle + 0.5 * whole, whole) - 0.5 * whole
 
 
 def _zone_from(phases: Any, displacement: Any, bearing: TaperedBearing, terms: Terms) -> tuple[Any, Any]:
@@ -159,7 +155,7 @@ def _zone_from(phases: Any, displacement: Any, bearing: TaperedBearing, terms: T
     of = xp.module_of(phases, displacement)
     for u in rows_of(displacement, bearing, terms):
         ends, some = _zone(bearing, u)
-        off = of.where(some[..., None], _within(ends - phases[..., None], whole), 0.0)  # (…, phases, sides)
+        off = of.where(some[..., None], geometry.turned(ends - phases[..., None], whole), 0.0)  # (…, phases, sides)
         best = of.argmin(of.where(some[..., None], of.abs(off), np.inf), axis=-2)
         starts.append(of.take_along_axis(phases, best, -1))
         ways.append(of.take_along_axis(off, best[..., None, :], -2)[..., 0, :])
@@ -172,14 +168,13 @@ def rows_of(displacement: Any, bearing: TaperedBearing, terms: Terms) -> tuple[A
 
 
 def _kinks(
-    bearing: TaperedBearing, met: tuple[Met, ...], at: Any, rest: ring.Equilibrium | Any, terms: Terms
+    bearing: TaperedBearing, met: tuple[Met, ...], at: Any, displacement: Any, terms: Terms,
+    rest: ring.Equilibrium | None = None,
 ) -> Any:  # fmt: skip
     """Angles [rad] of the rollers at kinks, each as its own ring has them, shape (…, kinks): where the load zone of
     every row ends on either side, or the phase `at` which the ring is where it does not; then where a roller begins to
-    meet every edge of every spall, and where it has met it. They come in pairs, of both sides. `rest`: all rings, or
-    their displacements alone [mm], shape (…, kinks, 3)."""
-    whole = rest if isinstance(rest, ring.Equilibrium) else None
-    displacement = rest if whole is None else whole.displacement
+    meet every edge of every spall, and where it has met it. They come in pairs, of both sides. `displacement` [mm] of
+    these rings, shape (…, kinks, 3); `rest`: all of them."""
     # without an equilibrium any phases will do: each of them will say so
     u = xp.where(xp.module_of(displacement).isfinite(xp.value(displacement)), displacement, 0.0)
     rows = rows_of(u, bearing, terms)
@@ -190,7 +185,7 @@ def _kinks(
         found.append(xp.where(some, ends, at[..., mine]))
     for raceway, spalls, law in met:
         radius = geometry.arc_radius(bearing, raceway)
-        share = None if whole is None or terms.seat is None or law.hard else _share(law, whole)
+        share = None if rest is None or terms.seat is None or law.hard else _share(law, rest)
         for i, spall in enumerate(spalls):
             walls = spall.angle + spall.walls / radius
             edges = walls[:2]

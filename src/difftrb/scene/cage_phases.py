@@ -32,7 +32,7 @@ def phases(scene: Scene, still: Any = None) -> tuple[Any, Any]:
 def nearest_phase(scene: Scene, angle: float) -> Scene:
     """A prepared scene at the phase of its mean at which roller 0, or another, stands nearest to an angle [rad]."""
     pitch, each = float(geometry.roller_pitch(scene.bearing)), np.asarray(phases(scene)[0])
-    k = int(np.argmin(np.abs((each - angle + 0.5 * pitch) % pitch - 0.5 * pitch)))
+    k = int(np.argmin(np.abs(geometry.turned(each - angle, pitch))))
     return at_phase_numbered(scene, k, float(each[k]))
 
 
