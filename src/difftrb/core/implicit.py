@@ -8,7 +8,7 @@ A solve is differentiated at its solution, not through its iterations: the condi
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import Any
 
@@ -183,6 +183,27 @@ def _moved(changes: list[jax.Array], rates: list[jax.Array]) -> list[jax.Array]:
 
 
 expanded.defjvp(_expanded_jvp, symbolic_zeros=True)
+
+
+def standing_in(kept: Callable[[Pytree], Pytree], function: Callable[[Pytree], Pytree], parameters: Pytree) -> Pytree:
+    """`kept(parameters)`, a program that can neither be differentiated nor mapped, where it stands in for `function`,
+    which can."""
+    mapped = jax.custom_batching.custom_vmap(kept)
+
+    @mapped.def_vmap
+    def _(size: int, batched: Sequence[Pytree], parameters: Pytree) -> tuple[Pytree, Pytree]:
+        axes = jax.tree.map(lambda is_batched: 0 if is_batched else None, batched[0])
+        found = jax.vmap(function, in_axes=(axes,), axis_size=size)(parameters)
+        return found, jax.tree.map(lambda _: True, found)
+
+    alone = jax.custom_jvp(mapped)
+
+    def by_function(primals: tuple, tangents: tuple) -> tuple[Pytree, Pytree]:
+        moving, changes, among = _moving(primals[0], tangents[0])
+        return jax.jvp(lambda some: function(among(some)), (moving,), (changes,))
+
+    alone.defjvp(by_function, symbolic_zeros=True)
+    return alone(parameters)
 
 
 def _moving(tree: Pytree, tangents: Pytree) -> tuple[list, list, Callable[[list], Pytree]]:

@@ -73,11 +73,11 @@ def _taken(name: str, value: Any) -> bool:
     return True
 
 
-def jit_quickly(static_argnames: tuple[str, ...] = ()) -> Callable[[F], F]:
+def jit_quickly(static_argnames: tuple[str, ...] = (), within: bool = False) -> Callable[[F], F]:
     """As `jax.jit`, compiled with `quick` options where it is the outermost, and traced once for all processes where
-    programs are kept. Within another program and for what is traced JAX takes no options. They are probed at the first
-    call, so that an import starts no backend. Like a jitted function's, its programs are forgotten by
-    `clear_cache()`."""
+    programs are kept: those that are asked for `within` other programs, too. There, and for what is traced, JAX takes
+    no options. They are probed at the first call, so that an import starts no backend. Like a jitted function's, its
+    programs are forgotten by `clear_cache()`."""
 
     def decorate(function: F) -> F:
         @functools.cache
@@ -97,9 +97,12 @@ def jit_quickly(static_argnames: tuple[str, ...] = ()) -> Callable[[F], F]:
             from difftrb.core import arrays as xp
             from difftrb.core.user_cache import folder
 
+            own = folder()
+            if own and within and not xp.are_numbers((a, k)) and (run := kept().within(own, a, k)):
+                return run()
             if xp.are_numbers((a, k)):
                 try:
-                    run = kept().call(own, a, k) if (own := folder()) else None
+                    run = kept().call(own, a, k) if own else None
                     return run() if run else compiled(True)(*a, **k)
                 except ValueError as error:  # a program around it, of which nothing is given here
                     if "compiler_options" not in str(error):

@@ -48,7 +48,7 @@ def _assess(scene: Scene) -> Assessment:
     return _assessed(spalled, whole, slopes)
 
 
-assess_by_program = jit_quickly()(_assess)
+assess_by_program = jit_quickly(within=True)(_assess)
 
 
 def _assessed(spalled: Solution, whole: Solution, slopes: Any) -> Assessment:
@@ -94,7 +94,7 @@ def _built_and_solved(build: Build, scene: Scene) -> Solution:
     return _solved(build(scene))
 
 
-_by_program = jit_quickly(static_argnames=("build",))(_built_and_solved)
+_by_program = jit_quickly(static_argnames=("build",), within=True)(_built_and_solved)
 
 
 def _solved(scene: Scene) -> Solution:
