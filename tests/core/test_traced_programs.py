@@ -150,9 +150,7 @@ def test_within_another_program_it_is_read(polynomial: Any, keeping: Path, monke
     assert len(files(keeping)) == 1
     polynomial.clear_cache()
     monkeypatch.setattr(jax.export, "export", None)  # nothing is traced again
-    assert (
-        float(jax.jit(lambda x: 3.0 * polynomial(c, x))(x)) == float(first) == pytest.approx(-0.465)
-    )
+    assert float(jax.jit(lambda x: 3.0 * polynomial(c, x))(x)) == float(first) == pytest.approx(-0.465)
     assert len(files(keeping)) == 1
 
 

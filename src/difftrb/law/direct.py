@@ -86,6 +86,8 @@ class DirectLaw:
       half_width, sunk: see `Ramp`; `sunk` of shape (spalls, coefficients).
       edges: of every spall, at the places where rollers stand on its ramps.
       error: of the contact solves [-], as asked for. status_code: worst of all solves.
+      kinks_by_table: whether the table knows all rollers of its scene, over spalls, too: then rings by the table tell
+        the kinks of a mean over phases. Else healthy rings do.
     """
 
     contact: LineContact
@@ -101,6 +103,7 @@ class DirectLaw:
     edges: tuple[Edges, ...]
     error: Real
     status_code: Real
+    kinks_by_table: bool = dataclasses.field(default=False, metadata={"static": True})
     name = "direct"
     hard = False
 

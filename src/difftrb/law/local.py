@@ -66,6 +66,7 @@ class LocalLaw:
     hard = False
 
     contact, load_range, error, status_code = map(of_base, ("contact", "load_range", "error", "status_code"))
+    kinks_by_table = of_base("kinks_by_table")
 
     def at(self, contact: LineContact) -> LocalLaw:
         """The law carried to another contact near by."""

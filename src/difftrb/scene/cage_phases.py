@@ -16,7 +16,7 @@ from difftrb.core.numeric import gauss_legendre
 from difftrb.law import base, local
 from difftrb.law.local import LocalLaw
 from difftrb.ring import phase_rule, ring, roller_places
-from difftrb.scene.scene import PitchMean, Scene, healthy, inner_law, law_in_effect, outer_law, ring_at
+from difftrb.scene.scene import PitchMean, Scene, by_table, healthy, inner_law, law_in_effect, outer_law, ring_at
 
 
 def phases(scene: Scene, still: Any = None) -> tuple[Any, Any]:
@@ -55,9 +55,12 @@ def _of_laws(scene: Scene, change: Callable[[LocalLaw], Any]) -> Scene:
 @np.errstate(all="ignore")
 def pitch_borders(scene: Scene, still: Any = None) -> Any:
     """Between which phases a prepared scene has no kink [rad]; `still` as in `phase_rule.borders`. Loads may be
-    several. Laws of one scene know its rollers at the phases alone: then kinks are where healthy rings have them."""
+    several. Laws of one scene know its rollers at the phases alone: then kinks are where rings by the table have them,
+    and of rollers that this does not know where healthy rings do."""
     if xp.are_numbers(scene):
         scene = xp.numbers(scene)
+    if getattr(scene.law, "kinks_by_table", False):
+        scene = by_table(scene)
     acting = law_in_effect(scene, outer_law(scene))
     met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
     if (inner := inner_law(scene)) is not None:

@@ -15,7 +15,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import Raceway, Spall
 from difftrb.law import local_states, roller_tilt
-from difftrb.law.base import Law, Rest
+from difftrb.law.base import Rest
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw
 from difftrb.law.local_states import Reached
@@ -23,11 +23,10 @@ from difftrb.law.roller_tilt import RollerContacts, TiltCurve
 from difftrb.law.samples import Progress
 from difftrb.law.tilted_states import Spalls
 from difftrb.ring import effects, ring, roller_balance, roller_places
-from difftrb.ring.effects import Raceways, SeriesRaceways
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene import prepared
 from difftrb.scene.cage_phases import phases
-from difftrb.scene.scene import PitchMean, Scene
+from difftrb.scene.scene import PitchMean, Scene, on_raceways
 
 ROUNDS = 8
 """Of contact solves around the rollers' loads, at most."""
@@ -234,17 +233,6 @@ def met_by(
         own = [rest.in_reach(s, d) for s, d in zip(spalls[raceway], np.moveaxis(away[raceway], 1, 0), strict=True)]
         met[raceway] = np.reshape(np.array(own, bool), (len(own), *approach.shape))
     return met
-
-
-def on_raceways(scene: Scene, made: Mapping[Raceway, Law]) -> Scene:
-    """The scene with these laws on its raceways."""
-    acting = tuple(
-        SeriesRaceways(each.inner_design_load, made["inner"], rollers=each.rollers)
-        if isinstance(each, Raceways) and "inner" in made
-        else each
-        for each in scene.effects
-    )
-    return dataclasses.replace(scene, law=made["outer"], effects=acting)
 
 
 class Rests(NamedTuple):

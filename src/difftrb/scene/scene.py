@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, cast
 
 import jax
@@ -15,10 +16,10 @@ from difftrb.core import fields, packaged_bearings
 from difftrb.core.bad_input import did_you_mean, is_whole, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
+from difftrb.law import atlas, local, power
 from difftrb.law import base as laws
-from difftrb.law import local, power
 from difftrb.law.base import Law
-from difftrb.ring import effect_base, effects
+from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effect_base import Effect
 from difftrb.ring.load import Load
 
@@ -231,6 +232,26 @@ def raceway_laws(scene: Scene) -> tuple[Law, ...]:
 def laws_error(scene: Scene) -> Any:
     """The error that the laws of a prepared scene state [-], the larger one of both raceways'."""
     return functools.reduce(xp.maximum, [law.error for law in raceway_laws(scene)])
+
+
+def on_raceways(scene: Scene, made: Mapping[Raceway, Law], rollers: Literal["free", "upright"] | None = None) -> Scene:
+    """The scene with these laws on its raceways, between which `rollers` may tilt as before, or as it is said here."""
+    acting = tuple(
+        effects.SeriesRaceways(each.inner_design_load, made["inner"], rollers=rollers or each.rollers)
+        if isinstance(each, effects.Raceways) and "inner" in made
+        else each
+        for each in scene.effects
+    )
+    return dataclasses.replace(scene, law=made["outer"], effects=acting)
+
+
+def by_table(scene: Scene) -> Scene:
+    """The scene with the table on all its raceways, and rollers held upright, in any arithmetic."""
+
+    def law(raceway: Raceway) -> Law:
+        return atlas.atlas_law(raceway_contact(scene, raceway), roller_places.spalls_on(scene.spalls, raceway))
+
+    return on_raceways(scene, {"outer": law("outer"), "inner": law("inner")}, "upright")
 
 
 def law_in_effect(scene: Scene, law: Law) -> Law:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.core
@@ -33,9 +33,18 @@ from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import expected_loads
 from difftrb.scene.cage_phases import phases
-from difftrb.scene.local_laws import local_laws, on_raceways
+from difftrb.scene.local_laws import local_laws
 from difftrb.scene.prepared import solve_prepared
-from difftrb.scene.scene import LawName, PitchMean, Scene, has_map, healthy, raceway_contact
+from difftrb.scene.scene import (
+    LawName,
+    PitchMean,
+    Scene,
+    by_table,
+    has_map,
+    healthy,
+    on_raceways,
+    raceway_contact,
+)
 from difftrb.scene.tilted_laws import tilted_laws
 
 TRACED = (
@@ -64,6 +73,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
     A law that is there is carried to its contact. Raises SceneError for a traced scene whose law needs numbers, where
     only the inner raceway's law is missing.
     """
+    known = False
     if isinstance(scene.law, LawName) and scene.law.name == "direct" and xp.are_numbers(scene):
         if not expected_loads.largest_for_curves(scene) > 0.0:
             raise SceneError(NOTHING_PRESSES)
@@ -72,14 +82,31 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
                 raise SceneError(NO_LAW_OF_TILTED)
             return _judged(scene, tilted_laws(scene, _healthy_laws(scene, progress), progress))
         at_one = not isinstance(scene.phase, PitchMean)
+        known = not at_one and _table_knows(scene)
         if at_one or _may_meet_more(scene):
-            bases = _healthy_laws(scene, progress)
+            bases = _with_kinks(_healthy_laws(scene, progress), known)
             if at_one and effect_base.among(scene.effects, Through) is not None:
                 return on_raceways(scene, bases)
             if at_one or any(_meet_more(scene, raceway, base) for raceway, base in bases.items()):
                 return _judged(scene, local_laws(scene, bases, progress))
     made: dict[Raceway, Law] = {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}
-    return _with_edges(scene, made, progress)
+    return _with_edges(scene, _with_kinks(made, True) if known else made, progress)
+
+
+L = TypeVar("L", bound=Law)
+
+
+def _with_kinks(made: Mapping[Raceway, L], by_table: bool) -> dict[Raceway, L]:
+    """Laws by contact solves with who tells where a mean has its kinks."""
+    return {raceway: dataclasses.replace(law, kinks_by_table=by_table) if isinstance(law, DirectLaw) else law
+            for raceway, law in made.items()}  # fmt: skip
+
+
+def _table_knows(scene: Scene) -> bool:
+    """Whether the table knows all rollers of a scene of numbers, at all phases of its mean."""
+    if has_map(scene) or effect_base.among(scene.effects, Through) is not None:
+        return False
+    return int(solve_prepared(by_table(scene)).status_code) == status.CONVERGED
 
 
 def _judged(scene: Scene, made: Mapping[Raceway, LocalLaw]) -> Scene:

@@ -26,8 +26,8 @@ from difftrb.law.tilted_states import Rollers, Spalls
 from difftrb.ring import roller_balance, roller_places
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene import prepared
-from difftrb.scene.local_laws import guess, met_by, on_raceways, rest_at, until_they_stay
-from difftrb.scene.scene import PitchMean, Scene, healthy
+from difftrb.scene.local_laws import guess, met_by, rest_at, until_they_stay
+from difftrb.scene.scene import PitchMean, Scene, healthy, on_raceways
 
 LIGHT = 1e-3
 """Share of the largest load below which a roller that is turned farther than the table knows counts as clear."""
