@@ -49,6 +49,25 @@ def test_halves_leave_no_ridge_between_them(contact: trb.LineContact, load: floa
             assert float(s.approach) == pytest.approx(float(whole.approach), rel=2e-3)
 
 
+@pytest.mark.parametrize("share", [0.5, 0.8])
+@pytest.mark.parametrize("load", [0.1, 1.0])
+def test_halves_that_meet_under_the_middle_of_long_spalls(contact: trb.LineContact, share: float, load: float) -> None:
+    """Their common edge counted as land: pressure touched the border, and the roller sank 1 % too far."""
+    half = trb.Spall(share * float(contact.length), 3.5)
+    force = load * float(contact.design_load)
+    whole = trb.solve_contact(contact, force, trb.Spall(half.length, 7.0), 0.0, 1e-2, "cells").check()
+    s = trb.solve_contact(contact, force, (half, half), (1.75, -1.75), 1e-2).check()
+    assert float(s.approach) == pytest.approx(float(whole.approach), rel=3e-3)
+
+
+def test_a_ridge_that_cells_miss_is_said(contact: trb.LineContact) -> None:
+    """One of 2 µm takes a fifth of the approach: without it the contact was called solved."""
+    half = trb.Spall(6.0, 3.5)
+    for ridge, known in ((0.0, True), (5e-5, True), (5e-4, False), (2e-3, False)):
+        s = trb.solve_contact(contact, LOAD, (half, half), (1.75 + 0.5 * ridge, -1.75 - 0.5 * ridge), 1e-2)
+        assert bool(s.converged) == known
+
+
 def test_two_spalls_let_the_roller_down_more_than_either(contact: trb.LineContact, whole: trb.ContactSolution) -> None:
     other = trb.Spall(2.0, 7.0, axial_offset=-3.0)
     both = trb.solve_contact(contact, LOAD, (WHOLE, other), (OFFSET, 0.0), 1e-2).check()

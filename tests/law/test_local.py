@@ -166,3 +166,18 @@ def test_loads_outside_the_range_are_said(two: trb.Scene, bearing: trb.TaperedBe
     light = trb.prepare(trb.Scene(bearing, trb.Load(90.0, 45.0), law="direct", accuracy=1e-2))
     assert int(solve_prepared(light).status_code) == status.CONVERGED
     assert int(solve_prepared(dataclasses.replace(light, load=LOAD)).status_code) == status.OUTSIDE
+
+
+@pytest.mark.slow
+def test_a_light_roller_on_an_edge_has_its_own_curve() -> None:
+    """One of 0.2 % of the design load in a ring of six: contacts were solved under nearly twice its load, and its curve
+    ran on straight. Stiffness was 0.7 % off, of a result called converged."""
+    bearing = trb.TaperedBearing(29.9077, 32.8888, 35.17, 6, 0.149442, 0.0647305, 0.0423557, 1.5621)
+    spalls = (
+        trb.Spall(12.343035, 128.8015, axial_offset=6.5638959),
+        trb.Spall(22.630475, 5.74186, angle=-3.088978, axial_offset=-7.831389),
+    )
+    scene = trb.prepare(trb.Scene(bearing, trb.Load(11330.0, 3484.0), spalls, "direct", 35301.0))
+    audit = trb.verify(scene)
+    assert audit.kept
+    assert audit.stiffness_error.max() < 2e-3

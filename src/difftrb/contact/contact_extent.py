@@ -25,6 +25,11 @@ AT_EDGES = 0.7
 """Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
 
 
+NO_RIDGE = 0.02
+"""Narrowest ridge between spalls under the roller's middle that slices count as land, by the contact's half width:
+cells leave narrower ones out, and the roller sinks beside them."""
+
+
 def domain(
     contact: LineContact, load: Any, spalls: tuple[Spall, ...], offsets: Any, tilt: Any | None = None
 ) -> tuple[Any, Any, Any]:
@@ -40,8 +45,9 @@ def domain(
     delta = sinking(contact, needed, zero, zero, np.ones(2), tilt)
     if not spalls:
         return extents(contact, delta, tilt)
+    reach = xp.fixed(extents(contact, delta, tilt)[0])
     lands = _beside(contact, spalls)
-    raised = _raised(contact, spalls, offsets, lands)
+    raised = _raised(contact, spalls, offsets, lands, NO_RIDGE * reach)
     depth = xp.largest(xp.stack([spall.depth for spall in spalls]))
     if len(spalls) == 1:
         sunk = sinking(contact, needed, lands.low[0], lands.high[0], np.ones(2), tilt, raised[1])
@@ -192,19 +198,20 @@ def _beside(contact: LineContact, spalls: tuple[Spall, ...]) -> Lands:
     return Lands(breaks, xp.any(covering, axis=0), covering, low, high)
 
 
-def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: Any, lands: Lands) -> Any:
+def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: Any, lands: Lands, narrow: Any) -> Any:
     """How much later than without spalls the slices of every part begin to carry [mm], shape (parts,): at the sound
-    raceway that is nearest to the middle in the rolling direction, or at the deepest bottom."""
+    raceway that is nearest to the middle in the rolling direction, or at the deepest bottom. Between several spalls
+    `narrow` ridges [mm] carry nothing."""
     half = 0.5 * xp.stack([spall.width for spall in spalls])
-    places = xp.concatenate([np.zeros(1), offsets - half, offsets + half])
+    depth = xp.largest(xp.stack([spall.depth for spall in spalls]))
+    middle = np.zeros(1) if len(spalls) == 1 else narrow * np.array([-0.5, 0.5])
+    places = xp.concatenate([middle, offsets - half, offsets + half])
     gone = xp.magnitude(places[:, None] - offsets[None]) < half[None] * (1.0 - 1e-9)
     sound = ~xp.any(gone[:, :, None] & lands.covering[None], axis=1)  # (places, parts)
-    own = [np.ones((1, lands.covered.size), bool), lands.covering, lands.covering]  # another spall's edge is none here
-    sound = sound & xp.concatenate(own)
     if len(spalls) > 1:  # where edges of two coincide the least of their rises has a kink, which the grid would follow
-        places, sound = places[:1], sound[:1]
-    depth = xp.largest(xp.stack([spall.depth for spall in spalls]))
-    rise = xp.where(sound, (places**2 / (2.0 * contact.radius))[:, None], np.inf)
+        return xp.minimum(xp.where(xp.any(sound[: middle.size], axis=0), 0.0, np.inf), depth)
+    own = [np.ones((1, lands.covered.size), bool), lands.covering, lands.covering]  # another spall's edge is none here
+    rise = xp.where(sound & xp.concatenate(own), (places**2 / (2.0 * contact.radius))[:, None], np.inf)
     return xp.minimum(-xp.largest(-rise), depth)
 
 
