@@ -637,6 +637,9 @@ def test_the_command_line_fits(exact: np.ndarray, tmp_path: Path, capsys: pytest
     assert {p.name for p in folder.iterdir()} == {"fit.png", "fit.svg", "result.json"}
     assert cli.main(["--no-cache", "fit", str(scene), str(table), "--parameters", "size"]) == 2
     assert "'size' is not known" in capsys.readouterr().err
+    table.write_text("radial,axial,quantity,value,sigma\n9000,45,radial_loss,3,0.1\n", encoding="utf-8")
+    assert cli.main(["--no-cache", "fit", str(scene), str(table)]) == 2
+    assert f"{table}: row 1: axial = 45 N is too small" in capsys.readouterr().err
     table.write_text("radial,axial\n", encoding="utf-8")
     assert cli.main(["--no-cache", "fit", str(scene), str(table)]) == 2
     assert f"{table}: column quantity is missing" in capsys.readouterr().err
@@ -737,6 +740,8 @@ def test_mirror_images_are_alternatives(bearing: trb.TaperedBearing) -> None:
     np.testing.assert_allclose(one, -two[::-1], atol=0.03)  # of a profile, and of a normal distribution
     np.testing.assert_array_equal(found.intervals[2], [one[0], two[1]])
     assert found.interval_in_words(2) == " or ".join(f"{low:.4g} … {high:.4g}" for low, high in (one, two))
+    point = dataclasses.replace(found, pieces=(np.array([[1.0, 1.5], [1.9721, 1.97212]]), *found.pieces[1:]))
+    assert point.interval_in_words(0) == "1 … 1.5 or 1.972"
     assert any("another answer fits nearly as well" in remark and "sigma" in remark for remark in found.remarks)
     # the lowest χ² of a narrow basin may be less likely than the others
     wider = dataclasses.replace(found, alternatives=(other._replace(weight=0.3), other._replace(weight=0.6)))

@@ -141,6 +141,7 @@ WORDS = {
     "loads in a pair": (scene(load=(9000.0, 4500.0)), r"load = \(9000.0, 4500.0\): must be a Load"),
     "an empty load": (scene(load=trb.Load(None, 4500.0)), r"load.radial = None: must be a number in 0 … 1e\+07 N"),
     "a spall that is none": (scene(4.0), r"spall.0 = 4.0: must be a Spall"),
+    "a map's file": (scene(trb.example_map()), r".*must be a Spall, say .* or a height map, load_height_map\(path\)"),
     "a law that is none": (scene(law=3), r"contact.law = 3: must be one of"),
     "accuracy in words": (scene(law="power", accuracy="high"), r"contact.accuracy = 'high': must be a number"),
     "many phases": (

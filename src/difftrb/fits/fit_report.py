@@ -52,6 +52,7 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     console.remark(options.measured, light)
     names = [name.strip() for name in options.parameters.split(",")]
     fit_parameters.named(names)  # what is wrong is said before anything is solved
+    measured.check_loads(file.scene(), rows, options.measured)
     counts = None if options.spalls is None else _counts(options.spalls)
     if counts is not None:
         spall_count.check(file.scene(), rows, counts, names)

@@ -141,7 +141,8 @@ class Fit(status.Judged):
             pieces = self.intervals[i : i + 1]
         if len(pieces) == 1 and no_low and no_high:
             return "any"
-        told = [f"{low:.4g} … {high:.4g}" for low, high in pieces]
+        ends = [(f"{low:.4g}", f"{high:.4g}") for low, high in pieces]
+        told = [low if low == high else f"{low} … {high}" for low, high in ends]
         if no_low:
             told[0] = f"< {pieces[0, 1]:.4g}"
         if no_high:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from pathlib import PurePath
 from typing import Any, cast, get_args
 
 import jax
@@ -93,7 +94,8 @@ def _of_kinds(scene: Scene) -> str | None:
         return f"spall = {shown(scene.spalls)}: must be a Spall, or a tuple of them"
     for i, spall in enumerate(scene.spalls):
         if not isinstance(spall, Spall | HeightMap):
-            return f"spall.{i} = {shown(spall)}: must be a Spall, say Spall(length=4.0, width=7.0)"
+            other = ", or a height map, load_height_map(path)" if isinstance(spall, str | PurePath) else ""
+            return f"spall.{i} = {shown(spall)}: must be a Spall, say Spall(length=4.0, width=7.0){other}"
         if isinstance(spall, HeightMap) and getattr(spall.height, "ndim", 0) != 2:
             return f"spall.{i}.height: must be an array of heights [mm], rows along the roller, at least 2 × 2"
     for i, effect in enumerate(scene.effects):
