@@ -100,6 +100,14 @@ def test_of_narrow_spalls_the_worst_counts(bearing: trb.TaperedBearing, solves: 
     assert trb.prepare(scene).law.name == law
 
 
+def test_a_spall_without_width_is_none(bearing: trb.TaperedBearing, solves: dict) -> None:
+    """As narrow as can be, it was solved for half a minute, to a loss of 2e-4 %."""
+    found = trb.assess(trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 0.0),))))
+    assert found.spalled.law.name == "table"
+    np.testing.assert_allclose(found.loss, 0.0, atol=1e-8)
+    assert np.abs(found.by_length).max() < 1e-3
+
+
 @pytest.mark.parametrize(("width", "law"), [(0.2, "direct"), (4.0, "table")])
 def test_both_raceways_laws_count(bearing: trb.TaperedBearing, solves: dict, width: float, law: str) -> None:
     """A narrow spall on the inner raceway, of which the table says 2.8e-3: only the outer one's 2.9e-4 was asked."""

@@ -51,7 +51,7 @@ def prepared(scene: Scene, progress: Progress | None = None) -> Scene:
         return ready
     unknown = int(solve_prepared(ready).status_code) in UNKNOWN
     every = cast(tuple[AtlasLaw, ...], raceway_laws(ready))
-    coarse = any(law.error * (NARROW if law.narrow else 1.0) > scene.accuracy for law in every)
+    coarse = any(law.error * (NARROW if law.error >= law.atlas.narrow_error else 1.0) > scene.accuracy for law in every)
     return refined(scene, progress) if unknown or coarse else ready
 
 
