@@ -38,9 +38,10 @@ AT_ENDS = 2.0
 """Half-width of the contact at spalls' ends by that of the mean line load."""
 TOUCHING = 0.5
 """A ridge between two spalls that is narrower than this part of the pitch is not there."""
-NO_RIDGE = 0.01
-"""One wider than this part of the pitch is missed, as the status says: the narrowest holds a roller up, one of 2 µm
-under its middle by a fifth of the approach."""
+NO_RIDGE = 0.12
+"""One wider than this part of the pitch is missed, as the status says. Narrower ones, of 2 µm and less, stand for
+spalls that touch, to the digits of their angles: steel would crush them. An elastic one of 2 µm under a roller's middle
+holds it up by a fifth of its approach."""
 FULL = 0.06
 """A land or hollow longer than this part of the domain's half length gets all its rows."""
 AWAY = 1e3

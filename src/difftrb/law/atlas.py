@@ -310,7 +310,7 @@ def _error(contact: LineContact, spalls: tuple[Spall, ...] | None) -> Any:
         thirds = 3.0 * xp.sqrt(place.aside)
         own = xp.where(thirds < 1.0, atlas.errors[0], xp.where(thirds < 2.0, atlas.errors[1], atlas.errors[2]))
         error = xp.maximum(error, xp.where(place.over_end, atlas.errors[3], own))
-        known = _is_wide(contact, spall) | (spall.width <= 0.0) | (spall.length <= 0.0)
+        known = _is_wide(contact, spall) | (spall.width * spall.length <= 0.0)
         error = xp.maximum(error, xp.where(known, 0.0, atlas.narrow_error))
     return error
 

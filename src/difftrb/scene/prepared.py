@@ -20,6 +20,7 @@ from difftrb.core import geometry, implicit, status
 from difftrb.core.geometry import Spall
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.taylor import Taylor
+from difftrb.law.base import Law
 from difftrb.ring import effects, phase_rule, ring, roller_places
 from difftrb.ring.effects import Results
 from difftrb.ring.load import Load
@@ -99,15 +100,17 @@ _by_program = jit_quickly(static_argnames=("build",), within=True)(_built_and_so
 
 def _solved(scene: Scene) -> Solution:
     """A prepared scene's solution in any arithmetic."""
-    each, weights = phases(scene)
-    rest, here, terms = rings_at(scene, each)
+    (each, weights), law = phases(scene), outer_law(scene)
+    rest, here, terms = rings_at(scene, each, law=law)
     more = effects.results(scene.effects, rest, terms, here)
     more = {name: value if value.ndim else value + np.zeros(len(each)) for name, value in more.items()}
-    return _of_phases(scene, rest, as_defined(scene, rest), weights, more)
+    return _of_phases(scene, law, rest, as_defined(scene, rest), weights, more)
 
 
-def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: Any, more: Results) -> Solution:
-    """The solution, of rings at rest at all phases."""
+def _of_phases(
+    scene: Scene, law: Law, every: ring.Equilibrium, stiffness: Any, weights: Any, more: Results
+) -> Solution:
+    """The solution, of rings at rest at all phases by the `law` of the outer raceway."""
 
     def mean(value: Any) -> Any:
         rows = value.reshape(value.shape[0], -1)
@@ -133,14 +136,14 @@ def _of_phases(scene: Scene, every: ring.Equilibrium, stiffness: Any, weights: A
         stiffness=of_every(stiffness),
         load_span=span(every.loads),
         stiffness_span=span(stiffness),
-        law=outer_law(scene),
+        law=law,
         residual=of.max(every.residual),
         iterations=of.max(every.iterations),
         status_code=of.max(every.status_code),
         effects=xp.tree_map(of_every, more),
         picked=scene.picked,
         definition=scene.definition,
-        remarks=effects.remarks(scene.effects, scene.spalls, isinstance(scene.phase, PitchMean), outer_law(scene)),
+        remarks=effects.remarks(scene.effects, scene.spalls, isinstance(scene.phase, PitchMean), law),
     )
 
 
@@ -166,12 +169,13 @@ def at_phases(
 
 
 def rings_at(
-    scene: Scene, each: Any, loads: Load | None = None, spalls: tuple[Spall, ...] | None = None
+    scene: Scene, each: Any, loads: Load | None = None, spalls: tuple[Spall, ...] | None = None, law: Law | None = None
 ) -> tuple[ring.Equilibrium, effects.Ring, effects.Terms]:
-    """As `at_phases`; and what effects act on there, and what they add to it."""
+    """As `at_phases`; and what effects act on there, and what they add to it. `law`: of the outer raceway, if it is
+    carried to its contact already."""
     within = checks.code(xp.fixed(scene))
     scene = dataclasses.replace(scene, load=loads or scene.load, spalls=scene.spalls if spalls is None else spalls)
-    here, terms = ring_at(scene, law_in_effect(scene, outer_law(scene)), each)
+    here, terms = ring_at(scene, law_in_effect(scene, law or outer_law(scene)), each)
     terms = terms._replace(laws_status=within if terms.laws_status is None else status.worst(within, terms.laws_status))
     return here.equilibrium(terms), here, terms
 

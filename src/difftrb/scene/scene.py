@@ -231,7 +231,9 @@ def raceway_laws(scene: Scene) -> tuple[Law, ...]:
 
 def laws_error(scene: Scene) -> Any:
     """The error that the laws of a prepared scene state [-], the larger one of both raceways'."""
-    return functools.reduce(xp.maximum, [law.error for law in raceway_laws(scene)])
+    series = effect_base.among(scene.effects, effects.SeriesRaceways)
+    every = [scene.law] if series is None else [scene.law, series.law]
+    return functools.reduce(xp.maximum, [cast(Law, law).error for law in every])
 
 
 def on_raceways(scene: Scene, made: Mapping[Raceway, Law], rollers: Literal["free", "upright"] | None = None) -> Scene:
