@@ -175,11 +175,10 @@ def _from(problem: Problem, places: np.ndarray) -> Least:
 
 def _with_sigma(problem: Problem, scan: Scan, freedom: int) -> tuple[Problem, Least]:
     """The problem with sigma as the fit misses the rows, and its minima."""
-    squares = problem.robust == ROBUST.index("squares")
-    for _ in range(1 if squares else ROUNDS):
+    for _ in range(1 if problem.by_squares else ROUNDS):
         found = search.minima(problem, scan)
         off = (found.beside[0][np.nanargmin(found.cost)] - np.asarray(problem.measured)) / np.asarray(problem.sigma)
-        if squares:
+        if problem.by_squares:
             factor = float(np.sqrt(np.sum(off**2) / freedom))
         else:  # the middle deviation, of normal errors
             factor = 1.4826 * float(np.median(np.abs(off))) * float(np.sqrt(len(off) / freedom))
@@ -214,7 +213,7 @@ class Tried(NamedTuple):
 def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Tried:
     best, freedom = int(np.nanargmin(found.cost)), scan.told.shape[1] - found.place.shape[1]
     place, normal, cost = found.place[best], found.normal[best], float(found.cost[best])
-    told = not estimated and problem.robust == ROBUST.index("squares")
+    told = not estimated and problem.by_squares
     scale = max(2.0 * cost / max(freedom, 1), 1.0) if told else 1.0
     limits = profile_intervals.limits_of(freedom if estimated else None, scale)
     costs = np.concatenate([found.cost, evaluations.costs(problem, scan.told)])

@@ -18,7 +18,7 @@ from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.least_squares import Bounds, at_shares
 from difftrb.fits.measured import MeasuredError
-from difftrb.fits.predicted import ROBUST, Problem
+from difftrb.fits.predicted import Problem
 from difftrb.fits.profile_intervals import CONFIDENCE, limit_of
 from difftrb.law.samples import Progress
 
@@ -210,7 +210,7 @@ def log_density(problem: Problem, told: np.ndarray, widened: float = 1.0) -> np.
     `told`, shape (cases, rows)."""
     sigma, losses = np.asarray(problem.sigma), np.asarray(problem.conditions.loss)
     fixed = -np.sum(np.log(sigma)) - 0.5 * len(sigma) * np.log(2.0 * np.pi * widened)
-    common = float(problem.common) if problem.robust == ROBUST.index("squares") else 0.0
+    common = float(problem.common) if problem.by_squares else 0.0
     # an error that rows have in common takes more of the density the larger they are
     size = np.nan_to_num(told / sigma) ** 2
     shared = sum(np.log1p(common**2 * np.sum(size[:, kind], axis=1)) for kind in (losses, ~losses))

@@ -122,6 +122,11 @@ class Problem:
     robust: int | jax.Array
 
     @property
+    def by_squares(self) -> Any:
+        """Whether deviations count by their squares, all alike."""
+        return self.robust == ROBUST.index("squares")
+
+    @property
     def prior(self) -> np.ndarray:
         """How uncertain parameters are before any measurement, in coordinates, shape (parameters,)."""
         return np.array([parameter.prior for parameter in self.parameters])
@@ -162,7 +167,7 @@ def counted(problem: Problem, values: jax.Array) -> jax.Array:
     the negative log likelihood up to a constant."""
     known, counts = jnp.isfinite(values), jnp.isfinite(problem.sigma)
     r = jnp.where(known, (values - problem.measured) / problem.sigma, jnp.where(counts, LOST, 0.0))
-    common = jnp.where(problem.robust == ROBUST.index("squares"), problem.common, 0.0)
+    common = jnp.where(problem.by_squares, problem.common, 0.0)
     # of what is predicted: a share of the measured values would pull every fit below them
     scale = jnp.where(known, values, problem.measured) / problem.sigma
     for kind in (problem.conditions.loss, ~problem.conditions.loss):
