@@ -75,7 +75,7 @@ def cell(spalls: tuple[Any, ...], change: dict[str, Any]) -> str:
     return f"{audit.load_error:.0e}" if audit.rollers else audit.remark
 
 
-def drawn(folder: Path, phases: int = 32) -> None:
+def drawn(folder: Path, phases: int = 96) -> None:
     """Radial and axial stiffness over one pitch of the cage, of surfaces whose contacts are solved at every phase."""
     _, axes = plt.subplots(2, 1, figsize=(7.5, 5.5), sharex=True, layout="constrained")
     looks = {"one": "-", "two under one roller": "--", "a map": ":"}
