@@ -80,7 +80,7 @@ def drawn(folder: Path, phases: int = 96) -> None:
     _, axes = plt.subplots(2, 1, figsize=(7.5, 5.5), sharex=True, layout="constrained")
     looks = {"one": "-", "two under one roller": "--", "a map": ":"}
     for name, look in looks.items():
-        scene = trb.Scene(BEARING, LOAD, SURFACES[name], law="direct", accuracy=1e-2)
+        scene = trb.Scene(BEARING, LOAD, SURFACES[name], law="direct", accuracy=1e-3)
         turn = trb.stiffness(scene, phases)
         degrees = np.degrees(np.asarray(turn.cage))
         for ax, k in zip(axes, (0, 2), strict=True):
