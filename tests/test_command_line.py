@@ -24,6 +24,7 @@ from difftrb.report import pressure_figure, remarks, run_figures, run_text
 from difftrb.scene import scene_file, solving
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.solution import Assessment
+from difftrb.sweeps import sweep_file
 
 PAPER = scene_file.example("paper")
 
@@ -536,6 +537,11 @@ def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
     pressed = 'bearing = "32008J"\n[load]\nradial = {}\naxial = 0\n[effects.double_row]\npreload = 0.03\n'
     assert remarks.odd_ring_load(scene_file.parse(pressed.format(800))) is None
     scene_file.check_ring(scene_file.parse(pressed.format(0)), "pair.toml")
+    small = f"{pressed.split('[effects')[0].format(9)}[sweep]\noutputs = ['radial_stiffness']\nload.axial = [4, 6]\n"
+    swept = sweep_file.parse(small, "swept.toml")
+    heaviest = sweep_file._under_the_heaviest(swept.scene, swept.plan(law=False))
+    assert (float(heaviest.load.radial), float(heaviest.load.axial)) == (9.0, 6.0)
+    assert "this looks like kN" in str(remarks.odd_ring_load(heaviest))
     rows = measured_table.parse(measured_table.example())
     assert remarks.odd_measured_load(file.bearing, rows) is None
     in_kn = [dataclasses.replace(row, radial=row.radial / 1e3, axial=row.axial / 1e3) for row in rows[1:]]

@@ -66,6 +66,7 @@ class Kept:
         """The program for these arguments, as a function and jitted, None if it cannot be kept; those arguments that
         are static, and the others."""
         bound = self.signature.bind(*arguments, **named)
+        bound.apply_defaults()
         static, traced = {}, {}
         for name, value in bound.arguments.items():
             (static if name in self.static else traced)[name] = value

@@ -268,6 +268,11 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.{0 if share > 0.1 else 1}f} %" if share > 1e-3 else "below 0.1 %"
 
 
+def _chi2(value: float) -> str:
+    """To three digits; what is met exactly but for rounding, 0."""
+    return f"{value:.3g}" if value > 1e-6 else "0"
+
+
 def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float) -> str:
     answer = ", ".join(p.told(v, 4) for p, v in zip(fit.problem.parameters, other.values, strict=True))
     advice = f"measure {optimal_design.in_words(row)}, where they differ by {apart:.2g} sigma"
@@ -280,6 +285,6 @@ def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float
     if not missed and other.weight > 1.0 - sum(each.weight for each in fit.alternatives) + ALIKE:
         how += ", over a wider range, and is likelier than the one in the table"
     return (
-        f"another answer {how}: {answer} (χ² {other.chi2:.3g}, here {fit.chi2:.3g}; weight "
+        f"another answer {how}: {answer} (χ² {_chi2(other.chi2)}, here {_chi2(fit.chi2)}; weight "
         f"{_percent(other.weight)}): {advice}"
     )

@@ -117,9 +117,7 @@ def _map(found: LossMap, row: int, ax: Axes) -> None:
     x, y, loss = found.lengths, found.widths, found.loss[row]
     ax.set_facecolor(ACCENT)  # where the law knows no spall
     fine_x, fine_y = (np.linspace(axis[0], axis[-1], 6 * len(axis)) for axis in (x, y))
-    smooth = _between(x, loss, found.by_length[row], fine_x)
-    by_width = np.stack([np.interp(fine_x, x, column) for column in found.by_width[row].T], axis=1)
-    smooth = _between(y, smooth.T, by_width.T, fine_y)  # (widths, lengths)
+    smooth = loss_between(found, row, fine_x, fine_y)
     mesh = ax.pcolormesh(fine_x, fine_y, smooth, cmap="viridis", shading="gouraud", rasterized=True)
     if np.isfinite(smooth).sum() > 4 and np.nanmax(smooth) > np.nanmin(smooth):
         lines = ax.contour(fine_x, fine_y, np.ma.masked_invalid(smooth), colors="white", linewidths=0.8, levels=6)
@@ -136,6 +134,14 @@ def _map(found: LossMap, row: int, ax: Axes) -> None:
         ax.quiver(*arrows, color="white", alpha=0.9, angles="uv", width=0.005, pivot="mid",
                   scale=12.0 * np.hypot(*rise)[shown].max())  # fmt: skip
     ax.figure.colorbar(mesh, ax=ax, label="loss [%]")
+
+
+def loss_between(found: LossMap, row: int, lengths: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """Loss [%] of one direction between the sizes of a map [mm], by its values and slopes; shape (widths, lengths)."""
+    x, y = found.lengths, found.widths
+    along = _between(x, found.loss[row], found.by_length[row], lengths)
+    by_width = np.stack([np.interp(lengths, x, column) for column in found.by_width[row].T], axis=1)
+    return _between(y, along.T, by_width.T, widths)
 
 
 def _label_places(x: np.ndarray, y: np.ndarray, loss: np.ndarray, levels: np.ndarray) -> list[tuple[float, float]]:

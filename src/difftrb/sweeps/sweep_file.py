@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
 from difftrb.core.bad_input import did_you_mean, dotted, shown
@@ -84,6 +86,8 @@ def deliver(options: Any) -> int:
     console.remark(options.scene, _idle_width(file))
     with console.bar("preparing the roller law") as progress:
         plan = file.plan(options.batch, progress)
+    if not file.of_contact and {"load.radial", "load.axial"} & set(file.axes):
+        console.remark(options.scene, remarks.odd_ring_load(_under_the_heaviest(file.scene, plan)))
     console.say_picked(plan.base)
     if options.dry_run:
         print(sweeping.forecast_of_disk(plan, out), flush=True)
@@ -108,6 +112,14 @@ def deliver(options: Any) -> int:
             return console.refuse(f"{error.filename}: {error.strerror or error}: {left}", console.EXIT_BAD_FILE)
     print(ended.sentence())
     return console.EXIT_OK if ended.failed == 0 else console.EXIT_NO_SOLUTION
+
+
+def _under_the_heaviest(scene: SceneFile, plan: Plan) -> SceneFile:
+    """The scene under the largest radial and axial load of a sweep."""
+    most = {key.removeprefix("load."): float(np.max(values))
+            for axis in plan.axes for key, values in zip(axis.keys, axis.values, strict=True)
+            if key in ("load.radial", "load.axial")}  # fmt: skip
+    return dataclasses.replace(scene, load=dataclasses.replace(scene.load, **most))
 
 
 def _idle_width(file: SweepFile) -> str | None:
