@@ -23,8 +23,6 @@ BESIDE = 0.75
 """What part of the way that the roller overlaps the raceway beside a hole its contact there may take."""
 AT_EDGES = 0.7
 """Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
-
-
 NO_RIDGE = 0.02
 """Narrowest ridge between spalls under the roller's middle that slices count as land, by the contact's half width:
 cells leave narrower ones out, and the roller sinks beside them."""
@@ -45,9 +43,9 @@ def domain(
     delta = sinking(contact, needed, zero, zero, np.ones(2), tilt)
     if not spalls:
         return extents(contact, delta, tilt)
-    reach = xp.fixed(extents(contact, delta, tilt)[0])
     lands = _beside(contact, spalls)
-    raised = _raised(contact, spalls, offsets, lands, NO_RIDGE * reach)
+    narrow = 0.0 if len(spalls) == 1 else NO_RIDGE * xp.fixed(extents(contact, delta, tilt)[0])
+    raised = _raised(contact, spalls, offsets, lands, narrow)
     depth = xp.largest(xp.stack([spall.depth for spall in spalls]))
     if len(spalls) == 1:
         sunk = sinking(contact, needed, lands.low[0], lands.high[0], np.ones(2), tilt, raised[1])
