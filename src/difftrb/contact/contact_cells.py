@@ -38,10 +38,10 @@ AT_ENDS = 2.0
 """Half-width of the contact at spalls' ends by that of the mean line load."""
 TOUCHING = 0.5
 """A ridge between two spalls that is narrower than this part of the pitch is not there."""
-NO_RIDGE = 0.12
-"""One wider than this part of the pitch is missed, as the status says. Narrower ones, of 2 µm and less, stand for
-spalls that touch, to the digits of their angles: steel would crush them. An elastic one of 2 µm under a roller's middle
-holds it up by a fifth of its approach."""
+NO_RIDGE = 0.1
+"""One wider than this part of the pitch, beyond `APART_ACROSS`, is missed, as the status says. Narrower ones, of 2 µm
+and less, stand for spalls that touch, to the digits of their angles: steel would crush them. An elastic one of 2 µm
+under a roller's middle holds it up by a fifth of its approach."""
 FULL = 0.06
 """A land or hollow longer than this part of the domain's half length gets all its rows."""
 AWAY = 1e3
@@ -245,7 +245,7 @@ def _across(
     for edge, into in ((left[0], 1), (right[0], -1)):
         inside = xp.magnitude(edge) < reach
         k = line_of(edge + into * EDGE_SHIFT * pitch)
-        taken.append((xp.where(inside, k, -1), into, edge, edge))
+        taken.append((xp.where(inside, k, -1), into, edge))
         at.append(xp.where(inside, k, xp.where(edge < 0.0, 0, columns)))
     low, high = at
     under = [(column >= low) & (column < high)]
@@ -253,7 +253,7 @@ def _across(
     for i, (a, b) in enumerate(zip(left[1:], right[1:], strict=True), 1):
         at = []
         for edge, into in ((a, 1), (b, -1)):
-            inside, real = xp.magnitude(edge) < reach, edge
+            inside = xp.magnitude(edge) < reach
             edge = edge - into * i * APART_ACROSS * pitch
             even_shift = edge + into * EDGE_SHIFT * pitch
             k = nearest = xp.clip(line_of(even_shift), 1, columns - 1)
@@ -264,13 +264,13 @@ def _across(
             wanted = xp.where(k == nearest, edge + into * shift, even_shift)
             closest = 0.5 * APART_ACROSS * pitch
             wanted = xp.clip(wanted, borders[k - 1] + closest, borders[k + 1] - closest)
-            for other, facing, theirs, really in taken:  # two spalls that touch share one line
+            for other, facing, theirs in taken:  # two spalls that touch share one line
                 ridge = into * (edge - theirs)
                 touching = inside & (other >= 0) & (xp.magnitude(ridge) < TOUCHING * pitch) & (facing != into)
                 k, wanted = xp.where(touching, other, k), xp.where(touching, borders[other], wanted)
-                spoiled = spoiled | (touching & (into * (real - really) > NO_RIDGE * pitch))
+                spoiled = spoiled | (touching & (ridge > NO_RIDGE * pitch))
             borders = xp.where(inside & (line == k), wanted, borders)
-            taken.append((xp.where(inside, k, -1), into, edge, real))
+            taken.append((xp.where(inside, k, -1), into, edge))
             at.append(xp.where(inside, k, xp.where(edge < 0.0, 0, columns)))
             uneven += [k - 1, k]
         under.append((column >= at[0]) & (column < at[1]))

@@ -23,7 +23,7 @@ BESIDE = 0.75
 """What part of the way that the roller overlaps the raceway beside a hole its contact there may take."""
 AT_EDGES = 0.7
 """Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
-NO_RIDGE = 0.02
+LEAST_RIDGE = 0.02
 """Narrowest ridge between spalls under the roller's middle that slices count as land, by the contact's half width:
 cells leave narrower ones out, and the roller sinks beside them."""
 
@@ -44,7 +44,7 @@ def domain(
     if not spalls:
         return extents(contact, delta, tilt)
     lands = _beside(contact, spalls)
-    narrow = 0.0 if len(spalls) == 1 else NO_RIDGE * xp.fixed(extents(contact, delta, tilt)[0])
+    narrow = 0.0 if len(spalls) == 1 else LEAST_RIDGE * xp.fixed(extents(contact, delta, tilt)[0])
     raised = _raised(contact, spalls, offsets, lands, narrow)
     depth = xp.largest(xp.stack([spall.depth for spall in spalls]))
     if len(spalls) == 1:
@@ -202,12 +202,15 @@ def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: Any, lands
     `narrow` ridges [mm] carry nothing."""
     half = 0.5 * xp.stack([spall.width for spall in spalls])
     depth = xp.largest(xp.stack([spall.depth for spall in spalls]))
-    middle = np.zeros(1) if len(spalls) == 1 else narrow * np.array([-0.5, 0.5])
-    places = xp.concatenate([middle, offsets - half, offsets + half])
+    # where edges of two coincide the least of their rises has a kink, which the grid would follow
+    middle_alone = len(spalls) > 1
+    places = narrow * np.array([-0.5, 0.5])
+    if not middle_alone:
+        places = xp.concatenate([np.zeros(1), offsets - half, offsets + half])
     gone = xp.magnitude(places[:, None] - offsets[None]) < half[None] * (1.0 - 1e-9)
     sound = ~xp.any(gone[:, :, None] & lands.covering[None], axis=1)  # (places, parts)
-    if len(spalls) > 1:  # where edges of two coincide the least of their rises has a kink, which the grid would follow
-        return xp.minimum(xp.where(xp.any(sound[: middle.size], axis=0), 0.0, np.inf), depth)
+    if middle_alone:
+        return xp.minimum(xp.where(xp.any(sound, axis=0), 0.0, np.inf), depth)
     own = [np.ones((1, lands.covered.size), bool), lands.covering, lands.covering]  # another spall's edge is none here
     rise = xp.where(sound & xp.concatenate(own), (places**2 / (2.0 * contact.radius))[:, None], np.inf)
     return xp.minimum(-xp.largest(-rise), depth)

@@ -254,20 +254,14 @@ def einsum(form: str, a: Any, b: Any) -> Any:
 def _einsum_of_jax(form: str, a: Any, b: Any) -> Any:
     """Without axes of length 1 in front of what is summed, such as a single phase is: of those XLA makes products with
     copies of both, and a ring with derivatives takes a tenth longer."""
-    parts = [part.partition("...") for part in (*form.partition("->")[0].split(","), form.partition("->")[2])]
-    alone = []
-    for (before, _, after), x in zip(parts, (a, b), strict=False):
-        alone.append(x.shape[len(before) : x.ndim - len(after)])
-    longest = max(alone, key=len)
-    if not longest or any(size != 1 for own in alone for size in own):
+    *inputs, (place, _, _) = (part.partition("...") for part in form.replace("->", ",").split(","))
+    every = [(x, len(before), x.ndim - len(after)) for x, (before, _, after) in zip((a, b), inputs, strict=True)]
+    alone = max((x.shape[start:end] for x, start, end in every), key=len)
+    if not alone or any(size != 1 for x, start, end in every for size in x.shape[start:end]):
         return jnp.einsum(form, a, b, precision=PRECISE)
-    left = (
-        x.reshape(x.shape[: len(before)] + x.shape[x.ndim - len(after) :])
-        for (before, _, after), x in zip(parts, (a, b), strict=False)
-    )
+    left = (x.reshape(x.shape[:start] + x.shape[end:]) for x, start, end in every)
     found = jnp.einsum(form.replace("...", ""), *left, precision=PRECISE)
-    place = len(parts[2][0])
-    return found.reshape(found.shape[:place] + longest + found.shape[place:])
+    return found.reshape(found.shape[: len(place)] + alone + found.shape[len(place) :])
 
 
 def block_diagonal(blocks: Sequence[Any]) -> Any:

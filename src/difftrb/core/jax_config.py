@@ -98,8 +98,6 @@ def jit_quickly(static_argnames: tuple[str, ...] = (), within: bool = False) -> 
             from difftrb.core.user_cache import folder
 
             own = folder()
-            if own and within and not xp.are_numbers((a, k)) and (run := kept().within(own, a, k)):
-                return run()
             if xp.are_numbers((a, k)):
                 try:
                     run = kept().call(own, a, k) if own else None
@@ -107,6 +105,8 @@ def jit_quickly(static_argnames: tuple[str, ...] = (), within: bool = False) -> 
                 except ValueError as error:  # a program around it, of which nothing is given here
                     if "compiler_options" not in str(error):
                         raise
+            elif own and within and (run := kept().within(own, a, k)):
+                return run()
             return compiled(False)(*a, **k)
 
         def clear_cache() -> None:

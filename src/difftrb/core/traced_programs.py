@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.core
@@ -34,6 +34,13 @@ def jit_kept(
     return jax.jit(found or function, compiler_options=options)
 
 
+class Program(NamedTuple):
+    """A kept program as a function, to be part of others, and jitted."""
+
+    function: Callable[..., Any]
+    jitted: Callable[..., Any]
+
+
 class Kept:
     """The programs of one function: those of this process, and by their files those of earlier ones."""
 
@@ -42,7 +49,7 @@ class Kept:
         self.function, self.options = function, options
         self.signature = inspect.signature(function)
         self.static = static_argnames
-        self.programs: dict[Any, tuple[Callable[..., Any], Callable[..., Any]] | None] = {}
+        self.programs: dict[Any, Program | None] = {}
 
     def clear_cache(self) -> None:
         self.programs.clear()
@@ -50,7 +57,7 @@ class Kept:
     def call(self, folder: Path, arguments: tuple[Any, ...], named: dict[str, Any]) -> Callable[[], Any] | None:
         """The call with these arguments, ready to run; None where its program cannot be kept."""
         found, _, traced = self._found(folder, arguments, named)
-        return None if found is None else partial(found[1], **traced)
+        return None if found is None else partial(found.jitted, **traced)
 
     def within(self, folder: Path, arguments: tuple[Any, ...], named: dict[str, Any]) -> Callable[[], Any] | None:
         """The same in a program around it that is being traced, into which the kept one goes as it is. None also where
@@ -60,11 +67,14 @@ class Kept:
         found, static, traced = self._found(folder, arguments, named)
         if found is None:
             return None
-        return partial(implicit.standing_in, lambda a: found[0](**a), lambda a: self.function(**static, **a), traced)
+        return partial(
+            implicit.standing_in, lambda a: found.function(**a), lambda a: self.function(**static, **a), traced
+        )
 
-    def _found(self, folder: Path, arguments: tuple[Any, ...], named: dict[str, Any]) -> tuple[Any, dict, dict]:
-        """The program for these arguments, as a function and jitted, None if it cannot be kept; those arguments that
-        are static, and the others."""
+    def _found(
+        self, folder: Path, arguments: tuple[Any, ...], named: dict[str, Any]
+    ) -> tuple[Program | None, dict, dict]:
+        """The program for these arguments, None if it cannot be kept; those that are static, and the others."""
         bound = self.signature.bind(*arguments, **named)
         bound.apply_defaults()
         static, traced = {}, {}
@@ -76,7 +86,7 @@ class Kept:
             own = partial(self.function, **static)
             own.__name__ = self.function.__name__  # type: ignore[attr-defined]
             one = kept(folder, own, (self.function, static), (), traced)
-            self.programs[kind] = one and (one, jax.jit(one, compiler_options=self.options))
+            self.programs[kind] = one and Program(one, jax.jit(one, compiler_options=self.options))
         return self.programs[kind], static, traced
 
 
@@ -91,7 +101,7 @@ def kept(
     """`function`, which all that it `depends` on tells from others, for such arguments or shapes: read from the folder,
     or traced and written there. None where it cannot be kept."""
     leaves, structure = jax.tree.flatten((arguments, named))
-    types = [leaf if isinstance(leaf, jax.ShapeDtypeStruct) else jax.typeof(leaf) for leaf in leaves]
+    types = [leaf if isinstance(leaf, jax.ShapeDtypeStruct) else _type_of(leaf) for leaf in leaves]
     shapes = [(leaf.shape, str(leaf.dtype), leaf.weak_type) for leaf in types]
     file = place(folder, function.__name__, (depends, structure.unflatten(range(len(leaves))), shapes, _context()))
     if file is None:
@@ -108,14 +118,18 @@ def kept(
         return result
 
     try:
-        exported = jax.export.export(jax.jit(of_leaves))(
-            *(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, weak_type=leaf.weak_type) for leaf in types)
-        )
+        exported = jax.export.export(jax.jit(of_leaves))(*types)
         written = pickle.dumps((bytes(exported.serialize()), returned[0]))
     except Exception:  # whatever is wrong is said where it is traced as ever
         return None
     write(file, written)
     return _called(function.__name__, exported, returned[0])
+
+
+def _type_of(leaf: Any) -> jax.ShapeDtypeStruct:
+    """Of an argument that may be traced by a program around."""
+    of = jax.typeof(leaf)
+    return jax.ShapeDtypeStruct(of.shape, of.dtype, weak_type=of.weak_type)
 
 
 def _called(name: str, exported: jax.export.Exported, returned: Any) -> Callable[..., Any]:

@@ -49,8 +49,8 @@ def keep_compiled(folder: str | Path | None = None) -> Path | None:
       folder: to keep it in. Default: the user's cache folder, which the system says (on Linux XDG_CACHE_HOME moves it).
 
     For programs of one's own, before the first solve: the command line does so by itself. A program around a scene,
-    `jax.jit(jax.grad(f))`, then traces it once for all processes. JAX tells its releases apart,
-    folders in `folder` processors. Returns the one in use; None where none can be written, and nothing is kept.
+    `jax.jit(jax.grad(f))`, then traces it once for all processes. JAX tells its releases apart, folders in `folder`
+    processors. Returns the one in use; None where none can be written, and nothing is kept.
     """
     folder = cache_folder(folder)
     if folder is not None:

@@ -16,7 +16,16 @@ from difftrb.core.numeric import gauss_legendre
 from difftrb.law import base, local
 from difftrb.law.local import LocalLaw
 from difftrb.ring import phase_rule, ring, roller_places
-from difftrb.scene.scene import PitchMean, Scene, by_table, healthy, inner_law, law_in_effect, outer_law, ring_at
+from difftrb.scene.scene import (
+    PitchMean,
+    Scene,
+    healthy,
+    inner_law,
+    law_in_effect,
+    outer_law,
+    ring_at,
+    upright_by_table,
+)
 
 
 def phases(scene: Scene, still: Any = None) -> tuple[Any, Any]:
@@ -60,7 +69,7 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
     if xp.are_numbers(scene):
         scene = xp.numbers(scene)
     if getattr(scene.law, "kinks_by_table", False):
-        scene = by_table(scene)
+        scene = upright_by_table(scene)
     acting = law_in_effect(scene, outer_law(scene))
     met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
     if (inner := inner_law(scene)) is not None:

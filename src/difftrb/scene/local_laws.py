@@ -68,7 +68,8 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
     made: dict[Raceway, LocalLaw] = {
         raceway: LocalLaw(base, None, settling=True, free_to_tilt=free) for raceway, base in bases.items()
     }
-    now = _at_rest(scene, made, spalls)
+    each_phase = phases(on_raceways(scene, made))[0]  # which hang on no states
+    now = _at_rest(scene, made, spalls, each_phase)
     rollers = now.loads["outer"].shape[0 if isinstance(scene.phase, PitchMean) else 1 :]
     centres: dict[Raceway, Centres] = {
         raceway: {each[:3]: guess(scene, spalls[raceway], each, now.loads[raceway]) for each in now.reached[raceway]}
@@ -91,7 +92,7 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
             )
             for raceway, base in bases.items()
         }  # fmt: skip
-        now = _at_rest(scene, made, spalls)
+        now = _at_rest(scene, made, spalls, each_phase)
         return {raceway: _loads(now, raceway, base) for raceway, base in bases.items()}
 
     def kept(
@@ -200,11 +201,11 @@ def _tilts(
 # ------------------------------------------------------------------------------------------------ the ring on them
 
 
-def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls) -> LoadedRollers:
+def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls, each_phase: np.ndarray) -> LoadedRollers:
     """What rollers carry on every raceway, and the spalls that they may meet there. One free to tilt is reached on both
     raceways or on none."""
     ready = on_raceways(scene, made)
-    loads, away, approach, seat, _ = jax.tree.map(np.asarray, rest_at(ready))
+    loads, away, approach, seat, _ = jax.tree.map(np.asarray, rest_at(ready, each_phase))
     met = met_by(made, spalls, away, approach, loads)
     meets = {raceway: own.any(axis=0) for raceway, own in met.items()}
     if any(law.free_to_tilt for law in made.values()):
@@ -250,10 +251,10 @@ class Rests(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def rest_at(scene: Scene) -> Rests:
-    """The rings of a prepared scene at all its phases, in numbers."""
+def rest_at(scene: Scene, each: np.ndarray | None = None) -> Rests:
+    """The rings of a prepared scene at all its phases, in numbers; `each` of these [rad], if they are known."""
     scene = xp.numbers(scene)
-    each, _ = phases(scene)
+    each = phases(scene)[0] if each is None else each
     found, here, terms = prepared.rings_at(scene, each)
     rest = xp.values(found)
     loads: dict[Raceway, Any] = {"outer": rest.all_loads}

@@ -247,13 +247,15 @@ def on_raceways(scene: Scene, made: Mapping[Raceway, Law], rollers: Literal["fre
     return dataclasses.replace(scene, law=made["outer"], effects=acting)
 
 
-def by_table(scene: Scene) -> Scene:
-    """The scene with the table on all its raceways, and rollers held upright, in any arithmetic."""
-
-    def law(raceway: Raceway) -> Law:
-        return atlas.atlas_law(raceway_contact(scene, raceway), roller_places.spalls_on(scene.spalls, raceway))
-
-    return on_raceways(scene, {"outer": law("outer"), "inner": law("inner")}, "upright")
+def upright_by_table(scene: Scene) -> Scene:
+    """The scene with the table on all raceways that give way, and rollers held upright, in any arithmetic."""
+    series = effect_base.among(scene.effects, effects.Raceways)
+    raceways: tuple[Raceway, ...] = ("outer",) if series is None else ("outer", "inner")
+    made: dict[Raceway, Law] = {
+        each: atlas.atlas_law(raceway_contact(scene, each), roller_places.spalls_on(scene.spalls, each))
+        for each in raceways
+    }
+    return on_raceways(scene, made, "upright")
 
 
 def law_in_effect(scene: Scene, law: Law) -> Law:

@@ -39,11 +39,11 @@ from difftrb.scene.scene import (
     LawName,
     PitchMean,
     Scene,
-    by_table,
     has_map,
     healthy,
     on_raceways,
     raceway_contact,
+    upright_by_table,
 )
 from difftrb.scene.tilted_laws import tilted_laws
 
@@ -90,15 +90,17 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
             if at_one or any(_meet_more(scene, raceway, base) for raceway, base in bases.items()):
                 return _judged(scene, local_laws(scene, bases, progress))
     made: dict[Raceway, Law] = {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}
-    return _with_edges(scene, _with_kinks(made, True) if known else made, progress)
+    return _with_edges(scene, _with_kinks(made, known), progress)
 
 
 L = TypeVar("L", bound=Law)
 
 
-def _with_kinks(made: Mapping[Raceway, L], by_table: bool) -> dict[Raceway, L]:
-    """Laws by contact solves with who tells where a mean has its kinks."""
-    return {raceway: dataclasses.replace(law, kinks_by_table=by_table) if isinstance(law, DirectLaw) else law
+def _with_kinks(made: Mapping[Raceway, L], by_table: bool) -> Mapping[Raceway, L]:
+    """Laws by contact solves, told if the table is to say where a mean has its kinks."""
+    if not by_table:
+        return made
+    return {raceway: dataclasses.replace(law, kinks_by_table=True) if isinstance(law, DirectLaw) else law
             for raceway, law in made.items()}  # fmt: skip
 
 
@@ -106,7 +108,7 @@ def _table_knows(scene: Scene) -> bool:
     """Whether the table knows all rollers of a scene of numbers, at all phases of its mean."""
     if has_map(scene) or effect_base.among(scene.effects, Through) is not None:
         return False
-    return int(solve_prepared(by_table(scene)).status_code) == status.CONVERGED
+    return int(solve_prepared(upright_by_table(scene)).status_code) == status.CONVERGED
 
 
 def _judged(scene: Scene, made: Mapping[Raceway, LocalLaw]) -> Scene:

@@ -119,11 +119,9 @@ def sizes_around(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
     length, width = float(spall.length), float(spall.width)
     longest = min(2.5 * length, base.kind(law.name).longest(float(scene.bearing.roller_length)))
-    return (
-        (low := until("length", length / 8.0))
-        + (until("length", longest) - low) * (1.0 - np.linspace(1.0, 0.0, 6) ** CROWDED),
-        np.linspace(until("width", width / 8.0), until("width", 2.0 * width), 5),
-    )
+    shortest, longest = until("length", length / 8.0), until("length", longest)
+    lengths = shortest + (longest - shortest) * (1.0 - np.linspace(1.0, 0.0, 6) ** CROWDED)
+    return lengths, np.linspace(until("width", width / 8.0), until("width", 2.0 * width), 5)
 
 
 def _is_for_all_phases(scene: Scene) -> bool:
