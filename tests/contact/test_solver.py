@@ -1,6 +1,7 @@
 """The roller's contact: continuum truths, symmetry and scaling laws."""
 
 import dataclasses
+from typing import Any
 
 import jax.numpy as jnp
 import pytest
@@ -10,6 +11,12 @@ from difftrb.accuracy import ladder
 from tests import shapes
 
 pytestmark = pytest.mark.exact
+
+
+@pytest.mark.parametrize("accuracy", ["1e-3", 1.0, 1e-9, None])
+def test_an_accuracy_that_is_none_is_refused(accuracy: Any) -> None:
+    with pytest.raises(trb.SceneError, match=r"accuracy = .* is out of range: 1e-05 … 0.01"):
+        trb.solve_contact(ladder.CONTACT, 1000.0, accuracy=accuracy)
 
 
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-3, 1e-4])

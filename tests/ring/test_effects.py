@@ -356,6 +356,8 @@ def test_twice_or_against_each_other_is_said(bearing) -> None:
     def named(*acting) -> trb.Scene:
         return dataclasses.replace(plain(bearing), effects=acting)
 
+    with pytest.raises(ValueError, match=r"effects = None: must be a tuple"):
+        dataclasses.replace(plain(bearing), effects=None)
     with pytest.raises(ValueError, match=r"effects\.life is named twice"):
         named(effects.Life(), effects.Life())
     with pytest.raises(ValueError, match=r"effects\.tilt and effects\.through exclude each other"):

@@ -48,6 +48,29 @@ def test_mean_is_that_of_many_phases(scene) -> None:
     assert (np.asarray(r.stiffness_span[1]) >= np.asarray(r.stiffness) - 1e-6).all()
 
 
+@pytest.mark.gradient
+@pytest.mark.parametrize("spall", [None, trb.Spall(6.0, 6.0, angle=-0.9)])
+def test_rollers_that_differ_take_up_load_each_at_its_own_place(bearing, spall: trb.Spall | None) -> None:
+    """With kinks where all would be alike stiffness was 1.3e-3 off, and its derivatives 9 … 28 %."""
+    few = dataclasses.replace(bearing, rollers=8)
+    acting = trb.effects.Diameters((-0.0018, -0.0014, -0.0034, 0.0014, -0.003, -0.002, 0.001, 0.001))
+    spalls = () if spall is None else (spall,)
+    mean = trb.prepare(trb.Scene(few, trb.Load(9000.0, 4200.0), spalls, "table", phase="mean", effects=(acting,)))
+    phases = (np.arange(MANY) + 0.5) / MANY * geometry.roller_pitch(few)
+
+    def stiffness(axial: float) -> tuple[np.ndarray, np.ndarray]:
+        at = mean.replace(axial=axial)
+        many = prepared.at_phases(xp.numbers(at.replace(phase=0.0)), phases).tangent
+        return np.diag(np.asarray(trb.solve(at).stiffness)), np.diag(many.mean(axis=0))
+
+    np.testing.assert_allclose(*stiffness(4200.0), rtol=3e-5)
+    ends = [stiffness(axial) for axial in (4198.0, 4202.0)]
+    of_mean, of_many = (np.subtract(b, a) / 4.0 for a, b in zip(*ends, strict=True))
+    slope = jax.jacfwd(lambda axial: trb.solve(mean.replace(axial=axial)).stiffness)(4200.0)
+    np.testing.assert_allclose(np.diag(np.asarray(slope)), of_mean, rtol=2e-3)
+    np.testing.assert_allclose(of_mean, of_many, rtol=1e-2)
+
+
 def test_width_acts_on_the_mean_through_the_window_alone(scene) -> None:
     """A hard window is open for a share of the pitch that grows with width: the slope is the jump times that."""
 

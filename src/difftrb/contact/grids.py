@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from numbers import Real
 
 from difftrb.contact.contact_cells import Resolution
 from difftrb.contact.strip_plan import Fineness
@@ -44,7 +45,8 @@ def grid_for(accuracy: float) -> ContactGrid:
 
 def accuracy_met(accuracy: float) -> float:
     """The accuracy that `grid_for` was measured at."""
-    enough = [a for a in GRIDS if a <= accuracy * (1.0 + 1e-9)]
-    if not enough or not accuracy <= max(GRIDS):
+    known = isinstance(accuracy, Real) and accuracy <= max(GRIDS)
+    enough = [a for a in GRIDS if a <= accuracy * (1.0 + 1e-9)] if known else []
+    if not enough:
         raise status.SceneError(f"accuracy = {accuracy!r} is out of range: {min(GRIDS):g} … {max(GRIDS):g}")
     return max(enough)

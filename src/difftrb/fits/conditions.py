@@ -16,7 +16,8 @@ import numpy as np
 from difftrb.core.numeric import gauss_legendre
 from difftrb.fits.measured import ENTRIES, Measurement
 from difftrb.ring import phase_rule
-from difftrb.scene import prepared
+from difftrb.ring.phase_rule import Still
+from difftrb.scene import cage_phases
 from difftrb.scene.cage_phases import pitch_borders
 from difftrb.scene.scene import Definition, PitchMean, Scene
 
@@ -31,8 +32,8 @@ class Blocks(NamedTuple):
 
     Attributes:
       means: radial and axial load [N] of the means over phases, shape (means, 2). turns: how many there are.
-      still: displacement [mm] of the healthy ring there, shape (means, 3); None: rings are solved where they
-        are asked for, for they have effects, or lie differently at other phases.
+      still: the healthy rings there, parts of shape (means, …); None: rings are solved where they are asked for, for
+        they lie differently at other phases, or tilt.
       loads: radial and axial load [N] of every ring, shape (2, blocks, rings). phases: of every ring [rad], shape
         (blocks, rings); not used in a mean.
       mean: of which mean over phases a block is; −1: of none. places, weights: its point of a rule, shape (blocks, 1);
@@ -43,7 +44,7 @@ class Blocks(NamedTuple):
 
     means: np.ndarray | jax.Array
     turns: np.ndarray | jax.Array
-    still: np.ndarray | jax.Array | None
+    still: Still | None
     loads: np.ndarray | jax.Array
     phases: np.ndarray | jax.Array
     mean: np.ndarray | jax.Array
@@ -155,16 +156,12 @@ def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> 
     return Blocks(means, np.array(len(turning)), None, loads, phases, mean, at, weight, of, np.array(len(found)))
 
 
-def _still(scene: Scene, means: np.ndarray, count: int) -> np.ndarray | None:
-    """See `Blocks.still`, of the first `count` of these means; None, too, where rings are not `ALIKE` at other
-    phases."""
-    still = np.zeros((len(means), 3))
-    if count:
-        found = prepared.still(scene, means[:count])
-        if found is None:
-            return None
-        still[:count] = found
-    return still
+def _still(scene: Scene, means: np.ndarray, count: int) -> Still | None:
+    """See `Blocks.still`, of the first `count` of these means."""
+    found = cage_phases.still(scene, means[:count]) if count else None
+    if found is None:
+        return None
+    return Still(*(np.concatenate([part, np.zeros((len(means) - count, part.shape[-1]))]) for part in found))
 
 
 def of_changing(at: Conditions) -> Conditions:

@@ -74,7 +74,7 @@ def _together(
     turning = [n for n, mean in enumerate(means) if mean >= 0]
     if turning:
         here = dataclasses.replace(scene, load=loaded(Load(*loads[:, turning])), phase=PitchMean())
-        still = None if blocks.still is None else np.asarray(blocks.still)[[means[n] for n in turning]]
+        still = jax.tree.map(lambda part: np.asarray(part)[[means[n] for n in turning]], blocks.still)
         for n, borders in zip(turning, pitch_borders(here, still), strict=True):
             turned[n] = phase_rule.between(borders)
     ends = np.cumsum([0, *(len(weights) for _, weights in turned)])
@@ -159,7 +159,7 @@ def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> Parts:
         def borders(values: Values) -> tuple[Any, None]:
             scene, loaded = of(values)
             scene = dataclasses.replace(scene, load=loaded(Load(*every.means[k])), phase=PitchMean())
-            return pitch_borders(scene, None if every.still is None else every.still[k]), None
+            return pitch_borders(scene, jax.tree.map(lambda part: part[k], every.still)), None
 
         own, _ = told.parts(borders)
         return tuple(whole.at[k].set(part) for whole, part in zip(found, own, strict=True))

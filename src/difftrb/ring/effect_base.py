@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import keyword
+from collections.abc import Iterable
 from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import jax
@@ -182,6 +183,8 @@ def in_order(effects: Any) -> tuple[Effect, ...]:
     twice, or two that exclude each other."""
     if isinstance(effects, Effect):
         effects = (effects,)
+    if not isinstance(effects, Iterable):
+        raise SceneError(f"effects = {shown(effects)}: must be a tuple of difftrb.effects, say (Life(),), or ()")
     for i, effect in enumerate(effects):
         if not isinstance(effect, Effect):
             raise SceneError(f"effects.{i} = {shown(effect)}: must be one of difftrb.effects, say Life()")

@@ -7,7 +7,7 @@ the kinks' motion adds: of a hard window that is all there is by width.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -19,7 +19,7 @@ from difftrb.core.geometry import Raceway, Spall, TaperedBearing
 from difftrb.core.numeric import gauss_legendre
 from difftrb.law import load_curve
 from difftrb.law.base import Law
-from difftrb.ring import ring, roller_places
+from difftrb.ring import load_zone, ring, roller_places
 from difftrb.ring.load import Load
 from difftrb.ring.terms import PLAIN, Terms
 
@@ -37,9 +37,6 @@ ROUGH_POINTS = 2
 ROUNDS = 6
 """How often kinks are looked for where the last rings have them, the first time at even phases. With three of them
 derivatives were up to 6 % off where rollers in long spalls move the load zone's ends."""
-
-ENDS = 2
-"""Of a load zone."""
 STEEPEST, FLATTEST, LEAST_WAY = -5.0, -0.1, 1e-6
 """Between which slopes a secant is believed, and through phases how far apart, of the pitch."""
 
@@ -58,17 +55,25 @@ class Met(NamedTuple):
     law: Law
 
 
+class Still(NamedTuple):
+    """A healthy ring that lies alike at all phases: its displacement [mm], shape (…, 3); and of the approach of ring to
+    rollers the share of the contact with every raceway met, shape (…, raceways)."""
+
+    displacement: Any
+    shares: Any
+
+
 def borders(
     bearing: TaperedBearing, load: Load, met: tuple[Met, ...], at_rest: Callable[[Any], ring.Equilibrium],
-    terms: Terms = PLAIN, still: Any = None,
+    terms: Terms = PLAIN, still: Still | None = None,
 ) -> Any:  # fmt: skip
     """Angles of roller 0 [rad] between which nothing has a kink, over the pitch that begins at 0, rising from there to
     its end; shape (kinks + 2,). If there are several loads, of parts of shape (loads,), so are these in front.
 
     The laws met, the outer raceway's first, say how far their edges reach. `at_rest`: rings under the `load` with
     `terms`, at phases of shape (…, kinks): over spalls, or with few rollers, a ring lies differently at every phase.
-    `still`: of a plain healthy one the displacement [mm], shape (…, 3), if it is known and the same at all phases: then
-    none is solved, and kinks are about where spalls put them.
+    `still`: the healthy one, if it is known and the same at all phases: then none is solved, and kinks are about where
+    spalls put them.
     """
     whole = geometry.roller_pitch(bearing)
 
@@ -76,30 +81,41 @@ def borders(
         # a law that does not know its ramps says so itself
         return xp.where(xp.module_of(kinks).isfinite(xp.value(kinks)), kinks, 0.0)
 
-    rows = 1 if terms.pair is None else 2
+    def within(kinks: Any) -> Any:
+        """In the pitch that begins at 0; ends of load zones of rollers that differ, no farther than to its ends."""
+        if not differ:
+            return xp.mod(kinks, whole)
+        return xp.concatenate([xp.clip(kinks[..., :zone], 0.0, whole), xp.mod(kinks[..., zone:], whole)], axis=-1)
+
+    zone, differ = load_zone.count(terms) * (1 if terms.pair is None else 2), load_zone.are_different(terms)
     inside = sum(spall.walls.size - 2 for one in met for spall in one.spalls)
-    count = ENDS * rows + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met) + inside
+    count = zone + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met) + inside
     shape = (*np.shape(xp.value(load.radial)), count)
+    period = np.where(np.arange(count) < zone, load_zone.TURN, whole) if differ else whole
     if still is None:
         of = xp.module_of(jax.tree.leaves((bearing, load, met, terms)))
 
         def moved(k: Any, state: tuple[Any, Search]) -> tuple[Any, Search]:
             at, before = state
             rest = at_rest(at)
-            of_kinks = known(_kinks(bearing, met, at, rest.displacement, terms, rest))
-            kinks, search = _nearer(of_kinks, at, before, whole)
-            zone = _zone_from(xp.fixed(at), xp.fixed(rest.displacement), xp.fixed(bearing), xp.fixed(terms))
+            each = shares(met, rest, terms)
+            of_kinks = known(_kinks(bearing, met, at, rest.displacement, terms, each, before.rollers))
+            kinks, search = _nearer(of_kinks, at, before, period)
+            first = load_zone.nearest(*xp.fixed((at, rest.displacement, bearing, terms)))
             start, way = (
-                of.where(k == 0, of.concatenate([part, own[..., ENDS * rows :]], axis=-1), own)
-                for part, own in zip(zone, (search.at, search.off), strict=True)
+                of.where(k == 0, of.concatenate([part, own[..., zone:]], axis=-1), own)
+                for part, own in zip(first[:2], (search.at, search.off), strict=True)
             )
-            return xp.mod(xp.where(k == 0, start + way, kinks), whole), Search(start, way, search.slope)
+            rollers = of.where(k == 0, first.rollers, before.rollers) if differ else None
+            return within(xp.where(k == 0, start + way, kinks)), Search(start, way, search.slope, rollers)
 
         even = of.broadcast_to(whole * np.arange(count) / count, shape)
-        kinks, _ = loops.counted(ROUNDS, moved, (even, Search(even, of.zeros(shape), -of.ones(shape))))
+        passing = of.zeros((*shape[:-1], zone)) if differ else None
+        kinks, _ = loops.counted(ROUNDS, moved, (even, Search(even, of.zeros(shape), -of.ones(shape), passing)))
     else:
-        rings = xp.broadcast_to(still[..., None, :], (*shape, 3))
-        kinks = xp.mod(known(_kinks(bearing, met, np.zeros(shape), rings, terms)), whole)
+        rings = xp.broadcast_to(still.displacement[..., None, :], (*shape, 3))
+        each = [still.shares[..., k, None] for k in range(len(met))]
+        kinks = within(known(_kinks(bearing, met, np.zeros(shape), rings, terms, each)))
     order = xp.module_of(kinks).argsort(xp.value(kinks), axis=-1)
     kinks = kinks[order] if order.ndim == 1 else xp.stack([own[k] for own, k in zip(kinks, order, strict=True)])
     none = 0.0 * kinks[..., :1]
@@ -128,64 +144,42 @@ def crowded(count: int) -> Rule:
 
 class Search(NamedTuple):
     """For kinks, shape (…, kinks) each: the phase of the last rings [rad], from there to where these have the kink
-    [rad], and the slope of that by the phase, −1 where rings lie alike."""
+    [rad], and the slope of that by the phase, −1 where rings lie alike. `rollers` as of `load_zone.nearest`."""
 
     at: Any
     off: Any
     slope: Any
+    rollers: Any
 
 
-def _nearer(of_kinks: Any, at: Any, before: Search, whole: float) -> tuple[Any, Search]:
+def _nearer(of_kinks: Any, at: Any, before: Search, period: Any) -> tuple[Any, Search]:
     """Where kinks are that are at `of_kinks` by rings at the phases `at` [rad], by a secant through what was `before`:
-    where rollers lie in spalls a kink moves nearly as the cage turns."""
-    off = geometry.turned(of_kinks - at, whole)
-    now = Search(xp.fixed(at), xp.fixed(off), before.slope)
+    where rollers lie in spalls a kink moves nearly as the cage turns. They are the same after a `period` [rad]."""
+    off = geometry.turned(of_kinks - at, period)
+    now = before._replace(at=xp.fixed(at), off=xp.fixed(off))
     of = xp.module_of(now.at, before.at)
-    way = geometry.turned(now.at - before.at, whole)
-    far = of.abs(way) > LEAST_WAY * whole
+    way = geometry.turned(now.at - before.at, period)
+    far = of.abs(way) > LEAST_WAY * period
     slope = (now.off - before.off) / of.where(far, way, 1.0)
     slope = of.where(far & (slope > STEEPEST) & (slope < FLATTEST), slope, before.slope)
     return at - off / slope, now._replace(slope=slope)
 
 
-def _zone_from(phases: Any, displacement: Any, bearing: TaperedBearing, terms: Terms) -> tuple[Any, Any]:
-    """From where to look for the ends of the load zones of all rows, and how far from there they are [rad], shape (…,
-    ends), by rings at several `phases` [rad], shape (…, phases): where one is nearest to an end."""
-    starts, ways, whole = list[Any](), list[Any](), geometry.roller_pitch(bearing)
-    of = xp.module_of(phases, displacement)
-    for u in rows_of(displacement, bearing, terms):
-        ends, some = _zone(bearing, u)
-        off = of.where(some[..., None], geometry.turned(ends - phases[..., None], whole), 0.0)  # (…, phases, sides)
-        best = of.argmin(of.where(some[..., None], of.abs(off), np.inf), axis=-2)
-        starts.append(of.take_along_axis(phases, best, -1))
-        ways.append(of.take_along_axis(off, best[..., None, :], -2)[..., 0, :])
-    return of.concatenate(starts, axis=-1), of.concatenate(ways, axis=-1)
-
-
-def rows_of(displacement: Any, bearing: TaperedBearing, terms: Terms) -> tuple[Any, ...]:
-    """Displacements [mm] of every row of rollers."""
-    return (displacement,) if terms.pair is None else terms.pair.rows(displacement, bearing.outer_angle)
-
-
 def _kinks(
-    bearing: TaperedBearing, met: tuple[Met, ...], at: Any, displacement: Any, terms: Terms,
-    rest: ring.Equilibrium | None = None,
+    bearing: TaperedBearing, met: tuple[Met, ...], at: Any, displacement: Any, terms: Terms, shares: Sequence[Any],
+    rollers: Any = None,
 ) -> Any:  # fmt: skip
     """Angles [rad] of the rollers at kinks, each as its own ring has them, shape (…, kinks): where the load zone of
     every row ends on either side, or the phase `at` which the ring is where it does not; then where a roller begins to
     meet every edge of every spall, and where it has met it. They come in pairs, of both sides. `displacement` [mm] of
-    these rings, shape (…, kinks, 3); `rest`: all of them."""
+    these rings, shape (…, kinks, 3); `shares` as of `shares`; `rollers` as of `load_zone.nearest`."""
     # without an equilibrium any phases will do: each of them will say so
     u = xp.where(xp.module_of(displacement).isfinite(xp.value(displacement)), displacement, 0.0)
-    rows = rows_of(u, bearing, terms)
-    sides, found, inside = np.array([1.0, -1.0]), list[Any](), list[Any]()
-    for k, own in enumerate(rows):
-        mine = slice(ENDS * k, ENDS * (k + 1))
-        ends, some = _own_zone(bearing, own[..., mine, :])
-        found.append(xp.where(some, ends, at[..., mine]))
-    for raceway, spalls, law in met:
+    rows, thicker = load_zone.rows_of(u, bearing, terms), load_zone.thicker(bearing, terms)
+    sides, inside = np.array([1.0, -1.0]), list[Any]()
+    found = [load_zone.of_rings(bearing, terms, at, rows, rollers)]
+    for (raceway, spalls, law), share in zip(met, shares, strict=True):
         radius = geometry.arc_radius(bearing, raceway)
-        share = None if rest is None or terms.seat is None or law.hard else _share(law, rest)
         for i, spall in enumerate(spalls):
             walls = spall.angle + spall.walls / radius
             edges = walls[:2]
@@ -193,11 +187,15 @@ def _kinks(
             if law.hard:
                 found.append(edges)
                 continue
-            mine = slice(2 * len(found), 2 * len(found) + 4)
-            towards = roller_places.directions(bearing, xp.concatenate([edges, edges]))
+            begin = sum(part.shape[-1] for part in found)
+            mine, edges_twice = slice(begin, begin + 4), xp.concatenate([edges, edges])
+            towards = roller_places.directions(bearing, edges_twice)
             approach = xp.einsum("ki,...ki->...k", towards, rows[spall.row - 1][..., mine, :3])
-            if share is not None:
-                approach = approach * share[..., mine]
+            more = thicker[spall.row - 1]
+            if more is not None:
+                passing = xp.fixed((edges_twice - at[..., mine]) / geometry.roller_pitch(bearing))
+                approach = approach + (more[load_zone.numbered(bearing, passing)] if np.ndim(more) else more)
+            approach = approach * (share[..., mine] if np.shape(share)[-1:] != (1,) else share)
             begins, ends = (xp.broadcast_to(place, approach.shape) for place in law.ramp(i, spall, approach))
             found += [edges - sides * begins[..., :2] / radius, edges - sides * ends[..., 2:] / radius]
     return xp.concatenate([_of_each(part, rows[0].shape[:-2]) for part in (*found, *inside)], axis=-1)
@@ -208,27 +206,15 @@ def _of_each(part: Any, loads: tuple[int, ...]) -> Any:
     return part if part.ndim > len(loads) else xp.broadcast_to(part[None], (*loads, *part.shape))
 
 
-def _zone(bearing: TaperedBearing, u: Any) -> tuple[Any, Any]:
-    """Angles at which the load zone ends [rad] on either side, at displacements of shape (…, 3), shape (…, 2); and
-    whether it does, shape (…)."""
-    forward = u[..., 0] > 0.0
-    radial = xp.where(forward, u[..., 0], 1.0)
-    aside = u[..., 1] / radial
-    cos_end = -u[..., 2] * xp.tan(bearing.outer_angle) / (radial * xp.sqrt(1.0 + aside * aside))
-    partly = (cos_end > -1.0) & (cos_end < 1.0) & forward
-    middle, half = xp.arctan(aside), xp.arccos(xp.where(partly, cos_end, 0.0))
-    return xp.stack([middle + half, middle - half], axis=-1), partly
-
-
-def _own_zone(bearing: TaperedBearing, u: Any) -> tuple[Any, Any]:
-    """The same of a side each, at displacements of shape (…, 2, 3), shape (…, 2)."""
-    ends, partly = _zone(bearing, u)
-    return xp.stack([ends[..., side, side] for side in range(ENDS)], axis=-1), partly
+def shares(met: tuple[Met, ...], rest: ring.Equilibrium, terms: Terms) -> list[Any]:
+    """What part of the ring's approach to a loaded roller is the contact's with every raceway met, of every ring at
+    `rest`, shape (…, rings), or (1,) where that is all of it."""
+    alone = np.ones(1)
+    return [alone if terms.seat is None or law.hard else _share(law, rest) for _, _, law in met]
 
 
 def _share(law: Law, rest: ring.Equilibrium) -> Any:
-    """What part of the ring's approach to a loaded roller is the contact's in which `law` holds, of every ring, shape
-    (…, kinks): the largest there is, for rollers over a spall have less."""
+    """Of the contacts in which `law` holds the largest share there is, for rollers over a spall have less."""
     loads, approach = xp.fixed((rest.loads, rest.approach))
     of, healthy = xp.module_of(loads), law.curves((), cast(Any, np.zeros((0, 1)))).each
     alone = load_curve.approach(xp.fixed(load_curve.one_of(healthy, 0)), xp.maximum(loads, 1.0))

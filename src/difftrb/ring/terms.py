@@ -71,13 +71,13 @@ class Pair(NamedTuple):
 
     def rows(self, displacement: Any, outer_angle: Real) -> tuple[Any, Any]:
         """Radial, lateral and axial displacement [mm] of the rings of either row, both of shape (…, 3), at the shaft's
-        `displacement` ([mm] and, if it tilts, [rad])."""
-        u, half, aside = [displacement[..., k] for k in range(displacement.shape[-1])], 0.5 * self.preload, (0.0, 0.0)
+        `displacement` ([mm] and, if it tilts, [rad]); without the preload, which is among `Terms.interference`."""
+        u, aside = [displacement[..., k] for k in range(displacement.shape[-1])], (0.0, 0.0)
         if self.reach is not None:
             lever = self.reach / xp.cos(outer_angle)
             aside = -lever * u[4], lever * u[3]
-        first = xp.stack([u[0] + aside[0], u[1] + aside[1], u[2] + half], axis=-1)
-        return first, xp.stack([u[0] - aside[0], u[1] - aside[1], half - u[2]], axis=-1)
+        first = xp.stack([u[0] + aside[0], u[1] + aside[1], u[2]], axis=-1)
+        return first, xp.stack([u[0] - aside[0], u[1] - aside[1], -u[2]], axis=-1)
 
 
 def of_rows(normals: Any) -> Any:

@@ -12,10 +12,14 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
+from difftrb.core.geometry import Raceway
 from difftrb.core.numeric import gauss_legendre
 from difftrb.law import base, local
+from difftrb.law.base import Law
 from difftrb.law.local import LocalLaw
 from difftrb.ring import phase_rule, ring, roller_places
+from difftrb.ring.load import Load
+from difftrb.ring.phase_rule import Still
 from difftrb.scene.scene import (
     PitchMean,
     Scene,
@@ -28,7 +32,7 @@ from difftrb.scene.scene import (
 )
 
 
-def phases(scene: Scene, still: Any = None) -> tuple[Any, Any]:
+def phases(scene: Scene, still: Still | None = None) -> tuple[Any, Any]:
     """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each;
     `still` as in `pitch_borders`."""
     if not isinstance(scene.phase, PitchMean):
@@ -62,7 +66,7 @@ def _of_laws(scene: Scene, change: Callable[[LocalLaw], Any]) -> Scene:
 
 
 @np.errstate(all="ignore")
-def pitch_borders(scene: Scene, still: Any = None) -> Any:
+def pitch_borders(scene: Scene, still: Still | None = None) -> Any:
     """Between which phases a prepared scene has no kink [rad]; `still` as in `phase_rule.borders`. Loads may be
     several. Laws of one scene know its rollers at the phases alone: then kinks are where rings by the table have them,
     and of rollers that this does not know where healthy rings do."""
@@ -70,11 +74,8 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
         scene = xp.numbers(scene)
     if getattr(scene.law, "kinks_by_table", False):
         scene = upright_by_table(scene)
-    acting = law_in_effect(scene, outer_law(scene))
-    met = [phase_rule.Met("outer", roller_places.spalls_on(scene.spalls, "outer"), acting)]
-    if (inner := inner_law(scene)) is not None:
-        met.append(phase_rule.Met("inner", roller_places.spalls_on(scene.spalls, "inner"), inner))
-    acting = local.stateless(acting)
+    met = _met(scene)
+    acting = local.stateless(met[0].law)
     rings = _of_laws(healthy(scene), local.stateless) if base.kind(acting.name).one_scene else scene
     terms = ring_at(rings, acting, 0.0)[1]
 
@@ -86,4 +87,32 @@ def pitch_borders(scene: Scene, still: Any = None) -> Any:
         here, own = ring_at(dataclasses.replace(rings, load=load), acting, each)
         return here.equilibrium(own)
 
-    return phase_rule.borders(scene.bearing, scene.load, tuple(met), at_rest, terms, still)
+    return phase_rule.borders(scene.bearing, scene.load, met, at_rest, terms, still)
+
+
+def _met(scene: Scene) -> tuple[phase_rule.Met, ...]:
+    """Spalls and laws of the raceways that give way, the outer one's first."""
+    laws: dict[Raceway, Law | None] = {"outer": law_in_effect(scene, outer_law(scene)), "inner": inner_law(scene)}
+    return tuple(
+        phase_rule.Met(raceway, roller_places.spalls_on(scene.spalls, raceway), law)
+        for raceway, law in laws.items()
+        if law is not None
+    )
+
+
+@np.errstate(all="ignore")
+def still(scene: Scene, loads: np.ndarray) -> Still | None:
+    """A prepared scene's healthy ring under radial and axial `loads` [N], shape (loads, 2), which no size of a spall
+    changes. None where rings are not `ALIKE` at other phases, or tilt."""
+    scene = xp.numbers(healthy(scene))
+    turned = np.arange(4) / 4.0 * float(geometry.roller_pitch(scene.bearing))
+    each = Load(*np.repeat(loads, len(turned), axis=0).T)
+    met = _met(scene)
+    here, terms = ring_at(dataclasses.replace(scene, load=each), met[0].law, np.tile(turned, len(loads)))
+    rest = here.equilibrium(terms)
+    found = xp.values(rest.displacement).reshape(len(loads), len(turned), -1)
+    apart = np.ptp(found, axis=1).max(axis=1)
+    if found.shape[-1] != 3 or not np.all(apart <= phase_rule.ALIKE * np.abs(found).max(axis=(1, 2))):
+        return None
+    shares = [np.broadcast_to(share, each.radial.shape) for share in phase_rule.shares(met, rest, terms)]
+    return Still(found[:, 0], np.stack(shares, axis=-1)[:: len(turned)])

@@ -21,7 +21,7 @@ from difftrb.core.geometry import Spall
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.taylor import Taylor
 from difftrb.law.base import Law
-from difftrb.ring import effects, phase_rule, ring, roller_places
+from difftrb.ring import effects, ring, roller_places
 from difftrb.ring.effects import Results
 from difftrb.ring.load import Load
 from difftrb.scene import checks
@@ -181,20 +181,6 @@ def rings_at(
 
 
 @np.errstate(all="ignore")
-def still(scene: Scene, loads: np.ndarray) -> np.ndarray | None:
-    """Displacement [mm] of a plain scene's healthy ring under radial and axial `loads` [N], shape (loads, 2), which no
-    size of a spall changes; shape (loads, 3). None where rings are not `ALIKE` at other phases, and with raceways in
-    series, of which a displacement does not tell how they share it."""
-    if scene.effects:
-        return None
-    turned = np.arange(4) / 4.0 * float(geometry.roller_pitch(scene.bearing))
-    each = Load(*np.repeat(loads, len(turned), axis=0).T)
-    rest = at_phases(xp.numbers(healthy(scene)), np.tile(turned, len(loads)), each)
-    found = xp.values(rest.displacement).reshape(len(loads), len(turned), 3)
-    apart = np.ptp(found, axis=1).max(axis=1)
-    return found[:, 0] if np.all(apart <= phase_rule.ALIKE * np.abs(found).max(axis=(1, 2))) else None
-
-
 def with_sizes_expanded(scene: Scene) -> Scene:
     """The scene with the length and width of every spall as parameters of an expansion: 0 and 1 of the first, …"""
     count = len(scene.spalls)
