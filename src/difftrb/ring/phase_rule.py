@@ -122,7 +122,7 @@ def borders(
         kinks, _ = loops.counted(ROUNDS, moved, (even, Search(even, of.zeros(shape), -of.ones(shape), passing)))
     else:
         rings = xp.broadcast_to(still.displacement[..., None, :], (*shape, 3))
-        each = [still.shares[..., k, None] for k in range(len(met))]
+        each = [WHOLE if terms.seat is None else still.shares[..., k, None] for k in range(len(met))]
         kinks = within(known(_kinks(bearing, met, np.zeros(shape), rings, terms, each)))
     order = xp.module_of(kinks).argsort(xp.value(kinks), axis=-1)
     kinks = kinks[order] if order.ndim == 1 else xp.stack([own[k] for own, k in zip(kinks, order, strict=True)])
