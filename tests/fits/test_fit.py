@@ -565,6 +565,25 @@ def test_an_interval_that_ends_with_the_range_does_not_determine(rig: trb.Scene,
     assert any("mm and more" in sentence for sentence in found.remarks)
 
 
+def test_where_the_bearing_lies_beyond_what_is_searched_nothing_is_determined() -> None:
+    """A preload of 2500 N, searched up to 1000, was called determined (> 560 N), and a length 20 % too short with it;
+    what to measure next was said to tell it to 4 mN."""
+    scene = trb.Scene(trb.bearing("32008J"), trb.Load(3000.0, 1000.0), (trb.Spall(4.0, 7.0),), law="table")
+    rows, noise = [], np.random.default_rng(2)
+    for phase in (0.0, "mean"):
+        for name, loss in zip(("radial_loss", "axial_loss"), trb.assess(scene.replace(axial=3500.0, phase=phase)).loss,
+                              strict=True):  # fmt: skip
+            sigma = 0.02 * float(loss)
+            value = float(loss) + sigma * noise.standard_normal()
+            rows.append(Measurement(3000.0, 1000.0, name, value, sigma, None, phase))
+    found = fit(scene, rows, ("length", "preload"), starts=FEW)
+    assert found["preload"] == pytest.approx(1000.0)
+    assert found.open[1, 1]
+    assert not found.determined_each.any()
+    assert any("preload may lie beyond the range that is searched" in sentence for sentence in found.remarks)
+    assert all(np.isnan(s.errors["preload"]) for s in optimal_design.next_measurements(found))
+
+
 BAD = {
     "no rows": ({"rows": []}, "no rows"),
     "unknown parameter": ({"parameters": ("size",)}, "'size' is not known"),

@@ -19,6 +19,7 @@ from difftrb.fits import (
 from difftrb.fits.fit_result import UNLIKELY, Alternative, Fit
 from difftrb.fits.least_squares import AT_BOUND
 from difftrb.fits.measured import Measurement
+from difftrb.fits.parameters import OfSpall
 from difftrb.fits.profile_intervals import CONFIDENCE
 from difftrb.fits.search import Scan
 from difftrb.ring import effects
@@ -34,6 +35,8 @@ HEALTHY = 0.05
 TIMES = " × "
 MANY = 3
 """Parameters whose range is scanned closely enough to find the answer."""
+NEAR_END = 0.1
+"""Share of a range within which a value is at its end."""
 ALIKE = 0.05
 """By how much an answer's weight has to be more than another's for it to be called likelier."""
 TOLD = 3
@@ -53,6 +56,12 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
     doubts = tuple(_of_suspect(fit, one) for one in wrong)
     remarks += doubts
     unclear = np.array([_is_open(fit, i) for i in range(len(fit.parameters))])
+    beyond = [fit.parameters[i] for i in _out_of_range(fit)]
+    if beyond:
+        names = " and ".join(beyond)
+        remarks.append(
+            f"{names} may lie beyond the range that is searched, and all others would move: nothing is determined"
+        )
     healthy = _healthy(fit)
     if healthy:
         remarks.append(healthy)
@@ -65,7 +74,7 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
     if len(fit.parameters) > MANY and fit.explained:
         remarks.append(
             f"the range of more than {MANY} parameters is scanned thinly: an answer that fits as well may be missed; "
-            f"--starts {4 * search.points(len(fit.parameters))} looks closer"
+            f"difftrb.fit(…, starts={4 * search.points(len(fit.parameters))}) looks closer"
         )
     if fit.freedom <= 0:
         remarks.append("there are no more rows than parameters, so none checks the fit")
@@ -76,7 +85,7 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
             f"no sigma was given: from how the fit misses the {kind} it is estimated as {middle:.2g} % of them"
         )
     whole = np.array([len(own) == 1 for own in fit.pieces])
-    clear = whole & ~unclear & fit.explained & (not wrong) & (not healthy)
+    clear = whole & ~unclear & fit.explained & (not wrong) & (not healthy) & (not beyond)
     for other in fit.alternatives:
         clear &= ~fit_result.outside(other.values, fit.values, fit.own_intervals)
     return {"remarks": tuple(remarks), "doubts": doubts, "determined_each": clear}
@@ -86,7 +95,16 @@ def _is_open(fit: Fit, i: int) -> bool:
     (low, high), beyond, parameter = fit.own_intervals[i], fit.own_open[i], fit.problem.parameters[i]
     if parameter.logarithmic:
         return bool(beyond.any()) or bool(high / low > parameter.wide)
-    return bool(beyond.all()) or high - low > parameter.wide
+    return bool(beyond.all() | (beyond & ~np.array(parameter.natural)).any()) or high - low > parameter.wide
+
+
+def _out_of_range(fit: Fit) -> list[int]:
+    """What of the bearing and its loads, not of spalls, may lie beyond the range that is searched: its interval is open
+    there, and its value within `NEAR_END` of that end."""
+    shares = 1.0 / (1.0 + np.exp(-fit.place))
+    at_end = np.column_stack([shares < NEAR_END, shares > 1.0 - NEAR_END]) & fit.own_open
+    every = enumerate(fit.problem.parameters)
+    return [i for i, one in every if not isinstance(one, OfSpall) and (at_end[i] & ~np.array(one.natural)).any()]
 
 
 def _about_rows(fit: Fit) -> list[str]:
@@ -151,7 +169,7 @@ def _of_suspect(fit: Fit, suspect: suspects.Suspect) -> str:
 def _healthy(fit: Fit) -> str:
     """That no spall is needed, if none is."""
     losses = np.array([row.is_loss for row in fit.rows])
-    if fit.problem.sound is None and not losses.all():
+    if (fit.problem.sound is None and not losses.all()) or not fit.explained:
         return ""
     chi2 = 2.0 * float(evaluations.costs(fit.problem, predicted.healthy_rows(fit.problem)[None])[0])
     by_one = fit_result.tail(max(chi2 - fit.chi2, 0.0), len(fit.parameters))
@@ -228,11 +246,12 @@ def _fits_as_well(fit: Fit, i: int) -> str:
     """An interval in brackets: what lies beyond an end of the range that is searched may fit, too."""
     period = fit.problem.parameters[i].period
     (low, high), (no_low, no_high) = fit.own_intervals[i], fit.own_open[i]
+    unit = f" {fit.units[i]}".removesuffix(" –")
     if period is not None and high - low >= period:
         return "(any value fits as well)"
     if no_low != no_high:
-        return f"({low:.3g} {fit.units[i]} and more)" if no_high else f"({high:.3g} {fit.units[i]} and less)"
-    return f"({low:.3g} … {high:.3g} {fit.units[i]} fit as well)"
+        return f"({low:.3g}{unit} and more)" if no_high else f"({high:.3g}{unit} and less)"
+    return f"({low:.3g} … {high:.3g}{unit} fit as well)"
 
 
 def _best_determined(fit: Fit, sizes: list[int]) -> tuple[dict[str, float], float]:

@@ -193,7 +193,7 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
         ]
         lines.append(f"correlation of {', '.join(pairs)}")
     for s in suggestions:
-        errors = ", ".join(f"{name} {error:.2g}" for name, error in s.errors.items())
+        errors = ", ".join(f"{name} {tables.number(error, '.2g')}" for name, error in s.errors.items())
         again = " once more" if any(_is_same(s.row, row, fit) for row in fit.rows) else ""
         first = "next" if s is suggestions[0] else "and then"
         lines.append(f"{first}: measure {in_words(s.row)}{again} (standard errors then: {errors})")

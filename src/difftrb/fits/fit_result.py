@@ -102,7 +102,8 @@ class Fit(status.Judged):
         """On a few lines: parameters with their intervals, misfit, remarks."""
         parts = zip(self.parameters, self.values, self.units, self.determined_each, strict=True)
         lines = [
-            f"  {name} {value:.4g} {unit} ({self.interval_in_words(i)}{'' if sure else ', not determined'})"
+            f"  {name} {value:.4g} {unit}".removesuffix(" –")
+            + f" ({self.interval_in_words(i)}{'' if sure else ', not determined'})"
             for i, (name, value, unit, sure) in enumerate(parts)
         ]
         first = f"Fit of {len(self.rows)} rows, χ² {self.chi2:.3g}: {self.status}"

@@ -12,6 +12,7 @@ from difftrb.core import geometry
 from difftrb.core.bad_input import is_whole
 from difftrb.fits import measured, predicted
 from difftrb.fits.fit_result import Fit
+from difftrb.fits.least_squares import AT_BOUND
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.ring.load import Load, largest_load
 from difftrb.scene import checks
@@ -98,7 +99,8 @@ def next_measurements(
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, values, strict=True)])
     rows = slopes / sigma[:, None]
     covariance = np.linalg.inv(fit.normal + np.diag(1.0 / fit.problem.prior**2))
-    slope = fit.problem.bounds.rate(fit.place)
+    # at a bound slopes by coordinates vanish, and tell no error
+    slope = np.where(np.abs(fit.place) < AT_BOUND, fit.problem.bounds.rate(fit.place), np.nan)
     chosen: list[Suggestion] = []
     left = np.ones(len(among), bool)
     for _ in range(min(count, len(among))):

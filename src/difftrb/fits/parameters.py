@@ -48,6 +48,8 @@ class Parameter:
     period: ClassVar[float | None] = None
     """Values that differ by this much are one [unit]; its range goes once round, and on a little beyond either end, so
     that nothing ends there."""
+    natural: ClassVar[tuple[bool, bool]] = (False, False)
+    """Whether its range ends, low and high, where nature ends it, so that nothing lies beyond what is searched."""
     multiplies: ClassVar[bool] = False
     """Whether all losses are more or less with it by about one factor: few of its values are tried."""
     in_products: ClassVar[bool] = True
@@ -194,7 +196,7 @@ class Angle(OfSpall):
 
     name, unit = "angle", "rad"
     low, high, logarithmic, wide = -1.15 * np.pi, 1.15 * np.pi, False, 0.5
-    period = 2.0 * np.pi
+    period, natural = 2.0 * np.pi, (True, True)
     no_effect = "without a radial load all angles are alike: measure under a radial load, or leave angle out"
     suspect = "the spall stands elsewhere than the scene's angle says"
 
@@ -216,7 +218,7 @@ class AxialOffset(OfSpall, KnownToLaw):
     """Of the spall from the roller's middle: as far as the law goes, half the roller at most."""
 
     name, unit = "axial_offset", "mm"
-    logarithmic, wide = False, 1.0
+    logarithmic, wide, natural = False, 1.0, (True, True)
     no_effect = "the law is frozen at the scene's axial_offset: fit scenes with several and compare their χ²"
 
     def farthest(self, scene: Scene) -> tuple[float, float]:
@@ -269,7 +271,7 @@ class Crown(KnownToLaw):
 class Preload(Parameter):
     """Axial load that adds to every measured one: from 0 to the largest of them."""
 
-    name, unit, default, logarithmic, wide = "preload", "N", 0.0, False, np.inf
+    name, unit, default, logarithmic, wide, natural = "preload", "N", 0.0, False, np.inf, (True, False)
     no_effect = "nothing depends on the axial load here: leave preload out"
     suspect = "an axial load acts that was not measured"
 
