@@ -71,17 +71,23 @@ def test_rollers_that_differ_take_up_load_each_at_its_own_place(bearing, spall: 
     np.testing.assert_allclose(of_mean, of_many, rtol=1e-2)
 
 
-@pytest.mark.parametrize(("length", "width", "angle"), [(6.147, 4.575, 0.451), (6.995, 6.567, -0.265)])
-def test_with_both_raceways_losses_are_those_of_many_phases(bearing, length: float, width: float, angle: float) -> None:
+@pytest.mark.parametrize(
+    "spalls",
+    [
+        (trb.Spall(6.147, 4.575, angle=0.451),),
+        (trb.Spall(6.995, 6.567, angle=-0.265),),
+        (trb.Spall(5.0, 5.0), trb.Spall(4.0, 6.0, angle=0.6), trb.Spall(5.0, 4.0, angle=0.3, surface="inner")),
+    ],
+)
+def test_with_both_raceways_losses_are_those_of_many_phases(bearing, spalls: tuple[trb.Spall, ...]) -> None:
     """A roller over a spall leaves more of the approach to its contact there: with the healthy share 2e-3 off."""
     acting = trb.effects.Raceways(rollers="upright")
-    spall = trb.Spall(length, width, angle=angle)
-    mean = trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (spall,), "table", phase="mean", effects=(acting,)))
+    mean = trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), spalls, "table", phase="mean", effects=(acting,)))
     phases = (np.arange(2 * MANY) + 0.5) / (2 * MANY) * geometry.roller_pitch(bearing)
     every = prepared.at_phases(xp.numbers(mean.replace(phase=0.0)), phases).tangent.mean(axis=0)
     whole = np.asarray(trb.assess(mean).healthy.both_stiffnesses)
     exact = 100.0 * (1.0 - np.diag(every)[[0, 2]] / whole)
-    np.testing.assert_allclose(trb.assess(mean).loss, exact, rtol=4e-4)
+    np.testing.assert_allclose(trb.assess(mean).loss, exact, rtol=6e-4)
 
 
 def test_width_acts_on_the_mean_through_the_window_alone(scene) -> None:

@@ -204,10 +204,10 @@ def _kinks(
                 passing = xp.fixed((edges_twice - at[..., mine]) / geometry.roller_pitch(bearing))
                 approach = approach + (more[load_zone.numbered(bearing, passing)] if np.ndim(more) else more)
             if share is not WHOLE:
-                share = share[..., mine] if np.shape(share)[-1:] != (1,) else share
+                own = share[..., mine] if np.shape(share)[-1:] != (1,) else share
                 land = xp.maximum(1.0 - spall.length / bearing.roller_length, LEAST_LAND) ** SOFTER
                 land = xp.where(np.arange(4) < 2, 1.0, land)
-                approach = approach * share / (share + (1.0 - share) * land)
+                approach = approach * own / (own + (1.0 - own) * land)
             begins, ends = (xp.broadcast_to(place, approach.shape) for place in law.ramp(i, spall, approach))
             found += [edges - sides * begins[..., :2] / radius, edges - sides * ends[..., 2:] / radius]
     return xp.concatenate([_of_each(part, rows[0].shape[:-2]) for part in (*found, *inside)], axis=-1)
