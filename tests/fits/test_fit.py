@@ -166,13 +166,15 @@ def test_kinks_are_placed_by_one_ring_where_all_phases_have_that(rig: trb.Scene,
 
 @pytest.mark.parametrize(
     ("effect", "alike"),
-    [(trb.effects.Raceways(), True), (trb.effects.DoubleRow(0.02), True), (trb.effects.Diameters((1e-3,) * 3), False)],
+    [
+        (trb.effects.Raceways(), True),
+        (trb.effects.DoubleRow(0.02), True),
+        (trb.effects.Diameters((1e-3,) * 3 + (0.0,) * 20), False),
+    ],
 )
 def test_effects_that_leave_rings_alike_have_kinks_placed_by_one(effect: trb.effects.Effect, alike: bool) -> None:
     """Fits with both raceways solved six rounds of rings for their kinks, more than for all else. Losses are the
     same to a part in a thousand."""
-    if isinstance(effect, trb.effects.Diameters):
-        effect = trb.effects.Diameters(effect.deviations + (0.0,) * 20)
     spall = trb.Spall(5.0, 5.0, angle=0.2)
     scene = trb.Scene(
         trb.bearing("32008J"), trb.Load(9000.0, 4500.0), (spall,), "table", phase="mean", effects=(effect,)

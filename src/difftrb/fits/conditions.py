@@ -18,7 +18,6 @@ from difftrb.fits.measured import ENTRIES, Measurement
 from difftrb.ring import phase_rule
 from difftrb.ring.phase_rule import Still
 from difftrb.scene import cage_phases
-from difftrb.scene.cage_phases import pitch_borders
 from difftrb.scene.scene import Definition, PitchMean, Scene
 
 ROW, COLUMN = (np.array(part) for part in zip(*ENTRIES.values(), strict=True))
@@ -121,7 +120,7 @@ def _condition(scene: Scene, row: Measurement) -> Condition:
 
 def _kinks(scene: Scene) -> int:
     """Into how many parts a mean over phases of a scene like this is divided."""
-    return pitch_borders(dataclasses.replace(scene, phase=PitchMean())).size - 1
+    return cage_phases.pitch_borders(dataclasses.replace(scene, phase=PitchMean())).size - 1
 
 
 def phases(at: Conditions) -> np.ndarray:

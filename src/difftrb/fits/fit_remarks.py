@@ -17,7 +17,7 @@ from difftrb.fits import (
     suspects,
 )
 from difftrb.fits.fit_result import UNLIKELY, Alternative, Fit
-from difftrb.fits.least_squares import AT_BOUND
+from difftrb.fits.least_squares import AT_BOUND, at_shares
 from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import OfSpall
 from difftrb.fits.profile_intervals import CONFIDENCE
@@ -101,8 +101,8 @@ def _is_open(fit: Fit, i: int) -> bool:
 def _out_of_range(fit: Fit) -> list[int]:
     """What of the bearing and its loads, not of spalls, may lie beyond the range that is searched: its interval is open
     there, and its value within `NEAR_END` of that end."""
-    shares = 1.0 / (1.0 + np.exp(-fit.place))
-    at_end = np.column_stack([shares < NEAR_END, shares > 1.0 - NEAR_END]) & fit.own_open
+    far = at_shares(np.array(1.0 - NEAR_END))
+    at_end = np.column_stack([fit.place < -far, fit.place > far]) & fit.own_open
     every = enumerate(fit.problem.parameters)
     return [i for i, one in every if not isinstance(one, OfSpall) and (at_end[i] & ~np.array(one.natural)).any()]
 

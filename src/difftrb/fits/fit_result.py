@@ -100,11 +100,10 @@ class Fit(status.Judged):
 
     def __repr__(self) -> str:
         """On a few lines: parameters with their intervals, misfit, remarks."""
-        parts = zip(self.parameters, self.values, self.units, self.determined_each, strict=True)
+        parts = zip(self.problem.parameters, self.values, self.determined_each, strict=True)
         lines = [
-            f"  {name} {value:.4g} {unit}".removesuffix(" –")
-            + f" ({self.interval_in_words(i)}{'' if sure else ', not determined'})"
-            for i, (name, value, unit, sure) in enumerate(parts)
+            f"  {parameter.told(value, 4)} ({self.interval_in_words(i)}{'' if sure else ', not determined'})"
+            for i, (parameter, value, sure) in enumerate(parts)
         ]
         first = f"Fit of {len(self.rows)} rows, χ² {self.chi2:.3g}: {self.status}"
         return "\n".join([first, *lines, *(f"  {remark}" for remark in self.remarks)])

@@ -122,7 +122,8 @@ def borders(
         kinks, _ = loops.counted(ROUNDS, moved, (even, Search(even, of.zeros(shape), -of.ones(shape), passing)))
     else:
         rings = xp.broadcast_to(still.displacement[..., None, :], (*shape, 3))
-        each = [WHOLE if terms.seat is None else still.shares[..., k, None] for k in range(len(met))]
+        own = (xp.broadcast_to(share[..., None], shape) for share in xp.moveaxis(still.shares, -1, 0))
+        each = [WHOLE for _ in met] if terms.seat is None else list(own)
         kinks = within(known(_kinks(bearing, met, np.zeros(shape), rings, terms, each)))
     order = xp.module_of(kinks).argsort(xp.value(kinks), axis=-1)
     kinks = kinks[order] if order.ndim == 1 else xp.stack([own[k] for own, k in zip(kinks, order, strict=True)])
@@ -204,7 +205,7 @@ def _kinks(
                 passing = xp.fixed((edges_twice - at[..., mine]) / geometry.roller_pitch(bearing))
                 approach = approach + (more[load_zone.numbered(bearing, passing)] if np.ndim(more) else more)
             if share is not WHOLE:
-                own = share[..., mine] if np.shape(share)[-1:] != (1,) else share
+                own = share[..., mine]
                 land = xp.maximum(1.0 - spall.length / bearing.roller_length, LEAST_LAND) ** SOFTER
                 land = xp.where(np.arange(4) < 2, 1.0, land)
                 approach = approach * own / (own + (1.0 - own) * land)
@@ -220,7 +221,7 @@ def _of_each(part: Any, loads: tuple[int, ...]) -> Any:
 
 def shares(met: tuple[Met, ...], rest: ring.Equilibrium, terms: Terms) -> list[Any]:
     """What part of the ring's approach to a loaded roller is the contact's with every raceway met, of every ring at
-    `rest`, shape (…, rings), or (1,) where that is all of it."""
+    `rest`, shape (…, rings), or `WHOLE`."""
     return [WHOLE if terms.seat is None or law.hard else _share(law, rest) for _, _, law in met]
 
 
