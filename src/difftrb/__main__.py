@@ -162,11 +162,9 @@ def _check(options: Any) -> int:
     print(f"{path}: in order: {file.bearing.rollers} rollers, {spalls}, radial {file.load.radial:g} N, "
           f"axial {file.load.axial:g} N, law {file.contact.law}{sweep}")  # fmt: skip
     if file.catalogue is not None:
-        from difftrb.report import catalogue_uncertainty, tables
+        from difftrb.report import catalogue_uncertainty
 
-        console.show(
-            catalogue_uncertainty.table(file.catalogue, tables.house_table("Bearing estimated from its catalogue"))
-        )
+        console.show(catalogue_uncertainty.table(file.catalogue))
     return EXIT_OK
 
 

@@ -14,6 +14,7 @@ from difftrb.accuracy import ladder, timing
 from difftrb.accuracy.ladder import TRUTHS, Kind, Measured, Row
 from difftrb.core.status import SceneError
 from difftrb.report import console, remarks, tables
+from difftrb.report.tables import duration
 from difftrb.scene.file_schema import SceneFile
 
 KINDS: tuple[Kind, ...] = ("ring", "contact")
@@ -104,11 +105,11 @@ def accuracy_text(measured: Measured) -> RenderableType:
         table.add_column("", no_wrap=True)
         for name in names:
             table.add_column(ERRORS_SHOWN.get(name, "error of approach"), justify="right", no_wrap=True)
-        columns = [(heading, _duration, get) for heading, get in TIMES[kind].items()]
+        columns = [(heading, duration, get) for heading, get in TIMES[kind].items()]
         if kind == "contact":
             columns.append(("continuum", _error, lambda row: row.continuum))
         elif measured.accelerator is not None:
-            columns.append(("there", _duration, lambda row: row.there))
+            columns.append(("there", duration, lambda row: row.there))
         columns = [column for column in columns if any(math.isfinite(column[2](row)) for row in rows)]
         for heading, *_ in columns:
             table.add_column(heading, justify="right", no_wrap=True)
@@ -137,10 +138,10 @@ def _accuracy_lines(measured: Measured) -> list[str]:
     else:
         lines.append(
             f"for stiffness within {measured.asked:g} take {best.rung.name}: error {_error(best.error)}, "
-            f"{_duration(best.seconds)} for a new scene ({best.seconds / measured.yardstick:.3g} yardsticks)"
+            f"{duration(best.seconds)} for a new scene ({best.seconds / measured.yardstick:.3g} yardsticks)"
         )
         if finer is not None:
-            lines.append(f"more exact: {finer.rung.name}, error {_error(finer.error)}, {_duration(finer.seconds)}")
+            lines.append(f"more exact: {finer.rung.name}, error {_error(finer.error)}, {duration(finer.seconds)}")
     if measured.one_core is not None:
         each, slopes = measured.one_core
         lines.append(f"on one core alone a batch takes {each:.2g} times as long, with derivatives {slopes:.2g} times")
@@ -158,24 +159,14 @@ def _accuracy_lines(measured: Measured) -> list[str]:
         "first: until the first result, with programs compiled that no rung before had; again: the law made anew, "
         "compiled; solve: the scene by that law; batch: one of a batch; slopes: one, with derivatives by length and "
         "width",
-        f"on {measured.device}, {measured.cores} cores; yardstick {_duration(measured.yardstick)}; difftrb imported in "
-        f"{_duration(measured.importing)}; memory {tables.number(memory, '.0f')} MiB; measured in "
-        f"{_duration(measured.seconds)}",
+        f"on {measured.device}, {measured.cores} cores; yardstick {duration(measured.yardstick)}; difftrb imported in "
+        f"{duration(measured.importing)}; memory {tables.number(memory, '.0f')} MiB; measured in "
+        f"{duration(measured.seconds)}",
     ]
 
 
 def _error(value: float) -> str:
     return tables.number(value, ".1e").replace("e-0", "e-").replace("e+00", "")
-
-
-def _duration(value: float) -> str:
-    """Two digits and a unit."""
-    if not math.isfinite(value):
-        return "–"
-    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if value >= 0.995 * scale or unit == "µs":
-            return f"{float(f'{value / scale:.2g}'):g} {unit}"
-    raise AssertionError
 
 
 def work_precision(measured: Measured) -> Any:

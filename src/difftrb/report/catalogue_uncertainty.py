@@ -11,6 +11,7 @@ from rich.table import Table
 from difftrb.core.geometry import TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law.base import LAWS
+from difftrb.report.tables import house_table
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.scene import solving
 from difftrb.scene.auto_law import PREPARED
@@ -85,11 +86,10 @@ def estimated(scene: Scene, anew: Scene, catalogue: CatalogueBearing, stiffness:
     return Estimated(catalogue, known, about[0] / own * known, about[1] / loss if (loss > 0.0).all() else None)
 
 
-def table(catalogue: CatalogueBearing, empty: Table) -> Table:
-    """All of the bearing's numbers, in an `empty` table of the house."""
-    for heading in ("", "value", "± (k = 2)", "unit"):
-        empty.add_column(heading, justify="left" if heading in ("", "unit") else "right")
+def table(catalogue: CatalogueBearing) -> Table:
+    """All of the bearing's numbers."""
+    rows = house_table("Bearing estimated from its catalogue", "", "value", "± (k = 2)", "unit")
     for name, each in catalogue.estimates.items():
         value, _, uncertainty = str(each).removesuffix(each.unit).strip().partition(" ± ")
-        empty.add_row(name, value, uncertainty or "given", each.unit)
-    return empty
+        rows.add_row(name, value, uncertainty or "given", each.unit)
+    return rows

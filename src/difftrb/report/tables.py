@@ -18,6 +18,18 @@ def number(value: Any, style: str) -> str:
     return text if text.strip("-+0.,") else format(0.0, style)  # no −0.000
 
 
+def duration(seconds: float, /) -> str:
+    """Two digits and a unit."""
+    if not math.isfinite(seconds):
+        return "–"
+    if seconds >= 100.0:
+        return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
+    unit, scale = next(
+        ((unit, scale) for unit, scale in (("s", 1.0), ("ms", 1e-3)) if seconds >= 0.995 * scale), ("µs", 1e-6)
+    )
+    return f"{float(f'{seconds / scale:.2g}'):g} {unit}"
+
+
 def plain(value: Any) -> Any:
     """`value` with arrays as lists and NaN as None, ready for strict JSON."""
     if isinstance(value, dict):

@@ -23,6 +23,7 @@ from difftrb.core import status
 from difftrb.core.machine import free_memory, lanes_of
 from difftrb.core.status import SweepError
 from difftrb.law.samples import Progress
+from difftrb.report.tables import duration
 from difftrb.scene import checks
 from difftrb.scene.scene import Scene
 from difftrb.sweeps import axes as axes_
@@ -196,15 +197,9 @@ def forecast(plan: Plan, devices: int | None = None) -> str:
     memory = scratch * len(lanes) + _bytes_of_chunks(plan)
     return "\n".join([
         f"memory    {_in_bytes(memory)} beside JAX itself, whatever the number of members",
-        f"time      {_duration(seconds)} on {len(lanes)} device{'s' if len(lanes) > 1 else ''}, and "
-        f"{_duration(max(first - call, 0.0))} to compile; {1e6 * seconds / plan.members:.3g} µs a member",
+        f"time      {duration(seconds)} on {len(lanes)} device{'s' if len(lanes) > 1 else ''}, and "
+        f"{duration(max(first - call, 0.0))} to compile; {1e6 * seconds / plan.members:.3g} µs a member",
     ])  # fmt: skip
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 100.0:
-        return f"{seconds:.2g} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
 def sweep(
