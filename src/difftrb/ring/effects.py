@@ -1,7 +1,7 @@
 """All effects: what a scene may ask for beyond the plain ring, nothing paid for when it is absent.
 
-Here are those of one row on rings that stay parallel; `tilt` and `life` have theirs. Scenes name effects in any order.
-A module of this room that registers an effect needs no mention here.
+Here are those of one row on rings that stay parallel; `tilt`, `double_row` and `life` have theirs. Scenes name effects
+in any order. A module of this room that registers an effect is found without being named here.
 """
 
 from __future__ import annotations

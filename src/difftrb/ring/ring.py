@@ -1,8 +1,8 @@
 """The ring on its rollers: equilibrium, load distribution and stiffness of the plain bearing.
 
 Three degrees of freedom of one ring against the other: radial (along the load line, angle 0), lateral (a quarter turn
-on) and axial (pressing the rings together). One contact per roller, the outer raceway's. What effects add to that are
-`Terms`; those that are None leave nothing in the compiled program.
+on) and axial (pressing the rings together); where rings tilt two more, about both radial axes. One contact per roller,
+the outer raceway's. What effects add to that are `Terms`; those that are None leave nothing in the compiled program.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ import jax
 import numpy as np
 
 from difftrb.contact.grids import GRIDS
+from difftrb.core import arrays as xp
 from difftrb.core.geometry import Raceway, Real, Spall
 from difftrb.law import base as laws
 from difftrb.law import edge_ramp
@@ -121,11 +122,11 @@ class Audit:
 
 
 def verify(scene: Scene, found: Solution | None = None, progress: Progress | None = None) -> Audit:
-    """Audit the `solution` of a scene, by contacts solved afresh for the states in which its rollers ended.
+    """Audit the solution of a scene, by contacts solved afresh for the states in which its rollers ended.
 
     Args:
       scene: as solved: prepared, or with its law by name.
-      found: what `solve` returned for it; None solves it first.
+      found: the solution: what `solve` returned for it; None solves it first.
       progress: told how many of how many contacts are solved.
 
     Of a mean over phases `AUDITED_PHASES` are audited. Contacts are solved finer than the law's: a power law's to 1e-3,
@@ -236,10 +237,9 @@ def _approach(part: AtPhase, state: State, own: list[Node]) -> tuple[float, floa
         approach += own[1].approach / ratio
         compliance += own[1].compliance / ratio**2
     if seat is not None and seat.flange_compliance is not None:
-        force, wedge = float(roller_balance.flange_load(seat, np.asarray(load))), float(seat.wedge)
-        if force > 0.0:
-            approach += wedge * float(seat.flange_compliance) * force ** (2.0 / 3.0)
-            compliance += wedge**2 * float(seat.flange_compliance) * (2.0 / 3.0) * force ** (-1.0 / 3.0)
+        along = roller_balance.flange_approach(seat, xp.variable(np.asarray(load)))
+        approach += float(along.value)
+        compliance += float(along.by[0])
     return approach, compliance
 
 

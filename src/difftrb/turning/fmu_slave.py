@@ -12,7 +12,7 @@ ENTRIES = [f"k{row}{column}" for row in AXES for column in AXES]
 
 
 class TaperedRollerBearing(Fmi2Slave):
-    """Force of the bearing on its shaft, f = -K(φ) (q - u(φ)): see `difftrb.turning.fmu`."""
+    """Force of the bearing on its shaft, f = -K(φ) (q - u(φ) + ū): see `difftrb.turning.fmu`."""
 
     author = "difftrb"
     description = "Tapered roller bearing with its stiffness over the cage's angle, linear about its load"
