@@ -15,6 +15,7 @@ from difftrb.core import geometry
 from difftrb.report.figure_style import HEALTHY, SPALLED
 from difftrb.report.pressure_figure import DrawnContact, on_grid, scale_of
 from difftrb.scene.scene import Scene
+from difftrb.scene.solution import stiffness_loss
 from difftrb.turning.spall_loss import Turn
 
 TALL, WIDE = 290, 430
@@ -57,10 +58,9 @@ class Rings:
         titles = []
         for name, j in (("radial", 0), ("axial", 2)):
             ours, theirs = turn.stiffness[:, j, j], turn.healthy[:, j, j]
-            loss, mean_loss = (100.0 * (1.0 - a / b) for a, b in
-                               ((ours[k], theirs[k]), (ours[:-1].mean(), theirs[:-1].mean())))  # fmt: skip
+            now, mean = stiffness_loss(ours[k], theirs[k]), stiffness_loss(ours[:-1].mean(), theirs[:-1].mean())
             columns |= {f"spalled_{name}": ours / 1e3, f"healthy_{name}": theirs / 1e3}
-            titles.append(f"{name.title()} {ours[k] / 1e3:,.1f} kN/mm: {loss:.2f} % lost, mean {mean_loss:.1f} %")
+            titles.append(f"{name.title()} {ours[k] / 1e3:,.1f} kN/mm: {now:.2f} % lost, mean {mean:.1f} %")
         rows = max(len(turn.phases), of.rollers, len(titles))
         filled = {name: np.full(rows, np.nan) for name in columns}
         for name, values in columns.items():

@@ -16,13 +16,12 @@ from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import pressure_patches
 from difftrb.contact.strip_model import Patch
 from difftrb.core import geometry
-from difftrb.core.geometry import Raceway, Spall
+from difftrb.core.geometry import Raceway
 from difftrb.report.figure_style import SPALLED
 from difftrb.ring import effect_base, roller_places
 from difftrb.ring.effects import Raceways
-from difftrb.scene.edge_stress import beside_spall
 from difftrb.scene.scene import Scene, raceway_contact
-from difftrb.scene.solution import Solution
+from difftrb.scene.solution import RollersAt, Solution, rollers_at
 
 MOST = 3
 """Rollers at a spall whose contacts are drawn."""
@@ -54,7 +53,7 @@ def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
     found = []
     for j, raceway in itertools.product(rollers or [int(np.argmax(solution.loads_of(row)))], every[row]):
         load = solution.loads_of(row)[j] if raceway == "outer" else solution.effects["inner_loads"][j]
-        own = [(spall, -float(away[j])) for spall, away, reached in every[row][raceway] if reached[j]]
+        own = [(near.spall, -float(near.distances[j])) for near in every[row][raceway] if near.meeting[j]]
         under = (tuple(spall for spall, _ in own), [offset for _, offset in own]) if own else (None, 0.0)
         tilt = _tilts(solution, raceway, row)[j]
         contact = raceway_contact(scene, raceway)
@@ -62,8 +61,8 @@ def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
     return found
 
 
-Met = dict[Raceway, list[tuple[Spall | HeightMap, np.ndarray, np.ndarray]]]
-"""By raceway: its spalls, how far rollers are from each [mm], and which of them reach it, shape (rollers,)."""
+Met = dict[Raceway, list[RollersAt]]
+"""By raceway: the rollers beside each of its spalls."""
 
 
 def _met(scene: Scene, solution: Solution, row: int) -> Met:
@@ -73,15 +72,14 @@ def _met(scene: Scene, solution: Solution, row: int) -> Met:
     spalls = tuple(spall for spall in scene.spalls if spall.row == row)
     for raceway, met in found.items():
         for spall in roller_places.spalls_on(spalls, raceway):
-            loads, away, half = beside_spall(scene, solution, spall, raceway)
-            met.append((spall, away, (np.abs(away) < 0.5 * float(spall.width) + half) & (loads > 0.0)))
+            met.append(rollers_at(scene, solution, spall, raceway))
     return found
 
 
 def _loads_at(solution: Solution, row: int, met: Met) -> np.ndarray:
     """Loads of a row's rollers that meet a spall, 0 of others [N]."""
     loads = np.asarray(solution.loads_of(row))
-    reached = [own for every in met.values() for _, _, own in every]
+    reached = [near.meeting for every in met.values() for near in every]
     return np.where(np.any(reached, axis=0), loads, 0.0) if reached else np.zeros(loads.shape)
 
 

@@ -11,11 +11,10 @@ import numpy as np
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import effect_base, effects, life, roller_places
 from difftrb.ring.effects import Through
-from difftrb.scene.edge_stress import beside_spall
 from difftrb.scene.file_schema import SceneFile
 from difftrb.scene.prepared import assess_prepared
 from difftrb.scene.scene import PitchMean, Scene, has_map
-from difftrb.scene.solution import Assessment, Solution
+from difftrb.scene.solution import Assessment, Solution, rollers_at
 
 LEAST = 0.02
 """Equivalent load by load rating under which a maker's tapered rollers may slide instead of roll: SKF, Rolling
@@ -148,7 +147,6 @@ def _rollers_on_edges(scene: Scene, found: Solution) -> int:
         return 0
     on_edge = set[tuple[int, int]]()
     for spall in roller_places.spalls_on(scene.spalls, "outer"):
-        loads, away, half = beside_spall(scene, found, spall)
-        near = (np.abs(np.abs(away) - 0.5 * float(spall.width)) < half) & (loads > 0.0)
+        near = rollers_at(scene, found, spall).on_edges
         on_edge.update((spall.row, int(j)) for j in np.flatnonzero(near))
     return len(on_edge)

@@ -8,22 +8,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from difftrb.contact import gap
 from difftrb.contact.contact_extent import edges_along
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.stress_intensity import edge_intensity
 from difftrb.core import status
-from difftrb.core.geometry import Raceway, Spall
+from difftrb.core.geometry import Raceway
 from difftrb.law.local import LocalLaw
 from difftrb.ring import roller_places
 from difftrb.ring.effects import Life, SeriesRaceways, Through
 from difftrb.scene.cage_phases import nearest_phase
 from difftrb.scene.scene import PitchMean, Scene, raceway_contact
-from difftrb.scene.solution import Solution
+from difftrb.scene.solution import Solution, rollers_at
 from difftrb.scene.solving import solve
 
 STATIC_LIMIT = 4000.0
@@ -90,30 +89,20 @@ def edge_stresses(scene: Scene, solution: Solution) -> tuple[EdgeStress, ...]:
         raceways: tuple[Raceway, ...] = ("outer", "inner") if SeriesRaceways in kinds and spall.row == 1 else ("outer",)
         found += [
             met for raceway in raceways
-            if roller_places.spalls_on((spall,), raceway) and (met := _met(scene, number, raceway, at)) is not None
+            if roller_places.spalls_on((spall,), raceway) and (met := _most_loaded_over(scene, number, raceway, at))
         ]  # fmt: skip
     return tuple(found)
 
 
-def beside_spall(
-    scene: Scene, at: Solution, spall: Spall, raceway: Raceway = "outer"
-) -> tuple[np.ndarray, np.ndarray, Any]:
-    """Loads [N] of the rollers of a spall's row, how far their contacts are from its middle and these contacts' half
-    widths [mm], shape (rollers,) each."""
-    loads = np.asarray(at.loads_of(spall.row) if raceway == "outer" else at.effects["inner_loads"])
-    away = np.asarray(roller_places.distances(scene.bearing, (spall,), at.angles, raceway))[0]
-    return loads, away, gap.half_width(raceway_contact(scene, raceway), loads)
-
-
-def _met(scene: Scene, number: int, raceway: Raceway, at: Solution) -> EdgeStress | None:
+def _most_loaded_over(scene: Scene, number: int, raceway: Raceway, at: Solution) -> EdgeStress | None:
     """The most loaded roller over one spall, if there is any."""
     spall, contact = scene.spalls[number], raceway_contact(scene, raceway)
-    loads, away, half = beside_spall(scene, at, spall, raceway)
-    over = (loads > 0.0) & (np.abs(away) < 0.5 * float(spall.width) + half)
-    if not over.any():
+    near = rollers_at(scene, at, spall, raceway)
+    loads = np.where(near.meeting, near.loads, 0.0)
+    roller = int(np.argmax(loads))
+    if loads[roller] == 0.0:
         return None
-    roller = int(np.argmax(np.where(over, loads, 0.0)))
-    solved = edge_intensity(contact, loads[roller], spall, float(away[roller]))
+    solved = edge_intensity(contact, loads[roller], spall, float(near.distances[roller]))
     known = int(solved.status_code) == status.CONVERGED
     intensity = float(max(np.max(solved.low), np.max(solved.high))) if known else math.nan
     low, high = map(float, edges_along(contact, spall))

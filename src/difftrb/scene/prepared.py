@@ -27,7 +27,7 @@ from difftrb.ring.load import Load
 from difftrb.scene import checks
 from difftrb.scene.cage_phases import phases
 from difftrb.scene.scene import PitchMean, Scene, healthy, law_in_effect, outer_law, ring_at
-from difftrb.scene.solution import Assessment, Solution
+from difftrb.scene.solution import Assessment, Solution, stiffness_loss
 
 
 def assess_prepared(scene: Scene) -> Assessment:
@@ -40,43 +40,35 @@ def assess_prepared(scene: Scene) -> Assessment:
 
 def _assess(scene: Scene) -> Assessment:
     count = len(scene.spalls)
-    spalled = _solved(with_sizes_expanded(scene))
+    spalled = _solved(None, with_sizes_expanded(scene))
     stiffness, slopes = spalled.stiffness, np.zeros((2, count, 2))
     if isinstance(stiffness, Taylor) and stiffness.by is not None:
         of = xp.module_of(stiffness.by)
         slopes = of.stack([stiffness.by[:, k, k] for k in (0, 2)]).reshape(slopes.shape)
-    spalled, whole = xp.values((spalled, _solved(healthy(scene))))
-    return _assessed(spalled, whole, slopes)
+    spalled, unspalled = xp.values((spalled, _solved(None, healthy(scene))))
+    return _assessed(spalled, unspalled, slopes)
 
 
 assess_by_program = jit_quickly(within=True)(_assess)
 
 
-def _assessed(spalled: Solution, whole: Solution, slopes: Any) -> Assessment:
+def _assessed(spalled: Solution, unspalled: Solution, slopes: Any) -> Assessment:
     """From both solutions, and the derivatives of radial and axial stiffness by length and width, shape (2, spalls,
     2)."""
     of = xp.module_of(spalled.stiffness)
-    ours, theirs = (of.diagonal(each.stiffness)[np.array([0, 2])] for each in (spalled, whole))
+    ours, theirs = (of.diagonal(each.stiffness)[np.array([0, 2])] for each in (spalled, unspalled))
     slopes = of.where(of.isnan(ours)[:, None, None], np.nan, slopes)
-    return Assessment(spalled, whole, 100.0 * (1.0 - ours / theirs), slopes[..., 0], slopes[..., 1])
-
-
-def solve_prepared(scene: Scene) -> Solution:
-    """The solution of a scene whose laws are built."""
-    return solve_built(_as_it_is, scene)
-
-
-def _as_it_is(scene: Scene) -> Scene:
-    return scene
+    return Assessment(spalled, unspalled, stiffness_loss(ours, theirs), slopes[..., 0], slopes[..., 1])
 
 
 Build = Callable[[Scene], Scene]
 """What builds a scene's laws, in any arithmetic."""
 
 
-def solve_built(build: Build, scene: Scene) -> Solution:
-    """Of numbers at once, also those that `jax.grad` differentiates outside `jit`; else by a program. Derivatives are
-    those of its expansion."""
+def solve_prepared(scene: Scene, build: Build | None = None) -> Solution:
+    """The solution of a scene whose laws are built, or that `build` gives its laws. Numbers are solved at once, also
+    those that `jax.grad` differentiates outside `jit`; what is traced, by a program. Derivatives are those of its
+    expansion."""
     if not xp.are_numbers(scene):
         return implicit.expanded(partial(_at_once_or_by_program, build), scene)
     solution = xp.values(_at_once_or_by_program(build, scene))
@@ -84,27 +76,24 @@ def solve_built(build: Build, scene: Scene) -> Solution:
         return jax.device_put(solution)
 
 
-def _at_once_or_by_program(build: Build, scene: Scene) -> Solution:
+def _at_once_or_by_program(build: Build | None, scene: Scene) -> Solution:
     if not xp.are_numbers(scene):
         return _by_program(build, scene)
     with np.errstate(all="ignore"):
-        return _built_and_solved(build, xp.numbers(scene))
+        return _solved(build, xp.numbers(scene))
 
 
-def _built_and_solved(build: Build, scene: Scene) -> Solution:
-    return _solved(build(scene))
-
-
-_by_program = jit_quickly(static_argnames=("build",), within=True)(_built_and_solved)
-
-
-def _solved(scene: Scene) -> Solution:
-    """A prepared scene's solution in any arithmetic."""
+def _solved(build: Build | None, scene: Scene) -> Solution:
+    """The solution in any arithmetic."""
+    scene = scene if build is None else build(scene)
     (each, weights), law = phases(scene), outer_law(scene)
     rest, here, terms = rings_at(scene, each, law=law)
     more = effects.results(scene.effects, rest, terms, here)
     more = {name: value if value.ndim else value + np.zeros(len(each)) for name, value in more.items()}
     return _of_phases(scene, law, rest, as_defined(scene, rest), weights, more)
+
+
+_by_program = jit_quickly(static_argnames=("build",), within=True)(_solved)
 
 
 def _of_phases(

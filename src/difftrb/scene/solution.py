@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import numpy as np
 
+from difftrb.contact import gap
 from difftrb.core import arrays as xp
 from difftrb.core import status
+from difftrb.core.geometry import Raceway, Spall
 from difftrb.law.base import Law
+from difftrb.ring import roller_places
 from difftrb.ring.effects import Results
-from difftrb.scene.scene import Definition, Picked
+from difftrb.scene.scene import Definition, Picked, Scene, raceway_contact
 
 if TYPE_CHECKING:
     from jax import Array
@@ -134,6 +137,39 @@ class Solution(status.Judged):
     def both_stiffnesses(self) -> jax.Array:
         """Radial and axial [N/mm], shape (2,)."""
         return xp.stack([self.radial_stiffness, self.axial_stiffness])
+
+
+def stiffness_loss(spalled: Any, healthy: Any) -> Any:
+    """How much of a stiffness spalls take [%], of any shape."""
+    return 100.0 * (1.0 - spalled / healthy)
+
+
+class RollersAt(NamedTuple):
+    """The rollers of one row beside a spall of it, shape (rollers,) each: their loads on its raceway [N], how far they
+    are from its middle, and their contacts' half widths [mm]."""
+
+    spall: Spall
+    loads: np.ndarray
+    distances: np.ndarray
+    half_widths: np.ndarray
+
+    @property
+    def meeting(self) -> np.ndarray:
+        """Which loaded rollers' contacts reach the spall."""
+        return (np.abs(self.distances) < 0.5 * float(self.spall.width) + self.half_widths) & (self.loads > 0.0)
+
+    @property
+    def on_edges(self) -> np.ndarray:
+        """Which loaded rollers' contacts reach over a rolling edge of it."""
+        beside = np.abs(np.abs(self.distances) - 0.5 * float(self.spall.width))
+        return (beside < self.half_widths) & (self.loads > 0.0)
+
+
+def rollers_at(scene: Scene, at: Solution, spall: Spall, raceway: Raceway = "outer") -> RollersAt:
+    """Of the solution `at` of a scene, beside one of its spalls."""
+    loads = np.asarray(at.loads_of(spall.row) if raceway == "outer" else at.effects["inner_loads"])
+    away = np.asarray(roller_places.distances(scene.bearing, (spall,), at.angles, raceway))[0]
+    return RollersAt(spall, loads, away, np.asarray(gap.half_width(raceway_contact(scene, raceway), loads)))
 
 
 class Assessment(NamedTuple):

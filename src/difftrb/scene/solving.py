@@ -13,7 +13,7 @@ from difftrb.law.samples import Progress
 from difftrb.ring import effect_base
 from difftrb.ring.effects import Raceways
 from difftrb.scene import auto_law, checks, scene_laws
-from difftrb.scene.prepared import assess_prepared, solve_built, solve_prepared
+from difftrb.scene.prepared import assess_prepared, solve_prepared
 from difftrb.scene.scene import LawName, PitchMean, Scene, is_auto
 from difftrb.scene.solution import Assessment, Solution
 
@@ -46,7 +46,7 @@ def solve(scene: Scene) -> Solution:
     if isinstance(law, LawName) and law.name in (AUTO, "table"):
         scene = checks.checked(scene)
         if not xp.are_numbers(scene):
-            return solve_built(auto_law.tabled, scene)
+            return solve_prepared(scene, auto_law.tabled)
     if law is None or isinstance(law, LawName) or effect_base.among(scene.effects, Raceways) is not None:
         return solve_prepared(prepare(scene))
     return solve_prepared(checks.checked(scene))  # the law is carried to the bearing in the compiled program: faster

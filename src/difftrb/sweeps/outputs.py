@@ -18,7 +18,7 @@ from difftrb.core import status
 from difftrb.core.bad_input import shown
 from difftrb.core.status import SweepError
 from difftrb.scene.scene import healthy
-from difftrb.scene.solution import Solution
+from difftrb.scene.solution import Solution, stiffness_loss
 from difftrb.scene.solving import solve
 
 STATUS = "status_code"
@@ -66,7 +66,7 @@ def label_of(name: str) -> str:
 
 def _loss(name: str) -> Callable[[Solution, Solution], jax.Array]:
     """Loss of a stiffness against the bearing without spalls [%]."""
-    return lambda spalled, reference: 100.0 * (1.0 - getattr(spalled, name) / getattr(reference, name))
+    return lambda spalled, healthy: stiffness_loss(getattr(spalled, name), getattr(healthy, name))
 
 
 for _output in (

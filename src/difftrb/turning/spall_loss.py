@@ -19,6 +19,7 @@ from difftrb.scene.cage_phases import phases as phases_of
 from difftrb.scene.cage_phases import still
 from difftrb.scene.prepared import as_defined, at_phases, solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, healthy, outer_law
+from difftrb.scene.solution import stiffness_loss
 
 CROWDED = 1.5
 """Power by which lengths of a map crowd towards the longest."""
@@ -155,5 +156,4 @@ def _losses(scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray, 
     both = xp.stack([stiffness[..., k, k] for k in (0, 2)])
     shares = (both * weights).reshape(2, len(widths), count)
     means = xp.total(shares)
-    loss = 100.0 * (1.0 - means.value / whole[:, None])
-    return np.stack([loss, *(-100.0 * means.by / whole[:, None])])
+    return np.stack([stiffness_loss(means.value, whole[:, None]), *(-100.0 * means.by / whole[:, None])])
