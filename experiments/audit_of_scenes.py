@@ -31,7 +31,7 @@ from difftrb.contact import gap
 from difftrb.core import geometry
 from difftrb.law.power import TABLE_2
 from difftrb.ring import effects as E
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 from experiments.programs import let_go
 
 LAWS = ("power", "table", "direct", "liu2018", "palmgren", "auto")

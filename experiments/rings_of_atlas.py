@@ -28,7 +28,7 @@ from difftrb.contact import gap
 from difftrb.core import geometry, status
 from difftrb.law import atlas_place
 from difftrb.scene import scene_laws
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 from difftrb.scene.scene import named
 from experiments.audit_of_scenes import add_rows, arguments, bearing, load_at, radial_load
 

@@ -22,7 +22,7 @@ from scipy import optimize
 
 import difftrb as trb
 from difftrb.fits import conditions, evaluations, parameters, predicted, search
-from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
+from difftrb.ring.phase_quadrature import POINTS_IN_FITS, ROUGH_POINTS
 
 LOADS = ((9000.0, 4500.0), (6000.0, 4500.0), (3000.0, 4500.0))
 TRUTH = trb.Spall(5.0, 9.0)

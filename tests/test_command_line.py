@@ -22,7 +22,7 @@ from difftrb.fits import measured_table
 from difftrb.fits.parameters import PARAMETERS
 from difftrb.report import pressure_figure, remarks, run_figures, run_text
 from difftrb.scene import scene_file, solving
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 from difftrb.scene.solution import Assessment
 from difftrb.sweeps import sweep_file
 

@@ -9,7 +9,7 @@ import pytest
 import difftrb as trb
 from difftrb.core import status
 from difftrb.law.local import LocalLaw
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 
 pytestmark = pytest.mark.exact
 

@@ -18,7 +18,7 @@ from difftrb.law import edge_ramp, load_curve
 from difftrb.law.power import Palmgren, PowerLaw
 from difftrb.report import run_text
 from difftrb.ring import effects, life, ring, roller_balance, roller_places, tilt
-from difftrb.scene import prepared as prepared_scene
+from difftrb.scene import prepared_scene
 
 pytestmark = pytest.mark.exact
 
@@ -106,12 +106,12 @@ def test_one_slice_of_parallel_rings_is_a_power_law(bearing) -> None:
 def test_a_roller_is_at_rest_between_its_three_forces(bearing) -> None:
     """Outer, inner, flange and centrifugal force add to nothing, along the axis and across it."""
     seat = roller_balance.seat(bearing)._replace(centrifugal=10.0)
-    for load in (roller_load := jnp.array([seat.least, 30.0, 800.0])):
+    for load in (roller_load := jnp.array([seat.least_outer_load, 30.0, 800.0])):
         inner, flange = roller_balance.inner_load(seat, load), roller_balance.flange_load(seat, load)
         across = -load * jnp.cos(seat.outer) + inner * jnp.cos(seat.inner) - flange * jnp.sin(seat.flange) + 10.0
         along = load * jnp.sin(seat.outer) - inner * jnp.sin(seat.inner) - flange * jnp.cos(seat.flange)
         np.testing.assert_allclose([across, along], 0.0, atol=1e-12 * float(roller_load.max()))
-    assert float(roller_balance.inner_load(seat, seat.least)) == pytest.approx(0.0, abs=1e-12)
+    assert float(roller_balance.inner_load(seat, seat.least_outer_load)) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_two_equal_power_laws_in_series(bearing) -> None:

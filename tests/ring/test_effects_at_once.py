@@ -10,7 +10,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.ring import roller_balance
-from difftrb.scene import prepared
+from difftrb.scene import prepared_scene
 
 IN_SERIES = (trb.effects.Raceways(rollers="upright"),)
 FASTER = trb.effects.Centrifugal(8000.0)
@@ -52,7 +52,7 @@ def scene_of(name: str) -> trb.Scene:
 
 def by_jax(scene: trb.Scene) -> trb.Solution:
     """In arrays of JAX, without expansions: each step of the solve has its derivative by JAX."""
-    return prepared._solved(trb.prepare(scene))
+    return prepared_scene._solved(trb.prepare(scene))
 
 
 def slopes_by_jax(scene: trb.Scene) -> tuple[jax.Array, trb.Solution]:

@@ -15,7 +15,7 @@ from difftrb.core import status
 from difftrb.core.geometry import LineContact
 from difftrb.law.local import LocalLaw
 from difftrb.law.roller_tilt import RollerContacts, at_rest
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 
 pytestmark = pytest.mark.exact
 

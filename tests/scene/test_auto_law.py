@@ -15,7 +15,7 @@ from difftrb import __main__ as cli
 from difftrb.core import geometry, status
 from difftrb.law import samples
 from difftrb.law.direct import accuracy_at_edges
-from difftrb.report import worth_text
+from difftrb.report import law_text
 from difftrb.scene import scene_file
 from difftrb.scene.auto_law import apart, main_values
 from difftrb.scene.scene import Picked, raceway_laws
@@ -75,7 +75,7 @@ def test_contacts_are_as_exact_as_needed(
     assert (picked.law, picked.accuracy, picked.asked) == ("direct", made[-1], asked)
     assert picked.error == pytest.approx(error, rel=0.3)
     assert (picked.finer is None) == (made[-1] == 1e-4)
-    keeps = "no law is known to keep" not in worth_text.picked_text(picked)
+    keeps = "no law is known to keep" not in law_text.picked_text(picked)
     assert keeps == (picked.error <= asked)
 
 

@@ -12,9 +12,9 @@ import pytest
 import difftrb as trb
 from difftrb.core import status
 from difftrb.law.local import LocalLaw
-from difftrb.ring import phase_rule
+from difftrb.ring import phase_quadrature
 from difftrb.scene.cage_phases import nearest_phase, phases
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("compiled_as_for_users")]
 LOAD = trb.Load(9000.0, 4500.0)
@@ -152,7 +152,7 @@ def test_derivatives_of_a_map_by_two_routes(rimmed: trb.Scene) -> None:
 
 def test_a_map_in_the_mean(rimmed: trb.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where rollers only just reach the rim from beside it; of few phases, for that takes minutes else."""
-    monkeypatch.setattr(phase_rule, "POINTS_BY_CONTACTS", 1)
+    monkeypatch.setattr(phase_quadrature, "POINTS_BY_CONTACTS", 1)
     found = trb.assess(dataclasses.replace(rimmed, law="direct", phase="mean"))
     assert found.spalled.status == "converged"
     assert 0.0 < float(found.loss[0]) < 1.0

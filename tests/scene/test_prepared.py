@@ -15,7 +15,7 @@ import pytest
 import difftrb as trb
 from difftrb.core import status
 from difftrb.core.jax_config import jit_quickly
-from difftrb.scene import prepared
+from difftrb.scene import prepared_scene
 from difftrb.scene.cage_phases import phases
 
 SCENES = {
@@ -168,7 +168,7 @@ def test_a_program_may_close_over_numbers() -> None:
 @pytest.mark.parametrize("name", ["wide", "narrow"])
 def test_assessment_of_numbers_is_that_of_the_program(name: str) -> None:
     ready = trb.prepare(scene_of(name, "mean"))
-    ours, theirs = prepared.assess_prepared(ready), prepared.assess_by_program(ready)
+    ours, theirs = prepared_scene.assess_prepared(ready), prepared_scene.assess_by_program(ready)
     for one, other in zip(ours[2:], theirs[2:], strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * float(jnp.max(jnp.abs(other))))
 

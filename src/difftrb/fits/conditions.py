@@ -15,8 +15,8 @@ import numpy as np
 
 from difftrb.core.numeric import gauss_legendre
 from difftrb.fits.measured import ENTRIES, Measurement
-from difftrb.ring import phase_rule
-from difftrb.ring.phase_rule import Still
+from difftrb.ring import phase_quadrature
+from difftrb.ring.phase_quadrature import Still
 from difftrb.scene import cage_phases
 from difftrb.scene.scene import Definition, PitchMean, Scene
 
@@ -81,7 +81,7 @@ class Condition(NamedTuple):
     definition: Definition
 
 
-def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_rule.POINTS_IN_FITS) -> Conditions:
+def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_quadrature.POINTS_IN_FITS) -> Conditions:
     """Those of `rows`; what they leave open is the scene's."""
     at = _laid_out(scene, rows, points)
     known = (blocks._replace(still=_still(scene, np.asarray(blocks.means), int(blocks.turns))) for blocks in at.blocks)

@@ -14,7 +14,7 @@ from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.law import base as laws
 from difftrb.law.samples import Progress
 from difftrb.ring.load import Load, largest_load
-from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
+from difftrb.ring.phase_quadrature import POINTS_IN_FITS, ROUGH_POINTS
 from difftrb.scene.auto_law import by_table
 from difftrb.scene.scene import LawName, Scene, is_auto, laws_error
 from difftrb.scene.solving import prepare

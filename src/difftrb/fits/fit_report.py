@@ -24,7 +24,7 @@ from difftrb.fits.measured import Measurement
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
 from difftrb.fits.posterior import Posterior, posterior
 from difftrb.fits.spall_count import SpallCount, count_spalls
-from difftrb.report import console, remarks, tables, worth_text
+from difftrb.report import console, law_text, remarks, tables
 from difftrb.ring import effect_base
 from difftrb.ring.effects import Raceways
 from difftrb.ring.load import Load, largest_load
@@ -205,7 +205,7 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
         heaviest = max(float(largest_load(fit.scene.bearing, Load(row.radial, row.axial))) for row in fit.rows)
         lines.append(
             "the model is the contacts with the outer raceway alone, as in the paper; of a real bearing, in which both "
-            f"raceways give way, a spall takes about {worth_text.outer_share(fit.scene, heaviest):.2f} of that: name "
+            f"raceways give way, a spall takes about {law_text.outer_share(fit.scene, heaviest):.2f} of that: name "
             "effects.raceways for rows that were measured"
         )
     told = f"; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom" if fit.freedom > 0 else ""

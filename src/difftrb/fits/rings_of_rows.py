@@ -18,9 +18,9 @@ from difftrb.core import status
 from difftrb.core.taylor import Taylor
 from difftrb.fits.conditions import COLUMN, ROW, Blocks, Conditions
 from difftrb.fits.measured import ENTRIES
-from difftrb.ring import phase_rule
+from difftrb.ring import phase_quadrature
 from difftrb.ring.load import Load
-from difftrb.scene import prepared
+from difftrb.scene import prepared_scene
 from difftrb.scene.cage_phases import pitch_borders
 from difftrb.scene.scene import Definition, PitchMean, Scene, healthy
 
@@ -76,15 +76,15 @@ def _together(
         here = dataclasses.replace(scene, load=loaded(Load(*loads[:, turning])), phase=PitchMean())
         still = jax.tree.map(lambda part: np.asarray(part)[[means[n] for n in turning]], blocks.still)
         for n, borders in zip(turning, pitch_borders(here, still), strict=True):
-            turned[n] = phase_rule.between(borders)
+            turned[n] = phase_quadrature.between(borders)
     ends = np.cumsum([0, *(len(weights) for _, weights in turned)])
     load = loaded(Load(*np.repeat(loads, np.diff(ends), axis=1)))
-    rest = prepared.at_phases(scene, xp.concatenate([phases for phases, _ in turned]), load)
-    stiffness = prepared.as_defined(dataclasses.replace(scene, load=load), rest)
+    rest = prepared_scene.at_phases(scene, xp.concatenate([phases for phases, _ in turned]), load)
+    stiffness = prepared_scene.as_defined(dataclasses.replace(scene, load=load), rest)
     found = []
     for n, (_, weights) in enumerate(turned):
         own, u = (each[ends[n] : ends[n + 1]] for each in (stiffness, rest.displacement))
-        own = prepared.without_poles(scene, u, own) if n in turning else own
+        own = prepared_scene.without_poles(scene, u, own) if n in turning else own
         found.append(xp.einsum("p,pe->e", weights, own[:, ROW, COLUMN]))
     return found
 
@@ -175,13 +175,13 @@ def _turned(every: Blocks, k: jax.Array, borders: Any = None) -> tuple[Any, Any]
         return every.phases[k], jnp.ones(every.phases.shape[1])
     mean = every.mean[k] >= 0
     blank = jnp.linspace(0.0, 1.0, len(borders))  # without a mean there may be no borders
-    turned, share = phase_rule.between(xp.where(mean, borders, blank), (every.places[k], every.weights[k]))
+    turned, share = phase_quadrature.between(xp.where(mean, borders, blank), (every.places[k], every.weights[k]))
     return xp.where(mean, turned, every.phases[k]), xp.where(mean, share, 1.0)
 
 
 def _at_once(scene: Scene, turned: Any, loads: Load) -> tuple[Any, Any]:
     """Stiffness of rings at all these phases [N/mm], each under its load, shape (rings, entries), and their
     statuses."""
-    rest = prepared.at_phases(scene, turned, loads)
-    found = prepared.as_defined(dataclasses.replace(scene, load=loads), rest)
+    rest = prepared_scene.at_phases(scene, turned, loads)
+    found = prepared_scene.as_defined(dataclasses.replace(scene, load=loads), rest)
     return found[:, ROW, COLUMN], rest.status_code

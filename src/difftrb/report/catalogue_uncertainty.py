@@ -15,7 +15,7 @@ from difftrb.report.tables import house_table
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.scene import solving
 from difftrb.scene.auto_law import PREPARED
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 from difftrb.scene.scene import Scene, healthy
 from difftrb.scene.scene_laws import with_any_width
 

@@ -40,9 +40,9 @@ def remark(path: str, *sentences: str | None) -> None:
 def say_picked(base: Any) -> None:
     """Say what the law "auto" became, if the scene `base` has it."""
     if (picked := getattr(base, "picked", None)) is not None:
-        from difftrb.report import worth_text
+        from difftrb.report import law_text
 
-        say(worth_text.picked_text(picked))
+        say(law_text.picked_text(picked))
 
 
 def refuse(reason: object, code: int) -> int:

@@ -25,7 +25,7 @@ from difftrb.report import html_report, pressure_figure
 from difftrb.report.explorer_figures import WIDE, Pressures, Rings
 from difftrb.report.pressure_figure import DrawnContact
 from difftrb.scene import auto_law, scene_laws, solving
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, named
 from difftrb.turning import spall_loss
 from difftrb.turning.spall_loss import Turn

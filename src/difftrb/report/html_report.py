@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import difftrb
 from difftrb.core import packaged_bearings
-from difftrb.report import figure_style, run_text, worth_text
+from difftrb.report import figure_style, law_text, run_text
 from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.report.tables import number
 from difftrb.ring import effect_base, effects
@@ -151,7 +151,7 @@ def _bearing(run: Run) -> str:
 def _spalls(scene: Scene) -> str:
     if not scene.spalls:
         return "a healthy bearing"
-    sizes = [f"{spall.length:g} × {spall.width:g} mm on {worth_text.PLACES[spall.surface]}" for spall in scene.spalls]
+    sizes = [f"{spall.length:g} × {spall.width:g} mm on {law_text.PLACES[spall.surface]}" for spall in scene.spalls]
     return f"spall{'s' if len(sizes) > 1 else ''} {', '.join(sizes)}"
 
 
@@ -193,7 +193,7 @@ def _cards(run: Run) -> str:
                 f"of {name} stiffness lost {where}: {stiffness} N/mm" if scene.spalls else f"{name} stiffness {where}"
             )
             cards.append(f'<div class="card"><b>{big}</b><span>{escape(small)}</span></div>')
-    of_what = worth_text.raceways_text(scene, run.result.spalled)
+    of_what = law_text.raceways_text(scene, run.result.spalled)
     told = [] if of_what is None else [of_what]
     if run.estimated is not None:
         told.append(run.estimated.sentence)
@@ -250,11 +250,11 @@ def _inlined(svg: str, name: str, heading: str) -> str:
 def _acting(scene: Scene) -> str:
     both = effect_base.among(scene.effects, effects.Raceways) is not None
     raceways = "both raceways" if both else "the outer raceway"
-    acting = [f"contact of the rollers with {raceways}; {worth_text.law_text(scene)}"]
+    acting = [f"contact of the rollers with {raceways}; {law_text.law_text(scene)}"]
     for spall in scene.spalls:
         at = f"{spall.angle:g} rad ({math.degrees(spall.angle):.4g}°)"
         acting.append(
-            f"a spall on {worth_text.PLACES[spall.surface]}: {spall.length:g} mm along the roller, "
+            f"a spall on {law_text.PLACES[spall.surface]}: {spall.length:g} mm along the roller, "
             f"{spall.width:g} mm across it, {spall.depth:g} mm deep, at {at}, {spall.axial_offset:g} mm off the middle"
         )
     for effect in scene.effects:
@@ -277,9 +277,9 @@ def _plain(value: Any) -> str:
 def _errors(run: Run) -> str:
     spalled = run.result.spalled
     lines = [] if run.estimated is None else [run.estimated.sentence]
-    lines.append(worth_text.law_text(run.scene))
+    lines.append(law_text.law_text(run.scene))
     if spalled.picked is not None:
-        lines.append(worth_text.picked_text(spalled.picked))
+        lines.append(law_text.picked_text(spalled.picked))
     lines.append(
         f"unbalanced force {float(spalled.residual):.1e} of the load after {int(spalled.iterations)} steps of Newton's "
         "method"

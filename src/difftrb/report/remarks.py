@@ -12,7 +12,7 @@ from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.ring import effect_base, effects, life, roller_places
 from difftrb.ring.effects import Through
 from difftrb.scene.file_schema import SceneFile
-from difftrb.scene.prepared import assess_prepared
+from difftrb.scene.prepared_scene import assess_prepared
 from difftrb.scene.scene import PitchMean, Scene, has_map
 from difftrb.scene.solution import Assessment, Solution, rollers_at
 

@@ -15,7 +15,7 @@ from rich.text import Text
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import packaged_bearings, status
-from difftrb.report import remarks, worth_text
+from difftrb.report import law_text, remarks
 from difftrb.report.catalogue_uncertainty import Estimated
 from difftrb.report.tables import house_table, number, plain
 from difftrb.ring import effect_base
@@ -127,9 +127,9 @@ def run_text(
     """The main job's result for people: remarks, stiffness and its losses, sensitivities, the same in the `mean` over
     the cage's turn, a bar of load for every roller, a sentence for every one of `edges`, and the `audit`'s."""
     spalled = result.spalled
-    lines = [*_ring_lines(scene, spalled), *(edge.sentence for edge in edges), worth_text.law_text(scene)]
+    lines = [*_ring_lines(scene, spalled), *(edge.sentence for edge in edges), law_text.law_text(scene)]
     if spalled.picked is not None:
-        lines.append(worth_text.picked_text(spalled.picked))
+        lines.append(law_text.picked_text(spalled.picked))
     if scene.spalls and not isinstance(scene.phase, PitchMean) and not np.any(result.by_width):
         lines.append(
             "width: no roller stands on a rolling edge at this phase, so stiffness does not change with it; in the "
@@ -146,7 +146,7 @@ def run_text(
     tables = _stiffness_tables(scene, result, "" if mean is None else " at this phase")
     if mean is not None:
         tables += _stiffness_tables(scene, mean, " in the mean over the cage's turn")
-    of_what = worth_text.raceways_text(scene, spalled)
+    of_what = law_text.raceways_text(scene, spalled)
     told = () if of_what is None else (Text(f"{of_what}\n"),)
     return Group(*first, *tables, *told, _load_table(scene, result), *map(Text, lines))
 

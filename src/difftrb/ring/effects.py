@@ -41,7 +41,7 @@ from difftrb.ring.effect_base import (
 from difftrb.ring.life import Life
 from difftrb.ring.ring import Equilibrium, axial_force
 from difftrb.ring.roller_balance import inside
-from difftrb.ring.terms import Facing, Terms
+from difftrb.ring.terms import InnerRaceway, Terms
 from difftrb.ring.tilt import Tilt
 
 __all__ = [
@@ -102,8 +102,8 @@ class SeriesRaceways(Raceways):
         spalls, away = roller_places.spalls_on(of.spalls, "inner"), of.distances("inner", terms)
         law = cast(Law, self.law) if of.spalls else local.healthy(cast(Law, self.law))
         free = self.rollers == "free" and not isinstance(of.law, power.AllThrough)  # which leaves nothing to lean on
-        facing = Facing(law, spalls, away, geometry.equivalent_radius(of.bearing, "inner"), free)
-        return terms._replace(seat=of.seat(terms)._replace(inner_curves=law.curves(spalls, away)), facing=facing)
+        inner = InnerRaceway(law, spalls, away, geometry.equivalent_radius(of.bearing, "inner"), free)
+        return terms._replace(seat=of.seat(terms)._replace(inner_curves=law.curves(spalls, away)), inner_raceway=inner)
 
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`inner_loads`, `flange_loads` [N], shape (rollers,); where rollers may tilt `roller_tilts` [mrad], without

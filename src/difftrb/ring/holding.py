@@ -26,7 +26,7 @@ def is_held(bearing: TaperedBearing, load: Load, phase: Any, terms: Terms) -> An
     """Whether rollers, which only push, can hold the load."""
     spare = load.axial
     if terms.seat is not None and terms.seat.centrifugal is not None:  # thrown rollers push the rings apart
-        spare = spare - bearing.rollers * terms.seat.least * xp.sin(bearing.outer_angle)
+        spare = spare - bearing.rollers * terms.seat.least_outer_load * xp.sin(bearing.outer_angle)
     if terms.axial is not None:
         return np.asarray(True)
     if terms.pair is not None:  # whatever way a load points, one of both rows is pressed by it, or both by the preload
@@ -39,7 +39,7 @@ def not_held(rest: Any, normals: Any, loads: Any, terms: Terms) -> Any:
     """Status: whether the ring rests on what may hold it: anything, in all directions, on land, or on both of two rows.
     `rest` is an `Equilibrium`; `normals` and `loads` [N] are of rollers, or of their slices, which are left a trace of
     stiffness without land."""
-    thrown = 0.0 if terms.seat is None else terms.seat.least
+    thrown = 0.0 if terms.seat is None else terms.seat.least_outer_load
     free = is_free(*xp.fixed((normals, loads - thrown)), held_axially=terms.axial is not None)
     code: Any = xp.where(free & rest.is_found, status.FREE, status.CONVERGED)
     if terms.axial is not None or terms.pair is not None:

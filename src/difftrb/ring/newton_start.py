@@ -94,7 +94,7 @@ def start(rollers: Rollers, healthy: RollerCurves, force: Any, terms: Terms) -> 
         shift = terms.slices.each.shift
         shift = xp.module_of(shift).min(shift.reshape(*shift.shape[:-1], count, -1), axis=-1)
     clear = shift if rollers.interference is None else shift - rollers.interference
-    least = 0.0 if terms.seat is None else terms.seat.least
+    least = 0.0 if terms.seat is None else terms.seat.least_outer_load
     if terms.axial is not None:
         return held_axially(sound, rollers.normals, force, clear, least, terms.axial)
     if terms.pair is None:

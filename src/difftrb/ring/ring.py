@@ -218,16 +218,17 @@ def status_of_laws(
     """Status: whether the laws know the spalls met, and the states that rollers are in."""
     approach, loads = map(xp.fixed, (rest.approach, rest.loads))
     rings = None if terms.slices is None else (approach, xp.zeros_like(approach) if rest.tilts is None else rest.tilts)
-    if terms.facing is not None:
+    if terms.inner_raceway is not None:
         approach = OF_ONE_RACEWAY * approach
     state = Rest(geometry.equivalent_radius(bearing, "outer"), approach, loads, rings)
     code = roller_law.judge(spalls, away, state)
     if terms.laws_status is not None:
         code = status.worst(code, terms.laws_status)
-    if terms.facing is None or terms.seat is None:
+    facing, seat = terms.inner_raceway, terms.seat
+    if facing is None or seat is None:
         return code
-    inner = state._replace(loads=roller_balance.inner_load(terms.seat, loads))
-    return status.worst(code, terms.facing.tilts(roller_law, spalls, away, state), terms.facing.judge(inner))
+    inner = state._replace(loads=roller_balance.inner_load(seat, loads))
+    return status.worst(code, facing.tilts(roller_law, spalls, away, state), facing.judge(inner))
 
 
 def judged(

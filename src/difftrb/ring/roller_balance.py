@@ -65,14 +65,14 @@ class Seat(NamedTuple):
         return self.inner_cos / self.outer_cos
 
     @property
-    def outwards(self) -> Any:
+    def centrifugal_force(self) -> Any:
         """Centrifugal force [N], 0 if there is none."""
         return 0.0 if self.centrifugal is None else self.centrifugal
 
     @property
-    def thrown(self) -> Any:
+    def centrifugal_along_flange(self) -> Any:
         """Centrifugal force along the flange's face [N]."""
-        return self.outwards * xp.cos(self.flange)
+        return self.centrifugal_force * xp.cos(self.flange)
 
     @property
     def wedge(self) -> Any:
@@ -80,9 +80,9 @@ class Seat(NamedTuple):
         return xp.sin(self.outer - self.inner) / self.inner_cos
 
     @property
-    def least(self) -> Any:
+    def least_outer_load(self) -> Any:
         """What the outer raceway carries of a roller that the inner one does not touch [N]."""
-        return self.thrown / self.outer_cos
+        return self.centrifugal_along_flange / self.outer_cos
 
 
 def seat(bearing: TaperedBearing) -> Seat:
@@ -93,14 +93,14 @@ def seat(bearing: TaperedBearing) -> Seat:
 def inner_load(seat: Seat, outer_load: Any) -> Any:
     """Force of the inner raceway [N] on a roller at rest that carries `outer_load` [N], any shape."""
     # forces along the flange's face, which its own force is square to: Liu et al. 2022, eq. (5)
-    return xp.maximum(outer_load * seat.outer_cos - seat.thrown, 0.0) / seat.inner_cos
+    return xp.maximum(outer_load * seat.outer_cos - seat.centrifugal_along_flange, 0.0) / seat.inner_cos
 
 
 def flange_load(seat: Seat, outer_load: Any) -> Any:
     """Force of the flange [N] on a roller at rest that carries `outer_load` [N], any shape."""
     # forces square to the inner normal, or to none if the inner raceway is not touched: Liu et al. 2022, eq. (5)
-    free = outer_load * xp.sin(seat.outer - seat.flange) + seat.outwards * xp.sin(seat.flange)
-    return xp.where(outer_load * seat.outer_cos > seat.thrown, _wedged(seat, outer_load), free)
+    free = outer_load * xp.sin(seat.outer - seat.flange) + seat.centrifugal_force * xp.sin(seat.flange)
+    return xp.where(outer_load * seat.outer_cos > seat.centrifugal_along_flange, _wedged(seat, outer_load), free)
 
 
 def inside(seat: Seat | None, outer_load: Any) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def inside(seat: Seat | None, outer_load: Any) -> dict[str, Any]:
 
 def _wedged(seat: Seat, outer_load: Any) -> Any:
     """Of a roller that touches both raceways."""
-    return outer_load * seat.wedge + seat.outwards * xp.sin(seat.inner) / seat.inner_cos
+    return outer_load * seat.wedge + seat.centrifugal_force * xp.sin(seat.inner) / seat.inner_cos
 
 
 def outer_loads(
@@ -125,12 +125,12 @@ def outer_loads(
         load, slope = edge_ramp.roller_loads(outer_curves, approach)
         if seat.centrifugal is None:
             return load, slope
-        return xp.maximum(load, seat.least), xp.where(load > seat.least, slope, 0.0)
+        return xp.maximum(load, seat.least_outer_load), xp.where(load > seat.least_outer_load, slope, 0.0)
     near = _looked_for(seat, outer_curves, approach) if inside is None else inside
     pressed = _followed(seat, outer_curves, approach, near)
     rest = _balance(seat, outer_curves, approach, pressed)
     touched = pressed > 0.0
-    return jnp.where(touched, rest.load, seat.least), jnp.where(touched, rest.slope, 0.0)
+    return jnp.where(touched, rest.load, seat.least_outer_load), jnp.where(touched, rest.slope, 0.0)
 
 
 def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any, inside: Any) -> Taylor:
@@ -145,7 +145,7 @@ def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any,
         return edge_ramp.expanded_loads(outer_curves, approach)
     if not seat.gives_way:
         loads = edge_ramp.expanded_loads(outer_curves, spread(approach))
-        least = xp.with_variable(approach, seat)[1].least
+        least = xp.with_variable(approach, seat)[1].least_outer_load
         return xp.where(loads > least, loads, least)
     if xp.module_of(inside) is jnp:  # JAX, too, may differentiate
         own_seat, own_curves, at = xp.values((seat, outer_curves, approach))
@@ -169,7 +169,7 @@ def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any,
     whole = outer_slope * own_pace + inner_slope
     by_approach = outer_slope * inner_slope / xp.where(whole > 0.0, whole, 1.0)
     pressed = Taylor(inner.value, xp.where(last, 0.0, inner.by) + rate * follows, by_approach.by)
-    return xp.where(inside > 0.0, pressed, held.least)
+    return xp.where(inside > 0.0, pressed, held.least_outer_load)
 
 
 def _placed(seat: Seat, inside: Any) -> tuple[Any, Any]:
@@ -180,7 +180,7 @@ def _placed(seat: Seat, inside: Any) -> tuple[Any, Any]:
         inner, approach = inside, 0.0 * inside
     else:
         inner, approach = edge_ramp.carried_loads(seat.inner_curves, inside), inside
-    load, moved = inner * ratio + seat.least, approach / ratio
+    load, moved = inner * ratio + seat.least_outer_load, approach / ratio
     return load, moved if seat.flange_compliance is None else moved + flange_approach(seat, load)
 
 
@@ -255,7 +255,7 @@ def settling(seat: Seat, outer_curves: RollerCurves, approach: Any, inside: Any)
     at = _balance(seat, outer_curves, approach, inside)
     touched = (inside > 0.0) | (at.excess > 0.0)
     step, follows = (xp.where(touched, rate / at.falling, 0.0) for rate in (at.excess, at.outer_slope))
-    load = xp.where(touched, at.place.load + at.place.rate * step, seat.least)
+    load = xp.where(touched, at.place.load + at.place.rate * step, seat.least_outer_load)
     return Settling(inside, load, at.slope, xp.where(touched, at.excess, 0.0), step, follows)
 
 

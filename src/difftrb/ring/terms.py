@@ -25,7 +25,7 @@ LEAST = 1e-12
 """Share of a slice's land that is left where a spall takes all of it: its logarithm is needed."""
 
 
-class Facing(NamedTuple):
+class InnerRaceway(NamedTuple):
     """The inner raceway as it is judged: its law, the spalls met there, their distances from the rollers' contacts
     [mm], shape (spalls, rollers), the contacts' equivalent radius [mm], and whether rollers are free to tilt."""
 
@@ -171,7 +171,7 @@ class Terms(NamedTuple):
       tilting: of rings that tilt; None: they stay parallel.
       extra: force on the ring beside the load [N], shape (3,) or, of several rings, (…, 3).
       laws_status: status of what else is known of the scene; None: nothing is.
-      facing: the inner raceway's law and spalls, where there is one that gives way; None: there is none.
+      inner_raceway: the inner raceway's law and spalls, where there is one that gives way; None: there is none.
       pair: a second row; None: there is none. With it, rollers in all else are those of both rows, the first's first.
     """
 
@@ -182,7 +182,7 @@ class Terms(NamedTuple):
     tilting: Tilting | None = None
     extra: jax.Array | None = None
     laws_status: jax.Array | None = None
-    facing: Facing | None = None
+    inner_raceway: InnerRaceway | None = None
     pair: Pair | None = None
 
     def thicker(self, more: Any) -> Terms:

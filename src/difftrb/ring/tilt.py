@@ -27,7 +27,7 @@ from difftrb.ring.double_row import DoubleRow, Moment
 from difftrb.ring.effect_base import Asked, Effect, Results, Ring, Stage, among, register
 from difftrb.ring.ring import Equilibrium
 from difftrb.ring.roller_balance import Seat
-from difftrb.ring.terms import LEAST, Facing, Terms, Tilting
+from difftrb.ring.terms import LEAST, InnerRaceway, Terms, Tilting
 
 HARD_SLICES = (
     "effects.tilt: slices beside a spall do not help those over it, so its loss of stiffness is overstated, two to "
@@ -69,14 +69,14 @@ def _covered(contact: LineContact, spall: Spall, places: Any) -> Any:
     return xp.maximum(high - low, 0.0) / (2.0 * half)
 
 
-def _beyond(seat: Seat, facing: Facing | None, loads: Any) -> tuple[Any, Any]:
+def _beyond(seat: Seat, inner_raceway: InnerRaceway | None, loads: Any) -> tuple[Any, Any]:
     """What inner raceway and flange add to approach [mm] and moment [N mm] of rollers under `loads` [N] on the outer
     raceway, at the states of their laws."""
     approach, moment = roller_balance.flange_approach(seat, loads), 0.0
-    if facing is None or not isinstance(facing.law, LocalLaw) or facing.law.states is None:
+    if inner_raceway is None or not isinstance(inner_raceway.law, LocalLaw) or inner_raceway.law.states is None:
         return approach, moment
     inner = roller_balance.inner_load(seat, loads)
-    more, moment = facing.law.leaning(facing.spalls, facing.distances, inner)
+    more, moment = inner_raceway.law.leaning(inner_raceway.spalls, inner_raceway.distances, inner)
     return approach + more / seat.ratio, moment
 
 
@@ -178,8 +178,8 @@ class Tilt(Effect):
         outer, away = roller_places.spalls_on(of.spalls, "outer"), of.distances("outer", terms)
         if isinstance(of.law, LocalLaw):
             seat = terms.seat
-            beyond = None if seat is None else partial(_beyond, seat, terms.facing)
-            slices = of.law.slices(outer, away, beyond, 0.0 if seat is None else seat.least)
+            beyond = None if seat is None else partial(_beyond, seat, terms.inner_raceway)
+            slices = of.law.slices(outer, away, beyond, 0.0 if seat is None else seat.least_outer_load)
             at = tilted_roller.places(xp.fixed(of.contact.length))
         else:
             slices, at = sliced(of.contact, outer, away, self.slices), self.places(of.contact)

@@ -29,7 +29,7 @@ from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import checks, solving
 from difftrb.scene.audit_states import AtPhase, Key, State, at_phase, solve_contacts
 from difftrb.scene.cage_phases import at_phase_numbered, phases
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 from difftrb.scene.scene import LawName, PitchMean, Scene, raceway_contact
 from difftrb.scene.solution import Solution
 
@@ -304,10 +304,10 @@ def _promised(part: AtPhase) -> float:
 
     spalls, away = roller_places.spalls_on(part.scene.spalls, "outer"), part.here.distances("outer", part.terms)
     every = [promised(part.here.law, spalls, away, rest("outer", part.loads), largest)]
-    facing, seat = part.terms.facing, part.terms.seat
-    if facing is not None and seat is not None:
+    inner_raceway, seat = part.terms.inner_raceway, part.terms.seat
+    if inner_raceway is not None and seat is not None:
         inner = rest("inner", np.asarray(roller_balance.inner_load(seat, part.loads)))
-        every.append(promised(facing.law, facing.spalls, facing.distances, inner, largest))
+        every.append(promised(inner_raceway.law, inner_raceway.spalls, inner_raceway.distances, inner, largest))
     return float(np.max(every))  # NaN stays
 
 

@@ -15,7 +15,7 @@ from difftrb.law.roller_tilt import RollerContacts, at_rest
 from difftrb.law.samples import Case, Node, Progress
 from difftrb.ring import effect_base, effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Through
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 from difftrb.scene.scene import Scene, law_in_effect, raceway_contact, ring_at
 from difftrb.scene.solution import Solution
 
@@ -88,9 +88,9 @@ def _states(
     largest = float(np.max(loads))
     least, ratio = 0.0, 1.0
     if terms.seat is not None:
-        least, ratio = float(terms.seat.least), float(terms.seat.ratio)
+        least, ratio = float(terms.seat.least_outer_load), float(terms.seat.ratio)
     contacts: dict[Raceway, LineContact] = {"outer": raceway_contact(scene, "outer")}
-    if terms.facing is not None:
+    if terms.inner_raceway is not None:
         contacts["inner"] = raceway_contact(scene, "inner")
     deepest = approach + 0.5 * float(scene.bearing.roller_length) * np.abs(tilts)
     met = {raceway: _met(scene, here, terms, raceway, deepest, loads) for raceway in contacts}
@@ -114,7 +114,7 @@ def _states(
             key = key_of(raceway, carried, under, places, float(tilts[j]))
             own.append(RacewayContact(raceway, contact, case, key, of_scene))
         between = None
-        if terms.facing is not None and terms.facing.free:
+        if terms.inner_raceway is not None and terms.inner_raceway.free:
             both, turned = (contacts["outer"], contacts["inner"]), -float(tilts[j])
             (outer, one), (inner, other) = under_it
             between = RollerContacts(both, (outer, inner), (one, other), turned)
@@ -140,7 +140,7 @@ def _met(
     through = effect_base.among(scene.effects, Through) is not None
     spalls = () if through else roller_places.spalls_on(scene.spalls, raceway)
     away = np.asarray(here.distances(raceway, terms))[: len(spalls)]
-    share = ring.OF_ONE_RACEWAY if terms.facing is not None else 1.0
+    share = ring.OF_ONE_RACEWAY if terms.inner_raceway is not None else 1.0
     rest = Rest(raceway_contact(scene, raceway).radius, share * approach, loads)
     reached = [np.asarray(rest.in_reach(s, d)) for s, d in zip(spalls, away, strict=True)]
     return spalls, away, np.array(reached).reshape(len(spalls), loads.size)

@@ -18,7 +18,7 @@ from difftrb.law.samples import Progress
 from difftrb.ring.effect_base import among
 from difftrb.ring.effects import Tilt
 from difftrb.scene import checks, scene_laws
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 from difftrb.scene.scene import Finer, Picked, Scene, has_map, is_auto, laws_error, named, raceway_laws
 from difftrb.scene.solution import Solution
 

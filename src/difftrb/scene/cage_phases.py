@@ -1,5 +1,5 @@
 """The cage phases at which a scene is solved: one, or those of a mean over the roller pitch, whose places move with
-what the rollers meet. See `ring.phase_rule`."""
+what the rollers meet. See `ring.phase_quadrature`."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from difftrb.core.numeric import gauss_legendre
 from difftrb.law import base, local
 from difftrb.law.base import Law
 from difftrb.law.local import LocalLaw
-from difftrb.ring import phase_rule, ring, roller_places
+from difftrb.ring import phase_quadrature, ring, roller_places
 from difftrb.ring.load import Load
-from difftrb.ring.phase_rule import Still
+from difftrb.ring.phase_quadrature import Still
 from difftrb.scene.scene import (
     PitchMean,
     Scene,
@@ -37,8 +37,8 @@ def phases(scene: Scene, still: Still | None = None) -> tuple[Any, Any]:
     `still` as in `pitch_borders`."""
     if not isinstance(scene.phase, PitchMean):
         return xp.asarray(scene.phase)[None], np.ones(1)
-    rule = gauss_legendre(phase_rule.POINTS_BY_CONTACTS) if isinstance(scene.law, LocalLaw) else None
-    found = phase_rule.between(pitch_borders(scene, still), rule)
+    rule = gauss_legendre(phase_quadrature.POINTS_BY_CONTACTS) if isinstance(scene.law, LocalLaw) else None
+    found = phase_quadrature.between(pitch_borders(scene, still), rule)
     return found if xp.expands(scene) else xp.values(found)
 
 
@@ -67,7 +67,7 @@ def _of_laws(scene: Scene, change: Callable[[LocalLaw], Any]) -> Scene:
 
 @np.errstate(all="ignore")
 def pitch_borders(scene: Scene, still: Still | None = None) -> Any:
-    """Between which phases a prepared scene has no kink [rad]; `still` as in `phase_rule.borders`. Loads may be
+    """Between which phases a prepared scene has no kink [rad]; `still` as in `phase_quadrature.borders`. Loads may be
     several. Laws of one scene know its rollers at the phases alone: then kinks are where rings by the table have them,
     and of rollers that this does not know where healthy rings do."""
     if xp.are_numbers(scene):
@@ -87,14 +87,14 @@ def pitch_borders(scene: Scene, still: Still | None = None) -> Any:
         here, own = ring_at(dataclasses.replace(rings, load=load), acting, each)
         return here.equilibrium(own)
 
-    return phase_rule.borders(scene.bearing, scene.load, met, at_rest, terms, still)
+    return phase_quadrature.borders(scene.bearing, scene.load, met, at_rest, terms, still)
 
 
-def _met(scene: Scene) -> tuple[phase_rule.Met, ...]:
+def _met(scene: Scene) -> tuple[phase_quadrature.Met, ...]:
     """Spalls and laws of the raceways that give way, the outer one's first."""
     laws: dict[Raceway, Law | None] = {"outer": law_in_effect(scene, outer_law(scene)), "inner": inner_law(scene)}
     return tuple(
-        phase_rule.Met(raceway, roller_places.spalls_on(scene.spalls, raceway), law)
+        phase_quadrature.Met(raceway, roller_places.spalls_on(scene.spalls, raceway), law)
         for raceway, law in laws.items()
         if law is not None
     )
@@ -112,7 +112,7 @@ def still(scene: Scene, loads: np.ndarray) -> Still | None:
     rest = here.equilibrium(terms)
     found = xp.values(rest.displacement).reshape(len(loads), len(turned), -1)
     apart = np.ptp(found, axis=1).max(axis=1)
-    if found.shape[-1] != 3 or not np.all(apart <= phase_rule.ALIKE * np.abs(found).max(axis=(1, 2))):
+    if found.shape[-1] != 3 or not np.all(apart <= phase_quadrature.ALIKE * np.abs(found).max(axis=(1, 2))):
         return None
-    shares = [np.broadcast_to(share, each.radial.shape) for share in phase_rule.shares(met, rest, terms)]
+    shares = [np.broadcast_to(share, each.radial.shape) for share in phase_quadrature.shares(met, rest, terms)]
     return Still(found[:, 0], np.stack(shares, axis=-1)[:: len(turned)])

@@ -24,7 +24,7 @@ from difftrb.law.samples import Progress
 from difftrb.law.tilted_states import Spalls
 from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.roller_balance import Seat
-from difftrb.scene import prepared
+from difftrb.scene import prepared_scene
 from difftrb.scene.cage_phases import phases
 from difftrb.scene.scene import PitchMean, Scene, on_raceways
 
@@ -220,7 +220,7 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls, eac
     now = LoadedRollers(loads, reached)
     if seat is None:
         return now
-    ratio, thrown = seat.ratio, seat.least  # the same at all phases
+    ratio, thrown = seat.ratio, seat.least_outer_load  # the same at all phases
     return now._replace(ratio=float(np.ravel(ratio)[0]), thrown=float(np.ravel(thrown)[0]))
 
 
@@ -255,10 +255,10 @@ def rest_at(scene: Scene, each: np.ndarray | None = None) -> Rests:
     """The rings of a prepared scene at all its phases, in numbers; `each` of these [rad], if they are known."""
     scene = xp.numbers(scene)
     each = phases(scene)[0] if each is None else each
-    found, here, terms = prepared.rings_at(scene, each)
+    found, here, terms = prepared_scene.rings_at(scene, each)
     rest = xp.values(found)
     loads: dict[Raceway, Any] = {"outer": rest.all_loads}
-    if terms.facing is not None and terms.seat is not None:
+    if terms.inner_raceway is not None and terms.seat is not None:
         loads["inner"] = roller_balance.inner_load(terms.seat, rest.all_loads)
     away: dict[Raceway, Any] = {
         raceway: np.moveaxis(np.asarray(here.distances(raceway, terms)), 0, 1) for raceway in loads

@@ -34,7 +34,7 @@ from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import expected_loads
 from difftrb.scene.cage_phases import phases
 from difftrb.scene.local_laws import local_laws
-from difftrb.scene.prepared import solve_prepared
+from difftrb.scene.prepared_scene import solve_prepared
 from difftrb.scene.scene import (
     LawName,
     PitchMean,

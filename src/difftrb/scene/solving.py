@@ -13,7 +13,7 @@ from difftrb.law.samples import Progress
 from difftrb.ring import effect_base
 from difftrb.ring.effects import Raceways
 from difftrb.scene import auto_law, checks, scene_laws
-from difftrb.scene.prepared import assess_prepared, solve_prepared
+from difftrb.scene.prepared_scene import assess_prepared, solve_prepared
 from difftrb.scene.scene import LawName, PitchMean, Scene, is_auto
 from difftrb.scene.solution import Assessment, Solution
 

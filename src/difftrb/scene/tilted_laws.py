@@ -25,7 +25,7 @@ from difftrb.law.tilt_table import Between
 from difftrb.law.tilted_states import Rollers, Spalls
 from difftrb.ring import roller_balance, roller_places
 from difftrb.ring.roller_balance import Seat
-from difftrb.scene import prepared
+from difftrb.scene import prepared_scene
 from difftrb.scene.local_laws import guess, met_by, rest_at, until_they_stay
 from difftrb.scene.scene import PitchMean, Scene, healthy, on_raceways
 
@@ -75,11 +75,11 @@ def tilted_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Prog
 def _between(scene: Scene, bases: Mapping[Raceway, DirectLaw]) -> Between:
     """What rollers have between the rings, by the scene's effects."""
     ready = xp.numbers(healthy(on_raceways(scene, dict(bases))))
-    _, _, terms = prepared.rings_at(ready, np.zeros(1))
+    _, _, terms = prepared_scene.rings_at(ready, np.zeros(1))
     seat = terms.seat
     if seat is None:
         return Between()
-    ratio, thrown = (float(np.ravel(x)[0]) for x in (seat.ratio, seat.least))
+    ratio, thrown = (float(np.ravel(x)[0]) for x in (seat.ratio, seat.least_outer_load))
     return Between(ratio if len(bases) > 1 else 1.0, thrown, lambda pressed: _sunk(seat, pressed + thrown))
 
 

@@ -24,7 +24,7 @@ from difftrb.core.status import SceneError
 from difftrb.law import base
 from difftrb.law.samples import Progress
 from difftrb.ring import effect_base
-from difftrb.scene import auto_law, checks, prepared, solving
+from difftrb.scene import auto_law, checks, prepared_scene, solving
 from difftrb.scene.scene import COARSEST, PitchMean, Scene, has_map, is_auto, named
 
 if TYPE_CHECKING:
@@ -279,7 +279,7 @@ def _traced(scene: Scene, spread: Any, slopes: bool) -> _Found:
 
 def _with_slopes(scene: Scene, spread: Any) -> _Found:
     """In any arithmetic."""
-    rest, count = _at_rest(spread, prepared.with_sizes_expanded(scene)), len(scene.spalls)
+    rest, count = _at_rest(spread, prepared_scene.with_sizes_expanded(scene)), len(scene.spalls)
     tangent, by = xp.value(rest.tangent), xp.by(rest.tangent)
     of = xp.module_of(tangent)
     slopes = np.zeros((2 * count, *tangent.shape)) if by is None else by
@@ -294,7 +294,7 @@ _program_with_slopes = jit_quickly()(_with_slopes)
 
 def _at_rest(spread: Any, scene: Scene) -> Any:
     cage = xp.asarray(scene.phase) + spread
-    return prepared.at_phases(scene, cage, spalls=_turned(scene, cage[:, None]).spalls)
+    return prepared_scene.at_phases(scene, cage, spalls=_turned(scene, cage[:, None]).spalls)
 
 
 def _turned(scene: Scene, cage: Any) -> Scene:

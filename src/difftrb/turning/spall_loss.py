@@ -14,10 +14,10 @@ from difftrb.core.taylor import Taylor
 from difftrb.law import base
 from difftrb.law.base import Law
 from difftrb.ring import effect_base
-from difftrb.ring.phase_rule import Still
+from difftrb.ring.phase_quadrature import Still
 from difftrb.scene.cage_phases import phases as phases_of
 from difftrb.scene.cage_phases import still
-from difftrb.scene.prepared import as_defined, at_phases, solve_prepared
+from difftrb.scene.prepared_scene import as_defined, at_phases, solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, healthy, outer_law
 from difftrb.scene.solution import stiffness_loss
 

@@ -19,7 +19,7 @@ from difftrb.core.geometry import Raceway, Spall, TaperedBearing
 from difftrb.core.numeric import gauss_legendre
 from difftrb.law import load_curve
 from difftrb.law.base import Law
-from difftrb.ring import load_zone, ring, roller_places
+from difftrb.ring import load_zone_ends, ring, roller_places
 from difftrb.ring.load import Load
 from difftrb.ring.terms import PLAIN, Terms
 
@@ -95,11 +95,11 @@ def borders(
             return xp.mod(kinks, whole)
         return xp.concatenate([xp.clip(kinks[..., :zone], 0.0, whole), xp.mod(kinks[..., zone:], whole)], axis=-1)
 
-    zone, differ = load_zone.count(terms) * (1 if terms.pair is None else 2), load_zone.are_different(terms)
+    zone, differ = load_zone_ends.count(terms) * (1 if terms.pair is None else 2), load_zone_ends.are_different(terms)
     inside = sum(spall.walls.size - 2 for one in met for spall in one.spalls)
     count = zone + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met) + inside
     shape = (*np.shape(xp.value(load.radial)), count)
-    period = np.where(np.arange(count) < zone, load_zone.TURN, whole) if differ else whole
+    period = np.where(np.arange(count) < zone, load_zone_ends.TURN, whole) if differ else whole
     if still is None:
         of = xp.module_of(jax.tree.leaves((bearing, load, met, terms)))
 
@@ -109,7 +109,7 @@ def borders(
             each = shares(met, rest, terms)
             of_kinks = known(_kinks(bearing, met, at, rest.displacement, terms, each, before.rollers))
             kinks, search = _nearer(of_kinks, at, before, period)
-            first = load_zone.nearest(*xp.fixed((at, rest.displacement, bearing, terms)))
+            first = load_zone_ends.nearest(*xp.fixed((at, rest.displacement, bearing, terms)))
             start, way = (
                 of.where(k == 0, of.concatenate([part, own[..., zone:]], axis=-1), own)
                 for part, own in zip(first[:2], (search.at, search.off), strict=True)
@@ -153,7 +153,7 @@ def crowded(count: int) -> Rule:
 
 class Search(NamedTuple):
     """For kinks, shape (…, kinks) each: the phase of the last rings [rad], from there to where these have the kink
-    [rad], and the slope of that by the phase, −1 where rings lie alike. `rollers` as of `load_zone.nearest`."""
+    [rad], and the slope of that by the phase, −1 where rings lie alike. `rollers` as of `load_zone_ends.nearest`."""
 
     at: Any
     off: Any
@@ -181,12 +181,12 @@ def _kinks(
     """Angles [rad] of the rollers at kinks, each as its own ring has them, shape (…, kinks): where the load zone of
     every row ends on either side, or the phase `at` which the ring is where it does not; then where a roller begins to
     meet every edge of every spall, and where it has met it. They come in pairs, of both sides. `displacement` [mm] of
-    these rings, shape (…, kinks, 3); `shares` as of `shares`; `rollers` as of `load_zone.nearest`."""
+    these rings, shape (…, kinks, 3); `shares` as of `shares`; `rollers` as of `load_zone_ends.nearest`."""
     # without an equilibrium any phases will do: each of them will say so
     u = xp.where(xp.module_of(displacement).isfinite(xp.value(displacement)), displacement, 0.0)
-    rows, thicker = load_zone.rows_of(u, bearing, terms), load_zone.thicker(bearing, terms)
+    rows, thicker = load_zone_ends.rows_of(u, bearing, terms), load_zone_ends.thicker(bearing, terms)
     sides, inside = np.array([1.0, -1.0]), list[Any]()
-    found = [load_zone.of_rings(bearing, terms, at, rows, rollers)]
+    found = [load_zone_ends.of_rings(bearing, terms, at, rows, rollers)]
     for (raceway, spalls, law), share in zip(met, shares, strict=True):
         radius = geometry.arc_radius(bearing, raceway)
         for i, spall in enumerate(spalls):
@@ -203,7 +203,7 @@ def _kinks(
             more = thicker[spall.row - 1]
             if more is not None:
                 passing = xp.fixed((edges_twice - at[..., mine]) / geometry.roller_pitch(bearing))
-                approach = approach + (more[load_zone.numbered(bearing, passing)] if np.ndim(more) else more)
+                approach = approach + (more[load_zone_ends.numbered(bearing, passing)] if np.ndim(more) else more)
             if share is not WHOLE:
                 own = share[..., mine]
                 land = xp.maximum(1.0 - spall.length / bearing.roller_length, LEAST_LAND) ** SOFTER

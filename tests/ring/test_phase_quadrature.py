@@ -11,7 +11,7 @@ import pytest
 import difftrb as trb
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
-from difftrb.scene import cage_phases, expected_loads, prepared
+from difftrb.scene import cage_phases, expected_loads, prepared_scene
 
 pytestmark = pytest.mark.exact
 
@@ -60,7 +60,7 @@ def test_rollers_that_differ_take_up_load_each_at_its_own_place(bearing, spall: 
 
     def stiffness(axial: float) -> tuple[np.ndarray, np.ndarray]:
         at = mean.replace(axial=axial)
-        many = prepared.at_phases(xp.numbers(at.replace(phase=0.0)), phases).tangent
+        many = prepared_scene.at_phases(xp.numbers(at.replace(phase=0.0)), phases).tangent
         return np.diag(np.asarray(trb.solve(at).stiffness)), np.diag(many.mean(axis=0))
 
     np.testing.assert_allclose(*stiffness(4200.0), rtol=3e-5)
@@ -84,7 +84,7 @@ def test_with_both_raceways_losses_are_those_of_many_phases(bearing, spalls: tup
     acting = trb.effects.Raceways(rollers="upright")
     mean = trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), spalls, "table", phase="mean", effects=(acting,)))
     phases = (np.arange(2 * MANY) + 0.5) / (2 * MANY) * geometry.roller_pitch(bearing)
-    every = prepared.at_phases(xp.numbers(mean.replace(phase=0.0)), phases).tangent.mean(axis=0)
+    every = prepared_scene.at_phases(xp.numbers(mean.replace(phase=0.0)), phases).tangent.mean(axis=0)
     whole = np.asarray(trb.assess(mean).healthy.both_stiffnesses)
     exact = 100.0 * (1.0 - np.diag(every)[[0, 2]] / whole)
     np.testing.assert_allclose(trb.assess(mean).loss, exact, rtol=6e-4)
@@ -164,7 +164,7 @@ def test_with_few_rollers_loaded_the_mean_is_that_of_many_phases(bearing, roller
     scene = fewer(bearing, rollers, axial, *spalls)
     at = (np.arange(4000) + 0.5) / 4000 * float(geometry.roller_pitch(scene.bearing))
     with np.errstate(all="ignore"):
-        many = xp.values(prepared.at_phases(xp.numbers(scene), at))
+        many = xp.values(prepared_scene.at_phases(xp.numbers(scene), at))
     mean = trb.solve(dataclasses.replace(scene, phase="mean")).check()
     assert np.abs(np.asarray(mean.loads) - many.loads.mean(0)).max() < 3e-5 * float(mean.loads.max())
     wanted = many.tangent.mean(0)
@@ -194,7 +194,7 @@ def test_kinks_are_where_the_rings_over_spalls_have_them(bearing, name: str, siz
 
     def many(value: float) -> np.ndarray:
         with np.errstate(all="ignore"):
-            return xp.values(prepared.at_phases(xp.numbers(with_size(value)), at)).tangent.mean(0)
+            return xp.values(prepared_scene.at_phases(xp.numbers(with_size(value)), at)).tangent.mean(0)
 
     def mean(value: float) -> jax.Array:
         return trb.solve(dataclasses.replace(with_size(value), phase="mean")).stiffness
@@ -230,11 +230,11 @@ def test_rings_with_loads_of_their_own_are_those_of_one_load_each(bearing) -> No
     radial, axial = np.array([9000.0, 3000.0, 9000.0, 0.0]), np.array([4500.0, 4500.0, 100.0, 3000.0])
     at = np.array([0.0, 0.1, 0.0, 0.2])
     with np.errstate(all="ignore"):
-        every = xp.values(prepared.at_phases(scene, at, trb.Load(radial, axial)))
+        every = xp.values(prepared_scene.at_phases(scene, at, trb.Load(radial, axial)))
         assert every.status_code.tolist() == [0, 0, 3, 0]
         for k in (0, 1, 3):
             one = dataclasses.replace(scene, load=trb.Load(float(radial[k]), float(axial[k])))
-            alone = xp.values(prepared.at_phases(one, at[k : k + 1]))
+            alone = xp.values(prepared_scene.at_phases(one, at[k : k + 1]))
             np.testing.assert_allclose(every.loads[k], alone.loads[0], atol=1e-9 * alone.loads.max())
             np.testing.assert_allclose(every.tangent[k], alone.tangent[0], atol=1e-9 * alone.tangent.max())
     assert np.isnan(every.loads[2]).all()
@@ -245,7 +245,7 @@ def test_a_secant_across_a_pole_has_no_mean(bearing) -> None:
     scene = fewer(bearing, 6, 2700.0, definition="secant")
     at = np.linspace(0.0, float(geometry.roller_pitch(scene.bearing)), 40)
     with np.errstate(all="ignore"):
-        u = xp.values(prepared.at_phases(xp.numbers(scene), at)).displacement
+        u = xp.values(prepared_scene.at_phases(xp.numbers(scene), at)).displacement
     assert u[:, 2].min() < 0.0 < u[:, 2].max()
     assert u[:, 0].min() > 0.0
     mean = trb.solve(dataclasses.replace(scene, phase="mean"))
@@ -293,7 +293,7 @@ def test_means_of_many_loads_are_divided_at_once_as_one_by_one(bearing: trb.Tape
                      effects=(trb.effects.Raceways(rollers="upright"),))  # fmt: skip
     ready = trb.prepare(both)
     radial, axial = np.array([9000.0, 3000.0]), np.array([4500.0, 4500.0])
-    for scene in (ready, prepared.with_sizes_expanded(ready)):
+    for scene in (ready, prepared_scene.with_sizes_expanded(ready)):
         every = cage_phases.pitch_borders(dataclasses.replace(scene, load=trb.Load(radial, axial)))
         for k, load in enumerate(zip(radial.tolist(), axial.tolist(), strict=True)):
             one = cage_phases.pitch_borders(dataclasses.replace(scene, load=trb.Load(*load)))

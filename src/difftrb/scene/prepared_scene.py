@@ -40,12 +40,12 @@ def assess_prepared(scene: Scene) -> Assessment:
 
 def _assess(scene: Scene) -> Assessment:
     count = len(scene.spalls)
-    spalled = _solved(None, with_sizes_expanded(scene))
+    spalled = _solved(with_sizes_expanded(scene))
     stiffness, slopes = spalled.stiffness, np.zeros((2, count, 2))
     if isinstance(stiffness, Taylor) and stiffness.by is not None:
         of = xp.module_of(stiffness.by)
         slopes = of.stack([stiffness.by[:, k, k] for k in (0, 2)]).reshape(slopes.shape)
-    spalled, unspalled = xp.values((spalled, _solved(None, healthy(scene))))
+    spalled, unspalled = xp.values((spalled, _solved(healthy(scene))))
     return _assessed(spalled, unspalled, slopes)
 
 
@@ -70,20 +70,20 @@ def solve_prepared(scene: Scene, build: Build | None = None) -> Solution:
     those that `jax.grad` differentiates outside `jit`; what is traced, by a program. Derivatives are those of its
     expansion."""
     if not xp.are_numbers(scene):
-        return implicit.expanded(partial(_at_once_or_by_program, build), scene)
-    solution = xp.values(_at_once_or_by_program(build, scene))
+        return implicit.expanded(partial(_at_once_or_by_program, build=build), scene)
+    solution = xp.values(_at_once_or_by_program(scene, build))
     with jax.ensure_compile_time_eval():  # numbers stay numbers where a program closes over them
         return jax.device_put(solution)
 
 
-def _at_once_or_by_program(build: Build | None, scene: Scene) -> Solution:
+def _at_once_or_by_program(scene: Scene, build: Build | None) -> Solution:
     if not xp.are_numbers(scene):
-        return _by_program(build, scene)
+        return _by_program(scene, build)
     with np.errstate(all="ignore"):
-        return _solved(build, xp.numbers(scene))
+        return _solved(xp.numbers(scene), build)
 
 
-def _solved(build: Build | None, scene: Scene) -> Solution:
+def _solved(scene: Scene, build: Build | None = None) -> Solution:
     """The solution in any arithmetic."""
     scene = scene if build is None else build(scene)
     (each, weights), law = phases(scene), outer_law(scene)
