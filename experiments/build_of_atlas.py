@@ -25,7 +25,7 @@ from difftrb.contact import crown, solver, strip_reach
 from difftrb.contact.contact_solution import given
 from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots
+from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots, least_squares
 from difftrb.law import atlas, atlas_place, edge_ramp, edge_share, load_curve, ramp_fit, samples
 from difftrb.law.atlas import Atlas, AtlasLaw
 from difftrb.law.base import load_over
@@ -263,7 +263,7 @@ def shares(size: Size, built: Atlas, k: int, solves: storage.Arrays) -> np.ndarr
     found = []
     for own in rows:
         matrix, right = (np.concatenate(parts) for parts in zip(*own, strict=True))
-        found.append(ramp_fit.least_squares(matrix, right, RIDGE))
+        found.append(least_squares(matrix, right, RIDGE))
     coefficients = np.reshape(found, (len(rows), size.edge_lengths, size.levels, edge_ramp.TERMS))
     nodes = chebvander(_of_length(built.edge_lengths), size.edge_lengths - 1)
     return np.tensordot(nodes, coefficients, (1, 1))

@@ -16,7 +16,8 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
-from difftrb.law import load_curve, ramp_fit, samples, states_of_rollers, tilted_roller
+from difftrb.core.numeric import least_squares
+from difftrb.law import load_curve, samples, states_of_rollers, tilted_roller
 from difftrb.law.base import Law, Rest, of_base
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
 from difftrb.law.edge_ramp import NearState, RollerCurves
@@ -215,7 +216,7 @@ class LocalLaw:
             there = (of_states(turned) - centre) / size
             powers += [beside, beside * apart, beside**2]
             asked += [there, there * here, there**2]
-        found = ramp_fit.least_squares(xp.stack(powers, axis=-1), tilts, NOTHING)
+        found = least_squares(xp.stack(powers, axis=-1), tilts, NOTHING)
         own = xp.einsum("...s,...sr->...r", xp.sum(found * xp.stack(asked, axis=-1), axis=-1), at)
         return own.reshape(*loads.shape)
 
@@ -242,7 +243,7 @@ def through(log_loads: Any, approaches: Any, lowest: Any) -> Curve:
         powers.append(powers[-1] * z)
     narrowed = 0.5 * (log_loads[..., -1] - log_loads[..., 0]) < 0.5 * (1.0 + NARROWER) * SPREAD  # see `NARROWER`
     powers[3:] = [xp.where(narrowed[..., None], 0.0, power) for power in powers[3:]]
-    found = ramp_fit.least_squares(xp.stack(powers, axis=-1), log_loads, NOTHING)
+    found = least_squares(xp.stack(powers, axis=-1), log_loads, NOTHING)
     return Curve(xp.moveaxis(found, -1, 0), middle, reach, lowest + xp.zeros_like(middle))
 
 

@@ -14,8 +14,7 @@ import numpy as np
 from difftrb.contact import crown
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.core.numeric import chebyshev
-from difftrb.core.taylor import Taylor
+from difftrb.core.numeric import chebyshev, least_squares
 from difftrb.law import edge_ramp, edge_share, load_curve
 from difftrb.law.base import spalls_under
 from difftrb.law.edge_ramp import Ramp, RollerCurves
@@ -189,31 +188,3 @@ def asked(ramp: Ramp, approach: Any, load: Any) -> tuple[Any, Any]:
     u = edge_share.beyond(t)
     terms = u[..., None] * xp.stack(chebyshev(2.0 * u - 1.0, edge_ramp.TERMS - 1), axis=-1)
     return (weight * first)[..., None] * terms, weight * ((load - full) / loss - first)
-
-
-def least_squares(matrix: Any, right: Any, ridge: float) -> Any:
-    """x with `matrix` · x nearest to `right`, shapes (…, n, m) and (…, n); what the rows do not tell stays small."""
-    plain, goal = xp.value(matrix), xp.value(right)
-    eye = np.broadcast_to(ridge * np.eye(plain.shape[-1]), (*plain.shape[:-2], *plain.shape[-1:] * 2))
-    q, r = xp.module_of(plain).linalg.qr(xp.concatenate([plain, eye], axis=plain.ndim - 2))
-    turned, lifted = (xp.moveaxis(part, -1, -2) for part in (q[..., : plain.shape[-2], :], r))
-
-    def solved(triangle: Any, right: Any) -> Any:
-        return xp.solved(triangle, right[..., None])[..., 0]
-
-    def times(matrix: Any, vector: Any) -> Any:
-        return xp.matmul(matrix, vector[..., None])[..., 0]
-
-    found = solved(r, times(turned, goal))
-    matrix_by, right_by = xp.by(matrix), xp.by(right)
-    if matrix_by is None and right_by is None:
-        return found
-    # x moves as the least squares of what the rows miss by, and as the missed turns with the rows
-    missed, by = goal - times(plain, found), 0.0
-    if right_by is not None:
-        by = by + solved(r[None], times(turned[None], right_by))
-    if matrix_by is not None:
-        by = by - solved(r[None], times(turned[None], times(matrix_by, found[None])))
-        turning = times(xp.moveaxis(matrix_by, -1, -2), missed[None])
-        by = by + solved(r[None], solved(lifted[None], turning))
-    return Taylor(found, by=by)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.law import ramp_fit
+from difftrb.core.numeric import least_squares
 from difftrb.law.edge_ramp import NearState
 
 DEGREE = 4
@@ -57,7 +57,7 @@ def near(loads: Any, tilts: Any, approaches: Any, moments: Any, length: Any) -> 
     by_tilt = xp.stack([j * deeper[i] * leaning[max(j - 1, 0)] for i, j in POWERS], axis=-1)
     asked = xp.concatenate([by_approach, by_tilt], axis=-2)
     told = xp.concatenate([loads / size[..., None] + 0.0 * seen, moments / (arm * size)[..., None]], axis=-1)
-    energy = ramp_fit.least_squares(asked, told, NOTHING)
+    energy = least_squares(asked, told, NOTHING)
     coefficients = xp.stack([
         size[..., None] * xp.einsum("...a,sa->...s", energy[..., own], spread)
         for own, spread in zip(_OF_DEGREE, _SPREAD, strict=True)
