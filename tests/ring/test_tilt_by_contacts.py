@@ -12,7 +12,7 @@ import pytest
 import difftrb as trb
 from difftrb import effects
 from difftrb.core import geometry, status
-from difftrb.law import direct, edge_ramp, samples, tilt_table, tilted_roller, tilted_states
+from difftrb.law import direct, roller_curves, samples, tilt_table, tilted_roller, tilted_states
 from difftrb.law.local_states import Reached
 from difftrb.law.samples import Case
 
@@ -103,7 +103,7 @@ def test_a_state_has_the_slopes_of_its_contact(contact, base, table):
         {},
     )["outer"]  # fmt: skip
     node, x = samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3), tilted_roller.places(contact.length)
-    loads, slopes = edge_ramp.roller_loads(law.slices((), np.zeros((0, 1))), node.approach - x * tilt)
+    loads, slopes = roller_curves.roller_loads(law.slices((), np.zeros((0, 1))), node.approach - x * tilt)
     assert loads.sum() == pytest.approx(load, rel=3e-4)
     assert (x * loads).sum() == pytest.approx(node.moment, rel=3e-4)
     stiff, leaned = 1.0 / node.compliance, -node.turning.by_tilt

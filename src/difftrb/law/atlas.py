@@ -22,12 +22,13 @@ from difftrb.core import arrays as xp
 from difftrb.core import series, status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.taylor import Taylor
-from difftrb.law import atlas_place, base, edge_ramp, equivalent_edge, load_curve, ramp_fit
+from difftrb.law import atlas_place, base, edge_ramp, equivalent_edge, load_curve, ramp_fit, roller_curves
 from difftrb.law.atlas_place import Place
 from difftrb.law.base import LawKind, Rest, of_one_deep_spall, within_range
-from difftrb.law.edge_ramp import Ramp, RollerCurves
+from difftrb.law.edge_ramp import Ramp
 from difftrb.law.equivalent_edge import NarrowSpall
 from difftrb.law.ramp_fit import Healthy
+from difftrb.law.roller_curves import RollerCurves, edge_beyond
 
 LIGHTEST = 0.03
 """Least load of the most loaded roller by the design load; the lighter ones then weigh too little for their error."""
@@ -159,10 +160,10 @@ class AtlasLaw:
         if self.narrow:
             beside = [_narrow(one, self.contact, spall) for one, spall in zip(beside, spalls, strict=True)]
         ramps = [
-            [dataclasses.replace(one, edge=ramp_fit.over(spall, distances[i], side)) for side in (1.0, -1.0)]
+            [dataclasses.replace(one, edge=edge_beyond(spall, distances[i], side)) for side in (1.0, -1.0)]
             for i, (spall, one) in enumerate(zip(spalls, beside, strict=True))
         ]
-        return ramp_fit.roller_curves(healthy, [one.full for one in beside], ramps, spalls, distances)
+        return roller_curves.with_ramps(healthy.curve, [one.full for one in beside], ramps, spalls, distances)
 
     def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: deep spalls, one under a roller, that leave no slivers of land at the roller's end."""

@@ -17,11 +17,12 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats
 from difftrb.core.numeric import chebyshev_nodes
-from difftrb.law import base, edge_ramp, edge_share, load_curve, ramp_fit, samples
+from difftrb.law import base, edge_ramp, edge_share, load_curve, ramp_fit, roller_curves, samples
 from difftrb.law.base import LENGTH_SHARE, LawKind, Rest, known_up_to, of_one_deep_spall, within_range
-from difftrb.law.edge_ramp import Ramp, RollerCurves
+from difftrb.law.edge_ramp import Ramp
 from difftrb.law.load_curve import Curve
 from difftrb.law.ramp_fit import Healthy
+from difftrb.law.roller_curves import RollerCurves
 from difftrb.law.samples import AT, Case, Node, Progress
 
 if TYPE_CHECKING:
@@ -125,12 +126,12 @@ class DirectLaw:
             [self._ramp(i, spall, healthy, full, distances[i], side) for side in (1.0, -1.0)]
             for i, (spall, full) in enumerate(zip(spalls, fulls, strict=True))
         ]
-        return ramp_fit.roller_curves(healthy, fulls, ramps, spalls, distances)
+        return roller_curves.with_ramps(healthy.curve, fulls, ramps, spalls, distances)
 
     def _ramp(self, i: int, spall: Spall, healthy: Healthy, full: Curve, distances: Any, side: float) -> Ramp:
         """Of the place nearest to where the roller is now; `distances` [mm] of shape (…, rollers)."""
-        edges, edge = self.edges[i], ramp_fit.over(spall, distances, side)
-        distance = xp.total(xp.where(ramp_fit.next_to(spall, distances, side), xp.magnitude(distances), 0.0))
+        edges, edge = self.edges[i], roller_curves.edge_beyond(spall, distances, side)
+        distance = xp.total(xp.where(roller_curves.next_to(spall, distances, side), xp.magnitude(distances), 0.0))
         rise = ramp_fit.rise_over(self.contact, spall)
         blank = healthy.beside(edge, full, self.sunk[i], rise, edge_ramp.guess())
         count = edges.loads.shape[0]
@@ -194,7 +195,7 @@ class DirectLaw:
             same = same & (xp.max(xp.abs(self._full(i, spall) / self.full[i] - 1.0)) < MOVED)
             low, high = self.ramp(i, spall, self.full[i, -1])
             for side in (1.0, -1.0):
-                edge = ramp_fit.over(spall, distances[i], side)
+                edge = roller_curves.edge_beyond(spall, distances[i], side)
                 apart = xp.abs(self.edges[i].given[:, AT.distance] - (0.5 * spall.width - edge)[..., None])
                 near = xp.min(apart, axis=-1, initial=np.inf) < ASIDE
                 same = same & xp.all(near | (edge < low) | (edge > high))

@@ -20,8 +20,8 @@ from difftrb.core.numeric import least_squares
 from difftrb.law import load_curve, samples, states_of_rollers, tilted_roller
 from difftrb.law.base import Law, Rest, of_base
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
-from difftrb.law.edge_ramp import NearState, RollerCurves
 from difftrb.law.load_curve import Curve
+from difftrb.law.roller_curves import NearState, RollerCurves
 from difftrb.law.states_of_rollers import CLEAR, States, as_made, is_of
 
 SPREAD = 0.3

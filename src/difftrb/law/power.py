@@ -16,9 +16,9 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.jax_config import jit_quickly
-from difftrb.law import base, load_curve
+from difftrb.law import base, load_curve, roller_curves
 from difftrb.law.base import HardWindow, Law, LawKind, Request, Rest, of_base
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.roller_curves import RollerCurves
 
 # Liu et al. 2018, Table 2: spall length [mm], K [N/mmⁿ], n, largest error of the fit
 TABLE_2 = np.array(
@@ -144,7 +144,7 @@ class AllThrough(HardWindow):
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
         """See `Law`."""
         each = self.base.curves((), distances[:0]).each
-        under = base.spalls_under(spalls, distances)
+        under = roller_curves.spalls_under(spalls, distances)
         depth = sum((xp.where(under == i + 1, spall.depth, 0.0) for i, spall in enumerate(spalls)), 0.0)
         return RollerCurves(dataclasses.replace(each, shift=each.shift + depth))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core.numeric import least_squares
-from difftrb.law.edge_ramp import NearState
+from difftrb.law.roller_curves import NearState
 
 DEGREE = 4
 """Of the energy: forces are cubic, as of `local.DEGREE`."""

@@ -15,7 +15,7 @@ from difftrb.core import status
 from difftrb.core.geometry import Real, Spall
 from difftrb.law import local
 from difftrb.law.base import Law, Rest
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.roller_curves import RollerCurves
 from difftrb.ring import newton
 from difftrb.ring.roller_balance import Seat
 

@@ -19,9 +19,9 @@ from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import load_curve, tilted_roller
-from difftrb.law.base import AUTO, Law, spalls_under
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.base import AUTO, Law
 from difftrb.law.local import LocalLaw
+from difftrb.law.roller_curves import RollerCurves, spalls_under
 from difftrb.ring import newton, roller_balance, roller_places
 from difftrb.ring.double_row import DoubleRow, Moment
 from difftrb.ring.effect_base import Asked, Effect, Results, Ring, Stage, among, register

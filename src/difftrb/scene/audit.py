@@ -17,8 +17,7 @@ import numpy as np
 
 from difftrb.contact.grids import GRIDS
 from difftrb.core.geometry import Raceway, Real, Spall
-from difftrb.law import base as laws
-from difftrb.law import edge_ramp
+from difftrb.law import roller_curves
 from difftrb.law.base import Law, Rest, kind
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw
@@ -248,7 +247,7 @@ def _depth(part: AtPhase, j: int) -> float:
     if effect_base.among(part.scene.effects, Through) is None:
         return 0.0
     spalls, away = roller_places.spalls_on(part.scene.spalls, "outer"), part.here.distances("outer", part.terms)
-    under = int(laws.spalls_under(spalls, away)[j]) if spalls else 0
+    under = int(roller_curves.spalls_under(spalls, away)[j]) if spalls else 0
     return float(spalls[under - 1].depth) if under else 0.0
 
 
@@ -341,4 +340,4 @@ def _carried(of: Law, approach: jax.Array, spall: Spall, place: Real) -> jax.Arr
     """What rollers at `approach` [mm], shape (rollers,), would carry if all stood so far from the spall [mm]."""
     every: Any = np.broadcast_to(np.asarray(place), (1, approach.size))
     curves = of.curves((spall,), every)
-    return edge_ramp.roller_loads(curves, approach)[0]
+    return roller_curves.roller_loads(curves, approach)[0]
