@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 from difftrb.contact import gap as gaps
-from difftrb.contact import strip_bands, strip_plan, strip_rows, strip_settling
+from difftrb.contact import strip_bands, strip_kernel, strip_plan, strip_rows, strip_settling
 from difftrb.contact.contact_solution import Found, Inputs, verdict
 from difftrb.contact.gap import Cells
 from difftrb.contact.strip_plan import Fineness, StripPlan
@@ -140,10 +140,10 @@ def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, Stri
     return problem, strip_plan.plan_of(groups, hollow, edges, mirrored, fine), ends
 
 
-def _kernel(way: Way, spalled: bool, *ends: Any) -> strip_plan.Kernel:
+def _kernel(way: Way, spalled: bool, *ends: Any) -> strip_kernel.Kernel:
     """Of the rows between these ends of a spall and of the contact."""
     groups, _ = strip_plan.groups_of(ends, way.mirrored, spalled, way.edges, way.fine)
-    return strip_plan.kernel_of(groups, way.mirrored, way.fine.frequencies_for(way.edges), way.fine.nodes)
+    return strip_kernel.kernel_of(groups, way.mirrored, way.fine.frequencies_for(way.edges), way.fine.nodes)
 
 
 def _rolling_edges(inputs: Inputs, edges: int, unit: Any) -> tuple[Any, Any]:
@@ -169,7 +169,7 @@ def _shifted(way: Way, found: Strips, settled: Sequence[Settled], inputs: Inputs
     if len(settled) > 1:
         groups, *_ = _groups(inputs, reach, way)
         on = found.settled.active[plan.outline_of]
-        own = xp.total(xp.where(on, found.settled.loads[:, 0], 0.0) * strip_plan.arms(groups)[plan.rows])
+        own = xp.total(xp.where(on, found.settled.loads[:, 0], 0.0) * strip_rows.arms(groups)[plan.rows])
         moved.append(reach.line_load * reach.unit**2 * (own + shifts[1]))
     return moved
 
