@@ -1,5 +1,5 @@
 """Derivative rules of the package, and nothing else; those of two functions stand beside them
-(`contact.halfspace`, `law.equivalent_edge`).
+(`contact.halfspace`, `law.narrow_spall`).
 
 A solve is differentiated at its solution, not through its iterations: the conditions that hold there are linearised
 (implicit function theorem), in forward and, by transposition, in reverse mode.

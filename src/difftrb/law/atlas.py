@@ -22,11 +22,11 @@ from difftrb.core import arrays as xp
 from difftrb.core import series, status, storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.taylor import Taylor
-from difftrb.law import atlas_place, base, edge_ramp, equivalent_edge, load_curve, ramp_fit, roller_curves
+from difftrb.law import atlas_place, base, edge_ramp, load_curve, narrow_spall, ramp_fit, roller_curves
 from difftrb.law.atlas_place import Place
 from difftrb.law.base import LawKind, Rest, of_one_deep_spall, within_range
 from difftrb.law.edge_ramp import Ramp
-from difftrb.law.equivalent_edge import NarrowSpall
+from difftrb.law.narrow_spall import NarrowSpall
 from difftrb.law.ramp_fit import Healthy
 from difftrb.law.roller_curves import RollerCurves, edge_beyond
 
@@ -288,7 +288,7 @@ def _farthest(contact: LineContact) -> Any:
 
 def _narrow(beside: Ramp, contact: LineContact, spall: Spall) -> Ramp:
     """The ramp for both edges of the spall."""
-    height = crown.height(spall.axial_offset + 0.5 * spall.length * np.asarray(equivalent_edge.ALONG), contact)
+    height = crown.height(spall.axial_offset + 0.5 * spall.length * np.asarray(narrow_spall.ALONG), contact)
     width = xp.asarray(spall.width)
     return dataclasses.replace(beside, narrow=NarrowSpall(width, xp.minimum(height, NO_LAND)))
 

@@ -3,7 +3,7 @@
 At an approach δ the roller carries Q = Qₛ + (Qₕ − Qₛ) W(t): what it would over the middle of the spall, and of what the
 land would carry beyond that the share W (`edge_share`). t runs from 0, where the edge enters the contact, to 1, where
 the roller no longer meets the land. Beyond 0 and 1 the roller is healthy or over the middle of the spall, exactly. Of a
-spall narrower than the contact both edges act as the one of `equivalent_edge`.
+spall narrower than the contact both edges act as one, that of `narrow_spall`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from difftrb.contact.gap import certain_reach
 from difftrb.core import arrays as xp
 from difftrb.core import series
 from difftrb.core.geometry import Real
-from difftrb.law import edge_share, equivalent_edge, load_curve
-from difftrb.law.equivalent_edge import NarrowSpall
+from difftrb.law import edge_share, load_curve, narrow_spall
 from difftrb.law.load_curve import Curve
+from difftrb.law.narrow_spall import NarrowSpall
 
 TERMS = 9
 """Of s: u = 1 − √(1 − t) times a polynomial in 2u − 1."""
@@ -68,7 +68,7 @@ def carried(ramp: Ramp, approach: Any) -> Any:
     healthy, full, low, high = between(ramp, approach)
     edge = ramp.edge
     if ramp.narrow is not None:
-        edge = equivalent_edge.of_both(edge, ramp.narrow, approach, low, high)
+        edge = narrow_spall.equivalent_edge(edge, ramp.narrow, approach, low, high)
     t = edge_share.place(edge, low, high)
     return full + (healthy - full) * edge_share.left(t, series.polynomial(ramp.share, level(ramp, healthy)[None]))
 
