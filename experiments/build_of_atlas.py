@@ -84,8 +84,15 @@ def contact_at(number: float) -> LineContact:
 
 
 def spall_at(number: float, length: float, aside: float, over_end: bool, width: float = WIDE) -> Spall:
-    """The spall at a place of the atlas; deeper than any roller sinks."""
-    own, offset = atlas_place.spall_at(length, aside, over_end, number)
+    """The spall at a place of the atlas, the inverse of `atlas_place.place_of`; deeper than any roller sinks."""
+    if over_end:
+        taken = atlas_place.AT_END[0] + (atlas_place.AT_END[1] - atlas_place.AT_END[0]) * length
+        own, offset = 2.0 * taken, 0.5  # half of it lies beyond the roller's end
+    else:
+        least = float(atlas_place.shortest(number))
+        root = np.sqrt(least) + length * (np.sqrt(atlas_place.LONGEST + least) - np.sqrt(least))
+        own = max(root**2 - least, 0.0)
+        offset = (atlas_place.INNER - 0.5 * own) * np.sqrt(aside)
     return Spall(own * LENGTH, width, 1e6, axial_offset=offset * LENGTH)
 
 

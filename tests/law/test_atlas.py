@@ -290,7 +290,8 @@ def test_slopes_at_the_ends_of_what_it_knows() -> None:
 def test_places_come_back() -> None:
     """Length and offset to the atlas's variables and back."""
     for length, aside, over_end in ((0.0, 0.3, False), (0.4, 1.0, False), (1.0, 0.0, False), (0.3, 0.0, True)):
-        place = atlas_place.place_of(*atlas_place.spall_at(length, aside, over_end, 1e-4), 1e-4)
+        spall, whole = build_of_atlas.spall_at(1e-4, length, aside, over_end), build_of_atlas.LENGTH
+        place = atlas_place.place_of(spall.length / whole, spall.axial_offset / whole, 1e-4)
         np.testing.assert_allclose(place, (length, aside, over_end, True), atol=1e-9)
 
 
