@@ -14,7 +14,7 @@ from difftrb.contact import solver
 from difftrb.core import status
 from difftrb.core.geometry import LineContact
 from difftrb.law.local import LocalLaw
-from difftrb.law.roller_tilt import RollerContacts, at_rest
+from difftrb.law.tilt_equilibrium import RollerContacts, at_rest
 from difftrb.scene.prepared import solve_prepared
 
 pytestmark = pytest.mark.exact

@@ -10,9 +10,9 @@ import pytest
 
 import difftrb as trb
 from difftrb import effects
-from difftrb.law import direct, local, roller_tilt, tilt_table
-from difftrb.law.roller_tilt import RollerContacts
-from difftrb.law.tilt_table import Between
+from difftrb.law import direct, healthy_tilt_table, local, tilt_equilibrium
+from difftrb.law.healthy_tilt_table import Between
+from difftrb.law.tilt_equilibrium import RollerContacts
 from difftrb.scene import cage_phases
 
 OUTER, INNER = trb.Spall(4.0, 7.0, axial_offset=1.0), trb.Spall(5.0, 6.0, axial_offset=-1.0, angle=0.3, surface="inner")
@@ -27,7 +27,7 @@ def contacts(bearing):
 
 def at_rest(contacts, pressed=1500.0, tilt=3e-4, outer=OUTER, loads=None):
     roller = RollerContacts(contacts, ((outer,), ()), ((0.5,), ()), tilt)
-    return roller_tilt.at_rest(roller, BETWEEN.loads(pressed) if loads is None else loads, 1e-3, turning=True)
+    return tilt_equilibrium.at_rest(roller, BETWEEN.loads(pressed) if loads is None else loads, 1e-3, turning=True)
 
 
 def whole(rest):
@@ -42,7 +42,7 @@ def test_shares_are_how_a_roller_at_rest_moves(contacts):
     outer, inner = rest.shares(BETWEEN.ratio)
     assert abs(rest.outer.moment - rest.inner.moment) < 1e-9 * 1560.0 * 13.66
     roller = RollerContacts(contacts, ((OUTER,), ()), ((0.5,), ()), 3e-4)
-    settled = roller_tilt.at_rest(roller, BETWEEN.loads(1500.0), 1e-3)  # until they are equal within 1e-5
+    settled = tilt_equilibrium.at_rest(roller, BETWEEN.loads(1500.0), 1e-3)  # until they are equal within 1e-5
     np.testing.assert_allclose(whole(rest), whole(settled), rtol=3e-5)
     assert rest.tilt == pytest.approx(settled.tilt, rel=1e-4)
 
@@ -81,7 +81,7 @@ def test_the_table_of_both_is_a_roller_between_them(contacts, table, pressed, tu
     """Approach, moment, tilt and slopes of healthy rollers, against contacts solved for each."""
     tilt = turned * table.reach(pressed)
     roller = RollerContacts(contacts, ((), ()), ((), ()), tilt)
-    rest = roller_tilt.at_rest(roller, BETWEEN.loads(pressed), 1e-2, turning=turned != 0.0)
+    rest = tilt_equilibrium.at_rest(roller, BETWEEN.loads(pressed), 1e-2, turning=turned != 0.0)
     found = table.at(pressed, tilt)
     outer, inner = found.nodes
     long = table.upright(pressed) + table.lift
@@ -98,7 +98,9 @@ def test_the_table_of_both_is_a_roller_between_them(contacts, table, pressed, tu
 @pytest.fixture(scope="module")
 def table(contacts):
     bases = (direct.without_edges(contact, 2500.0, (), 1e-2) for contact in contacts)
-    return tilt_table.between_rings(tuple(tilt_table.of_contact(base, None) for base in bases), BETWEEN, 1e-2)
+    return healthy_tilt_table.between_rings(
+        tuple(healthy_tilt_table.of_contact(base, None) for base in bases), BETWEEN, 1e-2
+    )
 
 
 def scene(bearing, *acting, spalls=(OUTER,), speed=8000.0, moment=1e4, **changes):

@@ -12,7 +12,7 @@ import pytest
 import difftrb as trb
 from difftrb import effects
 from difftrb.core import geometry, status
-from difftrb.law import direct, roller_curves, samples, tilt_table, tilted_roller, tilted_states
+from difftrb.law import direct, healthy_tilt_table, roller_curves, samples, tilt_energy, tilted_states
 from difftrb.law.local_states import Reached
 from difftrb.law.samples import Case
 
@@ -31,7 +31,7 @@ def base(contact):
 
 @pytest.fixture(scope="module")
 def table(base):
-    return tilt_table.of_contact(base, None)
+    return healthy_tilt_table.of_contact(base, None)
 
 
 def scene(bearing, *more, spalls=(SPALL,), moment=1e4, **changes):
@@ -63,14 +63,14 @@ def test_any_energy_of_degree_four_is_five_slices():
     d, t = (part.ravel() for part in np.meshgrid(np.linspace(1.0, 1.4, 5), np.linspace(-0.03, 0.01, 5)))
     loads = force(d, t * length)
     size = 100.0 + abs(loads).max()  # loads are positive
-    own = tilted_roller.near(
+    own = tilt_energy.fitted_slices(
         (loads + size)[None], t[None], d[None], (length * moment(d, t * length))[None], np.asarray(length)
     )
-    x = tilted_roller.places(length)
+    x = tilt_energy.points(length)
 
     def carried(approach, tilt):
         z = (approach + x * tilt - own.middle[0]) / own.reach[0]
-        q = sum(own.coefficients[k, 0] * z**k for k in range(tilted_roller.DEGREE))
+        q = sum(own.coefficients[k, 0] * z**k for k in range(tilt_energy.DEGREE))
         return q.sum() - size, (x * q).sum()
 
     for approach, tilt in ((1.1, -0.02), (1.31, 0.004), (1.2, -0.011)):
@@ -102,7 +102,7 @@ def test_a_state_has_the_slopes_of_its_contact(contact, base, table):
         rollers, {"outer": [Reached(0, 0, (), ())]}, (1,), np.array([load]), np.array([tilt]), np.array([False]), True,
         {},
     )["outer"]  # fmt: skip
-    node, x = samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3), tilted_roller.places(contact.length)
+    node, x = samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3), tilt_energy.points(contact.length)
     loads, slopes = roller_curves.roller_loads(law.slices((), np.zeros((0, 1))), node.approach - x * tilt)
     assert loads.sum() == pytest.approx(load, rel=3e-4)
     assert (x * loads).sum() == pytest.approx(node.moment, rel=3e-4)

@@ -17,7 +17,7 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
 from difftrb.core.numeric import least_squares
-from difftrb.law import load_curve, samples, states_of_rollers, tilted_roller
+from difftrb.law import load_curve, samples, states_of_rollers, tilt_energy
 from difftrb.law.base import Law, Rest, of_base
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
 from difftrb.law.load_curve import Curve
@@ -91,12 +91,12 @@ class LocalLaw:
     def slices(
         self, spalls: tuple[Spall, ...], distances: Any, beyond: Beyond | None = None, least: Any = 0.0
     ) -> RollerCurves:
-        """What every slice of the rollers carries whose rings tilt, at `tilted_roller.places`, shape (…, rollers ·
+        """What every slice of the rollers carries whose rings tilt, at `tilt_energy.points`, shape (…, rollers ·
         slices), roller by roller; other arguments as of `curves`. `beyond` is what approaches [mm] and moments [N mm]
         have besides those of the outer contact, of its loads [N]. A roller without a state of its own carries the
         `least` [N]; before there are any, all are healthy, and each slice carries its share."""
-        every, count = self.base.curves((), distances[:0]).each, tilted_roller.SLICES
-        every = xp.tree_map(lambda field: tilted_roller.of_slices(field, count), every)
+        every, count = self.base.curves((), distances[:0]).each, tilt_energy.SLICES
+        every = xp.tree_map(lambda field: tilt_energy.of_slices(field, count), every)
         each = dataclasses.replace(every, coefficients=_shared(every.coefficients, count))
         states = self.states
         if states is None or states.leaning is None or not is_of(states, distances):
@@ -107,14 +107,14 @@ class LocalLaw:
         if beyond is not None:
             more, turned = beyond(loads)
             approaches, moments = approaches + more, moments + turned
-        own = tilted_roller.near(loads, -states.tilts, approaches, moments, xp.fixed(self.contact.length))
+        own = tilt_energy.fitted_slices(loads, -states.tilts, approaches, moments, xp.fixed(self.contact.length))
 
         def of_rollers(of_states: Any) -> Any:
             """Of every state's slices, for all rollers' slices."""
             found = xp.einsum("...sk,...sr->...rk", of_states, states.at)
             return found.reshape(*each.shift.shape[:-1], -1)
 
-        clear = tilted_roller.of_slices(1.0 - xp.sum(states.at, axis=-2), count).reshape(each.shift.shape)
+        clear = tilt_energy.of_slices(1.0 - xp.sum(states.at, axis=-2), count).reshape(each.shift.shape)
         coefficients = [of_rollers(one) for one in own.coefficients]
         coefficients[0] = coefficients[0] + clear * (least / count)
         return RollerCurves(

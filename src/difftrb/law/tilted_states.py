@@ -15,13 +15,13 @@ from difftrb.core import status, user_cache
 from difftrb.core.geometry import Raceway, Spall
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.core.series import polynomial
-from difftrb.law import roller_tilt, samples, tilt_table, tilted_roller
+from difftrb.law import healthy_tilt_table, samples, tilt_energy, tilt_equilibrium
 from difftrb.law.direct import DirectLaw, accuracy_at_edges
+from difftrb.law.healthy_tilt_table import TiltTable, Turned
 from difftrb.law.local import NARROWER, SPREAD, LocalLaw
 from difftrb.law.local_states import BENDS, SEARCHED, Reached, stacked
-from difftrb.law.roller_tilt import RollerContacts
 from difftrb.law.samples import Node, Progress
-from difftrb.law.tilt_table import TiltTable, Turned
+from difftrb.law.tilt_equilibrium import RollerContacts
 
 LOADS, TILTS = 4, 4
 """Solves of a state: so many loads at so many tilts."""
@@ -64,11 +64,11 @@ class Rollers:
 
 
 def between_rings(
-    bases: Mapping[Raceway, DirectLaw], spalls: Spalls, between: tilt_table.Between, progress: Progress | None
+    bases: Mapping[Raceway, DirectLaw], spalls: Spalls, between: healthy_tilt_table.Between, progress: Progress | None
 ) -> Rollers:
     """Rollers whose healthy contacts have the laws `bases`."""
-    tables = tuple(tilt_table.of_contact(base, progress) for base in bases.values())
-    whole = tilt_table.between_rings(tables, between, float(bases["outer"].error))
+    tables = tuple(healthy_tilt_table.of_contact(base, progress) for base in bases.values())
+    whole = healthy_tilt_table.between_rings(tables, between, float(bases["outer"].error))
     return Rollers(bases, spalls, whole, tables)
 
 
@@ -84,7 +84,7 @@ def around(
     reach, turned = table.reach(pressed), TURNED * table.upright(pressed) / table.length
     leans = bool(np.any(np.abs(tilts) > FARTHEST_TURNED * reach))
     # while some are too far, none is solved: as far as the table goes will do to see whether they come back
-    most = np.maximum(tilt_table.MOST_TURNED * reach - turned, 0.0) if leans else FARTHEST_TURNED * reach
+    most = np.maximum(healthy_tilt_table.MOST_TURNED * reach - turned, 0.0) if leans else FARTHEST_TURNED * reach
     centres = np.clip(tilts, -most, most)
     logs, leaning = _spread(table, pressed, centres, SPREAD if found else SEARCHED, TURNED)
 
@@ -160,7 +160,7 @@ def _of_one_raceway(of: Rollers, asked: Asked, turning: bool, progress: Progress
 
 def _in_series(of: Rollers, asked: Asked, turning: bool, progress: Progress | None) -> list[Turned]:
     contacts = of.bases["outer"].contact, of.bases["inner"].contact
-    tables, between = tilt_table.known_by((of.tables[0], of.tables[1])), of.table.between
+    tables, between = healthy_tilt_table.known_by((of.tables[0], of.tables[1])), of.table.between
 
     def solve(case: tuple[Met, float, float]) -> Turned:
         met, pressed, tilt = case
@@ -169,7 +169,7 @@ def _in_series(of: Rollers, asked: Asked, turning: bool, progress: Progress | No
         )
         roller = RollerContacts(contacts, (outer, inner), (met[0][1], met[1][1]), tilt)
         start = of.table.at(pressed, tilt).tilt if of.table.knows(pressed, tilt) else None
-        rest = roller_tilt.at_rest(roller, between.loads(pressed), of.accuracy, start, turning, tables)
+        rest = tilt_equilibrium.at_rest(roller, between.loads(pressed), of.accuracy, start, turning, tables)
         return Turned(rest.tilt, rest.shares(between.ratio))
 
     marks = contacts, dict(of.spalls), tuple(asked), (between.ratio, between.thrown), of.accuracy, turning
@@ -192,7 +192,7 @@ def _bend(table: TiltTable, logs: np.ndarray, tilts: np.ndarray, solved: Sequenc
     loads, _ = table.between.loads(np.exp(logs))
     moments = np.array([each.nodes[0].moment for each in solved])
     approaches = np.array([table.between.whole([node.approach for node in each.nodes]) for each in solved])
-    own = tilted_roller.near(loads, -tilts, approaches, moments, np.asarray(table.length))
-    z = (approaches[:, None] - tilts[:, None] * tilted_roller.places(table.length) - own.middle) / own.reach
+    own = tilt_energy.fitted_slices(loads, -tilts, approaches, moments, np.asarray(table.length))
+    z = (approaches[:, None] - tilts[:, None] * tilt_energy.points(table.length) - own.middle) / own.reach
     found = polynomial(own.coefficients[:, None, :], z, straight=True).sum(axis=-1)
     return float(np.max(np.abs(found / loads - 1.0)))

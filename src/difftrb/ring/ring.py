@@ -20,7 +20,7 @@ from difftrb.core.taylor import Taylor, goes_through, plus, summed
 from difftrb.law import roller_curves
 from difftrb.law.base import Law, Rest
 from difftrb.law.roller_curves import RollerCurves
-from difftrb.law.tilted_roller import of_slices
+from difftrb.law.tilt_energy import of_slices
 from difftrb.ring import holding, newton, newton_start, roller_balance, roller_places
 from difftrb.ring.load import Load
 from difftrb.ring.newton import Rollers, System

@@ -18,7 +18,7 @@ from difftrb.contact.contact_solution import is_given
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
-from difftrb.law import load_curve, tilted_roller
+from difftrb.law import load_curve, tilt_energy
 from difftrb.law.base import AUTO, Law
 from difftrb.law.local import LocalLaw
 from difftrb.law.roller_curves import RollerCurves, spalls_under
@@ -180,7 +180,7 @@ class Tilt(Effect):
             seat = terms.seat
             beyond = None if seat is None else partial(_beyond, seat, terms.facing)
             slices = of.law.slices(outer, away, beyond, 0.0 if seat is None else seat.least)
-            at = tilted_roller.places(xp.fixed(of.contact.length))
+            at = tilt_energy.points(xp.fixed(of.contact.length))
         else:
             slices, at = sliced(of.contact, outer, away, self.slices), self.places(of.contact)
         terms = terms._replace(slices=slices)

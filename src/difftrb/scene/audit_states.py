@@ -11,8 +11,8 @@ from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Raceway, Spall
 from difftrb.law import samples
 from difftrb.law.base import Rest
-from difftrb.law.roller_tilt import RollerContacts, at_rest
 from difftrb.law.samples import Case, Node, Progress
+from difftrb.law.tilt_equilibrium import RollerContacts, at_rest
 from difftrb.ring import effect_base, effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Through
 from difftrb.scene.prepared import solve_prepared

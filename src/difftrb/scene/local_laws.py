@@ -14,13 +14,13 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import Raceway, Spall
-from difftrb.law import local_states, roller_tilt
+from difftrb.law import local_states, tilt_equilibrium
 from difftrb.law.base import Rest
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw
 from difftrb.law.local_states import Reached
-from difftrb.law.roller_tilt import RollerContacts, TiltCurve
 from difftrb.law.samples import Progress
+from difftrb.law.tilt_equilibrium import RollerContacts, TiltCurve
 from difftrb.law.tilted_states import Spalls
 from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.roller_balance import Seat
@@ -170,7 +170,7 @@ class Tilts(NamedTuple):
 
 def _from_inside(own: TiltCurve, now: LoadedRollers) -> TiltCurve:
     """As the inner raceway sees it: turned the other way, and pushed by the inner load."""
-    if own is roller_tilt.UPRIGHT:
+    if own is tilt_equilibrium.UPRIGHT:
         return own
 
     def outer(log_load: np.ndarray) -> np.ndarray:
@@ -190,11 +190,11 @@ def _tilts(
     for both in each:
         outer, inner = ([spalls[raceway][i] for i in one.under] for raceway, one in zip(bases, both, strict=True))
         rollers.append(RollerContacts(contacts, (outer, inner), (both[0].away, both[1].away)))
-    spread, way = local_states.spread_of(found, roller_tilt.FOUND if found else roller_tilt.SEARCHED)
+    spread, way = local_states.spread_of(found, tilt_equilibrium.FOUND if found else tilt_equilibrium.SEARCHED)
     logs = np.log(np.asarray(loads).reshape(-1, 1)) + spread * way
     starts = [None if before is None else before.curves.get(own[:2]) for own, _ in each]
     accuracy = float(bases["outer"].error)
-    curves = roller_tilt.tilt_curves(rollers, logs, now.inner, accuracy, starts, found, progress)
+    curves = tilt_equilibrium.tilt_curves(rollers, logs, now.inner, accuracy, starts, found, progress)
     return Tilts({own[:2]: curve for (own, _), curve in zip(each, curves, strict=True)})
 
 

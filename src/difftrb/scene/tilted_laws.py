@@ -18,10 +18,10 @@ from difftrb.core import status
 from difftrb.core.geometry import Raceway
 from difftrb.law import tilted_states
 from difftrb.law.direct import DirectLaw
+from difftrb.law.healthy_tilt_table import Between
 from difftrb.law.local import LocalLaw
 from difftrb.law.local_states import Reached
 from difftrb.law.samples import Progress
-from difftrb.law.tilt_table import Between
 from difftrb.law.tilted_states import Rollers, Spalls
 from difftrb.ring import roller_balance, roller_places
 from difftrb.ring.roller_balance import Seat

@@ -2,7 +2,7 @@
 
 A contact answers to approach δ and tilt ψ with the force Q and the moment M about the roller's middle. Both are slopes
 of one energy U, dU = Q dδ + M dψ, a polynomial in δ and ψ near a state. A polynomial of degree n in two variables is
-a sum of polynomials in δ + xψ at n + 1 places x. So slices at these places are the contact, whatever it is: some may
+a sum of polynomials in δ + xψ at n + 1 points x. So slices at these points are the contact, whatever it is: some may
 push and others pull, only their sums Q = Σ qₛ and M = Σ xₛ qₛ mean anything.
 """
 
@@ -31,7 +31,7 @@ POWERS = [(i, m - i) for m in range(1, DEGREE + 1) for i in range(m, -1, -1)]
 _WAYS = np.linspace(-1.0, 1.0, SLICES)
 
 
-def places(length: Any) -> Any:
+def points(length: Any) -> Any:
     """Where the slices are, from the middle of a roller of this length [mm], shape (SLICES,)."""
     return FARTHEST * length * _WAYS
 
@@ -42,7 +42,7 @@ def of_slices(of_rollers: Any, count: int) -> Any:
     return repeated.reshape(*of_rollers.shape[:-1], -1)
 
 
-def near(loads: Any, tilts: Any, approaches: Any, moments: Any, length: Any) -> NearState:
+def fitted_slices(loads: Any, tilts: Any, approaches: Any, moments: Any, length: Any) -> NearState:
     """The slices that stand for contacts solved under `loads` [N] at `tilts` [rad], which press the roller's end at
     positive places in: approaches [mm] and moments [N mm], all of shape (…, states, solves). What comes back has the
     slices of every state, shape (…, states, SLICES)."""
@@ -62,7 +62,7 @@ def near(loads: Any, tilts: Any, approaches: Any, moments: Any, length: Any) -> 
         size[..., None] * xp.einsum("...a,sa->...s", energy[..., own], spread)
         for own, spread in zip(_OF_DEGREE, _SPREAD, strict=True)
     ])  # fmt: skip
-    at = middle[..., None] + xp.mean(tilts, axis=-1)[..., None] * places(length).reshape((1,) * middle.ndim + (-1,))
+    at = middle[..., None] + xp.mean(tilts, axis=-1)[..., None] * points(length).reshape((1,) * middle.ndim + (-1,))
     return NearState(coefficients, at, xp.broadcast_to(reach[..., None], at.shape))
 
 

@@ -17,11 +17,11 @@ from difftrb.contact import crown
 from difftrb.core import status
 from difftrb.core.geometry import LineContact
 from difftrb.core.numeric import chebyshev_nodes
-from difftrb.law import load_curve, roller_tilt, samples
+from difftrb.law import load_curve, samples, tilt_equilibrium
 from difftrb.law.direct import DirectLaw
-from difftrb.law.roller_tilt import RollerContacts
 from difftrb.law.samples import Case, Node, Progress, Turning
 from difftrb.law.states_of_rollers import ALONG, mean_overlap
+from difftrb.law.tilt_equilibrium import RollerContacts
 
 MOST_TURNED = 3.0
 """Of a table, by `TiltTable.reach`: a heavily loaded roller presses with a third of its length there."""
@@ -216,14 +216,14 @@ def between_rings(tables: tuple[TiltTable, ...], between: Between, accuracy: flo
         known, every = known_by((outer, inner[0])), []
         for pressed, tilt in asked:
             roller = RollerContacts((outer.contacts[0], inner[0].contacts[0]), ((), ()), ((), ()), tilt)
-            rest = roller_tilt.at_rest(roller, between.loads(pressed), accuracy, None, True, known)
+            rest = tilt_equilibrium.at_rest(roller, between.loads(pressed), accuracy, None, True, known)
             every.append(Turned(rest.tilt, rest.shares(between.ratio)))
         return every
 
     return _through(empty, solved)
 
 
-def known_by(tables: tuple[TiltTable, TiltTable]) -> roller_tilt.Lookup:
+def known_by(tables: tuple[TiltTable, TiltTable]) -> tilt_equilibrium.Lookup:
     """Healthy contacts with both raceways, as far as tables of either alone know them."""
 
     def of(table: TiltTable) -> Callable[[Case], Node | None]:
