@@ -12,9 +12,9 @@ import pytest
 import difftrb as trb
 from difftrb import effects
 from difftrb.core import geometry, status
-from difftrb.law import direct, healthy_tilt_table, roller_curves, samples, tilt_energy, tilted_states
-from difftrb.law.local_states import Reached
+from difftrb.law import direct, healthy_tilt_table, roller_curves, samples, tilt_energy, tilted_state_solves
 from difftrb.law.samples import Case
+from difftrb.law.state_solves import Reached
 
 SPALL = trb.Spall(4.0, 7.0, axial_offset=1.0)
 
@@ -97,8 +97,8 @@ def test_table_is_the_contact(contact, table, load, turned):
 def test_a_state_has_the_slopes_of_its_contact(contact, base, table):
     """Stiffness along both freedoms, and between them, of the slices near a state."""
     load, tilt = 1800.0, 3e-4
-    rollers = tilted_states.Rollers({"outer": base}, {"outer": ()}, table, (table,))
-    law = tilted_states.around(
+    rollers = tilted_state_solves.Rollers({"outer": base}, {"outer": ()}, table, (table,))
+    law = tilted_state_solves.around(
         rollers, {"outer": [Reached(0, 0, (), ())]}, (1,), np.array([load]), np.array([tilt]), np.array([False]), True,
         {},
     )["outer"]  # fmt: skip

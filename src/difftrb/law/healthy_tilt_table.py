@@ -19,8 +19,8 @@ from difftrb.core.geometry import LineContact
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples, tilt_equilibrium
 from difftrb.law.direct import DirectLaw
+from difftrb.law.roller_states import ALONG, mean_overlap
 from difftrb.law.samples import Case, Node, Progress, Turning
-from difftrb.law.states_of_rollers import ALONG, mean_overlap
 from difftrb.law.tilt_equilibrium import RollerContacts
 
 MOST_TURNED = 3.0

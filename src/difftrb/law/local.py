@@ -17,12 +17,12 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
 from difftrb.core.numeric import least_squares
-from difftrb.law import load_curve, samples, states_of_rollers, tilt_energy
+from difftrb.law import load_curve, roller_states, samples, tilt_energy
 from difftrb.law.base import Law, Rest, of_base
 from difftrb.law.direct import ASIDE, MOVED, DirectLaw
 from difftrb.law.load_curve import Curve
 from difftrb.law.roller_curves import NearState, RollerCurves
-from difftrb.law.states_of_rollers import CLEAR, States, as_made, is_of
+from difftrb.law.roller_states import CLEAR, States, as_made, is_of
 
 SPREAD = 0.3
 """By how much in the logarithm the loads of a state's solves are spread to either side. Closer together, errors of
@@ -175,14 +175,14 @@ class LocalLaw:
         moved = moved / xp.max(xp.abs(states.approaches), axis=-1)[..., None]
         apart = self._apart(states, distances) * states.met
         same = (xp.max(xp.abs(moved)) < MOVED) & (xp.max(xp.abs(apart), initial=0.0) < ASIDE)
-        same = same & states_of_rollers.keep_spalls(states, self.contact, spalls, distances)
+        same = same & roller_states.keep_spalls(states, self.contact, spalls, distances)
         if rest is not None:
             unknown = xp.moveaxis(met, 0, -2) & (xp.einsum("...sn,...sr->...nr", states.met, states.at) == 0.0)
-            same = same & states_of_rollers.keep_loads(states, self.base.log_loads[0], rest) & ~xp.any(unknown)
+            same = same & roller_states.keep_loads(states, self.base.log_loads[0], rest) & ~xp.any(unknown)
             if states.leaning is not None:
                 raceways = 2.0 if self.free_to_tilt else 1.0  # a roller between two may turn until neither is touched
                 clear = raceways * CLEAR * self.base.healthy[0]
-                same = same & states_of_rollers.keep_tilts(states, self.contact, raceways, clear, rest)
+                same = same & roller_states.keep_tilts(states, self.contact, raceways, clear, rest)
         return xp.where(same, code, other)
 
     def _within(self, rest: Rest | None) -> Rest | None:

@@ -33,7 +33,6 @@ from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import expected_loads
 from difftrb.scene.cage_phases import phases
-from difftrb.scene.local_laws import local_laws
 from difftrb.scene.prepared import solve_prepared
 from difftrb.scene.scene import (
     LawName,
@@ -45,7 +44,8 @@ from difftrb.scene.scene import (
     raceway_contact,
     upright_by_table,
 )
-from difftrb.scene.tilted_laws import tilted_laws
+from difftrb.scene.state_iteration import laws_by_states
+from difftrb.scene.tilted_state_iteration import laws_by_tilted_states
 
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
@@ -80,7 +80,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
         if effect_base.among(scene.effects, Tilt) is not None:
             if effect_base.among(scene.effects, SeriesRaceways) is not None:
                 raise SceneError(NO_LAW_OF_TILTED)
-            return _judged(scene, tilted_laws(scene, _healthy_laws(scene, progress), progress))
+            return _judged(scene, laws_by_tilted_states(scene, _healthy_laws(scene, progress), progress))
         at_one = not isinstance(scene.phase, PitchMean)
         known = not at_one and _table_knows(scene)
         if at_one or _may_meet_more(scene):
@@ -88,7 +88,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
             if at_one and effect_base.among(scene.effects, Through) is not None:
                 return on_raceways(scene, bases)
             if at_one or any(_meet_more(scene, raceway, base) for raceway, base in bases.items()):
-                return _judged(scene, local_laws(scene, bases, progress))
+                return _judged(scene, laws_by_states(scene, bases, progress))
     made: dict[Raceway, Law] = {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}
     return _with_edges(scene, _with_kinks(made, known), progress)
 

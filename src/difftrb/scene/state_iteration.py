@@ -14,14 +14,14 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import Raceway, Spall
-from difftrb.law import local_states, tilt_equilibrium
+from difftrb.law import state_solves, tilt_equilibrium
 from difftrb.law.base import Rest
 from difftrb.law.direct import DirectLaw
 from difftrb.law.local import LocalLaw
-from difftrb.law.local_states import Reached
 from difftrb.law.samples import Progress
+from difftrb.law.state_solves import Reached
 from difftrb.law.tilt_equilibrium import RollerContacts, TiltCurve
-from difftrb.law.tilted_states import Spalls
+from difftrb.law.tilted_state_solves import Spalls
 from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene import prepared
@@ -58,7 +58,9 @@ class LoadedRollers(NamedTuple):
         return max((load - self.thrown) / self.ratio, LEAST_INNER * load)
 
 
-def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progress | None) -> dict[Raceway, LocalLaw]:
+def laws_by_states(
+    scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progress | None
+) -> dict[Raceway, LocalLaw]:
     """The laws of every raceway for a scene, from those of healthy rollers.
 
     A scene whose loads do not stay keeps the last laws, and its own status says that rollers are elsewhere.
@@ -78,7 +80,7 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
     if free:
         inner = [now.inner(load) for load in centres["outer"].values()]
         centres["inner"] = dict(zip(centres["inner"], inner, strict=True))
-    known: dict[Raceway, local_states.SolvedContacts] = {raceway: {} for raceway in bases}
+    known: dict[Raceway, state_solves.SolvedContacts] = {raceway: {} for raceway in bases}
     tilts = None
 
     def around(centres: dict[Raceway, Centres], found: bool) -> dict[Raceway, Centres]:
@@ -86,7 +88,7 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
         if free:
             tilts = _tilts(bases, spalls, now, list(centres["outer"].values()), found, tilts, progress)
         made = {
-            raceway: local_states.around(
+            raceway: state_solves.around(
                 base, spalls[raceway], now.reached[raceway], rollers, np.array(list(centres[raceway].values())), found,
                 known[raceway], None if tilts is None else tilts.of(raceway, now), progress,
             )
@@ -120,7 +122,7 @@ def until_they_stay(centres: C, around: Callable[[C, bool], C | None], kept: Cal
         ended = around(centres, found)
         if ended is None:
             return
-        own = kept(centres, ended, STAYS if found else local_states.SEARCHED)
+        own = kept(centres, ended, STAYS if found else state_solves.SEARCHED)
         if own != centres:
             centres = own
         elif found:
@@ -190,7 +192,7 @@ def _tilts(
     for both in each:
         outer, inner = ([spalls[raceway][i] for i in one.under] for raceway, one in zip(bases, both, strict=True))
         rollers.append(RollerContacts(contacts, (outer, inner), (both[0].away, both[1].away)))
-    spread, way = local_states.spread_of(found, tilt_equilibrium.FOUND if found else tilt_equilibrium.SEARCHED)
+    spread, way = state_solves.spread_of(found, tilt_equilibrium.FOUND if found else tilt_equilibrium.SEARCHED)
     logs = np.log(np.asarray(loads).reshape(-1, 1)) + spread * way
     starts = [None if before is None else before.curves.get(own[:2]) for own, _ in each]
     accuracy = float(bases["outer"].error)

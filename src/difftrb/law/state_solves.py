@@ -14,8 +14,8 @@ from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples
 from difftrb.law.direct import DirectLaw, accuracy_at_edges
 from difftrb.law.local import NARROWER, SPREAD, LocalLaw, through
+from difftrb.law.roller_states import Leaning, States
 from difftrb.law.samples import Node, Progress, Turning
-from difftrb.law.states_of_rollers import Leaning, States
 from difftrb.law.tilt_equilibrium import UPRIGHT, TiltCurve
 
 FEW, SEARCHED = 3, 0.35

@@ -19,8 +19,8 @@ from difftrb.law import healthy_tilt_table, samples, tilt_energy, tilt_equilibri
 from difftrb.law.direct import DirectLaw, accuracy_at_edges
 from difftrb.law.healthy_tilt_table import TiltTable, Turned
 from difftrb.law.local import NARROWER, SPREAD, LocalLaw
-from difftrb.law.local_states import BENDS, SEARCHED, Reached, stacked
 from difftrb.law.samples import Node, Progress
+from difftrb.law.state_solves import BENDS, SEARCHED, Reached, stacked
 from difftrb.law.tilt_equilibrium import RollerContacts
 
 LOADS, TILTS = 4, 4
@@ -76,7 +76,7 @@ def around(
     of: Rollers, reached: Mapping[Raceway, Sequence[Reached]], rollers: tuple[int, ...], pressed: np.ndarray,
     tilts: np.ndarray, clear: np.ndarray, found: bool, known: SolvedRollers, progress: Progress | None = None,
 ) -> dict[Raceway, LocalLaw]:  # fmt: skip
-    """As `local_states.around`, of every raceway: of rollers that press the inner ring with about `pressed` [N] where
+    """As `state_solves.around`, of every raceway: of rollers that press the inner ring with about `pressed` [N] where
     the rings are tilted by about `tilts` [rad], as contacts see it; those that are `clear` would press with less than
     these; all of shape (rollers reached,). `reached` has the same rollers on every raceway."""
     table = of.table
