@@ -11,7 +11,7 @@ import difftrb as trb
 from difftrb.contact import crown
 from difftrb.core import geometry, status
 from difftrb.core.jax_config import jit_quickly
-from difftrb.law import atlas, atlas_place, direct, edge_ramp, load_curve, samples
+from difftrb.law import atlas, atlas_place, direct_curves, edge_ramp, load_curve, samples
 from difftrb.law.base import Rest, load_over
 from difftrb.scene import audit, scene_laws
 from difftrb.scene.scene import named
@@ -53,7 +53,7 @@ def test_hardly_loaded_rollers_are_hertzian(law: atlas.AtlasLaw, number: float) 
     on the way there as it is solved; by `direct`, too. Straight on, it carried up to 48 % more."""
     c = law.contact
     light = dataclasses.replace(c, design_load=number * c.modulus * c.length**3 / c.radius)
-    solved = direct.without_edges(light, 3.0 * light.design_load, (), 1e-3)
+    solved = direct_curves.without_edges(light, 3.0 * light.design_load, (), 1e-3)
     curves = law.at(light).healthy().curve, load_curve.one_of(solved.curves((), np.zeros((0, 1))).each, 0)
     across = c.length**2 / (8.0 * crown.scale(light))  # t² of the crown's logarithm
     for share in (1e-8, 1e-6):
@@ -74,7 +74,7 @@ def test_hardly_crowned_rollers_leave_the_line_later(law: atlas.AtlasLaw, times:
     these. By a switch at 0.05 of the design load, loads were up to 21 % off and jumped by as much with the crown."""
     c = law.contact
     c = dataclasses.replace(c, design_load=1e-4 * c.modulus * c.length**3 / c.radius)
-    solved = direct.without_edges(c, times * c.design_load, (), 1e-3)
+    solved = direct_curves.without_edges(c, times * c.design_load, (), 1e-3)
     curve = load_curve.one_of(solved.curves((), np.zeros((0, 1))).each, 0)
     for share in (0.3, 0.1):
         load = share * float(solved.load_range[0])
@@ -368,7 +368,7 @@ def test_direct_knows_where_ramps_of_spalls_off_the_middle_end() -> None:
     of the largest off, converged."""
     contact = trb.LineContact(2.07826558, 7.111586407, 113794.4936, 3650.104329)
     spall = trb.Spall(1.1901421, 3.352038377, 0.35557932, axial_offset=1.873746654)
-    law = direct.without_edges(contact, 201.4747809, (spall,), 1e-3)
+    law = direct_curves.without_edges(contact, 201.4747809, (spall,), 1e-3)
     assert np.isfinite(np.asarray(law.sunk)).all()
     low, high = law.ramp(0, spall, law.full[0, -1])
     assert float(low) < 0.0 < float(high)

@@ -10,7 +10,7 @@ import pytest
 
 import difftrb as trb
 from difftrb import effects
-from difftrb.law import direct, healthy_tilt_table, local, tilt_equilibrium
+from difftrb.law import direct_curves, direct_states, healthy_tilt_table, tilt_equilibrium
 from difftrb.law.healthy_tilt_table import Between
 from difftrb.law.tilt_equilibrium import RollerContacts
 from difftrb.scene import cage_phases
@@ -97,7 +97,7 @@ def test_the_table_of_both_is_a_roller_between_them(contacts, table, pressed, tu
 
 @pytest.fixture(scope="module")
 def table(contacts):
-    bases = (direct.without_edges(contact, 2500.0, (), 1e-2) for contact in contacts)
+    bases = (direct_curves.without_edges(contact, 2500.0, (), 1e-2) for contact in contacts)
     return healthy_tilt_table.between_rings(
         tuple(healthy_tilt_table.of_contact(base, None) for base in bases), BETWEEN, 1e-2
     )
@@ -169,9 +169,9 @@ def test_phases_of_a_mean_do_not_hang_on_the_states_that_were_solved(bearing):
     assert trb.solve(made).converged
     spalled = dataclasses.replace(made, spalls=(OUTER, INNER))
     series = next(e for e in spalled.effects if isinstance(e, effects.SeriesRaceways))
-    bare = dataclasses.replace(series, law=local.stateless(series.law))
+    bare = dataclasses.replace(series, law=direct_states.stateless(series.law))
     acting = tuple(bare if e is series else e for e in spalled.effects)
-    before = dataclasses.replace(spalled, law=local.stateless(spalled.law), effects=acting)
+    before = dataclasses.replace(spalled, law=direct_states.stateless(spalled.law), effects=acting)
     for ours, theirs in zip(cage_phases.phases(spalled), cage_phases.phases(before), strict=True):
         assert len(np.unique(theirs)) > 10
         np.testing.assert_array_equal(ours, theirs)

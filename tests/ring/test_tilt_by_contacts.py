@@ -12,7 +12,14 @@ import pytest
 import difftrb as trb
 from difftrb import effects
 from difftrb.core import geometry, status
-from difftrb.law import direct, healthy_tilt_table, roller_curves, samples, tilt_energy, tilted_state_solves
+from difftrb.law import (
+    direct_curves,
+    healthy_tilt_table,
+    roller_curves,
+    samples,
+    tilt_energy,
+    tilted_state_solves,
+)
 from difftrb.law.samples import Case
 from difftrb.law.state_solves import Reached
 
@@ -26,7 +33,7 @@ def contact(bearing):
 
 @pytest.fixture(scope="module")
 def base(contact):
-    return direct.without_edges(contact, 2500.0, (), 1e-2)
+    return direct_curves.without_edges(contact, 2500.0, (), 1e-2)
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from difftrb.core import status
 from difftrb.core.geometry import LineContact
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples, tilt_equilibrium
-from difftrb.law.direct import DirectLaw
+from difftrb.law.direct_curves import DirectByCurves
 from difftrb.law.roller_states import ALONG, mean_overlap
 from difftrb.law.samples import Case, Node, Progress, Turning
 from difftrb.law.tilt_equilibrium import RollerContacts
@@ -179,7 +179,7 @@ def _node(told: np.ndarray, load: float, contact: LineContact, reach: float, cod
     return Node(approach * long, compliance * long / load, long * slopes, code, 0.0, 0.0, moment * arm, turning)
 
 
-def of_contact(base: DirectLaw, progress: Progress | None) -> TiltTable:
+def of_contact(base: DirectByCurves, progress: Progress | None) -> TiltTable:
     """The table of one contact over all loads of its upright curve, by contact solves."""
     curve = load_curve.one_of(base.curves((), np.zeros((0, 1))).each, 0)
     low, high = float(base.log_loads[0] - np.log(LIGHTER)), float(base.log_loads[-1])

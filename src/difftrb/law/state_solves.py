@@ -1,4 +1,4 @@
-"""Contact solves around the loads of rollers that meet spalls: the states that a `LocalLaw` is made of."""
+"""Contact solves around the loads of rollers that meet spalls: the states that a `DirectByStates` is made of."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 from difftrb.core.geometry import Spall
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples
-from difftrb.law.direct import DirectLaw, accuracy_at_edges
-from difftrb.law.local import NARROWER, SPREAD, LocalLaw, through
+from difftrb.law.direct_curves import DirectByCurves, accuracy_at_edges
+from difftrb.law.direct_states import NARROWER, SPREAD, DirectByStates, through
 from difftrb.law.roller_states import Leaning, States
 from difftrb.law.samples import Node, Progress, Turning
 from difftrb.law.tilt_equilibrium import UPRIGHT, TiltCurve
@@ -45,10 +45,10 @@ SolvedContacts = dict[tuple[bool, tuple[int, ...], tuple[float, ...], float, flo
 
 
 def around(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
+    base: DirectByCurves, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
     loads: np.ndarray, found: bool, known: SolvedContacts, tilts: Sequence[TiltCurve] | None = None,
     progress: Progress | None = None,
-) -> LocalLaw:  # fmt: skip
+) -> DirectByStates:  # fmt: skip
     """The law of rollers that carry about `loads` [N], shape (rollers reached,), from that of healthy ones.
 
     `rollers` is the shape of the ring's rollers, with the phases of a mean in front. Contacts are solved around these
@@ -81,7 +81,9 @@ def around(
         turned = np.array([curve.tilt(row) for curve, row in zip(curves, logs, strict=True)])
         slopes = [_slopes(*each) for each in zip(solved, logs, curves, strict=True)]
         states = stacked(base, spalls, reached, rollers, logs, turned, solved, slopes)
-    return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True, free_to_tilt=tilts is not None)
+    return DirectByStates(
+        dataclasses.replace(base, status_code=code), states, settling=True, free_to_tilt=tilts is not None
+    )
 
 
 def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]:
@@ -92,7 +94,7 @@ def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]
 
 
 def solved_at(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], loads: np.ndarray, tilts: np.ndarray,
+    base: DirectByCurves, spalls: tuple[Spall, ...], reached: Sequence[Reached], loads: np.ndarray, tilts: np.ndarray,
     turning: bool, known: SolvedContacts, progress: Progress | None,
 ) -> list[list[Node]]:  # fmt: skip
     """Contacts of every roller reached under its `loads` [N] at its `tilts` [rad], shape (rollers reached, loads)."""
@@ -140,7 +142,7 @@ def _touches_at_some(solved: Sequence[Node], spalls: int) -> bool:
 
 
 def stacked(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
+    base: DirectByCurves, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
     logs: np.ndarray, tilts: np.ndarray, solved: Sequence[Sequence[Node]], slopes: Sequence[np.ndarray],
     own_tilts: np.ndarray | None = None, leaning: bool = False,
 ) -> States:  # fmt: skip

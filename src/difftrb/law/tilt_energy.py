@@ -18,7 +18,7 @@ from difftrb.core.numeric import least_squares
 from difftrb.law.roller_curves import NearState
 
 DEGREE = 4
-"""Of the energy: forces are cubic, as of `local.DEGREE`."""
+"""Of the energy: forces are cubic, as of `direct_states.DEGREE`."""
 SLICES = DEGREE + 1
 FARTHEST = 0.4
 """Of the roller's length: the outermost slices. Equal slices there have its stiffness against tilt, about: 1/12."""

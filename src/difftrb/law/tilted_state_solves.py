@@ -1,4 +1,4 @@
-"""Contact solves around the loads and tilts of rollers whose rings tilt: the states that a `LocalLaw` is made of then.
+"""Contact solves around the loads and tilts of rollers whose rings tilt: the states of a `DirectByStates` then.
 
 Rollers on healthy raceways take theirs from a table over load and tilt, which is smooth; those that meet spalls are
 solved each for itself. With both raceways in series a roller is solved between them, at the tilt at which it rests.
@@ -16,9 +16,9 @@ from difftrb.core.geometry import Raceway, Spall
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.core.series import polynomial
 from difftrb.law import healthy_tilt_table, samples, tilt_energy, tilt_equilibrium
-from difftrb.law.direct import DirectLaw, accuracy_at_edges
+from difftrb.law.direct_curves import DirectByCurves, accuracy_at_edges
+from difftrb.law.direct_states import NARROWER, SPREAD, DirectByStates
 from difftrb.law.healthy_tilt_table import TiltTable, Turned
-from difftrb.law.local import NARROWER, SPREAD, LocalLaw
 from difftrb.law.samples import Node, Progress
 from difftrb.law.state_solves import BENDS, SEARCHED, Reached, stacked
 from difftrb.law.tilt_equilibrium import RollerContacts
@@ -47,7 +47,7 @@ class Rollers:
     """Rollers between two rings: the laws of healthy ones on every raceway that gives way, the outer one first, the
     spalls there, and the table of healthy rollers."""
 
-    bases: Mapping[Raceway, DirectLaw]
+    bases: Mapping[Raceway, DirectByCurves]
     spalls: Spalls
     table: TiltTable
     tables: tuple[TiltTable, ...]
@@ -64,7 +64,10 @@ class Rollers:
 
 
 def between_rings(
-    bases: Mapping[Raceway, DirectLaw], spalls: Spalls, between: healthy_tilt_table.Between, progress: Progress | None
+    bases: Mapping[Raceway, DirectByCurves],
+    spalls: Spalls,
+    between: healthy_tilt_table.Between,
+    progress: Progress | None,
 ) -> Rollers:
     """Rollers whose healthy contacts have the laws `bases`."""
     tables = tuple(healthy_tilt_table.of_contact(base, progress) for base in bases.values())
@@ -75,7 +78,7 @@ def between_rings(
 def around(
     of: Rollers, reached: Mapping[Raceway, Sequence[Reached]], rollers: tuple[int, ...], pressed: np.ndarray,
     tilts: np.ndarray, clear: np.ndarray, found: bool, known: SolvedRollers, progress: Progress | None = None,
-) -> dict[Raceway, LocalLaw]:  # fmt: skip
+) -> dict[Raceway, DirectByStates]:  # fmt: skip
     """As `state_solves.around`, of every raceway: of rollers that press the inner ring with about `pressed` [N] where
     the rings are tilted by about `tilts` [rad], as contacts see it; those that are `clear` would press with less than
     these; all of shape (rollers reached,). `reached` has the same rollers on every raceway."""
@@ -103,7 +106,7 @@ def around(
     shares = np.where(clear, NOTHING, 1.0)
     loads = table.between.loads(shares[:, None] * np.exp(logs))
     own_tilts = np.array([[each.tilt for each in own] for own in solved])
-    laws: dict[Raceway, LocalLaw] = {}
+    laws: dict[Raceway, DirectByStates] = {}
     for k, (raceway, base) in enumerate(of.bases.items()):
         base = dataclasses.replace(base, status_code=max(float(base.status_code), code))
         states = None
@@ -115,7 +118,7 @@ def around(
             states = stacked(base, of.spalls[raceway], reached[raceway], rollers, np.log(loads[k]), leaning, nodes,
                              slopes, own_tilts if k == 0 else None, leaning=True)  # fmt: skip
         # a healthy scene asks for the states without spalls, and while they are looked for these are they
-        laws[raceway] = LocalLaw(base, states, sound=states, settling=True, free_to_tilt=len(of.bases) > 1)
+        laws[raceway] = DirectByStates(base, states, sound=states, settling=True, free_to_tilt=len(of.bases) > 1)
     return laws
 
 

@@ -20,7 +20,7 @@ from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import load_curve, tilt_energy
 from difftrb.law.base import AUTO, Law
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_states import DirectByStates
 from difftrb.law.roller_curves import RollerCurves, spalls_under
 from difftrb.ring import newton, roller_balance, roller_places
 from difftrb.ring.double_row import DoubleRow, Moment
@@ -73,7 +73,7 @@ def _beyond(seat: Seat, facing: Facing | None, loads: Any) -> tuple[Any, Any]:
     """What inner raceway and flange add to approach [mm] and moment [N mm] of rollers under `loads` [N] on the outer
     raceway, at the states of their laws."""
     approach, moment = roller_balance.flange_approach(seat, loads), 0.0
-    if facing is None or not isinstance(facing.law, LocalLaw) or facing.law.states is None:
+    if facing is None or not isinstance(facing.law, DirectByStates) or facing.law.states is None:
         return approach, moment
     inner = roller_balance.inner_load(seat, loads)
     more, moment = facing.law.leaning(facing.spalls, facing.distances, inner)
@@ -176,7 +176,7 @@ class Tilt(Effect):
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers in slices."""
         outer, away = roller_places.spalls_on(of.spalls, "outer"), of.distances("outer", terms)
-        if isinstance(of.law, LocalLaw):
+        if isinstance(of.law, DirectByStates):
             seat = terms.seat
             beyond = None if seat is None else partial(_beyond, seat, terms.facing)
             slices = of.law.slices(outer, away, beyond, 0.0 if seat is None else seat.least)
@@ -206,7 +206,7 @@ class Tilt(Effect):
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`roller_tilts` [mrad] against the outer raceway, as `contact.tilt`, and with both raceways in series
         `inner_tilts` against the inner one, shape (rollers,), without derivatives; of contacts, not of slices."""
-        if not isinstance(of.law, LocalLaw):
+        if not isinstance(of.law, DirectByStates):
             return {}
         turned = xp.zeros_like(rest.loads) if rest.tilts is None else -rest.tilts[..., : of.bearing.rollers]
         if not of.law.free_to_tilt:
@@ -218,7 +218,7 @@ class Tilt(Effect):
 
     def remarks(self, spalls: tuple[Spall, ...], law: Law | None, mean: bool) -> tuple[str, ...]:
         """That slices of ISO/TS 16281 are cut hard, and what their means are."""
-        if isinstance(law, LocalLaw):
+        if isinstance(law, DirectByStates):
             return ()
         hard = (HARD_SLICES,) if roller_places.spalls_on(spalls, "outer") else ()
         return (ROUGH_MEANS, *hard) if mean else hard

@@ -19,8 +19,8 @@ from difftrb.contact.grids import GRIDS
 from difftrb.core.geometry import Raceway, Real, Spall
 from difftrb.law import roller_curves
 from difftrb.law.base import Law, Rest, kind
-from difftrb.law.direct import DirectLaw
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_curves import DirectByCurves
+from difftrb.law.direct_states import DirectByStates
 from difftrb.law.samples import Node, Progress
 from difftrb.ring import effect_base, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
@@ -137,7 +137,7 @@ def verify(scene: Scene, found: Solution | None = None, progress: Progress | Non
         scene = solving.prepare(scene)
         found = solve_prepared(scene)
     found = found.check()
-    if effect_base.among(scene.effects, Tilt) is not None and not isinstance(found.law, LocalLaw):
+    if effect_base.among(scene.effects, Tilt) is not None and not isinstance(found.law, DirectByStates):
         return _nothing("effects.tilt goes by slices, which have no contact to compare with")
     ready = _ready(scene, found)
     parts = [at_phase(each) for each in _at_phases(ready)]
@@ -161,7 +161,7 @@ def finer(of: Law) -> float:
     """The accuracy of contacts to audit a law by."""
     if of.hard:
         return 1e-3
-    own = float(of.error) if isinstance(of, DirectLaw | LocalLaw) else 1e-3
+    own = float(of.error) if isinstance(of, DirectByCurves | DirectByStates) else 1e-3
     return max((a for a in GRIDS if a < 0.5 * own), default=min(GRIDS))
 
 
@@ -318,7 +318,7 @@ def promised(of: Law, spalls: tuple[Spall, ...], distances: Any, rest: Rest, lar
     the spall. A power law promises nothing of a ring whose rollers carry more than it was fitted to, and the paper's
     nothing at all: it is told by contacts that were cut off.
     """
-    if isinstance(of, DirectLaw | LocalLaw):
+    if isinstance(of, DirectByCurves | DirectByStates):
         return CONTACTS_KEEP * float(of.error)
     error = float(of.error)
     if not of.hard:

@@ -18,7 +18,7 @@ from difftrb.contact.height_map import HeightMap
 from difftrb.contact.stress_intensity import edge_intensity
 from difftrb.core import status
 from difftrb.core.geometry import Raceway, Spall
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_states import DirectByStates
 from difftrb.ring import roller_places
 from difftrb.ring.effects import Life, SeriesRaceways, Through
 from difftrb.scene.cage_phases import nearest_phase
@@ -84,7 +84,7 @@ def edge_stresses(scene: Scene, solution: Solution) -> tuple[EdgeStress, ...]:
             continue
         at = solution
         if isinstance(scene.phase, PitchMean):
-            known = isinstance(scene.law, LocalLaw)  # at the phases of its mean alone
+            known = isinstance(scene.law, DirectByStates)  # at the phases of its mean alone
             near = nearest_phase(scene, float(spall.angle)) if known else dataclasses.replace(scene, phase=spall.angle)
             at = solve(near)
         raceways: tuple[Raceway, ...] = ("outer", "inner") if SeriesRaceways in kinds and spall.row == 1 else ("outer",)

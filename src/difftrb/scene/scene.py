@@ -16,7 +16,7 @@ from difftrb.core import fields, packaged_bearings
 from difftrb.core.bad_input import did_you_mean, is_whole, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
-from difftrb.law import atlas, local, power
+from difftrb.law import atlas, direct_states, power
 from difftrb.law import base as laws
 from difftrb.law.base import Law
 from difftrb.ring import effect_base, effects, roller_places
@@ -214,7 +214,7 @@ def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
 def outer_law(scene: Scene) -> Law:
     """The law that a prepared scene has on the outer raceway, carried to the contact that it has now."""
     law = cast(Law, scene.law).at(raceway_contact(scene, "outer"))
-    return law if scene.spalls else local.healthy(law)
+    return law if scene.spalls else direct_states.healthy(law)
 
 
 def inner_law(scene: Scene) -> Law | None:

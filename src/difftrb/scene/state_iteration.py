@@ -16,8 +16,8 @@ from difftrb.core import arrays as xp
 from difftrb.core.geometry import Raceway, Spall
 from difftrb.law import state_solves, tilt_equilibrium
 from difftrb.law.base import Rest
-from difftrb.law.direct import DirectLaw
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_curves import DirectByCurves
+from difftrb.law.direct_states import DirectByStates
 from difftrb.law.samples import Progress
 from difftrb.law.state_solves import Reached
 from difftrb.law.tilt_equilibrium import RollerContacts, TiltCurve
@@ -59,16 +59,16 @@ class LoadedRollers(NamedTuple):
 
 
 def laws_by_states(
-    scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progress | None
-) -> dict[Raceway, LocalLaw]:
+    scene: Scene, bases: Mapping[Raceway, DirectByCurves], progress: Progress | None
+) -> dict[Raceway, DirectByStates]:
     """The laws of every raceway for a scene, from those of healthy rollers.
 
     A scene whose loads do not stay keeps the last laws, and its own status says that rollers are elsewhere.
     """
     spalls: Spalls = {raceway: roller_places.spalls_on(scene.spalls, raceway) for raceway in bases}
     free = effects.are_free(scene.effects) and len(bases) > 1
-    made: dict[Raceway, LocalLaw] = {
-        raceway: LocalLaw(base, None, settling=True, free_to_tilt=free) for raceway, base in bases.items()
+    made: dict[Raceway, DirectByStates] = {
+        raceway: DirectByStates(base, None, settling=True, free_to_tilt=free) for raceway, base in bases.items()
     }
     each_phase = phases(on_raceways(scene, made))[0]  # which hang on no states
     now = _at_rest(scene, made, spalls, each_phase)
@@ -141,7 +141,7 @@ def _kept(centres: Centres, loads: Centres, near: float) -> Centres:
     return {at: centres[at] if at in stay else load for at, load in loads.items()}
 
 
-def _loads(now: LoadedRollers, raceway: Raceway, base: DirectLaw) -> Centres:
+def _loads(now: LoadedRollers, raceway: Raceway, base: DirectByCurves) -> Centres:
     """Of the rollers reached [N], at least a part of the lightest that the base law knows."""
     least = LIGHTER * float(np.exp(base.log_loads[0]))
     return {each[:3]: max(float(now.loads[raceway][each[:2]]), least) for each in now.reached[raceway]}
@@ -182,7 +182,7 @@ def _from_inside(own: TiltCurve, now: LoadedRollers) -> TiltCurve:
 
 
 def _tilts(
-    bases: Mapping[Raceway, DirectLaw], spalls: Spalls, now: LoadedRollers, loads: Sequence[float], found: bool,
+    bases: Mapping[Raceway, DirectByCurves], spalls: Spalls, now: LoadedRollers, loads: Sequence[float], found: bool,
     before: Tilts | None, progress: Progress | None,
 ) -> Tilts:  # fmt: skip
     """Tilts of all rollers reached about their outer `loads` [N]."""
@@ -203,7 +203,9 @@ def _tilts(
 # ------------------------------------------------------------------------------------------------ the ring on them
 
 
-def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls, each_phase: np.ndarray) -> LoadedRollers:
+def _at_rest(
+    scene: Scene, made: Mapping[Raceway, DirectByStates], spalls: Spalls, each_phase: np.ndarray
+) -> LoadedRollers:
     """What rollers carry on every raceway, and the spalls that they may meet there. One free to tilt is reached on both
     raceways or on none."""
     ready = on_raceways(scene, made)
@@ -227,7 +229,7 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls, eac
 
 
 def met_by(
-    made: Mapping[Raceway, LocalLaw], spalls: Spalls, away: Mapping[Raceway, np.ndarray], approach: np.ndarray,
+    made: Mapping[Raceway, DirectByStates], spalls: Spalls, away: Mapping[Raceway, np.ndarray], approach: np.ndarray,
     loads: Mapping[Raceway, np.ndarray],
 ) -> dict[Raceway, np.ndarray]:  # fmt: skip
     """Which spalls on every raceway rollers may meet, shape (spalls, phases, rollers), for approaches [mm] and loads

@@ -17,9 +17,9 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Raceway
 from difftrb.law import tilted_state_solves
-from difftrb.law.direct import DirectLaw
+from difftrb.law.direct_curves import DirectByCurves
+from difftrb.law.direct_states import DirectByStates
 from difftrb.law.healthy_tilt_table import Between
-from difftrb.law.local import LocalLaw
 from difftrb.law.samples import Progress
 from difftrb.law.state_solves import Reached
 from difftrb.law.tilted_state_solves import Rollers, Spalls
@@ -35,7 +35,7 @@ LIGHT = 1e-3
 CLEAR = 0.05
 """Of the least load of the healthy curve: a roller over a spall whose contact would carry less counts as clear."""
 
-Laws = dict[Raceway, LocalLaw]
+Laws = dict[Raceway, DirectByStates]
 At = tuple[int, int, tuple[tuple[int, ...], ...]]
 """A phase, a roller, and the spalls that it may meet on every raceway."""
 
@@ -56,7 +56,7 @@ class TiltedRollers(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def laws_by_tilted_states(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progress | None) -> Laws:
+def laws_by_tilted_states(scene: Scene, bases: Mapping[Raceway, DirectByCurves], progress: Progress | None) -> Laws:
     """The laws of every raceway for a scene, with and without its spalls, from those of healthy rollers.
 
     A scene whose loads do not stay keeps the last states, and its own status says that rollers are elsewhere.
@@ -72,7 +72,7 @@ def laws_by_tilted_states(scene: Scene, bases: Mapping[Raceway, DirectLaw], prog
     return made
 
 
-def _between(scene: Scene, bases: Mapping[Raceway, DirectLaw]) -> Between:
+def _between(scene: Scene, bases: Mapping[Raceway, DirectByCurves]) -> Between:
     """What rollers have between the rings, by the scene's effects."""
     ready = xp.numbers(healthy(on_raceways(scene, dict(bases))))
     _, _, terms = prepared.rings_at(ready, np.zeros(1))
@@ -90,7 +90,9 @@ def _sunk(seat: Seat, loads: Any) -> Any:
 def _settled(scene: Scene, of: Rollers, progress: Progress | None) -> Laws:
     """The laws around the states in which the rollers of a scene end."""
     free = len(of.bases) > 1
-    made: Laws = {raceway: LocalLaw(base, None, settling=True, free_to_tilt=free) for raceway, base in of.bases.items()}
+    made: Laws = {
+        raceway: DirectByStates(base, None, settling=True, free_to_tilt=free) for raceway, base in of.bases.items()
+    }
     now = _at_rest(scene, made, of, frozenset())
     rollers = now.rollers[0 if isinstance(scene.phase, PitchMean) else 1 :]
     known, leaned = {}, False
@@ -123,7 +125,7 @@ def _is_near(of: Rollers, one: tuple[float, float], other: tuple[float, float], 
     return abs(np.log(one[0] / other[0])) < near and turned < 0.5 * near
 
 
-def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], of: Rollers, before: frozenset[At]) -> TiltedRollers:
+def _at_rest(scene: Scene, made: Mapping[Raceway, DirectByStates], of: Rollers, before: frozenset[At]) -> TiltedRollers:
     """With how much rollers press at which tilt, and the spalls that they may meet. Healthy ones have what the table
     has at their place, whatever laws they were found by; those that were clear `before` what their contacts would."""
     ready = on_raceways(scene, made)

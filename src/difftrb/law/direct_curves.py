@@ -1,6 +1,6 @@
-"""The roller law of one scene in the mean over phases: curves through contact solves over all loads, healthy, over the
+"""Law "direct" of one scene in the mean over phases: curves through contact solves over all loads, healthy, over the
 middle of every spall, and at the places where rollers stand near its edges. At one phase, and where rollers meet more
-than one deep rectangular spall, it is `local.LocalLaw`."""
+than one deep rectangular spall, it is `direct_states.DirectByStates`."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Edges(NamedTuple):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class DirectLaw:
+class DirectByCurves:
     """Contact solves for one scene. Exact at the scene it was prepared for; approaches are carried to its neighbours
     along their exact slopes, so all first derivatives are right.
 
@@ -113,7 +113,7 @@ class DirectLaw:
         """Smallest and largest load of the solves [N]."""
         return xp.exp(self.log_loads[0]), xp.exp(self.log_loads[-1])
 
-    def at(self, contact: LineContact) -> DirectLaw:
+    def at(self, contact: LineContact) -> DirectByCurves:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)
 
@@ -187,7 +187,7 @@ class DirectLaw:
 
     def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls; no
-        roller over several spalls or on a bottom: that is `local.LocalLaw`'s."""
+        roller over several spalls or on a bottom: that is `direct_states.DirectByStates`'s."""
         same = xp.max(xp.abs(self._healthy() / self.healthy - 1.0)) < MOVED
         if len(spalls) not in (0, len(self.spalls)):
             return np.asarray(status.OTHER_SCENE)
@@ -209,7 +209,7 @@ class DirectLaw:
 def without_edges(
     contact: LineContact, largest: float, spalls: tuple[Spall, ...], accuracy: float = 1e-3,
     progress: Progress | None = None,
-) -> DirectLaw:  # fmt: skip
+) -> DirectByCurves:  # fmt: skip
     """The law of a healthy roller and of one over the middle of every spall; for rollers at an edge add `with_edges`.
 
     Args:
@@ -230,7 +230,7 @@ def without_edges(
     sunk = np.asarray(
         [ramp_fit.sunk(contact, spall, level, loads) for spall, level in zip(spalls, levels[1:], strict=True)]
     )
-    return DirectLaw(
+    return DirectByCurves(
         contact, np.asarray(loads), spalls, np.asarray(samples.inputs(contact, None, 0.0)), approaches[0], slopes[0],
         np.asarray(half_width), approaches[1:], slopes[1:], sunk.reshape(len(spalls), ramp_fit.EXTENT_DEGREE + 1),
         tuple(_edges(contact, spall, [], np.zeros((0, EDGE_LOADS)), []) for spall in spalls), accuracy,
@@ -248,8 +248,8 @@ def solved_levels(
 
 
 def with_edges(
-    law: DirectLaw, places: Sequence[Sequence[tuple[float, float]]], progress: Progress | None = None
-) -> DirectLaw:
+    law: DirectByCurves, places: Sequence[Sequence[tuple[float, float]]], progress: Progress | None = None
+) -> DirectByCurves:
     """The law with contacts solved at `places`: for each spall, distances [mm] of rollers from its middle at which an
     edge may be in reach, each with about the approach [mm] that the roller will have there."""
     edges, codes = [], [float(law.status_code)]

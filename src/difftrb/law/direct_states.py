@@ -1,4 +1,4 @@
-"""The roller law around the states of one scene: for every roller that meets spalls, contact solves near its own load.
+"""Law "direct" around the states of one scene: for every roller that meets spalls, contact solves near its own load.
 
 Nothing is assumed of what is under a roller: several spalls, touching ones, a bottom that carries. Beyond the solves it
 was made from the law knows nothing, and says so.
@@ -19,7 +19,7 @@ from difftrb.core.geometry import LineContact, Spall
 from difftrb.core.numeric import least_squares
 from difftrb.law import load_curve, roller_states, samples, tilt_energy
 from difftrb.law.base import Law, Rest, of_base
-from difftrb.law.direct import ASIDE, MOVED, DirectLaw
+from difftrb.law.direct_curves import ASIDE, MOVED, DirectByCurves
 from difftrb.law.load_curve import Curve
 from difftrb.law.roller_curves import NearState, RollerCurves
 from difftrb.law.roller_states import CLEAR, States, as_made, is_of
@@ -45,7 +45,7 @@ Beyond = Callable[[Any], tuple[Any, Any]]
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class LocalLaw:
+class DirectByStates:
     """Curves of a healthy roller and, for those that meet spalls, of each by itself.
 
     Attributes:
@@ -57,7 +57,7 @@ class LocalLaw:
       stays: whether the scene that it was made for ends in its states.
     """
 
-    base: DirectLaw
+    base: DirectByCurves
     states: States | None
     settling: bool = dataclasses.field(default=False, metadata={"static": True})
     free_to_tilt: bool = dataclasses.field(default=False, metadata={"static": True})
@@ -69,7 +69,7 @@ class LocalLaw:
     contact, load_range, error, status_code = map(of_base, ("contact", "load_range", "error", "status_code"))
     kinks_by_table = of_base("kinks_by_table")
 
-    def at(self, contact: LineContact) -> LocalLaw:
+    def at(self, contact: LineContact) -> DirectByStates:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, base=self.base.at(contact))
 
@@ -249,10 +249,10 @@ def through(log_loads: Any, approaches: Any, lowest: Any) -> Curve:
 
 def healthy(law: Law) -> Law:
     """The law of the same bearing without spalls, of one that may hold states of rollers that meet some."""
-    return dataclasses.replace(law, states=law.sound) if isinstance(law, LocalLaw) else law
+    return dataclasses.replace(law, states=law.sound) if isinstance(law, DirectByStates) else law
 
 
-def at_phase(law: LocalLaw, k: int, sound: bool) -> LocalLaw:
+def at_phase(law: DirectByStates, k: int, sound: bool) -> DirectByStates:
     """The law of a mean at the `k`-th of its phases: of the `sound` ring, or of that with spalls, which has others."""
     own = jax.tree.map(lambda of: of[k], law.sound if sound else law.states)
     return dataclasses.replace(law, states=own, sound=own if sound else None)
@@ -260,4 +260,4 @@ def at_phase(law: LocalLaw, k: int, sound: bool) -> LocalLaw:
 
 def stateless(law: Law) -> Law:
     """The law without any states: of healthy rollers, upright."""
-    return dataclasses.replace(law, states=None, sound=None) if isinstance(law, LocalLaw) else law
+    return dataclasses.replace(law, states=None, sound=None) if isinstance(law, DirectByStates) else law
