@@ -27,9 +27,10 @@ from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots, least_squares
 from difftrb.law import atlas, atlas_place, edge_ramp, edge_share, load_curve, ramp_fit, samples
-from difftrb.law.atlas import Atlas, AtlasLaw
+from difftrb.law.atlas import Atlas
 from difftrb.law.base import load_over
 from difftrb.law.samples import Case, Progress
+from difftrb.law.table import TableLaw
 from difftrb.report import console
 
 LENGTH, MODULUS, DESIGN_LOAD = 10.0, 1.0e5, 5000.0
@@ -96,13 +97,13 @@ def spall_at(number: float, length: float, aside: float, over_end: bool, width: 
     return Spall(own * LENGTH, width, 1e6, axial_offset=offset * LENGTH)
 
 
-def law_of(built: Atlas, contact: LineContact) -> AtlasLaw:
+def law_of(built: Atlas, contact: LineContact) -> TableLaw:
     """The law that reads this atlas, for any spall.
 
     Programs hold the numbers that they have read: ramps are solved when all levels are there, and read in what `build`
     returns.
     """
-    return AtlasLaw(contact, 0.0, atlas=built)
+    return TableLaw(contact, 0.0, atlas=built)
 
 
 class Found(NamedTuple):
@@ -282,7 +283,7 @@ def _of_length(length: np.ndarray) -> np.ndarray:
 
 
 def _rows(
-    law: AtlasLaw, spall: Spall, length: float, size: Size, loads: np.ndarray, edges: np.ndarray, approaches: np.ndarray
+    law: TableLaw, spall: Spall, length: float, size: Size, loads: np.ndarray, edges: np.ndarray, approaches: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the shares of one spall's solves, (levels, places + 2), ask of the coefficients by length, level and u."""
     beside = edge_ramp.spread(law.beside(spall), 2)
@@ -311,7 +312,7 @@ def _solved_lengths(size: Size) -> np.ndarray:
 
 
 @partial(jax.jit, static_argnums=(2, 3))
-def _aims(law: AtlasLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Array, jax.Array]:
+def _aims(law: TableLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Array, jax.Array]:
     """Loads [N] and edges [mm] at which the ramp is solved, shape (levels, places + 2); the first and the last lie just
     beyond the ramp, where the roller is healthy and over the spall's middle."""
     beside = law.beside(spall)
@@ -394,14 +395,14 @@ def checks(built: Atlas, count: int, seed: int, region: int, narrow: bool = Fals
 
 
 @jax.jit
-def _at(law: AtlasLaw, spall: Spall, load: jax.Array) -> tuple[jax.Array, ...]:
+def _at(law: TableLaw, spall: Spall, load: jax.Array) -> tuple[jax.Array, ...]:
     """`edge_ramp.between` where a healthy roller carries `load` [N]."""
     beside = law.beside(spall)
     return edge_ramp.between(beside, load_curve.approach(beside.healthy, load))
 
 
 @jax.jit
-def _load(law: AtlasLaw, approach: jax.Array, spall: Spall | None, distance: Real) -> jax.Array:
+def _load(law: TableLaw, approach: jax.Array, spall: Spall | None, distance: Real) -> jax.Array:
     return load_over(law, approach, spall, distance)[0]
 
 

@@ -16,8 +16,8 @@ from difftrb.core import fields, packaged_bearings
 from difftrb.core.bad_input import did_you_mean, is_whole, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
-from difftrb.law import atlas, direct_states, power
 from difftrb.law import base as laws
+from difftrb.law import direct_states, power, table
 from difftrb.law.base import Law
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effect_base import Effect
@@ -252,7 +252,7 @@ def upright_by_table(scene: Scene) -> Scene:
     series = effect_base.among(scene.effects, effects.Raceways)
     raceways: tuple[Raceway, ...] = ("outer",) if series is None else ("outer", "inner")
     made: dict[Raceway, Law] = {
-        each: atlas.atlas_law(raceway_contact(scene, each), roller_places.spalls_on(scene.spalls, each))
+        each: table.table_law(raceway_contact(scene, each), roller_places.spalls_on(scene.spalls, each))
         for each in raceways
     }
     return on_raceways(scene, made, "upright")

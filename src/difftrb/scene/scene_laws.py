@@ -24,11 +24,11 @@ from difftrb.core.geometry import Raceway, Real, Spall
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import direct_curves
-from difftrb.law.atlas import AtlasLaw
 from difftrb.law.base import Law
 from difftrb.law.direct_curves import DirectByCurves
 from difftrb.law.direct_states import DirectByStates
 from difftrb.law.samples import Progress
+from difftrb.law.table import TableLaw
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import expected_loads
@@ -121,8 +121,8 @@ def _judged(scene: Scene, made: Mapping[Raceway, DirectByStates]) -> Scene:
 
 def with_any_width(scene: Scene) -> Scene | None:
     """A prepared scene with laws that know narrow spalls, too; None if there are none that do not."""
-    more = jax.tree.map(lambda part: part.of_any_width() if isinstance(part, AtlasLaw) else part, scene,
-                        is_leaf=lambda part: isinstance(part, AtlasLaw))  # fmt: skip
+    more = jax.tree.map(lambda part: part.of_any_width() if isinstance(part, TableLaw) else part, scene,
+                        is_leaf=lambda part: isinstance(part, TableLaw))  # fmt: skip
     return None if jax.tree.structure(more) == jax.tree.structure(scene) else more
 
 
