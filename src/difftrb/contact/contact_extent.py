@@ -126,8 +126,10 @@ def needed_by_slices(contact: LineContact, load: Any) -> Any:
     return load * (2.0 * xp.log(2.0 * contact.length / half_width) + 1.0) / (np.pi * contact.modulus)  # long cylinder
 
 
-def edges_along(contact: LineContact, spall: Spall) -> tuple[Any, Any]:
-    """Where a spall begins and ends along the roller [mm], not beyond the roller's ends."""
+def ends_along(contact: LineContact, spall: Any) -> tuple[Any, Any]:
+    """Where a spall begins and ends along the roller [mm], not beyond the roller's ends; both 0 for None."""
+    if spall is None:
+        return 0.0, 0.0
     half = 0.5 * contact.length
     low, high = (xp.within(end, -half, half) for end in spall.ends)
     return low, high
@@ -188,7 +190,7 @@ class Lands(NamedTuple):
 
 def _beside(contact: LineContact, spalls: tuple[Spall, ...]) -> Lands:
     half = 0.5 * contact.length
-    low, high = (xp.stack(edge) for edge in zip(*(edges_along(contact, spall) for spall in spalls), strict=True))
+    low, high = (xp.stack(edge) for edge in zip(*(ends_along(contact, spall) for spall in spalls), strict=True))
     breaks = xp.concatenate([low, high, xp.stack([-half, half])])
     breaks = breaks[xp.argsort(xp.fixed(breaks))]
     middle = 0.5 * (breaks[1:] + breaks[:-1])
@@ -259,7 +261,7 @@ def approach_of_slices(needed: Any, weight: Any, rest: Any) -> Any:
 def reach_of_strips(contact: LineContact, load: Any, low: Any, high: Any) -> tuple[Any, Any, Any, Any]:
     """Where loaded strips end along the roller [mm], mean line load [N/mm], its Hertz half-width, an approach [mm].
 
-    `low`, `high`: axial edges of the spall [mm] (both 0 without one). Slices again, on the land at either side; the
+    `low`, `high`: ends of the spall along it [mm] (both 0 without one). Slices again, on the land at either side; the
     strips need no margin, so each land has the stiffness of a line contact of its own length beside the other one.
     """
     half = 0.5 * contact.length

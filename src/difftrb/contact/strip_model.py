@@ -19,6 +19,7 @@ import numpy as np
 
 from difftrb.contact import gap as gaps
 from difftrb.contact import strip_bands, strip_kernel, strip_plan, strip_rows, strip_settling
+from difftrb.contact.contact_extent import ends_along
 from difftrb.contact.contact_solution import Found, Inputs, verdict
 from difftrb.contact.gap import Cells
 from difftrb.contact.strip_plan import Fineness, StripPlan
@@ -26,10 +27,9 @@ from difftrb.contact.strip_reach import (
     Reach,
     carried_along,
     ends_within,
-    gone,
     interference,
+    missing_land_clearance,
     reach_of,
-    spall_edges,
     suited,
 )
 from difftrb.contact.strip_rows import Rows
@@ -108,7 +108,7 @@ def gradients(found: Strips, inputs: Inputs, way: Way, count: int) -> list[Input
 
 def _groups(inputs: Inputs, reach: Reach, way: Way) -> tuple[tuple[Rows, ...], int | None, tuple]:
     """The rows, the number of those over the spall, and what they are made of: the spall's ends and the contact's."""
-    ends = tuple(end / reach.unit for end in (*spall_edges(inputs), reach.bottom, reach.top))
+    ends = tuple(end / reach.unit for end in (*ends_along(inputs.contact, inputs.spall), reach.bottom, reach.top))
     if way.mirrored:
         ends = tuple(xp.fixed(end) if i in (0, 2) else end for i, end in enumerate(ends))
     groups, hollow = strip_plan.groups_of(ends, way.mirrored, inputs.spall is not None, way.edges, way.fine)
@@ -125,7 +125,7 @@ def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, Stri
     gap = xp.concatenate([
         strip_rows.integrals(group, lambda y: push * gaps.rest_at(y * reach.unit, contact, tilt)) for group in groups
     ]) / weight  # fmt: skip
-    gap = gap + gone(groups, ends) * xp.fixed(push * reach.approach)
+    gap = gap + missing_land_clearance(groups, ends) * xp.fixed(push * reach.approach)
     left, right = _rolling_edges(inputs, edges, reach.unit)
     images = 2.0 if mirrored else 1.0
     problem = StripProblem(

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from difftrb.contact import crown, gap
 from difftrb.contact import solver as contacts
-from difftrb.contact.contact_extent import edges_along
+from difftrb.contact.contact_extent import ends_along
 from difftrb.contact.contact_solution import Defect, is_symmetric, listed
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import ContactSolution
@@ -193,7 +193,7 @@ def last_touch(contact: LineContact, solution: ContactSolution) -> float:
     force, x, y = np.asarray(solution.force), np.asarray(cells.x), np.asarray(cells.y)
     if cells.mirrored:
         force, y = 0.5 * np.concatenate([force, force]), np.concatenate([y, -y])
-    low, high = map(float, edges_along(contact, spall))
+    low, high = map(float, ends_along(contact, spall))
     along = low + (high - low) * (np.arange(ALONG) + 0.5) / ALONG
     rise = np.asarray(crown.height(along, contact))
     rows, columns = np.nonzero(force > 0.0)

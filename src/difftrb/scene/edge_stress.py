@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from difftrb.contact import gap
-from difftrb.contact.contact_extent import edges_along
+from difftrb.contact.contact_extent import ends_along
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.stress_intensity import edge_intensity
 from difftrb.core import status
@@ -116,7 +116,7 @@ def _met(scene: Scene, number: int, raceway: Raceway, at: Solution) -> EdgeStres
     solved = edge_intensity(contact, loads[roller], spall, float(away[roller]))
     known = int(solved.status_code) == status.CONVERGED
     intensity = float(max(np.max(solved.low), np.max(solved.high))) if known else math.nan
-    low, high = map(float, edges_along(contact, spall))
+    low, high = map(float, ends_along(contact, spall))
     left = 1.0 - (high - low) / float(contact.length)
     within = intensity**2 / (2.0 * math.pi * STATIC_LIMIT**2)
     return EdgeStress(number, roller, raceway, float(loads[roller]), 1.0 / left if left > 0.0 else math.inf,
