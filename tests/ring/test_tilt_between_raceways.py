@@ -27,7 +27,9 @@ def contacts(bearing):
 
 def at_rest(contacts, pressed=1500.0, tilt=3e-4, outer=OUTER, loads=None):
     roller = RollerContacts(contacts, ((outer,), ()), ((0.5,), ()), tilt)
-    return tilt_equilibrium.at_rest(roller, BETWEEN.loads(pressed) if loads is None else loads, 1e-3, turning=True)
+    return tilt_equilibrium.at_rest(
+        roller, BETWEEN.loads(pressed) if loads is None else loads, 1e-3, tilt_response=True
+    )
 
 
 def whole(rest):
@@ -55,15 +57,15 @@ def test_shares_are_how_a_roller_at_rest_moves(contacts):
 
     (q, p), r = BETWEEN.loads(1500.0), BETWEEN.ratio
     told = {
-        "inner load": ((inner.compliance / r, inner.turning.by_tilt), difference(
+        "inner load": ((inner.compliance / r, inner.tilt_response.by_tilt), difference(
             20.0, at_rest(contacts, loads=(q, p + 20.0)), at_rest(contacts, loads=(q, p - 20.0)))),
-        "tilt": ((outer.turning.by_tilt, outer.turning.moment_by_tilt), difference(
+        "tilt": ((outer.tilt_response.by_tilt, outer.tilt_response.moment_by_tilt), difference(
             2e-5, at_rest(contacts, tilt=3.2e-4), at_rest(contacts, tilt=2.8e-4))),
-        "outer radius": ((outer.slopes[0], outer.turning.moment_slopes[0]), difference(
+        "outer radius": ((outer.slopes[0], outer.tilt_response.moment_slopes[0]), difference(
             0.5, sized(0, 0.5), sized(0, -0.5))),
-        "inner radius": ((inner.slopes[0] / r, inner.turning.moment_slopes[0]), difference(
+        "inner radius": ((inner.slopes[0] / r, inner.tilt_response.moment_slopes[0]), difference(
             0.5, sized(1, 0.5), sized(1, -0.5))),
-        "axial offset": ((outer.slopes[7], outer.turning.moment_slopes[7]), difference(
+        "axial offset": ((outer.slopes[7], outer.tilt_response.moment_slopes[7]), difference(
             0.2, *(at_rest(contacts, outer=dataclasses.replace(OUTER, axial_offset=at)) for at in (1.2, 0.8)))),
     }  # fmt: skip
     for name, (ours, theirs) in told.items():
@@ -71,7 +73,7 @@ def test_shares_are_how_a_roller_at_rest_moves(contacts):
     # pressing both: what the approach has by the tilt the moment has by the load (Maxwell)
     both = difference(20.0, at_rest(contacts, 1520.0), at_rest(contacts, 1480.0))
     compliance = outer.compliance + inner.compliance / r**2
-    np.testing.assert_allclose(both, [compliance, outer.turning.by_tilt], rtol=2e-2)
+    np.testing.assert_allclose(both, [compliance, outer.tilt_response.by_tilt], rtol=2e-2)
 
 
 @pytest.mark.exact
@@ -81,7 +83,7 @@ def test_the_table_of_both_is_a_roller_between_them(contacts, table, pressed, tu
     """Approach, moment, tilt and slopes of healthy rollers, against contacts solved for each."""
     tilt = turned * table.reach(pressed)
     roller = RollerContacts(contacts, ((), ()), ((), ()), tilt)
-    rest = tilt_equilibrium.at_rest(roller, BETWEEN.loads(pressed), 1e-2, turning=turned != 0.0)
+    rest = tilt_equilibrium.at_rest(roller, BETWEEN.loads(pressed), 1e-2, tilt_response=turned != 0.0)
     found = table.at(pressed, tilt)
     outer, inner = found.nodes
     long = table.upright(pressed) + table.lift

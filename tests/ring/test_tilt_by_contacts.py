@@ -91,7 +91,7 @@ def test_any_energy_of_degree_four_is_five_slices():
 def test_table_is_the_contact(contact, table, load, turned):
     """Approach, moment and slopes, against a finer solve of the contact itself."""
     tilt = turned * table.reach(load)
-    found, solved = table.at(load, tilt).nodes[0], samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3)
+    found, solved = table.at(load, tilt).nodes[0], samples.solved_with_tilt(contact, Case(load, tilt=tilt), 1e-3)
     assert table.knows(load, tilt)
     long = table.upright(load) + table.lift
     assert abs(found.approach - solved.approach) < 8e-4 * long
@@ -109,14 +109,14 @@ def test_a_state_has_the_slopes_of_its_contact(contact, base, table):
         rollers, {"outer": [Reached(0, 0, (), ())]}, (1,), np.array([load]), np.array([tilt]), np.array([False]), True,
         {},
     )["outer"]  # fmt: skip
-    node, x = samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3), tilt_energy.points(contact.length)
+    node, x = samples.solved_with_tilt(contact, Case(load, tilt=tilt), 1e-3), tilt_energy.points(contact.length)
     loads, slopes = roller_curves.roller_loads(law.slices((), np.zeros((0, 1))), node.approach - x * tilt)
     assert loads.sum() == pytest.approx(load, rel=3e-4)
     assert (x * loads).sum() == pytest.approx(node.moment, rel=3e-4)
-    stiff, leaned = 1.0 / node.compliance, -node.turning.by_tilt
+    stiff, leaned = 1.0 / node.compliance, -node.tilt_response.by_tilt
     assert slopes.sum() == pytest.approx(stiff, rel=1e-3)
     assert (x * slopes).sum() == pytest.approx(-leaned * stiff, rel=2e-2)
-    assert (x**2 * slopes).sum() == pytest.approx(-node.turning.moment_by_tilt + stiff * leaned**2, rel=6e-3)
+    assert (x**2 * slopes).sum() == pytest.approx(-node.tilt_response.moment_by_tilt + stiff * leaned**2, rel=6e-3)
 
 
 @pytest.fixture(scope="module")

@@ -183,8 +183,8 @@ def _search(way: Way, inputs: Inputs) -> tuple[Any, Strips]:
     begin = plan.begun_by @ size, plan.begun_by @ on
     settled, passes = strip_settling.settle(plan, problem, kernel, *begin, fine.settled, way.tolerance)
     approach = settled.approach / problem.push
-    turning = settled.loads[:, 0] * kernel.arm[plan.rows]
-    moment = reach.line_load * reach.unit**2 * xp.sum(turning) * (0.0 if way.mirrored else 1.0)
+    moments = settled.loads[:, 0] * kernel.arm[plan.rows]
+    moment = reach.line_load * reach.unit**2 * xp.sum(moments) * (0.0 if way.mirrored else 1.0)
     return approach, Strips(approach, moment, settled, reach, still, passes)
 
 

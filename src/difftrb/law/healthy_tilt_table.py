@@ -20,7 +20,7 @@ from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples, tilt_equilibrium
 from difftrb.law.direct_curves import DirectByCurves
 from difftrb.law.roller_states import ALONG, mean_overlap
-from difftrb.law.samples import Case, Node, Progress, Turning
+from difftrb.law.samples import Case, Node, Progress, TiltResponse
 from difftrb.law.tilt_equilibrium import RollerContacts
 
 MOST_TURNED = 3.0
@@ -163,11 +163,11 @@ def _told(node: Node, load: float, contact: LineContact, reach: float) -> np.nda
     """Approach, moment, compliance, and how approach and moment go with tilt and inputs, all relative; shape
     (TELLS,)."""
     long, arm, sizes = reach * float(contact.length), load * float(contact.length), _sizes(contact)
-    turning = node.turning
-    assert turning is not None
+    tilt_response = node.tilt_response
+    assert tilt_response is not None
     first = [node.approach / long, node.moment / arm, node.compliance * load / long]
-    turned = [turning.by_tilt * reach / long, turning.moment_by_tilt * reach / arm]
-    return np.concatenate([first, turned, sizes * node.slopes / long, sizes * turning.moment_slopes / arm])
+    turned = [tilt_response.by_tilt * reach / long, tilt_response.moment_by_tilt * reach / arm]
+    return np.concatenate([first, turned, sizes * node.slopes / long, sizes * tilt_response.moment_slopes / arm])
 
 
 def _node(told: np.ndarray, load: float, contact: LineContact, reach: float, code: int) -> Node:
@@ -175,8 +175,8 @@ def _node(told: np.ndarray, load: float, contact: LineContact, reach: float, cod
     long, arm, sizes = reach * float(contact.length), load * float(contact.length), _sizes(contact)
     approach, moment, compliance, by_tilt, moment_by_tilt, *rest = told
     slopes, moment_slopes = (np.array(part) / sizes for part in (rest[: samples.INPUTS], rest[samples.INPUTS :]))
-    turning = Turning(by_tilt * long / reach, moment_by_tilt * arm / reach, arm * moment_slopes)
-    return Node(approach * long, compliance * long / load, long * slopes, code, 0.0, 0.0, moment * arm, turning)
+    tilt_response = TiltResponse(by_tilt * long / reach, moment_by_tilt * arm / reach, arm * moment_slopes)
+    return Node(approach * long, compliance * long / load, long * slopes, code, 0.0, 0.0, moment * arm, tilt_response)
 
 
 def of_contact(base: DirectByCurves, progress: Progress | None) -> TiltTable:
@@ -267,10 +267,10 @@ _SOLVED: dict[Any, list[Node]] = {}
 
 
 def _solved_once(contact: LineContact, cases: list[Case], accuracy: float, progress: Progress | None) -> list[Node]:
-    """`samples.all_solved`, with `turning`; of the last `SHARED` tables without solving again."""
+    """`samples.all_solved`, with `tilt_response`; of the last `SHARED` tables without solving again."""
     key = tuple(float(value) for value in dataclasses.astuple(contact)), tuple(cases), accuracy
     if key not in _SOLVED:
-        found = samples.all_solved(contact, cases, accuracy, progress, turning=True)
+        found = samples.all_solved(contact, cases, accuracy, progress, tilt_response=True)
         while len(_SOLVED) >= SHARED:
             _SOLVED.pop(next(iter(_SOLVED)), None)
         _SOLVED[key] = found

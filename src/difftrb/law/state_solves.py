@@ -15,7 +15,7 @@ from difftrb.law import load_curve, samples
 from difftrb.law.direct_curves import DirectByCurves, accuracy_at_edges
 from difftrb.law.direct_states import NARROWER, SPREAD, DirectByStates, through
 from difftrb.law.roller_states import Leaning, States
-from difftrb.law.samples import Node, Progress, Turning
+from difftrb.law.samples import Node, Progress, TiltResponse
 from difftrb.law.tilt_equilibrium import UPRIGHT, TiltCurve
 
 FEW, SEARCHED = 3, 0.35
@@ -41,7 +41,7 @@ class Reached(NamedTuple):
 
 
 SolvedContacts = dict[tuple[bool, tuple[int, ...], tuple[float, ...], float, float], Node]
-"""Contacts that were solved on one raceway: whether with `Turning`, spalls, distances [mm], load [N], tilt [rad]."""
+"""Contacts that were solved on one raceway: whether with `TiltResponse`, spalls, distances [mm], load [N], tilt."""
 
 
 def around(
@@ -59,12 +59,12 @@ def around(
     spread, way = spread_of(found, IN_A_MEAN if found and len(rollers) > 1 else None)
     logs = np.log(loads)[:, None] + spread * way
     curves = [UPRIGHT] * len(reached) if tilts is None else tilts
-    turning = any(curve is not UPRIGHT for curve in curves)
+    tilt_response = any(curve is not UPRIGHT for curve in curves)
 
     def at(numbers: Sequence[int]) -> list[list[Node]]:
         own = [reached[k] for k in numbers]
         turned = np.array([curves[k].tilt(logs[k]) for k in numbers]).reshape(len(own), logs.shape[1])
-        return solved_at(base, spalls, own, np.exp(logs[numbers]), turned, turning, known, progress)
+        return solved_at(base, spalls, own, np.exp(logs[numbers]), turned, tilt_response, known, progress)
 
     solved = at(range(len(reached)))
     if found:
@@ -95,11 +95,14 @@ def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]
 
 def solved_at(
     base: DirectByCurves, spalls: tuple[Spall, ...], reached: Sequence[Reached], loads: np.ndarray, tilts: np.ndarray,
-    turning: bool, known: SolvedContacts, progress: Progress | None,
+    tilt_response: bool, known: SolvedContacts, progress: Progress | None,
 ) -> list[list[Node]]:  # fmt: skip
     """Contacts of every roller reached under its `loads` [N] at its `tilts` [rad], shape (rollers reached, loads)."""
     asked = [
-        [(turning, each.under, each.away, float(load), float(tilt)) for load, tilt in zip(own, turned, strict=True)]
+        [
+            (tilt_response, each.under, each.away, float(load), float(tilt))
+            for load, tilt in zip(own, turned, strict=True)
+        ]
         for each, own, turned in zip(reached, loads, tilts, strict=True)
     ]
     missing = list(dict.fromkeys(key for row in asked for key in row if key not in known))
@@ -108,7 +111,7 @@ def solved_at(
         for _, under, away, load, tilt in missing
     ]
     if missing:
-        solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress, turning)
+        solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress, tilt_response)
         known.update(zip(missing, solved, strict=True))
     return [[known[key] for key in row] for row in asked]
 
@@ -118,7 +121,7 @@ def _slopes(solved: Sequence[Node], log_loads: np.ndarray, curve: TiltCurve) -> 
     slopes = np.array([node.slopes for node in solved])
     if curve is UPRIGHT:
         return slopes
-    moments = np.array([cast(Turning, node.turning).moment_slopes for node in solved])
+    moments = np.array([cast(TiltResponse, node.tilt_response).moment_slopes for node in solved])
     return slopes + curve.gain(log_loads)[:, None] * moments
 
 
@@ -187,14 +190,14 @@ def stacked(
     if not leaning:
         return states
     moments = filled([[node.moment for node in own] for own in solved], loads)
-    turning = [[_turning(node) for node in own] for own in solved]
-    moment_slopes = by_all([np.array([each.moment_slopes for each in own]) for own in turning])
+    responses = [[_tilt_response(node) for node in own] for own in solved]
+    moment_slopes = by_all([np.array([each.moment_slopes for each in own]) for own in responses])
     if own_tilts is not None:
         return states._replace(leaning=Leaning(moments, moment_slopes, own_tilts=filled(own_tilts, loads)))
     by_load = filled([[node.compliance for node in own] for own in solved], loads)
-    moment_by_load = filled([[each.by_tilt for each in own] for own in turning], loads)  # see `Resting.shares`
+    moment_by_load = filled([[each.by_tilt for each in own] for own in responses], loads)  # see `Resting.shares`
     return states._replace(leaning=Leaning(moments, moment_slopes, by_load, moment_by_load))
 
 
-def _turning(node: Node) -> Turning:
-    return Turning(0.0, 0.0, np.zeros_like(node.slopes)) if node.turning is None else node.turning
+def _tilt_response(node: Node) -> TiltResponse:
+    return TiltResponse(0.0, 0.0, np.zeros_like(node.slopes)) if node.tilt_response is None else node.tilt_response

@@ -39,7 +39,7 @@ Spalls = Mapping[Raceway, tuple[Spall, ...]]
 Met = tuple[tuple[tuple[int, ...], tuple[float, ...]], ...]
 """Spalls that a roller may meet on every raceway, and how far away they are [mm]."""
 SolvedRollers = dict[tuple[bool, Met, float, float], Turned]
-"""Rollers that were solved: whether with `Turning`, what they meet, with how much they press [N], tilt [rad]."""
+"""Rollers that were solved: whether with `TiltResponse`, what they meet, with how much they press [N], tilt [rad]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,18 +124,20 @@ def around(
 
 def _carrying(node: Node, share: float) -> Node:
     """A contact with a share of its moment, as of its load."""
-    turning = node.turning
-    if turning is not None:
-        turning = turning._replace(moment_slopes=share * turning.moment_slopes)
-    return dataclasses.replace(node, moment=share * node.moment, turning=turning)
+    tilt_response = node.tilt_response
+    if tilt_response is not None:
+        tilt_response = tilt_response._replace(moment_slopes=share * tilt_response.moment_slopes)
+    return dataclasses.replace(node, moment=share * node.moment, tilt_response=tilt_response)
 
 
 def _solved(
-    of: Rollers, asked: Sequence[tuple[Met, np.ndarray, np.ndarray]], turning: bool, known: SolvedRollers,
+    of: Rollers, asked: Sequence[tuple[Met, np.ndarray, np.ndarray]], tilt_response: bool, known: SolvedRollers,
     progress: Progress | None,
 ) -> list[list[Turned]]:  # fmt: skip
     """Rollers under their loads at their tilts, a row for every one that is asked for."""
-    keys = [[(turning, met, float(load), float(tilt)) for load, tilt in zip(*at, strict=True)] for met, *at in asked]
+    keys = [
+        [(tilt_response, met, float(load), float(tilt)) for load, tilt in zip(*at, strict=True)] for met, *at in asked
+    ]
     missing = list(dict.fromkeys(key for row in keys for key in row if key not in known))
     for key in missing:
         _, met, pressed, tilt = key
@@ -144,7 +146,7 @@ def _solved(
     missing = [key for key in missing if key not in known]
     if missing:
         solve = _of_one_raceway if len(of.bases) == 1 else _in_series
-        known.update(zip(missing, solve(of, [key[1:] for key in missing], turning, progress), strict=True))
+        known.update(zip(missing, solve(of, [key[1:] for key in missing], tilt_response, progress), strict=True))
     return [[known[key] for key in row] for row in keys]
 
 
@@ -152,16 +154,16 @@ Asked = Sequence[tuple[Met, float, float]]
 """What rollers meet, with how much they press [N], and at which tilt of their rings [rad]."""
 
 
-def _of_one_raceway(of: Rollers, asked: Asked, turning: bool, progress: Progress | None) -> list[Turned]:
+def _of_one_raceway(of: Rollers, asked: Asked, tilt_response: bool, progress: Progress | None) -> list[Turned]:
     cases = []
     for ((under, away),), pressed, tilt in asked:
         load, _ = of.table.between.loads(pressed)
         cases.append(samples.case_under(load, [of.spalls["outer"][i] for i in under], away)._replace(tilt=tilt))
-    nodes = samples.all_solved(of.bases["outer"].contact, cases, of.accuracy, progress, turning)
+    nodes = samples.all_solved(of.bases["outer"].contact, cases, of.accuracy, progress, tilt_response)
     return [Turned(case.tilt, (node,)) for case, node in zip(cases, nodes, strict=True)]
 
 
-def _in_series(of: Rollers, asked: Asked, turning: bool, progress: Progress | None) -> list[Turned]:
+def _in_series(of: Rollers, asked: Asked, tilt_response: bool, progress: Progress | None) -> list[Turned]:
     contacts = of.bases["outer"].contact, of.bases["inner"].contact
     tables, between = healthy_tilt_table.known_by((of.tables[0], of.tables[1])), of.table.between
 
@@ -172,10 +174,10 @@ def _in_series(of: Rollers, asked: Asked, turning: bool, progress: Progress | No
         )
         roller = RollerContacts(contacts, (outer, inner), (met[0][1], met[1][1]), tilt)
         start = of.table.at(pressed, tilt).tilt if of.table.knows(pressed, tilt) else None
-        rest = tilt_equilibrium.at_rest(roller, between.loads(pressed), of.accuracy, start, turning, tables)
+        rest = tilt_equilibrium.at_rest(roller, between.loads(pressed), of.accuracy, start, tilt_response, tables)
         return Turned(rest.tilt, rest.shares(between.ratio))
 
-    marks = contacts, dict(of.spalls), tuple(asked), (between.ratio, between.thrown), of.accuracy, turning
+    marks = contacts, dict(of.spalls), tuple(asked), (between.ratio, between.thrown), of.accuracy, tilt_response
     return user_cache.result(lambda: samples.mapped(solve, asked, of.accuracy, progress), "rollers_in_series", marks)
 
 

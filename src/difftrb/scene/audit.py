@@ -279,13 +279,13 @@ def _tilted_stiffness_error(part: AtPhase, turns: np.ndarray, tilted: list[tuple
         return np.full(2, math.nan)
     tangent = np.zeros((5, 5))
     for j, node in tilted:
-        if node.turning is None or part.loads[j] <= 0.0:
+        if node.tilt_response is None or part.loads[j] <= 0.0:
             continue
         along, turned = part.normals[j], turns[j]
         # a contact's tilt lifts what the ring's presses in
-        stiff, leaned = 1.0 / node.compliance, -node.turning.by_tilt
+        stiff, leaned = 1.0 / node.compliance, -node.tilt_response.by_tilt
         crossed = -stiff * leaned * np.outer(along, turned)
-        own = -node.turning.moment_by_tilt + stiff * leaned**2
+        own = -node.tilt_response.moment_by_tilt + stiff * leaned**2
         tangent += stiff * np.outer(along, along) + crossed + crossed.T + own * np.outer(turned, turned)
     found = np.asarray(part.found.stiffness)
     return np.abs(np.array([tangent[k, k] / found[k, k] for k in (0, 2)]) - 1.0)
