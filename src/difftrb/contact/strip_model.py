@@ -200,7 +200,7 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     plan, groups, on, loads, ends = _outlined(found, inputs, way)
     images = 2.0 if way.mirrored else 1.0
     force, tension = _pressing(
-        images * reach.line_load * reach.unit * _spread(plan, groups, loads, ends, cells, reach.unit)
+        images * reach.line_load * reach.unit * _load_on_cells(plan, groups, loads, ends, cells, reach.unit)
     )
     code = verdict(found.approach, settled.error, way.tolerance)
     sound = found.still & (interference(inputs, found.approach) > 0.0)
@@ -244,7 +244,7 @@ def _pressing(force: Any) -> tuple[Any, Any]:
     return kept * pressing, xp.fixed(1.0 - kept)
 
 
-def _spread(plan: StripPlan, groups: tuple[Rows, ...], loads: Any, ends: Any, cells: Cells, unit: Any) -> Any:
+def _load_on_cells(plan: StripPlan, groups: tuple[Rows, ...], loads: Any, ends: Any, cells: Cells, unit: Any) -> Any:
     """The strips' load on every cell, exactly integrated: share of each strip in x, of each hat in y."""
     low, high = ends[:, 0], ends[:, 1]
     borders = cells.borders / unit

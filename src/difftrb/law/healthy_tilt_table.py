@@ -81,7 +81,7 @@ class TiltTable(NamedTuple):
       heights: logarithms of P [log N] and of upright rollers' approaches there [log mm], shape (2, HEIGHTS): tilts are
         measured by them thousands of times.
       coefficients: Chebyshev's in log P and in the tilt of the rings, shape (LOADS, TILTS, raceways · TELLS + 1): what
-        `_told` says of every contact, and the roller's own tilt.
+        `_relative_row` says of every contact, and the roller's own tilt.
       status_code: worst of the solves.
     """
 
@@ -142,7 +142,7 @@ class TiltTable(NamedTuple):
         told = chebval2d(x, tilt / (MOST_TURNED * reach), self.coefficients)
         rows = told[:-1].reshape(len(self.contacts), TELLS)
         nodes = tuple(
-            _node(row, float(load), contact, reach, self.status_code)
+            _node_of_row(row, float(load), contact, reach, self.status_code)
             for row, load, contact in zip(rows, loads, self.contacts, strict=False)
         )
         return Turned(reach * float(told[-1]), nodes)
@@ -159,7 +159,7 @@ def _sizes(contact: LineContact) -> np.ndarray:
     return np.where(own != 0.0, own, 1.0)
 
 
-def _told(node: Node, load: float, contact: LineContact, reach: float) -> np.ndarray:
+def _relative_row(node: Node, load: float, contact: LineContact, reach: float) -> np.ndarray:
     """Approach, moment, compliance, and how approach and moment go with tilt and inputs, all relative; shape
     (TELLS,)."""
     long, arm, sizes = reach * float(contact.length), load * float(contact.length), _sizes(contact)
@@ -170,8 +170,8 @@ def _told(node: Node, load: float, contact: LineContact, reach: float) -> np.nda
     return np.concatenate([first, turned, sizes * node.slopes / long, sizes * tilt_response.moment_slopes / arm])
 
 
-def _node(told: np.ndarray, load: float, contact: LineContact, reach: float, code: int) -> Node:
-    """What `_told` was told."""
+def _node_of_row(told: np.ndarray, load: float, contact: LineContact, reach: float, code: int) -> Node:
+    """The contact whose `_relative_row` it is."""
     long, arm, sizes = reach * float(contact.length), load * float(contact.length), _sizes(contact)
     approach, moment, compliance, by_tilt, moment_by_tilt, *rest = told
     slopes, moment_slopes = (np.array(part) / sizes for part in (rest[: samples.INPUTS], rest[samples.INPUTS :]))
@@ -248,7 +248,7 @@ def _through(table: TiltTable, solved: Callable[[Sequence[tuple[float, float]]],
     for (pressed, _), each in zip(asked, found, strict=True):
         reach, loads = float(table.reach(pressed)), table.between.loads(pressed)
         of_contacts = [
-            _told(node, float(load), contact, reach)
+            _relative_row(node, float(load), contact, reach)
             for node, load, contact in zip(each.nodes, loads, table.contacts, strict=False)
         ]
         rows.append([*np.concatenate(of_contacts), each.tilt / reach])

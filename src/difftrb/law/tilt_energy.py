@@ -60,7 +60,7 @@ def fitted_slices(loads: Any, tilts: Any, approaches: Any, moments: Any, length:
     energy = least_squares(asked, told, NOTHING)
     coefficients = xp.stack([
         size[..., None] * xp.einsum("...a,sa->...s", energy[..., own], spread)
-        for own, spread in zip(_OF_DEGREE, _SPREAD, strict=True)
+        for own, spread in zip(_OF_DEGREE, _LOADS_OF_TERMS, strict=True)
     ])  # fmt: skip
     at = middle[..., None] + xp.mean(tilts, axis=-1)[..., None] * points(length).reshape((1,) * middle.ndim + (-1,))
     return NearState(coefficients, at, xp.broadcast_to(reach[..., None], at.shape))
@@ -73,11 +73,11 @@ def _powers(x: Any) -> list[Any]:
     return rows
 
 
-def _spread(degree: int) -> np.ndarray:
+def _load_of_terms(degree: int) -> np.ndarray:
     """What every slice's load has of the terms of one degree of the energy, shape (SLICES, degree + 1)."""
     terms = np.array([comb(degree, j) * _WAYS**j for j in range(degree + 1)])  # of (δ + xψ)ᵐ
     return degree * np.linalg.pinv(terms)
 
 
-_SPREAD = [_spread(degree) for degree in range(1, DEGREE + 1)]
+_LOADS_OF_TERMS = [_load_of_terms(degree) for degree in range(1, DEGREE + 1)]
 _OF_DEGREE = [slice(m * (m + 1) // 2 - 1, (m + 1) * (m + 2) // 2 - 1) for m in range(1, DEGREE + 1)]

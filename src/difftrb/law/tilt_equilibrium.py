@@ -191,8 +191,8 @@ def tilt_curves(
 ) -> list[TiltCurve]:  # fmt: skip
     """Of every roller over its outer load, through what is solved at `log_loads` [log N], shape (rollers, loads).
 
-    `inner_load` is the inner load [N] of an outer one; `starts` are tilts known before; without `tilt_response` there is
-    no gain. Rollers that do not lean are upright. Needs numbers, not tracers.
+    `inner_load` is the inner load [N] of an outer one; `starts` are tilts known before; without `tilt_response` there
+    is no gain. Rollers that do not lean are upright. Needs numbers, not tracers.
     """
     curves = [UPRIGHT] * len(rollers)
     leaning = [k for k, roller in enumerate(rollers) if roller.leans]

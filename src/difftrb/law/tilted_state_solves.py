@@ -89,7 +89,7 @@ def around(
     # while some are too far, none is solved: as far as the table goes will do to see whether they come back
     most = np.maximum(healthy_tilt_table.MOST_TURNED * reach - turned, 0.0) if leans else FARTHEST_TURNED * reach
     centres = np.clip(tilts, -most, most)
-    logs, leaning = _spread(table, pressed, centres, SPREAD if found else SEARCHED, TURNED)
+    logs, leaning = _loads_and_tilts(table, pressed, centres, SPREAD if found else SEARCHED, TURNED)
 
     def at(numbers: Sequence[int]) -> list[list[Turned]]:
         asked = [(met[k], np.exp(logs[k]), leaning[k]) for k in numbers]
@@ -98,7 +98,9 @@ def around(
     solved = at(range(len(met)))
     if found:
         bent = [k for k, own in enumerate(solved) if _bend(table, logs[k], leaning[k], own) > BENDS]
-        logs[bent], leaning[bent] = _spread(table, pressed[bent], centres[bent], NARROWER * SPREAD, NARROWER * TURNED)
+        logs[bent], leaning[bent] = _loads_and_tilts(
+            table, pressed[bent], centres[bent], NARROWER * SPREAD, NARROWER * TURNED
+        )
         for k, own in zip(bent, at(bent), strict=True):
             solved[k] = own
     worst = samples.worst_status([node for own in solved for each in own for node in each.nodes])
@@ -181,7 +183,7 @@ def _in_series(of: Rollers, asked: Asked, tilt_response: bool, progress: Progres
     return user_cache.result(lambda: samples.mapped(solve, asked, of.accuracy, progress), "rollers_in_series", marks)
 
 
-def _spread(
+def _loads_and_tilts(
     table: TiltTable, pressed: np.ndarray, tilts: np.ndarray, by_load: float, by_tilt: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Logarithms of loads [log N] and tilts [rad] of every state's solves, both of shape (states, solves)."""
