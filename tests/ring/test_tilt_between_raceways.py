@@ -171,9 +171,9 @@ def test_phases_of_a_mean_do_not_hang_on_the_states_that_were_solved(bearing):
     assert trb.solve(made).converged
     spalled = dataclasses.replace(made, spalls=(OUTER, INNER))
     series = next(e for e in spalled.effects if isinstance(e, effects.SeriesRaceways))
-    bare = dataclasses.replace(series, law=direct_states.stateless(series.law))
+    bare = dataclasses.replace(series, law=direct_states.without_states(series.law))
     acting = tuple(bare if e is series else e for e in spalled.effects)
-    before = dataclasses.replace(spalled, law=direct_states.stateless(spalled.law), effects=acting)
+    before = dataclasses.replace(spalled, law=direct_states.without_states(spalled.law), effects=acting)
     for ours, theirs in zip(cage_phases.phases(spalled), cage_phases.phases(before), strict=True):
         assert len(np.unique(theirs)) > 10
         np.testing.assert_array_equal(ours, theirs)

@@ -22,7 +22,7 @@ these to see them, pressure at the border says so."""
 BESIDE = 0.75
 """What part of the way that the roller overlaps the raceway beside a hole its contact there may take."""
 AT_EDGES = 0.7
-"""Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
+"""Stiffness of a slice that stands on a spall's rolling edge, by that of one on healthy raceway: at least."""
 LEAST_RIDGE = 0.02
 """Narrowest ridge between spalls under the roller's middle that slices count as land, by the contact's half width:
 cells leave narrower ones out, and the roller sinks beside them."""
@@ -199,7 +199,7 @@ def _beside(contact: LineContact, spalls: tuple[Spall, ...]) -> Lands:
 
 
 def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: Any, lands: Lands, narrow: Any) -> Any:
-    """How much later than without spalls the slices of every part begin to carry [mm], shape (parts,): at the sound
+    """How much later than without spalls the slices of every part begin to carry [mm], shape (parts,): at the healthy
     raceway that is nearest to the middle in the rolling direction, or at the deepest bottom. Between several spalls
     `narrow` ridges [mm] carry nothing."""
     half = 0.5 * xp.stack([spall.width for spall in spalls])
@@ -209,12 +209,12 @@ def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: Any, lands
     places = narrow * np.array([-0.5, 0.5])
     if not middle_alone:
         places = xp.concatenate([np.zeros(1), offsets - half, offsets + half])
-    gone = xp.magnitude(places[:, None] - offsets[None]) < half[None] * (1.0 - 1e-9)
-    sound = ~xp.any(gone[:, :, None] & lands.covering[None], axis=1)  # (places, parts)
+    over = xp.magnitude(places[:, None] - offsets[None]) < half[None] * (1.0 - 1e-9)
+    healthy = ~xp.any(over[:, :, None] & lands.covering[None], axis=1)  # (places, parts)
     if middle_alone:
-        return xp.minimum(xp.where(xp.any(sound, axis=0), 0.0, np.inf), depth)
+        return xp.minimum(xp.where(xp.any(healthy, axis=0), 0.0, np.inf), depth)
     own = [np.ones((1, lands.covered.size), bool), lands.covering, lands.covering]  # another spall's edge is none here
-    rise = xp.where(sound & xp.concatenate(own), (places**2 / (2.0 * contact.radius))[:, None], np.inf)
+    rise = xp.where(healthy & xp.concatenate(own), (places**2 / (2.0 * contact.radius))[:, None], np.inf)
     return xp.minimum(-xp.largest(-rise), depth)
 
 

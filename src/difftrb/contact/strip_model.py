@@ -203,8 +203,8 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
         images * reach.line_load * reach.unit * _load_on_cells(plan, groups, loads, ends, cells, reach.unit)
     )
     code = verdict(found.approach, settled.error, way.tolerance)
-    sound = found.still & (interference(inputs, found.approach) > 0.0)
-    code = xp.where(sound, code, status.worst(code, np.asarray(status.NOT_CONVERGED)))
+    converged = found.still & (interference(inputs, found.approach) > 0.0)
+    code = xp.where(converged, code, status.worst(code, np.asarray(status.NOT_CONVERGED)))
     code = status.worst(code, verdict(found.approach, tension, TENSION * accuracy))
     fits = suited(inputs, reach, found.approach)
     fits = fits & ends_within(inputs, reach) if way.edges and way.strict else fits

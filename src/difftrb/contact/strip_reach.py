@@ -105,12 +105,12 @@ def _level_reach(contact: LineContact, load: Any, spall: Any, offset: Any, edges
     reach = contact_extent.reach_of_strips(contact, load, *ends_along(contact, spall))
     if spall is None or not edges:
         return reach
-    sound = contact_extent.reach_of_strips(contact, load, 0.0 * load, 0.0 * load)
+    healthy = contact_extent.reach_of_strips(contact, load, 0.0 * load, 0.0 * load)
     ends = [xp.clip((offset + side * spall.width) / reach[2], -1.0, 1.0) for side in (-0.5, 0.5)]
     below = [(xp.arcsin(end) + end * xp.sqrt(1.0 - end * end)) / np.pi for end in ends]  # of half an ellipse
     taken = below[1] - below[0]
     taken = 0.5 * (taken**2 + taken**8)  # what is left of a strip is nearly as stiff until little is left
-    tip, line_load, _, approach = (taken * a + (1.0 - taken) * b for a, b in zip(reach, sound, strict=True))
+    tip, line_load, _, approach = (taken * a + (1.0 - taken) * b for a, b in zip(reach, healthy, strict=True))
     # a light load sinks a roller over a long spall through its crown: then edges far beyond the half-width are in reach
     farthest = gaps.certain_reach(contact.radius, reach[3]) / REACHED
     unit = xp.maximum(gaps.line_half_width(line_load, contact.radius, contact.modulus), farthest)

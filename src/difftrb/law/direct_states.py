@@ -51,7 +51,7 @@ class DirectByStates:
     Attributes:
       base: the curve of a healthy roller, and the contact.
       states: of the rollers that meet spalls, of rings that tilt of all that carry; None: there are none.
-      sound: of rings that tilt, the states without spalls.
+      healthy_states: of rings that tilt, those without spalls.
       settling: while states are looked for, none is refused.
       free_to_tilt: whether rollers were, between both raceways.
       stays: whether the scene that it was made for ends in its states.
@@ -61,7 +61,7 @@ class DirectByStates:
     states: States | None
     settling: bool = dataclasses.field(default=False, metadata={"static": True})
     free_to_tilt: bool = dataclasses.field(default=False, metadata={"static": True})
-    sound: States | None = None
+    healthy_states: States | None = None
     stays: bool = dataclasses.field(default=True, metadata={"static": True})
     name = "direct"
     hard = False
@@ -247,17 +247,17 @@ def through(log_loads: Any, approaches: Any, lowest: Any) -> Curve:
     return Curve(xp.moveaxis(found, -1, 0), middle, reach, lowest + xp.zeros_like(middle))
 
 
-def healthy(law: Law) -> Law:
+def without_spalls(law: Law) -> Law:
     """The law of the same bearing without spalls, of one that may hold states of rollers that meet some."""
-    return dataclasses.replace(law, states=law.sound) if isinstance(law, DirectByStates) else law
+    return dataclasses.replace(law, states=law.healthy_states) if isinstance(law, DirectByStates) else law
 
 
-def at_phase(law: DirectByStates, k: int, sound: bool) -> DirectByStates:
-    """The law of a mean at the `k`-th of its phases: of the `sound` ring, or of that with spalls, which has others."""
-    own = jax.tree.map(lambda of: of[k], law.sound if sound else law.states)
-    return dataclasses.replace(law, states=own, sound=own if sound else None)
+def at_phase(law: DirectByStates, k: int, healthy: bool) -> DirectByStates:
+    """The law of a mean at the `k`-th of its phases: of the `healthy` ring, or of the one with spalls."""
+    own = jax.tree.map(lambda of: of[k], law.healthy_states if healthy else law.states)
+    return dataclasses.replace(law, states=own, healthy_states=own if healthy else None)
 
 
-def stateless(law: Law) -> Law:
+def without_states(law: Law) -> Law:
     """The law without any states: of healthy rollers, upright."""
-    return dataclasses.replace(law, states=None, sound=None) if isinstance(law, DirectByStates) else law
+    return dataclasses.replace(law, states=None, healthy_states=None) if isinstance(law, DirectByStates) else law

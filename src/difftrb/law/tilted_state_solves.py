@@ -120,7 +120,9 @@ def around(
             states = stacked(base, of.spalls[raceway], reached[raceway], rollers, np.log(loads[k]), leaning, nodes,
                              slopes, own_tilts if k == 0 else None, leaning=True)  # fmt: skip
         # a healthy scene asks for the states without spalls, and while they are looked for these are they
-        laws[raceway] = DirectByStates(base, states, sound=states, settling=True, free_to_tilt=len(of.bases) > 1)
+        laws[raceway] = DirectByStates(
+            base, states, healthy_states=states, settling=True, free_to_tilt=len(of.bases) > 1
+        )
     return laws
 
 

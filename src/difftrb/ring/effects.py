@@ -100,7 +100,7 @@ class SeriesRaceways(Raceways):
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Inner contacts that give way."""
         spalls, away = roller_places.spalls_on(of.spalls, "inner"), of.distances("inner", terms)
-        law = cast(Law, self.law) if of.spalls else direct_states.healthy(cast(Law, self.law))
+        law = cast(Law, self.law) if of.spalls else direct_states.without_spalls(cast(Law, self.law))
         free = self.rollers == "free" and not isinstance(of.law, power.AllThrough)  # which leaves nothing to lean on
         facing = Facing(law, spalls, away, geometry.equivalent_radius(of.bearing, "inner"), free)
         return terms._replace(seat=of.seat(terms)._replace(inner_curves=law.curves(spalls, away)), facing=facing)

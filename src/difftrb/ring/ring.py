@@ -143,7 +143,7 @@ def is_valid(load: Load, spalls: tuple[Spall, ...], phase: Any) -> Any:
     finite = xp.module_of(load.radial, load.axial, phase).isfinite(load.radial + load.axial + phase)
     valid = (load.radial >= 0.0) & (load.axial >= 0.0) & finite
     for spall in spalls:
-        valid = valid & geometry.spall_is_sound(spall)
+        valid = valid & geometry.spall_is_valid(spall)
     return valid
 
 

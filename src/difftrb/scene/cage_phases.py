@@ -51,8 +51,8 @@ def nearest_phase(scene: Scene, angle: float) -> Scene:
 
 def at_phase_numbered(scene: Scene, k: int, phase: float) -> Scene:
     """A prepared scene at the `k`-th phase of its mean [rad]."""
-    sound = not scene.spalls
-    return _of_laws(dataclasses.replace(scene, phase=phase), lambda law: direct_states.at_phase(law, k, sound))
+    plain = not scene.spalls
+    return _of_laws(dataclasses.replace(scene, phase=phase), lambda law: direct_states.at_phase(law, k, plain))
 
 
 def _of_laws(scene: Scene, change: Callable[[DirectByStates], Any]) -> Scene:
@@ -75,8 +75,8 @@ def pitch_borders(scene: Scene, still: Still | None = None) -> Any:
     if getattr(scene.law, "kinks_by_table", False):
         scene = upright_by_table(scene)
     met = _met(scene)
-    acting = direct_states.stateless(met[0].law)
-    rings = _of_laws(healthy(scene), direct_states.stateless) if base.kind(acting.name).one_scene else scene
+    acting = direct_states.without_states(met[0].law)
+    rings = _of_laws(healthy(scene), direct_states.without_states) if base.kind(acting.name).one_scene else scene
     terms = ring_at(rings, acting, 0.0)[1]
 
     def at_rest(each: Any) -> ring.Equilibrium:

@@ -214,7 +214,7 @@ def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
 def outer_law(scene: Scene) -> Law:
     """The law that a prepared scene has on the outer raceway, carried to the contact that it has now."""
     law = cast(Law, scene.law).at(raceway_contact(scene, "outer"))
-    return law if scene.spalls else direct_states.healthy(law)
+    return law if scene.spalls else direct_states.without_spalls(law)
 
 
 def inner_law(scene: Scene) -> Law | None:

@@ -64,11 +64,11 @@ def laws_by_tilted_states(scene: Scene, bases: Mapping[Raceway, DirectByCurves],
     spalls: Spalls = {raceway: roller_places.spalls_on(scene.spalls, raceway) for raceway in bases}
     rollers = tilted_state_solves.between_rings(bases, spalls, _between(scene, bases), progress)
     none = dataclasses.replace(rollers, spalls=dict.fromkeys(bases, ()))
-    sound = _settled(healthy(scene), none, None)
-    laws = _settled(scene, rollers, progress) if scene.spalls else sound
+    unspalled = _settled(healthy(scene), none, None)
+    laws = _settled(scene, rollers, progress) if scene.spalls else unspalled
     made: Laws = {}
     for raceway, law in laws.items():
-        made[raceway] = dataclasses.replace(law, settling=False, sound=sound[raceway].states)
+        made[raceway] = dataclasses.replace(law, settling=False, healthy_states=unspalled[raceway].states)
     return made
 
 
