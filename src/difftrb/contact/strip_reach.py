@@ -114,7 +114,7 @@ def _level_reach(contact: LineContact, load: Any, spall: Any, offset: Any, edges
     # a light load sinks a roller over a long spall through its crown: then edges far beyond the half-width are in reach
     farthest = gaps.certain_reach(contact.radius, reach[3]) / REACHED
     unit = xp.maximum(gaps.line_half_width(line_load, contact.radius, contact.modulus), farthest)
-    return tip, 0.25 * np.pi * contact.modulus * unit**2 / contact.radius, unit, approach
+    return tip, gaps.line_load_at(unit, contact.radius, contact.modulus), unit, approach
 
 
 def _tip(contact: LineContact, tip: Any, estimate: Any, end: Any, other: Any) -> Any:

@@ -37,7 +37,7 @@ class Place(NamedTuple):
 
 def shortest(number: Real) -> Any:
     """Width of a usual contact by the roller's length: spalls' lengths are told apart by their roots from there on."""
-    return xp.sqrt(16.0 * USUAL_LOAD * number / np.pi)  # Johnson 1985, eq. (4.43)
+    return xp.sqrt(16.0 * USUAL_LOAD * number / np.pi)  # twice `gap.line_half_width`
 
 
 def place_of(length: Real, axial_offset: Real, number: Real) -> Place:

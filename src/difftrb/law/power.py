@@ -117,9 +117,8 @@ class Palmgren(HardWindow):
 
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
         """See `Law`."""
-        n = 10.0 / 9.0
-        K = gap.palmgren_approach(1.0, self.length - base.lengths_of(spalls)) ** -n
-        return base.in_window(load_curve.power(K, n * xp.ones_like(K)), spalls, distances)
+        K = gap.palmgren_approach(1.0, self.length - base.lengths_of(spalls)) ** -gap.LOAD_EXPONENT
+        return base.in_window(load_curve.power(K, gap.LOAD_EXPONENT * xp.ones_like(K)), spalls, distances)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`: up to 99 % of the roller."""

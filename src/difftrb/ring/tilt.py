@@ -55,7 +55,7 @@ def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: Any, coun
     kinds = np.arange(1 + len(spalls)).reshape(*[1] * under.ndim, -1)
     left = xp.einsum("...k,ks->...s", (under[..., None] == kinds) * 1.0, land)  # no gather: slow in a batch
     K = (stiffness * xp.maximum(left, LEAST)).reshape(*under.shape[:-1], -1)
-    slices = load_curve.power(K, 10.0 / 9.0 * xp.ones_like(K))
+    slices = load_curve.power(K, gap.LOAD_EXPONENT * xp.ones_like(K))
     profile = xp.ones_like(left) * newton.aligned(2.0 * crown.height(at, contact), left)  # both raceways
     return RollerCurves(dataclasses.replace(slices, shift=profile.reshape(*under.shape[:-1], -1)))
 
