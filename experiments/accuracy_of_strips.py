@@ -33,7 +33,7 @@ from difftrb.contact.strip_waves import Frequencies
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import as_floats
 from difftrb.law import samples
-from difftrb.law.direct import wide
+from difftrb.law.direct_curves import wide
 
 FINEST = Fineness(36, 12, 3, 2, 30, Frequencies(6, 18, 32, 32.0), Frequencies(6, 18, 180, 320.0), 20)
 KINDS = {"edge": (0.0, 1.0), "sliver": (0.6, 0.985), "both": (0.1, 1.0)}

@@ -25,11 +25,12 @@ from difftrb.contact import crown, solver, strip_reach
 from difftrb.contact.contact_solution import given
 from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots
+from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots, least_squares
 from difftrb.law import atlas, atlas_place, edge_ramp, edge_share, load_curve, ramp_fit, samples
-from difftrb.law.atlas import Atlas, AtlasLaw
+from difftrb.law.atlas import Atlas
 from difftrb.law.base import load_over
 from difftrb.law.samples import Case, Progress
+from difftrb.law.table import TableLaw
 from difftrb.report import console
 
 LENGTH, MODULUS, DESIGN_LOAD = 10.0, 1.0e5, 5000.0
@@ -84,18 +85,25 @@ def contact_at(number: float) -> LineContact:
 
 
 def spall_at(number: float, length: float, aside: float, over_end: bool, width: float = WIDE) -> Spall:
-    """The spall at a place of the atlas; deeper than any roller sinks."""
-    own, offset = atlas_place.spall_at(length, aside, over_end, number)
+    """The spall at a place of the atlas, the inverse of `atlas_place.place_of`; deeper than any roller sinks."""
+    if over_end:
+        taken = atlas_place.AT_END[0] + (atlas_place.AT_END[1] - atlas_place.AT_END[0]) * length
+        own, offset = 2.0 * taken, 0.5  # half of it lies beyond the roller's end
+    else:
+        least = float(atlas_place.shortest(number))
+        root = np.sqrt(least) + length * (np.sqrt(atlas_place.LONGEST + least) - np.sqrt(least))
+        own = max(root**2 - least, 0.0)
+        offset = (atlas_place.INNER - 0.5 * own) * np.sqrt(aside)
     return Spall(own * LENGTH, width, 1e6, axial_offset=offset * LENGTH)
 
 
-def law_of(built: Atlas, contact: LineContact) -> AtlasLaw:
+def law_of(built: Atlas, contact: LineContact) -> TableLaw:
     """The law that reads this atlas, for any spall.
 
     Programs hold the numbers that they have read: ramps are solved when all levels are there, and read in what `build`
     returns.
     """
-    return AtlasLaw(contact, 0.0, atlas=built)
+    return TableLaw(contact, 0.0, atlas=built)
 
 
 class Found(NamedTuple):
@@ -115,7 +123,7 @@ def solved(contact: LineContact, cases: list[Case], accuracy: float, progress: P
         solution = None
         if case.spall is not None and case.distance != 0.0:  # so many that compiling pays
             inputs, mirrored, _ = given(contact, case.load, case.spall, case.distance, 0.0, "strips")
-            edges, fits, within = strip_reach.outlook(inputs)
+            edges, fits, within = strip_reach.edges_and_suitability(inputs)
             solution = solver._by_strips(inputs, mirrored, max(int(edges), 1), accuracy) if fits and within else None
         if solution is None or not bool(solution.converged):
             solution = solver.solve_contact(contact, case.load, case.spall, case.distance, accuracy)
@@ -263,7 +271,7 @@ def shares(size: Size, built: Atlas, k: int, solves: storage.Arrays) -> np.ndarr
     found = []
     for own in rows:
         matrix, right = (np.concatenate(parts) for parts in zip(*own, strict=True))
-        found.append(ramp_fit.least_squares(matrix, right, RIDGE))
+        found.append(least_squares(matrix, right, RIDGE))
     coefficients = np.reshape(found, (len(rows), size.edge_lengths, size.levels, edge_ramp.TERMS))
     nodes = chebvander(_of_length(built.edge_lengths), size.edge_lengths - 1)
     return np.tensordot(nodes, coefficients, (1, 1))
@@ -275,7 +283,7 @@ def _of_length(length: np.ndarray) -> np.ndarray:
 
 
 def _rows(
-    law: AtlasLaw, spall: Spall, length: float, size: Size, loads: np.ndarray, edges: np.ndarray, approaches: np.ndarray
+    law: TableLaw, spall: Spall, length: float, size: Size, loads: np.ndarray, edges: np.ndarray, approaches: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the shares of one spall's solves, (levels, places + 2), ask of the coefficients by length, level and u."""
     beside = edge_ramp.spread(law.beside(spall), 2)
@@ -304,7 +312,7 @@ def _solved_lengths(size: Size) -> np.ndarray:
 
 
 @partial(jax.jit, static_argnums=(2, 3))
-def _aims(law: AtlasLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Array, jax.Array]:
+def _aims(law: TableLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Array, jax.Array]:
     """Loads [N] and edges [mm] at which the ramp is solved, shape (levels, places + 2); the first and the last lie just
     beyond the ramp, where the roller is healthy and over the spall's middle."""
     beside = law.beside(spall)
@@ -387,14 +395,14 @@ def checks(built: Atlas, count: int, seed: int, region: int, narrow: bool = Fals
 
 
 @jax.jit
-def _at(law: AtlasLaw, spall: Spall, load: jax.Array) -> tuple[jax.Array, ...]:
+def _at(law: TableLaw, spall: Spall, load: jax.Array) -> tuple[jax.Array, ...]:
     """`edge_ramp.between` where a healthy roller carries `load` [N]."""
     beside = law.beside(spall)
     return edge_ramp.between(beside, load_curve.approach(beside.healthy, load))
 
 
 @jax.jit
-def _load(law: AtlasLaw, approach: jax.Array, spall: Spall | None, distance: Real) -> jax.Array:
+def _load(law: TableLaw, approach: jax.Array, spall: Spall | None, distance: Real) -> jax.Array:
     return load_over(law, approach, spall, distance)[0]
 
 

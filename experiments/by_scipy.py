@@ -14,9 +14,9 @@ from scipy import optimize
 
 import difftrb as trb
 from difftrb.core import machine
-from difftrb.law import edge_ramp, load_curve
+from difftrb.law import load_curve, roller_curves
 from difftrb.law.base import Law
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.roller_curves import RollerCurves
 from difftrb.ring import roller_places
 
 STEP = 1e-3
@@ -70,7 +70,7 @@ def _curves(scene: trb.Scene) -> RollerCurves:
     )
 
 
-_carried = jax.jit(edge_ramp.roller_loads)
+_carried = jax.jit(roller_curves.roller_loads)
 
 
 def in_numpy(scene: trb.Scene) -> Callable[[], Answer]:

@@ -11,7 +11,7 @@ import numpy as np
 
 import difftrb as trb
 from difftrb.contact import gap
-from difftrb.law import atlas
+from difftrb.law import table
 from difftrb.law.base import load_over
 from experiments.paper import clipped, common
 from experiments.paper.common import FAILS, HOLDS, LENGTHS, ONLY_IF, Claim, Printed, Progress, Result
@@ -42,7 +42,7 @@ def by_half_space(places: np.ndarray, length: float, load: float) -> np.ndarray:
 
 
 @jax.jit
-def carried(law: atlas.AtlasLaw, approach: jax.Array, length: jax.Array) -> jax.Array:
+def carried(law: table.TableLaw, approach: jax.Array, length: jax.Array) -> jax.Array:
     """Load [N] of a roller in the middle of a wide spall by the table."""
     return load_over(law, approach, trb.Spall(length, 50.0, common.DEPTH))[0]
 

@@ -23,7 +23,7 @@ import difftrb as trb
 from difftrb.core import status
 from difftrb.core.geometry import Raceway, Real
 from difftrb.core.jax_config import set_up_jax
-from difftrb.law import atlas
+from difftrb.law import table
 from difftrb.law.base import Law
 from difftrb.report import figure_style, tables
 from difftrb.ring import effects
@@ -260,9 +260,9 @@ def whole_law() -> trb.PowerLaw:
 
 
 @functools.cache
-def table_law(raceway: Raceway = "outer") -> atlas.AtlasLaw:
+def table_law(raceway: Raceway = "outer") -> table.TableLaw:
     """The smooth law, which knows no power."""
-    return atlas.atlas_law(contact(raceway))
+    return table.table_law(contact(raceway))
 
 
 @functools.cache

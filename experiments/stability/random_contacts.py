@@ -32,7 +32,7 @@ def solved(numbers: jax.Array) -> tuple[jax.Array, dict[str, jax.Array]]:
     spall = trb.Spall(a["length"], a["width"], a["depth"], 0.0, a["axial_offset"])
     s = trb.solve_contact(contact, a["load"], spall, a["offset"], 1e-2, "cells")
     matrix = halfspace.influence(s.cells, jnp.asarray(contact.modulus))
-    apart = halfspace.displacement(matrix, s.force) + s.gap - s.approach
+    apart = matrix.displacement(s.force) + s.gap - s.approach
     violated = jnp.max(jnp.where(s.force > 0.0, jnp.abs(apart), jnp.maximum(-apart, 0.0))) / s.approach
     balance = jnp.abs(jnp.sum(s.force) / a["load"] - 1.0)
     pull = jnp.maximum(-jnp.min(s.force), 0.0) / a["load"]
@@ -138,5 +138,5 @@ def over_load_and_length(
 
 def _suited(numbers: jax.Array) -> jax.Array:
     load, length = numbers
-    _, fits, within = strip_reach.outlook(Inputs(CONTACT, load, trb.Spall(length, 7.0), jnp.zeros(())))
+    _, fits, within = strip_reach.edges_and_suitability(Inputs(CONTACT, load, trb.Spall(length, 7.0), jnp.zeros(())))
     return (fits & within).astype(float)

@@ -27,15 +27,15 @@ def test_jaxopt_finds_the_same_approach_and_forces(contact: trb.LineContact, spa
 
     def energy(f: jax.Array) -> jax.Array:
         f = f.reshape(gap.shape)
-        return jnp.vdot(f, 0.5 * halfspace.displacement(W, f) + gap)
+        return jnp.vdot(f, 0.5 * W.displacement(f) + gap)
 
     columns = jnp.eye(gap.size).reshape(-1, *gap.shape)
-    matrix = jax.jit(jax.vmap(lambda e: halfspace.displacement(W, e)))(columns).reshape(gap.size, -1)
+    matrix = jax.jit(jax.vmap(lambda e: W.displacement(e)))(columns).reshape(gap.size, -1)
     step = 1.0 / float(jnp.linalg.eigvalsh(matrix)[-1])
     solver = jaxopt.ProjectedGradient(
         energy, jaxopt.projection.projection_simplex, stepsize=step, maxiter=4000, tol=1e-9, implicit_diff=False
     )
     force = solver.run(jnp.full(gap.size, 1.0 / gap.size)).params.reshape(gap.shape)
-    displaced = halfspace.displacement(W, force) + gap
+    displaced = W.displacement(force) + gap
     assert float(jnp.vdot(force, displaced)) == pytest.approx(1.0, rel=1e-6)
     np.testing.assert_allclose(load * force, s.force, atol=1e-4 * float(s.force.max()))

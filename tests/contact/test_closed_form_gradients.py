@@ -85,7 +85,7 @@ def test_influence_and_gap_by_grid_lines(contact: trb.LineContact) -> None:
     @jax.jit
     def number(v: jax.Array) -> jax.Array:
         cells = Cells(v[0], v[0] * (jnp.arange(4) - 1.3), v[1:], True)
-        u = halfspace.displacement(halfspace.influence(cells, jnp.asarray(contact.modulus)), force)
+        u = halfspace.influence(cells, jnp.asarray(contact.modulus)).displacement(force)
         return jnp.sum(
             weights * (u + gap.curvature(cells, contact.radius) + crown.mean_of_rows(cells.lines, contact)[:, None])
         )

@@ -8,12 +8,13 @@ from scipy import integrate
 
 from difftrb.contact import halfspace
 from difftrb.contact.gap import Cells
+from difftrb.contact.halfspace import Influence
 
 pytestmark = pytest.mark.exact
 
 MODULUS = 113794.0
 influence = jax.jit(halfspace.influence)
-displacement = jax.jit(halfspace.displacement)
+displacement = jax.jit(Influence.displacement)
 X, W = np.polynomial.legendre.leggauss(12)
 
 
@@ -27,9 +28,8 @@ def dense(cells: Cells) -> np.ndarray:
     matrix = influence(cells, jnp.asarray(MODULUS))
     rows, columns = cells.y.shape[0], cells.x.shape[0]
     units = np.eye(rows * columns).reshape(rows, columns, rows, columns)
-    return np.asarray(
-        jax.jit(jax.vmap(halfspace.displacement, (None, 2), 2))(matrix, units.reshape(rows, columns, -1))
-    ).reshape(units.shape)
+    found = jax.jit(jax.vmap(Influence.displacement, (None, 2), 2))(matrix, units.reshape(rows, columns, -1))
+    return np.asarray(found).reshape(units.shape)
 
 
 def potential(x: float, y: float, a: float, b: float) -> float:

@@ -55,6 +55,6 @@ def test_contacts_are_solved_once(keeping: Path, contact: trb.LineContact, monke
         assert one.approach == other.approach
         np.testing.assert_array_equal(one.slopes, other.slopes)
     samples.all_solved(contact, cases, 1e-3)
-    samples.all_solved(contact, cases, 1e-2, turning=True)
+    samples.all_solved(contact, cases, 1e-2, tilt_response=True)
     samples.all_solved(contact, cases[:1], 1e-2)
     assert asked == [2, 2, 1]

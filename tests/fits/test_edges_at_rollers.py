@@ -11,7 +11,7 @@ from difftrb.core import geometry
 from difftrb.fits import edges_at_rollers, fit_problem
 from difftrb.fits.measured import Measurement
 from difftrb.fits.predicted import Problem
-from difftrb.law.atlas import AtlasLaw
+from difftrb.law.table import TableLaw
 from difftrb.scene import scene_laws
 
 NAMES = ("length", "width", "angle")
@@ -122,7 +122,7 @@ def test_means_have_no_edges(bearing: trb.TaperedBearing) -> None:
 
 def test_laws_that_know_any_width(bearing: trb.TaperedBearing) -> None:
     scene = fit_problem.prepare_fit(guess(bearing), blank())
-    assert isinstance(scene.law, AtlasLaw)
+    assert isinstance(scene.law, TableLaw)
     assert not scene.law.narrow
     more = scene_laws.with_any_width(scene)
     assert more is not None

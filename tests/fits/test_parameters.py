@@ -18,8 +18,7 @@ from difftrb.fits.conditions import Conditions, conditions
 from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.law import load_curve
-from difftrb.law.base import spalls_under
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.roller_curves import RollerCurves, spalls_under
 
 pytestmark = pytest.mark.usefixtures("compiled_as_for_users")  # what runs thousands of times
 

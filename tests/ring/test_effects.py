@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 import difftrb as trb
 from difftrb.core import geometry, status
 from difftrb.core.jax_config import jit_quickly
-from difftrb.law import edge_ramp, load_curve
+from difftrb.law import load_curve, roller_curves
 from difftrb.law.power import Palmgren, PowerLaw
 from difftrb.report import run_text
 from difftrb.ring import effects, life, ring, roller_balance, roller_places, tilt
@@ -117,28 +117,28 @@ def test_a_roller_is_at_rest_between_its_three_forces(bearing) -> None:
 def test_two_equal_power_laws_in_series(bearing) -> None:
     """D = (Q/K)^(1/n) (1 + κ^(1 + 1/n)), κ the inner force by the outer one."""
     each = load_curve.power(jnp.full(3, 9e5), jnp.full(3, 1.2))
-    seat = roller_balance.seat(bearing)._replace(inner_curves=edge_ramp.RollerCurves(each))
+    seat = roller_balance.seat(bearing)._replace(inner_curves=roller_curves.RollerCurves(each))
     loads = jnp.array([1e-3, 50.0, 2000.0])
     ratio = seat.outer_cos / seat.inner_cos
     approach = (loads / 9e5) ** (1 / 1.2) * (1.0 + ratio ** (1.0 + 1 / 1.2))
-    found, slope = roller_balance.outer_loads(seat, edge_ramp.RollerCurves(each), approach)
+    found, slope = roller_balance.outer_loads(seat, roller_curves.RollerCurves(each), approach)
     np.testing.assert_allclose(found, loads, rtol=1e-12)
     np.testing.assert_allclose(slope, 1.2 * loads / approach, rtol=1e-11)
-    outside, _ = roller_balance.outer_loads(seat, edge_ramp.RollerCurves(each), -approach)
+    outside, _ = roller_balance.outer_loads(seat, roller_curves.RollerCurves(each), -approach)
     assert np.all(np.asarray(outside) == 0.0)
 
 
 def test_a_soft_flange_adds_its_part(bearing) -> None:
     """δ_f sin(α − β)/cos(β − φ) with δ_f = (9 Q_f²/(16 R E'²))^(1/3)."""
     each = load_curve.power(jnp.full(2, 9e5), jnp.full(2, 1.2))
-    hard = roller_balance.seat(bearing)._replace(inner_curves=edge_ramp.RollerCurves(each))
+    hard = roller_balance.seat(bearing)._replace(inner_curves=roller_curves.RollerCurves(each))
     soft = hard._replace(flange_compliance=(9.0 / (16.0 * 100.0 * 113794.0**2)) ** (1 / 3))
     loads = jnp.array([50.0, 2000.0])
     seat_angle = jnp.sin(hard.outer - hard.inner) / hard.inner_cos
     sunk = soft.flange_compliance * roller_balance.flange_load(soft, loads) ** (2 / 3)
     ratio = hard.outer_cos / hard.inner_cos
     approach = (loads / 9e5) ** (1 / 1.2) * (1.0 + ratio ** (1.0 + 1 / 1.2)) + seat_angle * sunk
-    found, _ = roller_balance.outer_loads(soft, edge_ramp.RollerCurves(each), approach)
+    found, _ = roller_balance.outer_loads(soft, roller_curves.RollerCurves(each), approach)
     np.testing.assert_allclose(found, loads, rtol=1e-11)
 
 

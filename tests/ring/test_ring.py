@@ -9,7 +9,7 @@ from scipy import optimize
 
 import difftrb as trb
 from difftrb.core import geometry, status
-from difftrb.law import base
+from difftrb.law import roller_curves
 from difftrb.law.power import Palmgren
 from difftrb.ring import newton_start, ring, roller_places
 from difftrb.ring.load import needed_axial
@@ -114,13 +114,15 @@ def test_hard_window_counts_rollers(bearing) -> None:
     angles = roller_places.roller_angles(bearing, 0.0)
     for width, inside in zip((7, 14, 21, 28, 35, 42, 49), (1, 1, 3, 3, 5, 5, 7), strict=True):
         spalls = (trb.Spall(4.0, float(width)),)
-        assert int(jnp.sum(base.spalls_under(spalls, roller_places.distances(bearing, spalls, angles)))) == inside
+        assert (
+            int(jnp.sum(roller_curves.spalls_under(spalls, roller_places.distances(bearing, spalls, angles)))) == inside
+        )
 
 
 def test_of_two_spalls_under_a_roller_the_longer_counts(bearing) -> None:
     angles = roller_places.roller_angles(bearing, 0.0)
     spalls = (trb.Spall(2.0, 7.0), trb.Spall(5.0, 3.0), trb.Spall(3.0, 5.0, angle=float(angles[4])))
-    over = np.asarray(base.spalls_under(spalls, roller_places.distances(bearing, spalls, angles)))
+    over = np.asarray(roller_curves.spalls_under(spalls, roller_places.distances(bearing, spalls, angles)))
     assert (over[0], over[4]) == (2, 3)
     assert over.sum() == 5
 

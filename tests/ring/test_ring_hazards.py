@@ -9,7 +9,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.core import geometry, status
-from difftrb.law import direct, ramp_fit
+from difftrb.law import direct_curves, ramp_fit
 from difftrb.ring import newton, ring
 from difftrb.ring.load import needed_axial
 from tests.bearings import of_many
@@ -195,7 +195,7 @@ def test_phase_on_a_window_edge(bearing) -> None:
 
 def test_ramps_of_contacts_without_a_solution_are_nan() -> None:
     """And nothing else warns of it: the law's status says it."""
-    loads = direct.log_loads(1000.0)
+    loads = direct_curves.log_loads(1000.0)
     assert np.isnan(ramp_fit.extents(loads, np.where(np.arange(loads.size) == 3, -1.0, 0.1))).all()
 
 

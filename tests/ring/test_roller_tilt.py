@@ -13,8 +13,8 @@ from difftrb import effects
 from difftrb.contact import solver
 from difftrb.core import status
 from difftrb.core.geometry import LineContact
-from difftrb.law.local import LocalLaw
-from difftrb.law.roller_tilt import RollerContacts, at_rest
+from difftrb.law.direct_states import DirectByStates
+from difftrb.law.tilt_equilibrium import RollerContacts, at_rest
 from difftrb.scene.prepared_scene import solve_prepared
 
 pytestmark = pytest.mark.exact
@@ -162,7 +162,7 @@ def test_an_inner_spall_calls_for_both_raceways(bearing: trb.TaperedBearing) -> 
 def test_a_free_roller_is_a_state_on_both_raceways(free: trb.Scene) -> None:
     (series,) = free.effects
     for law in (free.law, series.law):  # type: ignore[attr-defined]
-        assert isinstance(law, LocalLaw)
+        assert isinstance(law, DirectByStates)
         assert law.free_to_tilt
         assert law.states is not None
 

@@ -10,9 +10,9 @@ import pytest
 
 import difftrb as trb
 from difftrb import effects
-from difftrb.law import direct, local, roller_tilt, tilt_table
-from difftrb.law.roller_tilt import RollerContacts
-from difftrb.law.tilt_table import Between
+from difftrb.law import direct_curves, direct_states, healthy_tilt_table, tilt_equilibrium
+from difftrb.law.healthy_tilt_table import Between
+from difftrb.law.tilt_equilibrium import RollerContacts
 from difftrb.scene import cage_phases
 
 OUTER, INNER = trb.Spall(4.0, 7.0, axial_offset=1.0), trb.Spall(5.0, 6.0, axial_offset=-1.0, angle=0.3, surface="inner")
@@ -27,7 +27,9 @@ def contacts(bearing):
 
 def at_rest(contacts, pressed=1500.0, tilt=3e-4, outer=OUTER, loads=None):
     roller = RollerContacts(contacts, ((outer,), ()), ((0.5,), ()), tilt)
-    return roller_tilt.at_rest(roller, BETWEEN.loads(pressed) if loads is None else loads, 1e-3, turning=True)
+    return tilt_equilibrium.at_rest(
+        roller, BETWEEN.loads(pressed) if loads is None else loads, 1e-3, tilt_response=True
+    )
 
 
 def whole(rest):
@@ -42,7 +44,7 @@ def test_shares_are_how_a_roller_at_rest_moves(contacts):
     outer, inner = rest.shares(BETWEEN.ratio)
     assert abs(rest.outer.moment - rest.inner.moment) < 1e-9 * 1560.0 * 13.66
     roller = RollerContacts(contacts, ((OUTER,), ()), ((0.5,), ()), 3e-4)
-    settled = roller_tilt.at_rest(roller, BETWEEN.loads(1500.0), 1e-3)  # until they are equal within 1e-5
+    settled = tilt_equilibrium.at_rest(roller, BETWEEN.loads(1500.0), 1e-3)  # until they are equal within 1e-5
     np.testing.assert_allclose(whole(rest), whole(settled), rtol=3e-5)
     assert rest.tilt == pytest.approx(settled.tilt, rel=1e-4)
 
@@ -55,15 +57,15 @@ def test_shares_are_how_a_roller_at_rest_moves(contacts):
 
     (q, p), r = BETWEEN.loads(1500.0), BETWEEN.ratio
     told = {
-        "inner load": ((inner.compliance / r, inner.turning.by_tilt), difference(
+        "inner load": ((inner.compliance / r, inner.tilt_response.by_tilt), difference(
             20.0, at_rest(contacts, loads=(q, p + 20.0)), at_rest(contacts, loads=(q, p - 20.0)))),
-        "tilt": ((outer.turning.by_tilt, outer.turning.moment_by_tilt), difference(
+        "tilt": ((outer.tilt_response.by_tilt, outer.tilt_response.moment_by_tilt), difference(
             2e-5, at_rest(contacts, tilt=3.2e-4), at_rest(contacts, tilt=2.8e-4))),
-        "outer radius": ((outer.slopes[0], outer.turning.moment_slopes[0]), difference(
+        "outer radius": ((outer.slopes[0], outer.tilt_response.moment_slopes[0]), difference(
             0.5, sized(0, 0.5), sized(0, -0.5))),
-        "inner radius": ((inner.slopes[0] / r, inner.turning.moment_slopes[0]), difference(
+        "inner radius": ((inner.slopes[0] / r, inner.tilt_response.moment_slopes[0]), difference(
             0.5, sized(1, 0.5), sized(1, -0.5))),
-        "axial offset": ((outer.slopes[7], outer.turning.moment_slopes[7]), difference(
+        "axial offset": ((outer.slopes[7], outer.tilt_response.moment_slopes[7]), difference(
             0.2, *(at_rest(contacts, outer=dataclasses.replace(OUTER, axial_offset=at)) for at in (1.2, 0.8)))),
     }  # fmt: skip
     for name, (ours, theirs) in told.items():
@@ -71,7 +73,7 @@ def test_shares_are_how_a_roller_at_rest_moves(contacts):
     # pressing both: what the approach has by the tilt the moment has by the load (Maxwell)
     both = difference(20.0, at_rest(contacts, 1520.0), at_rest(contacts, 1480.0))
     compliance = outer.compliance + inner.compliance / r**2
-    np.testing.assert_allclose(both, [compliance, outer.turning.by_tilt], rtol=2e-2)
+    np.testing.assert_allclose(both, [compliance, outer.tilt_response.by_tilt], rtol=2e-2)
 
 
 @pytest.mark.exact
@@ -81,7 +83,7 @@ def test_the_table_of_both_is_a_roller_between_them(contacts, table, pressed, tu
     """Approach, moment, tilt and slopes of healthy rollers, against contacts solved for each."""
     tilt = turned * table.reach(pressed)
     roller = RollerContacts(contacts, ((), ()), ((), ()), tilt)
-    rest = roller_tilt.at_rest(roller, BETWEEN.loads(pressed), 1e-2, turning=turned != 0.0)
+    rest = tilt_equilibrium.at_rest(roller, BETWEEN.loads(pressed), 1e-2, tilt_response=turned != 0.0)
     found = table.at(pressed, tilt)
     outer, inner = found.nodes
     long = table.upright(pressed) + table.lift
@@ -97,8 +99,10 @@ def test_the_table_of_both_is_a_roller_between_them(contacts, table, pressed, tu
 
 @pytest.fixture(scope="module")
 def table(contacts):
-    bases = (direct.without_edges(contact, 2500.0, (), 1e-2) for contact in contacts)
-    return tilt_table.between_rings(tuple(tilt_table.of_contact(base, None) for base in bases), BETWEEN, 1e-2)
+    bases = (direct_curves.without_edges(contact, 2500.0, (), 1e-2) for contact in contacts)
+    return healthy_tilt_table.between_rings(
+        tuple(healthy_tilt_table.of_contact(base, None) for base in bases), BETWEEN, 1e-2
+    )
 
 
 def scene(bearing, *acting, spalls=(OUTER,), speed=8000.0, moment=1e4, **changes):
@@ -167,9 +171,9 @@ def test_phases_of_a_mean_do_not_hang_on_the_states_that_were_solved(bearing):
     assert trb.solve(made).converged
     spalled = dataclasses.replace(made, spalls=(OUTER, INNER))
     series = next(e for e in spalled.effects if isinstance(e, effects.SeriesRaceways))
-    bare = dataclasses.replace(series, law=local.stateless(series.law))
+    bare = dataclasses.replace(series, law=direct_states.without_states(series.law))
     acting = tuple(bare if e is series else e for e in spalled.effects)
-    before = dataclasses.replace(spalled, law=local.stateless(spalled.law), effects=acting)
+    before = dataclasses.replace(spalled, law=direct_states.without_states(spalled.law), effects=acting)
     for ours, theirs in zip(cage_phases.phases(spalled), cage_phases.phases(before), strict=True):
         assert len(np.unique(theirs)) > 10
         np.testing.assert_array_equal(ours, theirs)

@@ -12,9 +12,16 @@ import pytest
 import difftrb as trb
 from difftrb import effects
 from difftrb.core import geometry, status
-from difftrb.law import direct, edge_ramp, samples, tilt_table, tilted_roller, tilted_states
-from difftrb.law.local_states import Reached
+from difftrb.law import (
+    direct_curves,
+    healthy_tilt_table,
+    roller_curves,
+    samples,
+    tilt_energy,
+    tilted_state_solves,
+)
 from difftrb.law.samples import Case
+from difftrb.law.state_solves import Reached
 
 SPALL = trb.Spall(4.0, 7.0, axial_offset=1.0)
 
@@ -26,12 +33,12 @@ def contact(bearing):
 
 @pytest.fixture(scope="module")
 def base(contact):
-    return direct.without_edges(contact, 2500.0, (), 1e-2)
+    return direct_curves.without_edges(contact, 2500.0, (), 1e-2)
 
 
 @pytest.fixture(scope="module")
 def table(base):
-    return tilt_table.of_contact(base, None)
+    return healthy_tilt_table.of_contact(base, None)
 
 
 def scene(bearing, *more, spalls=(SPALL,), moment=1e4, **changes):
@@ -63,14 +70,14 @@ def test_any_energy_of_degree_four_is_five_slices():
     d, t = (part.ravel() for part in np.meshgrid(np.linspace(1.0, 1.4, 5), np.linspace(-0.03, 0.01, 5)))
     loads = force(d, t * length)
     size = 100.0 + abs(loads).max()  # loads are positive
-    own = tilted_roller.near(
+    own = tilt_energy.fitted_slices(
         (loads + size)[None], t[None], d[None], (length * moment(d, t * length))[None], np.asarray(length)
     )
-    x = tilted_roller.places(length)
+    x = tilt_energy.points(length)
 
     def carried(approach, tilt):
         z = (approach + x * tilt - own.middle[0]) / own.reach[0]
-        q = sum(own.coefficients[k, 0] * z**k for k in range(tilted_roller.DEGREE))
+        q = sum(own.coefficients[k, 0] * z**k for k in range(tilt_energy.DEGREE))
         return q.sum() - size, (x * q).sum()
 
     for approach, tilt in ((1.1, -0.02), (1.31, 0.004), (1.2, -0.011)):
@@ -84,7 +91,7 @@ def test_any_energy_of_degree_four_is_five_slices():
 def test_table_is_the_contact(contact, table, load, turned):
     """Approach, moment and slopes, against a finer solve of the contact itself."""
     tilt = turned * table.reach(load)
-    found, solved = table.at(load, tilt).nodes[0], samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3)
+    found, solved = table.at(load, tilt).nodes[0], samples.solved_with_tilt(contact, Case(load, tilt=tilt), 1e-3)
     assert table.knows(load, tilt)
     long = table.upright(load) + table.lift
     assert abs(found.approach - solved.approach) < 8e-4 * long
@@ -97,19 +104,19 @@ def test_table_is_the_contact(contact, table, load, turned):
 def test_a_state_has_the_slopes_of_its_contact(contact, base, table):
     """Stiffness along both freedoms, and between them, of the slices near a state."""
     load, tilt = 1800.0, 3e-4
-    rollers = tilted_states.Rollers({"outer": base}, {"outer": ()}, table, (table,))
-    law = tilted_states.around(
+    rollers = tilted_state_solves.Rollers({"outer": base}, {"outer": ()}, table, (table,))
+    law = tilted_state_solves.around(
         rollers, {"outer": [Reached(0, 0, (), ())]}, (1,), np.array([load]), np.array([tilt]), np.array([False]), True,
         {},
     )["outer"]  # fmt: skip
-    node, x = samples.solved_turning(contact, Case(load, tilt=tilt), 1e-3), tilted_roller.places(contact.length)
-    loads, slopes = edge_ramp.roller_loads(law.slices((), np.zeros((0, 1))), node.approach - x * tilt)
+    node, x = samples.solved_with_tilt(contact, Case(load, tilt=tilt), 1e-3), tilt_energy.points(contact.length)
+    loads, slopes = roller_curves.roller_loads(law.slices((), np.zeros((0, 1))), node.approach - x * tilt)
     assert loads.sum() == pytest.approx(load, rel=3e-4)
     assert (x * loads).sum() == pytest.approx(node.moment, rel=3e-4)
-    stiff, leaned = 1.0 / node.compliance, -node.turning.by_tilt
+    stiff, leaned = 1.0 / node.compliance, -node.tilt_response.by_tilt
     assert slopes.sum() == pytest.approx(stiff, rel=1e-3)
     assert (x * slopes).sum() == pytest.approx(-leaned * stiff, rel=2e-2)
-    assert (x**2 * slopes).sum() == pytest.approx(-node.turning.moment_by_tilt + stiff * leaned**2, rel=6e-3)
+    assert (x**2 * slopes).sum() == pytest.approx(-node.tilt_response.moment_by_tilt + stiff * leaned**2, rel=6e-3)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import geometry, status
 from difftrb.law import samples
-from difftrb.law.direct import accuracy_at_edges
+from difftrb.law.direct_curves import accuracy_at_edges
 from difftrb.report import law_text
 from difftrb.scene import scene_file
 from difftrb.scene.auto_law import apart, main_values

@@ -13,6 +13,7 @@ import pytest
 import difftrb as trb
 from difftrb.core import status
 from difftrb.fits import measured_table
+from difftrb.law import direct_curves
 from difftrb.ring import effects
 from difftrb.scene import checks, scene_file
 
@@ -333,13 +334,12 @@ def test_rows_are_checked_as_files_are(changed: dict, words: str) -> None:
 
 def test_a_law_for_one_scene_ends_where_contacts_do(monkeypatch) -> None:
     """Of 1.1 roller lengths "direct" said that it had converged, stiffer than the healthy bearing."""
-    from difftrb.law import direct
     from tests.closed_form import closed_form
 
     monkeypatch.setattr("difftrb.law.samples.solved", closed_form)
     contact = trb.LineContact.of(BEARING)
     for length, code in ((11.6, status.CONVERGED), (11.62, status.UNKNOWN_LENGTH), (12.5, status.UNKNOWN_LENGTH)):
-        law = direct.without_edges(contact, 2000.0, (trb.Spall(length, 7.0),))
+        law = direct_curves.without_edges(contact, 2000.0, (trb.Spall(length, 7.0),))
         assert int(law.judge((trb.Spall(length, 7.0),), jnp.full((1, 1), 20.0))) == code
 
 

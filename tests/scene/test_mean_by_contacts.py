@@ -11,7 +11,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.core import status
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_states import DirectByStates
 from difftrb.ring import phase_quadrature
 from difftrb.scene.cage_phases import nearest_phase, phases
 from difftrb.scene.prepared_scene import solve_prepared
@@ -28,7 +28,7 @@ def mean(bearing: trb.TaperedBearing) -> trb.Scene:
 
 def test_a_bottom_carries_in_the_mean(mean: trb.Scene) -> None:
     """Less is lost than by a deep spall, and what is audited holds."""
-    assert isinstance(mean.law, LocalLaw)
+    assert isinstance(mean.law, DirectByStates)
     both = trb.assess(mean)
     assert bool(both.spalled.converged)
     deep = trb.assess(dataclasses.replace(mean, law="table", spalls=(dataclasses.replace(SHALLOW, depth=0.2),)))
@@ -118,7 +118,7 @@ def test_a_map_of_a_spall_is_the_spall(bearing: trb.TaperedBearing) -> None:
 
 def test_a_rim_carries(rimmed: trb.Scene) -> None:
     found = trb.solve(rimmed).check()
-    assert isinstance(rimmed.law, LocalLaw)
+    assert isinstance(rimmed.law, DirectByStates)
     audit = trb.verify(rimmed, found)
     assert audit.kept
     assert audit.load_error < 5e-3

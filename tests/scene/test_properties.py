@@ -39,7 +39,7 @@ def pressed(load, length, width, depth, offset, radius, roller, modulus, design_
     contact = LineContact(radius, roller, modulus, design_load)
     s = trb.solve_contact(contact, load, Spall(length, width, depth), offset, 1e-2, "cells")
     W = halfspace.influence(s.cells, jnp.asarray(modulus))
-    displaced = halfspace.displacement(W, s.force)
+    displaced = W.displacement(s.force)
     return s, displaced + s.gap - s.approach, displaced
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import difftrb as trb
-from difftrb.law import edge_ramp
+from difftrb.law import roller_curves
 from difftrb.law.power import Palmgren
 from difftrb.ring import roller_places
 from tests import shapes
@@ -98,7 +98,7 @@ def test_second_derivation_of_the_load_gradient(scene: trb.Scene) -> None:
     h = 1e-5
 
     def at(length: float) -> tuple[jax.Array, jax.Array]:
-        return edge_ramp.roller_loads(s.law.curves(resized(scene, jnp.asarray(length)).spalls, away), s.approach)
+        return roller_curves.roller_loads(s.law.curves(resized(scene, jnp.asarray(length)).spalls, away), s.approach)
 
     by_length = np.asarray((at(4.0 + h)[0] - at(4.0 - h)[0]) / (2 * h))
     slopes = np.asarray(at(4.0)[1])

@@ -71,7 +71,7 @@ def solve(inputs: Inputs, on: Resolution | tuple[int, int], mirrored: bool, accu
     matrix = operator(cells, jnp.asarray(inputs.contact.modulus))
     level = gaps.first_level(cells, inputs.contact.radius)
     found = _pressed(matrix, cells, stage.gap - lowest, inputs.load, level)
-    return _judged(inputs, stage, found._replace(approach=found.approach + lowest), accuracy)
+    return _solution(inputs, stage, found._replace(approach=found.approach + lowest), accuracy)
 
 
 def solve_numbers(
@@ -87,7 +87,7 @@ def solve_numbers(
     columns = None if cells.uneven is None else cells.uneven.columns
     level = gaps.first_level(cells, inputs.contact.radius)
     found, slopes = jax.device_get(_program(xp.values(bed), level, columns, mirrored, gradients))
-    solution = _judged(inputs, stage, found._replace(approach=found.approach + lowest), accuracy)
+    solution = _solution(inputs, stage, found._replace(approach=found.approach + lowest), accuracy)
     return solution, tuple(_by_inputs(leaves, form, bed, by) for by in slopes)
 
 
@@ -115,8 +115,8 @@ def _pressed(matrix: halfspace.Operator, cells: Cells, gap: jax.Array, load: Any
     return PressedCells(force, approach, moment_of(cells, force), residual, iterations)
 
 
-def _judged(inputs: Inputs, stage: LaidContact, pressed: PressedCells, accuracy: float) -> ContactSolution:
-    """The solution."""
+def _solution(inputs: Inputs, stage: LaidContact, pressed: PressedCells, accuracy: float) -> ContactSolution:
+    """The contact that was pressed, with its status."""
     (cells, gap, code), force, approach = stage, pressed.force, pressed.approach
     touched = cut_off(cells, force > 0.0, approach, gap, inputs.contact)
     code = status.worst(code, verdict(approach, pressed.residual, TOLERANCE), touched)

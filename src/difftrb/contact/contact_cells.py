@@ -20,7 +20,7 @@ import numpy as np
 
 from difftrb.contact import gap as gaps
 from difftrb.contact import halfspace
-from difftrb.contact.contact_extent import depth_at, domain, domain_of_any, edges_along
+from difftrb.contact.contact_extent import depth_at, domain, domain_of_any, ends_along
 from difftrb.contact.contact_solution import Inputs, listed
 from difftrb.contact.gap import Cells, Uneven
 from difftrb.contact.halfspace import EDGE_SHIFT
@@ -169,7 +169,7 @@ def _spans(
     sunk = xp.fixed(gaps.palmgren_approach(load, contact.length))
     fallen = xp.stack([xp.minimum(xp.fixed(spall.depth) / sunk, 1.0) ** 2 for spall in spalls])
     share = ((high - high**3 / 3.0) - (low - low**3 / 3.0)) * fallen + 1e-9
-    every, lines = zip(*(edges_along(contact, spall) for spall in spalls), strict=True), []
+    every, lines = zip(*(ends_along(contact, spall) for spall in spalls), strict=True), []
     for side, ends in zip((-1.0, 1.0), map(xp.stack, every), strict=True):
         still = xp.fixed(ends)
         together = xp.abs(still[:, None] - still[None]) <= TOGETHER * xp.fixed(reach)

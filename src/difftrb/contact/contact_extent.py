@@ -22,7 +22,7 @@ these to see them, pressure at the border says so."""
 BESIDE = 0.75
 """What part of the way that the roller overlaps the raceway beside a hole its contact there may take."""
 AT_EDGES = 0.7
-"""Stiffness of a slice that stands on a spall's rolling edge, by that of one on sound raceway: at least."""
+"""Stiffness of a slice that stands on a spall's rolling edge, by that of one on healthy raceway: at least."""
 LEAST_RIDGE = 0.02
 """Narrowest ridge between spalls under the roller's middle that slices count as land, by the contact's half width:
 cells leave narrower ones out, and the roller sinks beside them."""
@@ -126,8 +126,10 @@ def needed_by_slices(contact: LineContact, load: Any) -> Any:
     return load * (2.0 * xp.log(2.0 * contact.length / half_width) + 1.0) / (np.pi * contact.modulus)  # long cylinder
 
 
-def edges_along(contact: LineContact, spall: Spall) -> tuple[Any, Any]:
-    """Where a spall begins and ends along the roller [mm], not beyond the roller's ends."""
+def ends_along(contact: LineContact, spall: Any) -> tuple[Any, Any]:
+    """Where a spall begins and ends along the roller [mm], not beyond the roller's ends; both 0 for None."""
+    if spall is None:
+        return 0.0, 0.0
     half = 0.5 * contact.length
     low, high = (xp.within(end, -half, half) for end in spall.ends)
     return low, high
@@ -188,7 +190,7 @@ class Lands(NamedTuple):
 
 def _beside(contact: LineContact, spalls: tuple[Spall, ...]) -> Lands:
     half = 0.5 * contact.length
-    low, high = (xp.stack(edge) for edge in zip(*(edges_along(contact, spall) for spall in spalls), strict=True))
+    low, high = (xp.stack(edge) for edge in zip(*(ends_along(contact, spall) for spall in spalls), strict=True))
     breaks = xp.concatenate([low, high, xp.stack([-half, half])])
     breaks = breaks[xp.argsort(xp.fixed(breaks))]
     middle = 0.5 * (breaks[1:] + breaks[:-1])
@@ -197,7 +199,7 @@ def _beside(contact: LineContact, spalls: tuple[Spall, ...]) -> Lands:
 
 
 def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: Any, lands: Lands, narrow: Any) -> Any:
-    """How much later than without spalls the slices of every part begin to carry [mm], shape (parts,): at the sound
+    """How much later than without spalls the slices of every part begin to carry [mm], shape (parts,): at the healthy
     raceway that is nearest to the middle in the rolling direction, or at the deepest bottom. Between several spalls
     `narrow` ridges [mm] carry nothing."""
     half = 0.5 * xp.stack([spall.width for spall in spalls])
@@ -207,12 +209,12 @@ def _raised(contact: LineContact, spalls: tuple[Spall, ...], offsets: Any, lands
     places = narrow * np.array([-0.5, 0.5])
     if not middle_alone:
         places = xp.concatenate([np.zeros(1), offsets - half, offsets + half])
-    gone = xp.magnitude(places[:, None] - offsets[None]) < half[None] * (1.0 - 1e-9)
-    sound = ~xp.any(gone[:, :, None] & lands.covering[None], axis=1)  # (places, parts)
+    over = xp.magnitude(places[:, None] - offsets[None]) < half[None] * (1.0 - 1e-9)
+    healthy = ~xp.any(over[:, :, None] & lands.covering[None], axis=1)  # (places, parts)
     if middle_alone:
-        return xp.minimum(xp.where(xp.any(sound, axis=0), 0.0, np.inf), depth)
+        return xp.minimum(xp.where(xp.any(healthy, axis=0), 0.0, np.inf), depth)
     own = [np.ones((1, lands.covered.size), bool), lands.covering, lands.covering]  # another spall's edge is none here
-    rise = xp.where(sound & xp.concatenate(own), (places**2 / (2.0 * contact.radius))[:, None], np.inf)
+    rise = xp.where(healthy & xp.concatenate(own), (places**2 / (2.0 * contact.radius))[:, None], np.inf)
     return xp.minimum(-xp.largest(-rise), depth)
 
 
@@ -259,7 +261,7 @@ def approach_of_slices(needed: Any, weight: Any, rest: Any) -> Any:
 def reach_of_strips(contact: LineContact, load: Any, low: Any, high: Any) -> tuple[Any, Any, Any, Any]:
     """Where loaded strips end along the roller [mm], mean line load [N/mm], its Hertz half-width, an approach [mm].
 
-    `low`, `high`: axial edges of the spall [mm] (both 0 without one). Slices again, on the land at either side; the
+    `low`, `high`: ends of the spall along it [mm] (both 0 without one). Slices again, on the land at either side; the
     strips need no margin, so each land has the stiffness of a line contact of its own length beside the other one.
     """
     half = 0.5 * contact.length

@@ -13,11 +13,11 @@ import numpy as np
 
 from difftrb.contact import crown
 from difftrb.contact.gap import Cells
-from difftrb.contact.height_map import HeightMap, height_map_is_sound
+from difftrb.contact.height_map import HeightMap, height_map_is_valid
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.bad_input import number_in, shown
-from difftrb.core.geometry import LineContact, Real, Spall, as_floats, contact_is_sound, spall_is_sound
+from difftrb.core.geometry import LineContact, Real, Spall, as_floats, contact_is_valid, spall_is_valid
 
 if TYPE_CHECKING:
     from jax import Array
@@ -247,12 +247,12 @@ def verdict(approach: jax.Array, residual: jax.Array, tolerance: float) -> jax.A
 
 def checked(inputs: Inputs, code: jax.Array, suited: jax.Array | bool = True) -> jax.Array:
     """A solve's status `code`, where inputs are finite and within what can be and the way of solving is `suited`."""
-    sound = contact_is_sound(inputs.contact) & (inputs.load > 0.0) & xp.all(xp.isfinite(inputs.offset))
+    valid = contact_is_valid(inputs.contact) & (inputs.load > 0.0) & xp.all(xp.isfinite(inputs.offset))
     for each in listed(inputs.spall):
-        sound = sound & (height_map_is_sound(each) if isinstance(each, HeightMap) else spall_is_sound(each))
+        valid = valid & (height_map_is_valid(each) if isinstance(each, HeightMap) else spall_is_valid(each))
     if inputs.tilt is not None:
-        sound = sound & xp.isfinite(inputs.tilt)
-    return xp.where(sound, xp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
+        valid = valid & xp.isfinite(inputs.tilt)
+    return xp.where(valid, xp.where(suited, code, status.UNSUITED), status.BAD_INPUT)
 
 
 def moment_of(cells: Cells, force: Any) -> Any:

@@ -16,6 +16,11 @@ from difftrb.contact import crown
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall
 
+APPROACH_EXPONENT = 0.9
+"""Of δ over Q of a line contact: Palmgren 1959."""
+LOAD_EXPONENT = 1.0 / APPROACH_EXPONENT
+"""10/9, of Q over δ; as in ISO/TS 16281:2008, eq. (38)."""
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -132,11 +137,16 @@ def line_half_width(line_load: Real, radius: Real, modulus: Real) -> Real:
     return xp.sqrt(4.0 * line_load * radius / (np.pi * modulus))  # Johnson 1985, eq. (4.43)
 
 
+def line_load_at(half_width: Real, radius: Real, modulus: Real) -> Real:
+    """The line load [N/mm] under which a line contact has this half width [mm]: the inverse of `line_half_width`."""
+    return 0.25 * np.pi * modulus * half_width**2 / radius
+
+
 def palmgren_approach(load: Real, length: Real) -> Real:
-    """Approach of a steel roller and one raceway [mm]; ISO/TS 16281's 35 948 N/mm for both is 2.07 times as soft."""
-    return 3.84e-5 * load**0.9 / length**0.8  # Palmgren 1959
+    """Approach of a steel roller and one raceway [mm]; `lamina_stiffness`, of both, is 2.07 times as soft."""
+    return 3.84e-5 * load**APPROACH_EXPONENT / length**0.8  # Palmgren 1959
 
 
 def lamina_stiffness(length: Real) -> Real:
-    """Spring constant c_L of a whole roller between its raceways [N/mm^(10/9)], Q = c_L δ^(10/9)."""
+    """Spring constant c_L of a whole steel roller between its raceways [N/mm^(10/9)], Q = c_L δ^(10/9)."""
     return 35948.0 * length ** (8.0 / 9.0)  # ISO/TS 16281:2008, eq. (38)

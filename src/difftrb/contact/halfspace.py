@@ -35,7 +35,7 @@ class Operator(Protocol):
         ...
 
     def displacement(self, force: jax.Array) -> jax.Array:
-        """Of all cells [mm] by the forces on them [N], linear and symmetric."""
+        """Mean normal one of every cell [mm] by the forces [N], both of shape (rows, columns); linear, symmetric."""
         ...
 
     def scaled(self, factor: jax.Array) -> Self:
@@ -281,8 +281,3 @@ def _along(cells: Cells, across: Callable[[jax.Array], jax.Array]) -> jax.Array:
     side = jnp.diff(y)
     sides = (2.0 if cells.mirrored else 1.0) * side[:, None] * side[None, :]
     return kernel / sides.reshape((1,) * (kernel.ndim - 2) + sides.shape)
-
-
-def displacement(matrix: Operator, force: jax.Array) -> jax.Array:
-    """Mean normal displacement of every cell [mm] by the cell forces [N]; both of shape (rows, columns)."""
-    return matrix.displacement(force)

@@ -144,7 +144,7 @@ def _hats(distance: jax.Array, count: int, pitch: Real) -> jax.Array:
     return jnp.maximum(jnp.minimum(1.0 - away, 1.0 + away), 0.0)  # not by |away|, whose slope at 0 is 1 in JAX
 
 
-def height_map_is_sound(measured: HeightMap) -> jax.Array:
+def height_map_is_valid(measured: HeightMap) -> jax.Array:
     """Whether all numbers of a map are finite, and its pitches positive."""
     pitches = jnp.stack([jnp.asarray(v, float) for v in (measured.pitch_x, measured.pitch_y)])
     finite = jnp.all(jnp.isfinite(jnp.asarray(measured.height, float)))

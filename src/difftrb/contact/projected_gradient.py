@@ -41,7 +41,7 @@ def press(cells: Cells, modulus: Real, gap: jax.Array, load: Real, level: Real) 
 def press_by(matrix: Operator, area: jax.Array, gap: jax.Array, load: Real, level: Real) -> implicit.Pressed:
     """The same by any operator of a half-space; `area` of the cells [mm²], shape (rows, columns)."""
     guess = first_guess(area, gap, level)
-    return implicit.pressed(halfspace.displacement, press_from, _respond, guess, matrix, gap, jnp.asarray(load))
+    return implicit.pressed(press_from, _respond, guess, matrix, gap, jnp.asarray(load))
 
 
 def first_guess(area: jax.Array, gap: jax.Array, level: Real) -> jax.Array:
@@ -59,7 +59,7 @@ def press_from(guess: jax.Array, matrix: Operator, gap: jax.Array, load: jax.Arr
         return (state.residual > GOAL) & (state.count < STEPS)
 
     end = jax.lax.while_loop(unfinished, step, start)
-    approach, residual = violation(end.force, halfspace.displacement(W, end.force) + g)
+    approach, residual = violation(end.force, W.displacement(end.force) + g)
     return end.force * load, approach * length, residual, (end.products + 2).astype(float)
 
 
@@ -76,7 +76,7 @@ class Scaled(NamedTuple):
 def scaled(guess: jax.Array, matrix: Operator, gap: jax.Array, load: jax.Array) -> Scaled:
     """The contact in units of its own."""
     share = guess / jnp.sum(guess)
-    length = jnp.vdot(share, load * halfspace.displacement(matrix, share) + gap)
+    length = jnp.vdot(share, load * matrix.displacement(share) + gap)
     return Scaled(share, length, matrix.scaled(load / length), gap / length)
 
 
@@ -148,21 +148,21 @@ def descent(W: Operator, gap: jax.Array, force: jax.Array) -> tuple[Callable[[De
         again = jnp.all(free == state.free) & (state.square > 0.0)
         turn = jnp.maximum(square - jnp.vdot(z, state.gradient), 0.0) / jnp.where(again, state.square, 1.0)
         p = z + jnp.where(again, turn, 0.0) * state.direction
-        Wp = halfspace.displacement(W, p)
+        Wp = W.displacement(p)
         length = jnp.vdot(r, p) / jnp.vdot(p, Wp)
         trial = f - length * p
         clipped = jnp.any(trial < 0.0)
 
         def bent():
             new = project(trial, 1.0 / even)
-            return new, halfspace.displacement(W, new)
+            return new, W.displacement(new)
 
         new, lifted = jax.lax.cond(clipped, bent, lambda: (trial, lifted - length * Wp))
         residual = violation(new, lifted + gap)[1]
         square = jnp.where(clipped, 0.0, square)
         return Descent(new, lifted, free, r, p, square, residual, state.count + 1, state.products + 1 + clipped)
 
-    lifted, none = halfspace.displacement(W, force), jnp.zeros_like(force)
+    lifted, none = W.displacement(force), jnp.zeros_like(force)
     residual = violation(force, lifted + gap)[1]
     return step, Descent(
         force, lifted, force > 0.0, none, none, jnp.zeros(()), residual, jnp.asarray(0), jnp.asarray(1)
@@ -200,7 +200,7 @@ def _conjugate_gradient(W: Operator, loaded: jax.Array, right: jax.Array) -> tup
 
     def step(state):
         w, r, p, square, k = state
-        Wp = halfspace.displacement(W, p)
+        Wp = W.displacement(p)
         length = square / jnp.vdot(p, Wp)
         r = balance(r - length * Wp)
         z = answer(r)
@@ -215,7 +215,7 @@ def _conjugate_gradient(W: Operator, loaded: jax.Array, right: jax.Array) -> tup
     p = answer(r)
     first = jnp.vdot(r, p)
     w, *_ = jax.lax.while_loop(unfinished, step, (jnp.zeros_like(r), r, p, first, jnp.asarray(0)))
-    return w, jnp.average(halfspace.displacement(W, w) - right, weights=jnp.where(loaded, even, 0.0))
+    return w, jnp.average(W.displacement(w) - right, weights=jnp.where(loaded, even, 0.0))
 
 
 def _respond(W: Operator, loaded: jax.Array, right: jax.Array | None) -> tuple[jax.Array, jax.Array]:
@@ -224,7 +224,7 @@ def _respond(W: Operator, loaded: jax.Array, right: jax.Array | None) -> tuple[j
         return _conjugate_gradient(W, loaded, right)
     even = jnp.where(loaded, 1.0 / W.diagonal, 0.0)
     even = even / jnp.sum(even)
-    displaced = halfspace.displacement(W, even)
+    displaced = W.displacement(even)
     correction, _ = _conjugate_gradient(W, loaded, -displaced)
     per_load = even + correction
-    return per_load, jnp.vdot(per_load, halfspace.displacement(W, per_load))
+    return per_load, jnp.vdot(per_load, W.displacement(per_load))

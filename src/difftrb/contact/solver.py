@@ -168,7 +168,7 @@ def _first_that_does(
     with np.errstate(all="ignore"):  # what comes of bad inputs has a status
         if method in ("cells", "lattice"):
             return by(method, 0, accuracy)
-        edges, fits, within = strip_reach.outlook(inputs)
+        edges, fits, within = strip_reach.edges_and_suitability(inputs)
         if method == "strips":
             return by("strips", int(edges), accuracy)
         suited = fits and (within or not _is_strict(accuracy))
@@ -197,7 +197,7 @@ def _others(accuracy: float) -> list[float]:
 @jit_quickly(static_argnames=("mirrored", "accuracy"))
 def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSolution:
     """By strips and, where they do not do, by cells; chosen as it runs."""
-    edges, *_ = strip_reach.outlook(inputs)
+    edges, *_ = strip_reach.edges_and_suitability(inputs)
     counts = range(1 if inputs.spall is None else 3)
     branches = [partial(_by_strips, mirrored=mirrored, edges=count, accuracy=accuracy) for count in counts]
     first = jax.lax.switch(edges, branches, inputs)

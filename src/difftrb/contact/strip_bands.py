@@ -12,7 +12,8 @@ import numpy as np
 
 from difftrb.contact import strip_active_set, strip_settling, strip_waves
 from difftrb.contact.strip_active_set import Quadratic
-from difftrb.contact.strip_plan import LAND, LEFT, RIGHT, Kernel, StripPlan
+from difftrb.contact.strip_kernel import Kernel
+from difftrb.contact.strip_plan import LAND, LEFT, RIGHT, StripPlan
 from difftrb.contact.strip_settling import StripProblem
 from difftrb.core import arrays as xp
 from difftrb.core import loops

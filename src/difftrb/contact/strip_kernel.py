@@ -7,12 +7,14 @@ itself.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from difftrb.contact import strip_rows
 from difftrb.contact.strip_rows import Rows
+from difftrb.contact.strip_waves import Frequencies
 from difftrb.core import arrays as xp
 from difftrb.core.arrays import Taylor, value
 from difftrb.core.numeric import chebyshev_roots, horner
@@ -23,6 +25,43 @@ NEAR = 2.0
 which for them is the same. Either way differences of them lose the fewest digits."""
 ROUNDING = 1e-15
 """Of those integrals. Where a pair of hats would lose more to it than a product of moments leaves out, it is one."""
+
+
+class Kernel(NamedTuple):
+    """How rows see one another: ∬ hat hat' K₀(κ|y−y'|) dy dy' at every frequency times its weight, (rows, rows, κ);
+    ∫ hat hat' dy, (rows, rows); ∫ hat y dy, (rows,)."""
+
+    products: Any
+    mass: Any
+    arm: Any
+
+
+def kernel_of(groups: tuple[Rows, ...], mirrored: bool, frequencies: Frequencies, nodes: int) -> Kernel:
+    """The rows' kernel. In ln κ it is smooth: at the waves' frequencies it is interpolated from `nodes` of them."""
+    at, through = _interpolation(frequencies, nodes)
+    between = xp.einsum("ijn,nk->ijk", products(groups, at, mirrored), through)
+    return Kernel(between, strip_rows.mass(groups), strip_rows.arms(groups))
+
+
+@lru_cache
+def _interpolation(frequencies: Frequencies, nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies at which the kernel is computed, and what takes it to all of them, times their weights."""
+    kappa, weights = frequencies.rule()
+    waves = frequencies.waves
+    at, through = kappa, np.eye(kappa.size)
+    if nodes < waves:
+        low, high = np.log(kappa[-waves]), np.log(kappa[-1])
+        roots = chebyshev_roots(nodes)
+        few = np.exp(0.5 * (high + low) + 0.5 * (high - low) * roots)
+        places = (2.0 * np.log(kappa[-waves:]) - high - low) / (high - low)
+        vandermonde = np.polynomial.chebyshev.chebvander
+        share = np.linalg.solve(vandermonde(roots, nodes - 1).T, vandermonde(places, nodes - 1).T)
+        share = few[:, None] * share / kappa[None, -waves:]  # κ times the kernel is bounded
+        at = np.concatenate([kappa[:-waves], few])
+        through = np.zeros((at.size, kappa.size))
+        through[:-nodes, :-waves] = np.eye(kappa.size - waves)
+        through[-nodes:, -waves:] = share
+    return at, through * (2.0 / np.pi * weights)[None]
 
 
 def products(groups: tuple[Rows, ...], kappa: np.ndarray, mirrored: bool) -> Any:

@@ -18,7 +18,8 @@ import jax
 import numpy as np
 
 from difftrb.contact import gap as gaps
-from difftrb.contact import strip_bands, strip_plan, strip_rows, strip_settling
+from difftrb.contact import strip_bands, strip_kernel, strip_plan, strip_rows, strip_settling
+from difftrb.contact.contact_extent import ends_along
 from difftrb.contact.contact_solution import Found, Inputs, verdict
 from difftrb.contact.gap import Cells
 from difftrb.contact.strip_plan import Fineness, StripPlan
@@ -26,10 +27,9 @@ from difftrb.contact.strip_reach import (
     Reach,
     carried_along,
     ends_within,
-    gone,
     interference,
+    missing_land_clearance,
     reach_of,
-    spall_edges,
     suited,
 )
 from difftrb.contact.strip_rows import Rows
@@ -108,7 +108,7 @@ def gradients(found: Strips, inputs: Inputs, way: Way, count: int) -> list[Input
 
 def _groups(inputs: Inputs, reach: Reach, way: Way) -> tuple[tuple[Rows, ...], int | None, tuple]:
     """The rows, the number of those over the spall, and what they are made of: the spall's ends and the contact's."""
-    ends = tuple(end / reach.unit for end in (*spall_edges(inputs), reach.bottom, reach.top))
+    ends = tuple(end / reach.unit for end in (*ends_along(inputs.contact, inputs.spall), reach.bottom, reach.top))
     if way.mirrored:
         ends = tuple(xp.fixed(end) if i in (0, 2) else end for i, end in enumerate(ends))
     groups, hollow = strip_plan.groups_of(ends, way.mirrored, inputs.spall is not None, way.edges, way.fine)
@@ -125,7 +125,7 @@ def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, Stri
     gap = xp.concatenate([
         strip_rows.integrals(group, lambda y: push * gaps.rest_at(y * reach.unit, contact, tilt)) for group in groups
     ]) / weight  # fmt: skip
-    gap = gap + gone(groups, ends) * xp.fixed(push * reach.approach)
+    gap = gap + missing_land_clearance(groups, ends) * xp.fixed(push * reach.approach)
     left, right = _rolling_edges(inputs, edges, reach.unit)
     images = 2.0 if mirrored else 1.0
     problem = StripProblem(
@@ -140,10 +140,10 @@ def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, Stri
     return problem, strip_plan.plan_of(groups, hollow, edges, mirrored, fine), ends
 
 
-def _kernel(way: Way, spalled: bool, *ends: Any) -> strip_plan.Kernel:
+def _kernel(way: Way, spalled: bool, *ends: Any) -> strip_kernel.Kernel:
     """Of the rows between these ends of a spall and of the contact."""
     groups, _ = strip_plan.groups_of(ends, way.mirrored, spalled, way.edges, way.fine)
-    return strip_plan.kernel_of(groups, way.mirrored, way.fine.frequencies_for(way.edges), way.fine.nodes)
+    return strip_kernel.kernel_of(groups, way.mirrored, way.fine.frequencies_for(way.edges), way.fine.nodes)
 
 
 def _rolling_edges(inputs: Inputs, edges: int, unit: Any) -> tuple[Any, Any]:
@@ -169,7 +169,7 @@ def _shifted(way: Way, found: Strips, settled: Sequence[Settled], inputs: Inputs
     if len(settled) > 1:
         groups, *_ = _groups(inputs, reach, way)
         on = found.settled.active[plan.outline_of]
-        own = xp.total(xp.where(on, found.settled.loads[:, 0], 0.0) * strip_plan.arms(groups)[plan.rows])
+        own = xp.total(xp.where(on, found.settled.loads[:, 0], 0.0) * strip_rows.arms(groups)[plan.rows])
         moved.append(reach.line_load * reach.unit**2 * (own + shifts[1]))
     return moved
 
@@ -183,8 +183,8 @@ def _search(way: Way, inputs: Inputs) -> tuple[Any, Strips]:
     begin = plan.begun_by @ size, plan.begun_by @ on
     settled, passes = strip_settling.settle(plan, problem, kernel, *begin, fine.settled, way.tolerance)
     approach = settled.approach / problem.push
-    turning = settled.loads[:, 0] * kernel.arm[plan.rows]
-    moment = reach.line_load * reach.unit**2 * xp.sum(turning) * (0.0 if way.mirrored else 1.0)
+    moments = settled.loads[:, 0] * kernel.arm[plan.rows]
+    moment = reach.line_load * reach.unit**2 * xp.sum(moments) * (0.0 if way.mirrored else 1.0)
     return approach, Strips(approach, moment, settled, reach, still, passes)
 
 
@@ -200,11 +200,11 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     plan, groups, on, loads, ends = _outlined(found, inputs, way)
     images = 2.0 if way.mirrored else 1.0
     force, tension = _pressing(
-        images * reach.line_load * reach.unit * _spread(plan, groups, loads, ends, cells, reach.unit)
+        images * reach.line_load * reach.unit * _load_on_cells(plan, groups, loads, ends, cells, reach.unit)
     )
     code = verdict(found.approach, settled.error, way.tolerance)
-    sound = found.still & (interference(inputs, found.approach) > 0.0)
-    code = xp.where(sound, code, status.worst(code, np.asarray(status.NOT_CONVERGED)))
+    converged = found.still & (interference(inputs, found.approach) > 0.0)
+    code = xp.where(converged, code, status.worst(code, np.asarray(status.NOT_CONVERGED)))
     code = status.worst(code, verdict(found.approach, tension, TENSION * accuracy))
     fits = suited(inputs, reach, found.approach)
     fits = fits & ends_within(inputs, reach) if way.edges and way.strict else fits
@@ -244,7 +244,7 @@ def _pressing(force: Any) -> tuple[Any, Any]:
     return kept * pressing, xp.fixed(1.0 - kept)
 
 
-def _spread(plan: StripPlan, groups: tuple[Rows, ...], loads: Any, ends: Any, cells: Cells, unit: Any) -> Any:
+def _load_on_cells(plan: StripPlan, groups: tuple[Rows, ...], loads: Any, ends: Any, cells: Cells, unit: Any) -> Any:
     """The strips' load on every cell, exactly integrated: share of each strip in x, of each hat in y."""
     low, high = ends[:, 0], ends[:, 1]
     borders = cells.borders / unit

@@ -5,15 +5,14 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from difftrb.contact import strip_kernel, strip_rows
+from difftrb.contact import strip_rows
 from difftrb.contact.strip_rows import Rows
 from difftrb.contact.strip_waves import Frequencies
 from difftrb.core import arrays as xp
-from difftrb.core.numeric import chebyshev_roots
 
 LAND, RIGHT, LEFT, MIDDLE = 0, 1, -1, 2
 THIN = 2  # rows of land at a spall's end that share an outline
@@ -170,45 +169,3 @@ def groups_of(
     lower = Rows(-strip_rows.graded(-low, -bottom, fine.land, GATHERED, GATHERED)[::-1], False, "high")
     hollow = Rows(strip_rows.graded(low, high, 2 * fine.hollow, HOLLOW, HOLLOW), False, "both")
     return ((lower, hollow, upper), 1) if edges else ((lower, upper), None)
-
-
-class Kernel(NamedTuple):
-    """How rows see one another: ∬ hat hat' K₀(κ|y−y'|) dy dy' at every frequency times its weight, (rows, rows, κ);
-    ∫ hat hat' dy, (rows, rows); ∫ hat y dy, (rows,)."""
-
-    products: Any
-    mass: Any
-    arm: Any
-
-
-def kernel_of(groups: tuple[Rows, ...], mirrored: bool, frequencies: Frequencies, nodes: int) -> Kernel:
-    """The rows' kernel. In ln κ it is smooth: at the waves' frequencies it is interpolated from `nodes` of them."""
-    at, through = _through(frequencies, nodes)
-    products = xp.einsum("ijn,nk->ijk", strip_kernel.products(groups, at, mirrored), through)
-    return Kernel(products, strip_rows.mass(groups), arms(groups))
-
-
-def arms(groups: tuple[Rows, ...]) -> Any:
-    """∫ hat y dy of all rows, (rows,)."""
-    return xp.concatenate([strip_rows.integrals(rows, lambda y: y) for rows in groups])
-
-
-@lru_cache
-def _through(frequencies: Frequencies, nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies at which the kernel is computed, and what takes it to all of them, times their weights."""
-    kappa, weights = frequencies.rule()
-    waves = frequencies.waves
-    at, through = kappa, np.eye(kappa.size)
-    if nodes < waves:
-        low, high = np.log(kappa[-waves]), np.log(kappa[-1])
-        roots = chebyshev_roots(nodes)
-        few = np.exp(0.5 * (high + low) + 0.5 * (high - low) * roots)
-        places = (2.0 * np.log(kappa[-waves:]) - high - low) / (high - low)
-        vandermonde = np.polynomial.chebyshev.chebvander
-        share = np.linalg.solve(vandermonde(roots, nodes - 1).T, vandermonde(places, nodes - 1).T)
-        share = few[:, None] * share / kappa[None, -waves:]  # κ times the kernel is bounded
-        at = np.concatenate([kappa[:-waves], few])
-        through = np.zeros((at.size, kappa.size))
-        through[:-nodes, :-waves] = np.eye(kappa.size - waves)
-        through[-nodes:, -waves:] = share
-    return at, through * (2.0 / np.pi * weights)[None]

@@ -8,6 +8,7 @@ import numpy as np
 
 from difftrb.contact import contact_extent, crown
 from difftrb.contact import gap as gaps
+from difftrb.contact.contact_extent import ends_along
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.strip_plan import LEAST_ROWS
 from difftrb.contact.strip_rows import Rows
@@ -36,16 +37,7 @@ class Reach(NamedTuple):
     tip: Any
 
 
-def spall_edges(inputs: Inputs) -> tuple[Any, Any]:
-    """Where the spall begins and ends along the roller [mm]; both 0 without one."""
-    return _edges_along(inputs.contact, inputs.spall)
-
-
-def _edges_along(contact: LineContact, spall: Any) -> tuple[Any, Any]:
-    return (0.0, 0.0) if spall is None else contact_extent.edges_along(contact, spall)
-
-
-def outlook(inputs: Inputs) -> tuple[Any, Any, Any]:
+def edges_and_suitability(inputs: Inputs) -> tuple[Any, Any, Any]:
     """How many rolling edges of the spall may be in reach of the contact, 0…2, whether strips can be expected to
     describe it but for the spall's ends, and whether these are within where it matters (`ends_within`)."""
     contact, spall = inputs.contact, cast(Any, inputs.spall)
@@ -62,7 +54,7 @@ def outlook(inputs: Inputs) -> tuple[Any, Any, Any]:
 def suited(inputs: Inputs, reach: Reach, approach: Any) -> Any:
     """Whether strips can describe a contact of so large an approach [mm]."""
     contact, spall = inputs.contact, cast(Any, inputs.spall)
-    low, high = spall_edges(inputs)
+    low, high = ends_along(inputs.contact, inputs.spall)
     land = (
         2.0 * reach.tip - (xp.clip(high, reach.bottom, reach.top) - xp.clip(low, reach.bottom, reach.top))
     ) / reach.unit
@@ -78,7 +70,7 @@ def interference(inputs: Inputs, approach: Any) -> Any:
 def ends_within(inputs: Inputs, reach: Reach) -> Any:
     """Whether a spall ends within the loaded part of the roller, at both ends: where it goes on to the roller's end,
     what stands on its rolling edge ends freely, and strips over a spall do not, by up to 5e-3 of the approach."""
-    low, high = spall_edges(inputs)
+    low, high = ends_along(inputs.contact, inputs.spall)
     return (high < reach.top - reach.unit) & (low > reach.unit + reach.bottom)
 
 
@@ -89,7 +81,7 @@ def reach_of(inputs: Inputs, edges: int) -> Reach:
     """
     contact, load, spall, offset, tilt = inputs
     offset = xp.abs(offset) if edges == 1 else offset
-    low, high = spall_edges(inputs)
+    low, high = ends_along(inputs.contact, inputs.spall)
     tip, line_load, unit, approach = _level_reach(contact, load, spall, offset, edges)
     if tilt is None:
         ends = [_tip(contact, tip, approach, end, other) for end, other in ((-low, high), (high, -low))]
@@ -110,19 +102,19 @@ def reach_of(inputs: Inputs, edges: int) -> Reach:
 def _level_reach(contact: LineContact, load: Any, spall: Any, offset: Any, edges: int) -> tuple[Any, Any, Any, Any]:
     """`reach_of_strips`; with rolling edges in reach, between those with and without the spall, by the share of the
     pressure that it takes."""
-    reach = contact_extent.reach_of_strips(contact, load, *_edges_along(contact, spall))
+    reach = contact_extent.reach_of_strips(contact, load, *ends_along(contact, spall))
     if spall is None or not edges:
         return reach
-    sound = contact_extent.reach_of_strips(contact, load, 0.0 * load, 0.0 * load)
+    healthy = contact_extent.reach_of_strips(contact, load, 0.0 * load, 0.0 * load)
     ends = [xp.clip((offset + side * spall.width) / reach[2], -1.0, 1.0) for side in (-0.5, 0.5)]
     below = [(xp.arcsin(end) + end * xp.sqrt(1.0 - end * end)) / np.pi for end in ends]  # of half an ellipse
     taken = below[1] - below[0]
     taken = 0.5 * (taken**2 + taken**8)  # what is left of a strip is nearly as stiff until little is left
-    tip, line_load, _, approach = (taken * a + (1.0 - taken) * b for a, b in zip(reach, sound, strict=True))
+    tip, line_load, _, approach = (taken * a + (1.0 - taken) * b for a, b in zip(reach, healthy, strict=True))
     # a light load sinks a roller over a long spall through its crown: then edges far beyond the half-width are in reach
     farthest = gaps.certain_reach(contact.radius, reach[3]) / REACHED
     unit = xp.maximum(gaps.line_half_width(line_load, contact.radius, contact.modulus), farthest)
-    return tip, 0.25 * np.pi * contact.modulus * unit**2 / contact.radius, unit, approach
+    return tip, gaps.line_load_at(unit, contact.radius, contact.modulus), unit, approach
 
 
 def _tip(contact: LineContact, tip: Any, estimate: Any, end: Any, other: Any) -> Any:
@@ -147,7 +139,7 @@ def carried_along(reach: Reach, inputs: Inputs, edges: int) -> Reach:
     that there is (of the whole roller, if it may stand beyond a rolling edge), and ends where the gap has grown like
     the approach."""
     contact, load, *_, tilt = inputs
-    low, high = (0.0, 0.0) if edges else spall_edges(inputs)
+    low, high = (0.0, 0.0) if edges else ends_along(inputs.contact, inputs.spall)
     land = xp.maximum(reach.top - reach.bottom - (high - low), 0.02 * contact.length)
     line_load, bent, modulus = (
         x / xp.fixed(x) for x in (load / (contact.modulus * land), contact.radius, contact.modulus)
@@ -168,7 +160,7 @@ def carried_along(reach: Reach, inputs: Inputs, edges: int) -> Reach:
     )
 
 
-def gone(groups: tuple[Rows, ...], ends: tuple[Any, ...]) -> Any:
+def missing_land_clearance(groups: tuple[Rows, ...], ends: tuple[Any, ...]) -> Any:
     """By how much, in approaches, rows are clear that stand for land of which a spall leaves none, shape (rows,);
     `ends` of the spall and of the rows."""
     low, high, bottom, top = xp.fixed(ends)

@@ -70,6 +70,11 @@ def weights(groups: tuple[Rows, ...]) -> Any:
     return xp.concatenate([integrals(rows, xp.ones_like) for rows in groups])
 
 
+def arms(groups: tuple[Rows, ...]) -> Any:
+    """∫ hat y dy of all rows, (rows,)."""
+    return xp.concatenate([integrals(rows, lambda y: y) for rows in groups])
+
+
 def shares(rows: Rows, borders: Any) -> Any:
     """∫ hat dy between neighbouring `borders`, shape (hats, len(borders) - 1)."""
     u = xp.clip((borders[None] - rows.lines[:-1, None]) / rows.steps[:, None], 0.0, 1.0)

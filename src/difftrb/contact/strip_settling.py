@@ -15,7 +15,8 @@ import numpy as np
 
 from difftrb.contact import strip_active_set, strip_waves
 from difftrb.contact.strip_active_set import Quadratic
-from difftrb.contact.strip_plan import LEFT, MIDDLE, RIGHT, Kernel, StripPlan
+from difftrb.contact.strip_kernel import Kernel
+from difftrb.contact.strip_plan import LEFT, MIDDLE, RIGHT, StripPlan
 from difftrb.core import arrays as xp
 from difftrb.core import loops
 
@@ -92,7 +93,7 @@ def settle(
             & (count < CALLS)
         )
         new = _waiting(plan, bound, new, active_next)
-        new = xp.where((called & plan.sided)[:, None], _met(plan, problem, bound, overlap), new)
+        new = xp.where((called & plan.sided)[:, None], _overlapping_ends(plan, problem, bound, overlap), new)
         active_next = active_next | called
         done = (error < tolerance) & xp.all(active_next == active)
         return found._replace(error=error), new, held_next, active_next, count + 1, done
@@ -115,7 +116,7 @@ def _waiting(plan: StripPlan, bound: Any, ends: Any, active: Any) -> Any:
     return xp.where((plan.sided & ~active)[:, None], xp.stack([low, high], axis=1), ends)
 
 
-def _met(plan: StripPlan, problem: StripProblem, bound: Any, overlap: Any) -> Any:
+def _overlapping_ends(plan: StripPlan, problem: StripProblem, bound: Any, overlap: Any) -> Any:
     """About where the contact ends of an outline beyond an edge that overlaps the other body there: where curvature has
     taken the overlap away."""
     low, high = bound[:, 0], bound[:, 1]

@@ -180,7 +180,7 @@ def as_floats(tree: Tree) -> Tree:
     return jax.tree.map(as_float, tree)
 
 
-def spall_is_sound(spall: Spall) -> Any:
+def spall_is_valid(spall: Spall) -> Any:
     """Whether all numbers of a spall are finite, and its sizes not negative."""
     sizes = spall.length, spall.width, spall.depth
     place = spall.angle, spall.axial_offset
@@ -188,7 +188,7 @@ def spall_is_sound(spall: Spall) -> Any:
     return (spall.length >= 0.0) & (spall.width >= 0.0) & (spall.depth >= 0.0) & finite
 
 
-def contact_is_sound(contact: LineContact) -> Any:
+def contact_is_valid(contact: LineContact) -> Any:
     """Whether all numbers of a contact are finite and positive, its design load at least zero."""
     sizes = contact.radius, contact.length, contact.modulus
     positive = (contact.radius > 0.0) & (contact.length > 0.0) & (contact.modulus > 0.0)

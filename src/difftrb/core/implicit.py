@@ -1,5 +1,5 @@
 """Derivative rules of the package, and nothing else; those of two functions stand beside them
-(`contact.halfspace`, `law.equivalent_edge`).
+(`contact.halfspace`, `law.narrow_spall`).
 
 A solve is differentiated at its solution, not through its iterations: the conditions that hold there are linearised
 (implicit function theorem), in forward and, by transposition, in reverse mode.
@@ -220,21 +220,20 @@ def _moving(tree: Pytree, tangents: Pytree) -> tuple[list, list, Callable[[list]
     return [leaves[k] for k in which], [changes[k] for k in which], among
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def pressed(
-    apply: Callable[[Pytree, jax.Array], jax.Array],
     solver: Callable[[Pytree, Pytree, jax.Array, jax.Array], Pressed],
     respond: Callable[[Pytree, jax.Array, jax.Array | None], tuple[jax.Array, jax.Array]],
     guess: Pytree,
-    operator: Pytree,
+    operator: Any,
     gap: jax.Array,
     load: jax.Array,
 ) -> Pressed:
     """Forces f ≥ 0 with Σf = load and approach δ with W f + gap = δ wherever f > 0.
 
-    `apply(operator, f)` is W f, W symmetric. `solver(guess, operator, gap, load)` returns (f, δ, residual, iterations),
-    the last two without derivative. `respond(operator, loaded, right)` returns (w, μ) with W w = right + μ on the
-    loaded cells, w = 0 elsewhere and Σw = 0 if `right` is not None, else W w = μ and Σw = 1.
+    `operator.displacement(f)` is W f, W symmetric. `solver(guess, operator, gap, load)` returns (f, δ, residual,
+    iterations), the last two without derivative. `respond(operator, loaded, right)` returns (w, μ) with W w = right + μ
+    on the loaded cells, w = 0 elsewhere and Σw = 0 if `right` is not None, else W w = μ and Σw = 1.
 
     dδ/dθ needs one linear solve whatever the number of inputs: with v = ∂f/∂load and dr the change of W f + gap at
     fixed f, dδ = v·dr + (∂δ/∂load) dload.
@@ -243,14 +242,14 @@ def pressed(
 
 
 @pressed.defjvp
-def _pressed_jvp(apply: Callable, solver: Callable, respond: Callable, primals: tuple, tangents: tuple):
+def _pressed_jvp(solver: Callable, respond: Callable, primals: tuple, tangents: tuple):
     guess, operator, gap, load = primals
     _, operator_change, gap_change, load_change = tangents
-    force, approach, residual, iterations = pressed(apply, solver, respond, guess, operator, gap, load)
+    force, approach, residual, iterations = pressed(solver, respond, guess, operator, gap, load)
     force = jax.lax.stop_gradient(force)
     loaded = force > 0.0
     per_load, compliance = respond(operator, loaded, None)
-    _, moved = jax.jvp(lambda op: apply(op, force), (operator,), (operator_change,))
+    _, moved = jax.jvp(lambda op: op.displacement(force), (operator,), (operator_change,))
     moved = jnp.where(loaded, moved + gap_change, 0.0)
     approach_change = jnp.vdot(per_load, moved) + compliance * load_change
 
@@ -259,7 +258,7 @@ def _pressed_jvp(apply: Callable, solver: Callable, respond: Callable, primals: 
 
     # W w = μ − moved on Σw = 0; the operator below is W seen from that subspace, its own transpose
     relaxed = jax.lax.custom_linear_solve(
-        lambda w: jnp.where(loaded, apply(operator, w), 0.0), -moved, solve, symmetric=True
+        lambda w: jnp.where(loaded, operator.displacement(w), 0.0), -moved, solve, symmetric=True
     )
     force_change = relaxed + per_load * load_change
     out = force, approach, residual, iterations

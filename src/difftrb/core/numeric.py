@@ -1,4 +1,4 @@
-"""Polynomials by Chebyshev's nodes and by powers, Gauss's rule, and bisection: written once."""
+"""Polynomials by Chebyshev's nodes and by powers, Gauss's rule, bisection, and least squares: written once."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from difftrb.core import arrays as xp
+from difftrb.core.taylor import Taylor
 
 SECTIONS = np.arange(1, 64) / 64.0
 
@@ -43,8 +46,8 @@ def chebyshev(x: Any, degree: int) -> list[Any]:
 
 def chebyshev_row(count: int, x: Any) -> Any:
     """The first `count` Chebyshev polynomials of one `x` in −1…1, shape (count,)."""
-    xp = jnp if isinstance(x, jax.Array) else np
-    return xp.cos(np.arange(count) * xp.arccos(xp.clip(x, -1.0, 1.0)))
+    of = jnp if isinstance(x, jax.Array) else np
+    return of.cos(np.arange(count) * of.arccos(of.clip(x, -1.0, 1.0)))
 
 
 @functools.cache
@@ -115,3 +118,31 @@ def _sectioned(holds: Callable[[Any], Any], inside: Any, outside: Any, rounds: i
         last = len(SECTIONS) if np.all(good) else int(np.argmin(good))
         inside, outside = places[last], places[last + 1]
     return inside, outside
+
+
+def least_squares(matrix: Any, right: Any, ridge: float) -> Any:
+    """x with `matrix` · x nearest to `right`, shapes (…, n, m) and (…, n); what the rows do not tell stays small."""
+    plain, goal = xp.value(matrix), xp.value(right)
+    eye = np.broadcast_to(ridge * np.eye(plain.shape[-1]), (*plain.shape[:-2], *plain.shape[-1:] * 2))
+    q, r = xp.module_of(plain).linalg.qr(xp.concatenate([plain, eye], axis=plain.ndim - 2))
+    turned, lifted = (xp.moveaxis(part, -1, -2) for part in (q[..., : plain.shape[-2], :], r))
+
+    def solved(triangle: Any, right: Any) -> Any:
+        return xp.solved(triangle, right[..., None])[..., 0]
+
+    def times(matrix: Any, vector: Any) -> Any:
+        return xp.matmul(matrix, vector[..., None])[..., 0]
+
+    found = solved(r, times(turned, goal))
+    matrix_by, right_by = xp.by(matrix), xp.by(right)
+    if matrix_by is None and right_by is None:
+        return found
+    # x moves as the least squares of what the rows miss by, and as the missed turns with the rows
+    missed, by = goal - times(plain, found), 0.0
+    if right_by is not None:
+        by = by + solved(r[None], times(turned[None], right_by))
+    if matrix_by is not None:
+        by = by - solved(r[None], times(turned[None], times(matrix_by, found[None])))
+        turning = times(xp.moveaxis(matrix_by, -1, -2), missed[None])
+        by = by + solved(r[None], solved(lifted[None], turning))
+    return Taylor(found, by=by)

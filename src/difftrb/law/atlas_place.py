@@ -37,7 +37,7 @@ class Place(NamedTuple):
 
 def shortest(number: Real) -> Any:
     """Width of a usual contact by the roller's length: spalls' lengths are told apart by their roots from there on."""
-    return xp.sqrt(16.0 * USUAL_LOAD * number / np.pi)  # Johnson 1985, eq. (4.43)
+    return xp.sqrt(16.0 * USUAL_LOAD * number / np.pi)  # twice `gap.line_half_width`
 
 
 def place_of(length: Real, axial_offset: Real, number: Real) -> Place:
@@ -57,14 +57,3 @@ def place_of(length: Real, axial_offset: Real, number: Real) -> Place:
         return x + xp.fixed(xp.within(x, 0.0, 1.0) - x)
 
     return Place(kept(fits), kept(xp.where(over_end, 0.0, share)), over_end, known)
-
-
-def spall_at(length: float, aside: float, over_end: bool, number: float) -> tuple[float, float]:
-    """Length and axial offset by the roller's length: the inverse of `place_of`."""
-    if over_end:
-        taken = AT_END[0] + (AT_END[1] - AT_END[0]) * length
-        return 2.0 * taken, 0.5  # half of it lies beyond the roller's end
-    least = float(shortest(number))
-    root = np.sqrt(least) + length * (np.sqrt(LONGEST + least) - np.sqrt(least))
-    own = max(root**2 - least, 0.0)
-    return own, (INNER - 0.5 * own) * np.sqrt(aside)

@@ -20,9 +20,9 @@ from difftrb.core import arrays as xp
 from difftrb.core import packaged_bearings, status
 from difftrb.core.bad_input import shown
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
-from difftrb.law import edge_ramp, load_curve
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law import load_curve, roller_curves
 from difftrb.law.load_curve import Curve
+from difftrb.law.roller_curves import RollerCurves
 from difftrb.law.samples import Progress
 
 AUTO = "auto"
@@ -121,29 +121,13 @@ def load_over(
     [mm] from the middle of `spall`, or on a healthy raceway."""
     spalls = () if spall is None else (spall,)
     curves = law.curves(spalls, jnp.full((len(spalls), 1), distance))
-    load, slope = edge_ramp.roller_loads(curves, jnp.reshape(approach, (1,)))
+    load, slope = roller_curves.roller_loads(curves, jnp.reshape(approach, (1,)))
     return load[0], slope[0]
 
 
 def of_base(name: str) -> Any:
     """A property that a law has of its `base`."""
     return property(lambda self: getattr(self.base, name), doc="The other law's.")
-
-
-def spalls_under(spalls: tuple[Spall, ...], distances: Any) -> Any:
-    """Which spall every roller is over, counted from 1; 0 is none; shape (…, rollers).
-
-    A hard window: a roller is over a spall while the middle of its contact is, so width changes only the number of
-    rollers inside. Of several spalls the longest counts. `distances` as in `Law`.
-    """
-    away, spalls = xp.values((distances, spalls))
-    of = xp.module_of(away, *jax.tree.leaves(spalls))
-    over = of.zeros(away.shape[1:], int)
-    longest = of.full(away.shape[1:], -1.0)  # a spall of no length counts: its curve is healthy, its slope is not
-    for i, spall in enumerate(spalls):
-        inside = (of.abs(away[i]) < 0.5 * spall.width) & (spall.length > longest)  # Liu et al. 2018, eq. (7)
-        over, longest = of.where(inside, i + 1, over), of.where(inside, spall.length, longest)
-    return over
 
 
 def lengths_of(spalls: tuple[Spall, ...]) -> Any:
@@ -153,7 +137,7 @@ def lengths_of(spalls: tuple[Spall, ...]) -> Any:
 
 def in_window(curves: Curve, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
     """Every roller's curve in a hard window, of `curves` over no spall and over every spall, shape (1 + spalls,)."""
-    return RollerCurves(load_curve.chosen(curves, spalls_under(spalls, distances)))
+    return RollerCurves(load_curve.chosen(curves, roller_curves.spalls_under(spalls, distances)))
 
 
 # ------------------------------------------------------------------------------------------------ judging

@@ -3,13 +3,13 @@
 At an approach δ the roller carries Q = Qₛ + (Qₕ − Qₛ) W(t): what it would over the middle of the spall, and of what the
 land would carry beyond that the share W (`edge_share`). t runs from 0, where the edge enters the contact, to 1, where
 the roller no longer meets the land. Beyond 0 and 1 the roller is healthy or over the middle of the spall, exactly. Of a
-spall narrower than the contact both edges act as the one of `equivalent_edge`.
+spall narrower than the contact both edges act as one, that of `narrow_spall`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -18,10 +18,9 @@ from difftrb.contact.gap import certain_reach
 from difftrb.core import arrays as xp
 from difftrb.core import series
 from difftrb.core.geometry import Real
-from difftrb.core.taylor import Taylor
-from difftrb.law import edge_share, equivalent_edge, load_curve
-from difftrb.law.equivalent_edge import NarrowSpall
+from difftrb.law import edge_share, load_curve, narrow_spall
 from difftrb.law.load_curve import Curve
+from difftrb.law.narrow_spall import NarrowSpall
 
 TERMS = 9
 """Of s: u = 1 − √(1 − t) times a polynomial in 2u − 1."""
@@ -64,68 +63,12 @@ class Ramp:
     narrow: NarrowSpall | None = None
 
 
-class NearState(NamedTuple):
-    """Load near one approach, as a polynomial in it that goes on straight beyond: of slices that push or pull, of which
-    only a whole roller's are a contact.
-
-    Attributes:
-      coefficients: cₖ of Q = Σ cₖ zᵏ [N], z = (δ − middle)/reach, shape (degree + 1, …, slices).
-      middle, reach: [mm], shape (…, slices).
-    """
-
-    coefficients: Any
-    middle: Any
-    reach: Any
-
-
-class RollerCurves(NamedTuple):
-    """Q(δ) of every roller of a ring, or of every slice of its rollers.
-
-    Attributes:
-      each: the curve of every roller that is on no ramp, shape (rollers,).
-      ramps: along an axis behind every field's own; None: there is none.
-      at: which roller stands on which ramp: ones in zeros, shape (ramps, rollers).
-      near: what stands for all curves near the states that slices are in; None: nothing does.
-    """
-
-    each: Curve
-    ramps: Ramp | None = None
-    at: jax.Array | None = None
-    near: NearState | None = None
-
-
-def roller_loads(curves: RollerCurves, approach: Any) -> tuple[Any, Any]:
-    """Load [N] and its slope [N/mm] of every roller at its approach [mm], all of shape (rollers,)."""
-    found = carried_loads(curves, xp.variable(approach))
-    return found.value, found.by[0]
-
-
-def carried_loads(curves: RollerCurves, approach: Any) -> Any:
-    """Load [N] of every roller at its approach [mm], both of shape (rollers,)."""
-    if curves.near is not None:
-        coefficients, middle, reach = curves.near
-        return series.polynomial(coefficients, (approach - middle) / reach, straight=True)
-    loads = load_curve.carried(curves.each, approach)
-    if curves.ramps is None or curves.at is None:
-        return loads
-    # products of matrices, for what one of them takes is computed once and not for every roller
-    there = carried(curves.ramps, xp.einsum("e...r,...r->e...", curves.at, approach))
-    return loads * (1.0 - curves.at.sum(axis=0)) + xp.einsum("e...,e...r->...r", there, curves.at)
-
-
-def expanded_loads(curves: RollerCurves, approach: Any) -> Taylor:
-    """Load of every roller [N] as an expansion by parameters and, last, by its approach: `approach` [mm] holds how it
-    changes with the parameters alone."""
-    variable, curves = xp.with_variable(approach, curves)
-    return carried_loads(curves, variable)
-
-
 def carried(ramp: Ramp, approach: Any) -> Any:
     """Q [N] at `approach` δ [mm], in the shape of the ramps."""
     healthy, full, low, high = between(ramp, approach)
     edge = ramp.edge
     if ramp.narrow is not None:
-        edge = equivalent_edge.of_both(edge, ramp.narrow, approach, low, high)
+        edge = narrow_spall.equivalent_edge(edge, ramp.narrow, approach, low, high)
     t = edge_share.place(edge, low, high)
     return full + (healthy - full) * edge_share.left(t, series.polynomial(ramp.share, level(ramp, healthy)[None]))
 

@@ -113,7 +113,7 @@ def _interpolant(z: Any, values: Any) -> Any:
 
 def _coefficients(z: Any, values: Any) -> Any:
     """Of the polynomials in powers of z through `values` at `z`, all of shape (n, …); linear in the values."""
-    of, order, count = xp.module_of(z, values), np.array(_spread(len(z))), len(z)
+    of, order, count = xp.module_of(z, values), np.array(_leja_order(len(z))), len(z)
     places = z[order]
     at = np.arange(count).reshape(-1, *[1] * (z.ndim - 1))
 
@@ -129,7 +129,7 @@ def _coefficients(z: Any, values: Any) -> Any:
     return loops.counted(count - 1, multiplied, of.where(at == 0, differences[-1:], 0.0))
 
 
-def _spread(count: int) -> list[int]:
+def _leja_order(count: int) -> list[int]:
     """An order of Chebyshev–Lobatto nodes in which divided differences stay accurate (Leja's)."""
     x = np.cos(np.pi * np.arange(count) / (count - 1))
     order = [0]

@@ -1,4 +1,4 @@
-"""A spall across the contact that is narrower than it: how far the roller sinks over both its edges.
+"""A spall so narrow that both its edges are in reach: how far a roller sinks over it, and the one edge for both.
 
 In plane strain a roller under a line load, whose contact has the half-width b without a spall, sinks by (b²/R) g more
 over a spall with vertical walls that it does not fill. Where both lands touch, at −e₁ and beyond and at e₂ and beyond,
@@ -7,18 +7,25 @@ from what it must be far away, a₁ and a₂ from the load and from lands that h
 spall of width w under the roller it sinks w²/8R, exactly; wherever both lands touch, 0.88…1 times that. The share is
 solved here once, on a grid, and read as a polynomial. On one land alone g(e) = e²/2 + 3k²/4 + ek − ln(k)/2 − 1/4 with
 k = (√(e² + 3) − e)/3 and e in half-widths.
+
+The equivalent edge is the one over which the roller would sink as far, in the mean over rows along the spall, of which
+the crown loads the outer ones less. The contact's width goes with the share of load that is left, that with the edge:
+it is found in rounds.
 """
 
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import series
+from difftrb.core import loops, series
 from difftrb.core.numeric import bisected, chebyshev_roots, gauss_legendre, polynomial, with_slope
+from difftrb.law import edge_share
 
 MIDDLE = 1.0 / 8.0
 """Of the width's square, by which the roller sinks over the spall's middle, by R."""
@@ -34,6 +41,17 @@ DEGREES = 7, 6
 """Of the share of w²/8R in the spall's place between there and the middle, and in its width."""
 PLACES = 12
 POINTS = 400
+ROUNDS = 9
+"""In which the one edge is found that stands for a narrow spall's two: to rounding, its derivatives to 1e-9."""
+ALONG, WEIGHTS = gauss_legendre(6)
+"""Rows along a narrow spall, in halves of its length from its middle, and what they count."""
+ROW = 1.3
+"""A row's line load goes with this power of the approach less the crown, as a crowned roller's load does."""
+FAR = 2.5
+"""A spall so many times as wide as a ramp's end is off: in its middle a roller meets no land, for two lands that carry
+let it sink by at least 0.88 of its chord."""
+SHUT = 1e-3
+"""Least of that, in shares of the approach."""
 
 
 def sinking(near: Any, width: Any, half_width: Any) -> Any:
@@ -112,8 +130,7 @@ def _sunk_over_one(s: Any) -> tuple[Any, Any, Any]:
 def _polynomials() -> np.ndarray:
     """Of a spall's width w in half-widths, coefficients of powers of the width's variable, shape (widths, 1 + places):
     of (e + 1)/w at the edge e where the far land begins to touch; and of what the sinking by w² is more than linear in
-    the place p between the middle and there, by p(1 − p)."""
-    """Solved and fitted once for all."""
+    the place p between the middle and there, by p(1 − p). Solved and fitted once for all."""
     rise = 0.5 * (1.0 - chebyshev_roots(24))
     share = rise * WIDEST / (WIDEST + HALF)
     widths = HALF * share / (1.0 - share)
@@ -194,3 +211,92 @@ def _sinking_of_both(edges: np.ndarray, lands: np.ndarray) -> np.ndarray:
     slope = m * root - z * (2.0 * m * z + near * far - ends[0] * ends[1]) / (below * (1.0 + root))
     way = (weight * 2.0 * u / (1.0 - u**2) ** 2)[:, None]
     return 0.5 * ends[0] ** 2 + np.sum(way * (slope - 0.5 / (s + 1.0)), axis=0) - 0.25 - 0.5 * np.log(2.0)
+
+
+# ------------------------------------------------------------------------------------------ the one edge for both
+
+
+class NarrowSpall(NamedTuple):
+    """A spall so narrow that both edges may be in reach: its width [mm], shape (…); the roller's crown over it at the
+    places `ALONG` it [mm], shape (places, …)."""
+
+    width: jax.Array
+    crown: jax.Array
+
+
+def equivalent_edge(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any) -> Any:
+    """Where it stands [mm], as `Ramp.edge`, at an approach [mm] on a ramp that begins at `low` and ends at `high` [mm],
+    all of one shape. Where no roller of all reaches the far land it is the near one, at once: narrow spalls are rare,
+    and cost ten times as much as all else."""
+    return (_traced if xp.module_of(approach) is jnp else _if_reached)(edge, across, approach, low, high)
+
+
+def _if_reached(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any) -> Any:
+    near, plain, delta, begin, end = xp.fixed((edge, across, approach, low, high))
+    size, _ = _rows(plain, delta, begin)
+    off = (plain.width > FAR * end) & (near >= end)  # of all land
+    own = _half_widths(near, size, plain.width, begin, end)
+    reached = reaches_far_land(near[None], plain.width[None], own) & ~off[None]
+
+    def found(edge: Any) -> Any:
+        # what does not depend on the loop's state is computed before it, needed or not
+        return _in_rounds(*loops.together((edge, across, approach, low, high)))
+
+    return loops.done_if(xp.module_of(reached).any(reached), found, edge)
+
+
+@jax.custom_jvp
+def _traced(*arguments: Any) -> Any:
+    return _if_reached(*arguments)
+
+
+@_traced.defjvp
+def _traced_jvp(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
+    return jax.jvp(_in_rounds, primals, tangents)  # a loop that may end at once has no reverse derivatives
+
+
+def _rows(across: NarrowSpall, approach: Any, low: Any) -> tuple[Any, Any]:
+    """Of every row: half the contact's width without a spall [mm], and its weight; shape (rows, …)."""
+    left = xp.maximum(1.0 - across.crown / xp.maximum(approach, 1e-9)[None], SHUT)
+    weight = np.asarray(WEIGHTS).reshape(-1, *[1] * (left.ndim - 1)) * left ** (ROW - 1.0)
+    return -low[None] * left ** (0.5 * ROW), weight
+
+
+def _half_widths(edge: Any, size: Any, width: Any, low: Any, high: Any) -> Any:
+    """Of the contact in every row [mm], with the share of load that an edge leaves."""
+    share = xp.with_rates(edge_share.root_of_usual, edge_share.place(edge, low, high))
+    return xp.maximum(size * share[None], width[None] / WIDEST)
+
+
+def _in_rounds(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any) -> Any:
+    size, weight = _rows(across, approach, low)
+    width = across.width
+
+    def nearer(found: Any) -> Any:
+        own = _half_widths(found, size, width, low, high)
+        sunk = xp.leading_total(weight * sinking(edge[None], width[None], own))
+        met = sunk > 1e-9
+        goal = width * xp.sqrt(xp.where(met, sunk, 1.0))
+        found = xp.maximum(found, -xp.largest(own) * (1.0 - 1e-6))
+        square = xp.where(met, xp.leading_total(weight * over_one(found[None], own)), 1.0)
+        root = xp.sqrt(square)
+        slopes = over_one_slope(xp.fixed(found)[None], xp.fixed(own))
+        rate = xp.where(met, xp.leading_total(xp.fixed(weight) * slopes), 1.0)
+        return xp.where(met, found - (root - goal) * (2.0 * xp.fixed(root) / rate), edge)
+
+    def accelerated(state: tuple[Any, Any, Any, Any]) -> tuple[Any, Any, Any, Any]:
+        # by a secant, through which derivatives go on
+        found, before, then, slope = state
+        after = nearer(found)
+        at, now = xp.fixed((found, after))
+        far = xp.module_of(at).abs(at - before) > 1e-9 * xp.fixed(width)
+        slope = xp.where(far, xp.within((now - then) / xp.where(far, at - before, 1.0), -2.0, 0.9), slope)
+        return found + (after - found) * (1.0 / (1.0 - slope)), at, now, slope
+
+    start = xp.fixed(edge)
+    found = loops.repeated(ROUNDS, accelerated, (edge, start, start, xp.zeros_like(start)))[0]
+    # a spall without width leaves the roller where it is: at the ramp's beginning
+    widest = xp.largest(size)
+    beside = edge <= -widest
+    stretch = (edge - low) / xp.where(beside, 1.0, edge + widest)
+    return xp.where(beside, edge, edge + (found - edge) * stretch)

@@ -16,9 +16,9 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.jax_config import jit_quickly
-from difftrb.law import base, load_curve
+from difftrb.law import base, load_curve, roller_curves
 from difftrb.law.base import HardWindow, Law, LawKind, Request, Rest, of_base
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.roller_curves import RollerCurves
 
 # Liu et al. 2018, Table 2: spall length [mm], K [N/mmⁿ], n, largest error of the fit
 TABLE_2 = np.array(
@@ -117,9 +117,8 @@ class Palmgren(HardWindow):
 
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
         """See `Law`."""
-        n = 10.0 / 9.0
-        K = gap.palmgren_approach(1.0, self.length - base.lengths_of(spalls)) ** -n
-        return base.in_window(load_curve.power(K, n * xp.ones_like(K)), spalls, distances)
+        K = gap.palmgren_approach(1.0, self.length - base.lengths_of(spalls)) ** -gap.LOAD_EXPONENT
+        return base.in_window(load_curve.power(K, gap.LOAD_EXPONENT * xp.ones_like(K)), spalls, distances)
 
     def judge(self, spalls: tuple[Spall, ...], distances: jax.Array, rest: Rest | None = None) -> jax.Array:
         """See `Law`: up to 99 % of the roller."""
@@ -144,7 +143,7 @@ class AllThrough(HardWindow):
     def curves(self, spalls: tuple[Spall, ...], distances: jax.Array) -> RollerCurves:
         """See `Law`."""
         each = self.base.curves((), distances[:0]).each
-        under = base.spalls_under(spalls, distances)
+        under = roller_curves.spalls_under(spalls, distances)
         depth = sum((xp.where(under == i + 1, spall.depth, 0.0) for i, spall in enumerate(spalls)), 0.0)
         return RollerCurves(dataclasses.replace(each, shift=each.shift + depth))
 

@@ -1,7 +1,4 @@
-"""Ramps fitted to contact solves: where they begin and end, and the share of the land's load that is left on them.
-
-Also who stands on which ramp (`roller_curves`).
-"""
+"""Ramps fitted to contact solves: where they begin and end, and the share of the land's load that is left on them."""
 
 from __future__ import annotations
 
@@ -14,11 +11,9 @@ import numpy as np
 from difftrb.contact import crown
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.core.numeric import chebyshev
-from difftrb.core.taylor import Taylor
+from difftrb.core.numeric import chebyshev, least_squares
 from difftrb.law import edge_ramp, edge_share, load_curve
-from difftrb.law.base import spalls_under
-from difftrb.law.edge_ramp import Ramp, RollerCurves
+from difftrb.law.edge_ramp import Ramp
 from difftrb.law.load_curve import Curve
 from difftrb.law.samples import Node
 
@@ -99,77 +94,6 @@ def rise_over(contact: LineContact, spall: Spall) -> Any:
     return crown.height(xp.within(nearest, 0.0, 0.5 * contact.length * (1.0 - 1e-9)), contact)
 
 
-def roller_curves(
-    healthy: Healthy, fulls: Sequence[Curve], ramps: Sequence[Sequence[Ramp]], spalls: tuple[Spall, ...],
-    distances: Any,
-) -> RollerCurves:  # fmt: skip
-    """Q(δ) of rollers at `distances` [mm] from `spalls`, shape (spalls, …, rollers): `fulls` are curves over the middle
-    of each spall, `ramps` of each those of the two rollers `next_to` its edges."""
-    under = spalls_under(spalls, distances)
-    each = load_curve.chosen(load_curve.joined(healthy.curve, *fulls), under)
-    if not spalls:
-        return RollerCurves(each)
-    at: list[Any] = []
-    nearest = _nearest_edges(spalls, distances) if len(spalls) > 1 else None
-    for i, spall in enumerate(spalls):
-        for side in (1.0, -1.0):
-            here = next_to(spall, distances[i], side)
-            if nearest is not None:
-                here = here & ((under == 0) & (nearest == i) | (under == i + 1))
-            for taken in at:  # no roller twice: it may be the nearest to both edges
-                here = here & ~taken
-            at.append(here)
-    every = [ramp for pair in ramps for ramp in pair]
-    phases = under.ndim - 1
-
-    def stacked(*leaves: Any) -> Any:
-        found = xp.stack([xp.asarray(leaf) for leaf in leaves], axis=-1)
-        return found.reshape(*found.shape, *[1] * phases)
-
-    edges = xp.stack([ramp.edge for ramp in every])
-    if any(ramp.share.ndim > 2 for ramp in every):  # ramps that know the phase
-        share = xp.stack([_at_phases(ramp.share, ramp.edge.shape) for ramp in every], axis=2)
-    else:
-        share = stacked(*(ramp.share for ramp in every))
-    alike = xp.tree_map(stacked, *[dataclasses.replace(ramp, edge=0.0, share=0.0) for ramp in every])
-    together = dataclasses.replace(alike, edge=edges, share=share)
-    return RollerCurves(each, together, xp.module_of(under).stack(at).astype(float))
-
-
-def _nearest_edges(spalls: tuple[Spall, ...], distances: Any) -> Any:
-    """Of which spall an edge is nearest to every roller, shape (…, rollers): between two spalls that lie closer than
-    rollers a roller may be the nearest to an edge of the one and stand on the ramp of the other."""
-    away, widths = xp.value(distances), [xp.value(spall.width) for spall in spalls]
-    of = xp.module_of(away, *widths)
-    beside = [of.abs(of.abs(away[i]) - 0.5 * width) for i, width in enumerate(widths)]
-    return of.argmin(of.stack(beside), axis=0)
-
-
-def _at_phases(share: Any, phases: tuple[int, ...]) -> Any:
-    """A ramp's share with the phases as axes behind its own two."""
-    if share.ndim > 2:
-        return share
-    return xp.broadcast_to(share.reshape(*share.shape, *[1] * len(phases)), (*share.shape, *phases))
-
-
-def next_to(spall: Spall, distances: Any, side: float) -> Any:
-    """Which roller, of those at `distances` [mm] from the spall's middle, is nearest to its edge on one `side` (±1);
-    shape (…, rollers).
-
-    Only that one can stand on the ramp: rollers are farther apart than it is long.
-    """
-    away, width = xp.value(distances), xp.value(spall.width)
-    of = xp.module_of(away, width)
-    nearest = of.argmin(of.abs(away - side * 0.5 * width), axis=-1)[..., None]
-    return nearest == np.arange(away.shape[-1]).reshape((1,) * (nearest.ndim - 1) + (-1,))
-
-
-def over(spall: Spall, distances: Any, side: float) -> Any:
-    """How far the edge stands beyond that roller's middle [mm], positive over the spall; shape (…)."""
-    beyond = 0.5 * spall.width - xp.magnitude(distances)
-    return xp.total(xp.where(next_to(spall, distances, side), beyond, 0.0))  # no gather: slow in a batch
-
-
 def through(ramp: Ramp, approach: Any, load: Any, ridge: float) -> Any:
     """What `edge_ramp.in_powers` takes, for contact solves with edges at `ramp.edge`, through all of them, nearly;
     shape (…, 1, TERMS).
@@ -189,31 +113,3 @@ def asked(ramp: Ramp, approach: Any, load: Any) -> tuple[Any, Any]:
     u = edge_share.beyond(t)
     terms = u[..., None] * xp.stack(chebyshev(2.0 * u - 1.0, edge_ramp.TERMS - 1), axis=-1)
     return (weight * first)[..., None] * terms, weight * ((load - full) / loss - first)
-
-
-def least_squares(matrix: Any, right: Any, ridge: float) -> Any:
-    """x with `matrix` · x nearest to `right`, shapes (…, n, m) and (…, n); what the rows do not tell stays small."""
-    plain, goal = xp.value(matrix), xp.value(right)
-    eye = np.broadcast_to(ridge * np.eye(plain.shape[-1]), (*plain.shape[:-2], *plain.shape[-1:] * 2))
-    q, r = xp.module_of(plain).linalg.qr(xp.concatenate([plain, eye], axis=plain.ndim - 2))
-    turned, lifted = (xp.moveaxis(part, -1, -2) for part in (q[..., : plain.shape[-2], :], r))
-
-    def solved(triangle: Any, right: Any) -> Any:
-        return xp.solved(triangle, right[..., None])[..., 0]
-
-    def times(matrix: Any, vector: Any) -> Any:
-        return xp.matmul(matrix, vector[..., None])[..., 0]
-
-    found = solved(r, times(turned, goal))
-    matrix_by, right_by = xp.by(matrix), xp.by(right)
-    if matrix_by is None and right_by is None:
-        return found
-    # x moves as the least squares of what the rows miss by, and as the missed turns with the rows
-    missed, by = goal - times(plain, found), 0.0
-    if right_by is not None:
-        by = by + solved(r[None], times(turned[None], right_by))
-    if matrix_by is not None:
-        by = by - solved(r[None], times(turned[None], times(matrix_by, found[None])))
-        turning = times(xp.moveaxis(matrix_by, -1, -2), missed[None])
-        by = by + solved(r[None], solved(lifted[None], turning))
-    return Taylor(found, by=by)

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from difftrb.contact import crown, gap
 from difftrb.contact import solver as contacts
-from difftrb.contact.contact_extent import edges_along
+from difftrb.contact.contact_extent import ends_along
 from difftrb.contact.contact_solution import Defect, is_symmetric, listed
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import ContactSolution
@@ -81,7 +81,7 @@ def case_under(load: float, spalls: Sequence[Spall], away: Sequence[float]) -> C
     return Case(load, met, tuple(away))
 
 
-class Turning(NamedTuple):
+class TiltResponse(NamedTuple):
     """How a contact answers to tilt: approach by tilt [mm/rad], moment by tilt [N mm/rad] and by `inputs`."""
 
     by_tilt: float
@@ -92,7 +92,7 @@ class Turning(NamedTuple):
 @dataclasses.dataclass(frozen=True)
 class Node:
     """A solved `Case`: approach [mm], by the load [mm/N] and, the tilt held, by `inputs`, shape (INPUTS,), longer with
-    several spalls; the rest as in `ContactSolution`; `turning` if it was asked for."""
+    several spalls; the rest as in `ContactSolution`; `tilt_response` if it was asked for."""
 
     approach: float
     compliance: float
@@ -101,7 +101,7 @@ class Node:
     half_width: float
     reach: float
     moment: float = 0.0
-    turning: Turning | None = None
+    tilt_response: TiltResponse | None = None
 
 
 def inputs(contact: LineContact, spall: Defect, distance: Real | Sequence[Real]) -> Any:
@@ -150,13 +150,13 @@ def solved(contact: LineContact, case: Case, accuracy: float) -> Node:
     return _node(contact, case, solution, by)
 
 
-def solved_turning(contact: LineContact, case: Case, accuracy: float) -> Node:
-    """`solved`, with its `turning`."""
+def solved_with_tilt(contact: LineContact, case: Case, accuracy: float) -> Node:
+    """`solved`, with its `tilt_response`."""
     solution, by, by_moment = contacts.approach_and_gradient(
         contact, case.load, case.spall, case.offset, accuracy, tilt=case.tilt, moment=True
     )
-    turning = Turning(_or_zero(by.tilt), _or_zero(by_moment.tilt), _by_inputs(case, by_moment))
-    return dataclasses.replace(_node(contact, case, solution, by), turning=turning)
+    tilt_response = TiltResponse(_or_zero(by.tilt), _or_zero(by_moment.tilt), _by_inputs(case, by_moment))
+    return dataclasses.replace(_node(contact, case, solution, by), tilt_response=tilt_response)
 
 
 def _node(contact: LineContact, case: Case, solution: ContactSolution, by: contacts.Inputs) -> Node:
@@ -193,7 +193,7 @@ def last_touch(contact: LineContact, solution: ContactSolution) -> float:
     force, x, y = np.asarray(solution.force), np.asarray(cells.x), np.asarray(cells.y)
     if cells.mirrored:
         force, y = 0.5 * np.concatenate([force, force]), np.concatenate([y, -y])
-    low, high = map(float, edges_along(contact, spall))
+    low, high = map(float, ends_along(contact, spall))
     along = low + (high - low) * (np.arange(ALONG) + 0.5) / ALONG
     rise = np.asarray(crown.height(along, contact))
     rows, columns = np.nonzero(force > 0.0)
@@ -222,11 +222,11 @@ def _least(values: np.ndarray) -> float:
 
 def all_solved(
     contact: LineContact, cases: Sequence[Case], accuracy: float, progress: Progress | None = None,
-    turning: bool = False,
+    tilt_response: bool = False,
 ) -> list[Node]:  # fmt: skip
-    """Solve every case, with slopes, and with its `turning` if asked for; once for all processes where things are
+    """Solve every case, with slopes, and with its `tilt_response` if asked for; once for all processes where things are
     kept."""
-    solve = solved_turning if turning else solved
+    solve = solved_with_tilt if tilt_response else solved
 
     def anew() -> list[Node]:
         return mapped(lambda case: solve(contact, case, accuracy), cases, accuracy, progress)

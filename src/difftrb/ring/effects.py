@@ -20,9 +20,9 @@ from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.core.status import SceneError
-from difftrb.law import local, power
+from difftrb.law import direct_states, power
 from difftrb.law.base import LAWS, Law
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_states import DirectByStates
 from difftrb.ring import roller_places
 from difftrb.ring.double_row import DoubleRow
 from difftrb.ring.effect_base import (
@@ -100,7 +100,7 @@ class SeriesRaceways(Raceways):
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Inner contacts that give way."""
         spalls, away = roller_places.spalls_on(of.spalls, "inner"), of.distances("inner", terms)
-        law = cast(Law, self.law) if of.spalls else local.healthy(cast(Law, self.law))
+        law = cast(Law, self.law) if of.spalls else direct_states.without_spalls(cast(Law, self.law))
         free = self.rollers == "free" and not isinstance(of.law, power.AllThrough)  # which leaves nothing to lean on
         inner = InnerRaceway(law, spalls, away, geometry.equivalent_radius(of.bearing, "inner"), free)
         return terms._replace(seat=of.seat(terms)._replace(inner_curves=law.curves(spalls, away)), inner_raceway=inner)
@@ -109,7 +109,7 @@ class SeriesRaceways(Raceways):
         """`inner_loads`, `flange_loads` [N], shape (rollers,); where rollers may tilt `roller_tilts` [mrad], without
         derivatives."""
         found = inside(terms.seat, rest.loads)
-        if not isinstance(of.law, LocalLaw) or not of.law.free_to_tilt or terms.slices is not None:  # see `Tilt`
+        if not isinstance(of.law, DirectByStates) or not of.law.free_to_tilt or terms.slices is not None:  # see `Tilt`
             return found
         return {**found, "roller_tilts": 1e3 * xp.fixed(of.law).roller_tilts(xp.fixed(rest.loads))}
 

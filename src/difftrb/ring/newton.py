@@ -16,8 +16,8 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import implicit
 from difftrb.core.geometry import Real
-from difftrb.law import edge_ramp
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law import roller_curves
+from difftrb.law.roller_curves import RollerCurves
 from difftrb.ring import roller_balance
 from difftrb.ring.roller_balance import Seat, Settling
 
@@ -39,7 +39,7 @@ RollerLoads = tuple[jax.Array, jax.Array]
 def _each(held: tuple[Seat | None, RollerCurves, Any], approach: jax.Array) -> RollerLoads:
     seat, curves, inside = held
     if seat is None:
-        return edge_ramp.roller_loads(curves, approach)
+        return roller_curves.roller_loads(curves, approach)
     return roller_balance.outer_loads(seat, curves, approach, inside)
 
 

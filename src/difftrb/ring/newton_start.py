@@ -14,8 +14,8 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import numeric
 from difftrb.law import load_curve
-from difftrb.law.edge_ramp import RollerCurves
 from difftrb.law.load_curve import Curve
+from difftrb.law.roller_curves import RollerCurves
 from difftrb.ring.newton import Rollers, norm, of_each
 from difftrb.ring.terms import Terms
 

@@ -17,10 +17,10 @@ from difftrb.core import arrays as xp
 from difftrb.core import geometry, status
 from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.core.taylor import Taylor, goes_through, plus, summed
-from difftrb.law import edge_ramp
+from difftrb.law import roller_curves
 from difftrb.law.base import Law, Rest
-from difftrb.law.edge_ramp import RollerCurves
-from difftrb.law.tilted_roller import of_slices
+from difftrb.law.roller_curves import RollerCurves
+from difftrb.law.tilt_energy import of_slices
 from difftrb.ring import holding, newton, newton_start, roller_balance, roller_places
 from difftrb.ring.load import Load
 from difftrb.ring.newton import Rollers, System
@@ -143,7 +143,7 @@ def is_valid(load: Load, spalls: tuple[Spall, ...], phase: Any) -> Any:
     finite = xp.module_of(load.radial, load.axial, phase).isfinite(load.radial + load.axial + phase)
     valid = (load.radial >= 0.0) & (load.axial >= 0.0) & finite
     for spall in spalls:
-        valid = valid & geometry.spall_is_sound(spall)
+        valid = valid & geometry.spall_is_valid(spall)
     return valid
 
 
@@ -190,7 +190,7 @@ def size_of_forces(force: Any, start: Any, rollers: Rollers, terms: Terms) -> An
     if terms.axial is None and terms.pair is None:
         return size
     still, fixed = start if terms.pair is None else xp.zeros_like(start), xp.fixed(rollers)
-    return xp.maximum(size, xp.total(edge_ramp.roller_loads(fixed.curves, fixed.approach(still))[0]))
+    return xp.maximum(size, xp.total(roller_curves.roller_loads(fixed.curves, fixed.approach(still))[0]))
 
 
 def _at_rest(system: System, count: int, terms: Terms) -> tuple[Equilibrium, Any]:

@@ -18,8 +18,8 @@ from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Real, TaperedBearing
 from difftrb.core.taylor import Taylor, parameters_of
-from difftrb.law import edge_ramp
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law import roller_curves
+from difftrb.law.roller_curves import RollerCurves
 
 ROUNDS = 40
 """Of the bracketed Newton method for the inner approach, at most: the laws are nearly straight, four or five do."""
@@ -122,7 +122,7 @@ def outer_loads(
     (rollers,). Q is at least what the centrifugal force presses outwards. `inside`: where rollers rest, if it is known,
     see `Settling`; without derivatives."""
     if not seat.gives_way:
-        load, slope = edge_ramp.roller_loads(outer_curves, approach)
+        load, slope = roller_curves.roller_loads(outer_curves, approach)
         if seat.centrifugal is None:
             return load, slope
         return xp.maximum(load, seat.least_outer_load), xp.where(load > seat.least_outer_load, slope, 0.0)
@@ -134,17 +134,17 @@ def outer_loads(
 
 
 def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any, inside: Any) -> Taylor:
-    """As `edge_ramp.expanded_loads`, of rollers that rest at `inside` between outer raceway and a seat that gives way:
-    where they rest is carried along (implicit function theorem)."""
+    """As `roller_curves.expanded_loads`, of rollers that rest at `inside` between outer raceway and a seat that gives
+    way: where they rest is carried along (implicit function theorem)."""
     count = parameters_of((approach, seat, outer_curves))
 
     def spread(of: Any) -> Any:  # by as many parameters as all the rest
         return of + Taylor(np.zeros([1] * of.ndim), np.zeros((count, *[1] * of.ndim))) if count else of
 
     if seat is None or (seat.centrifugal is None and not seat.gives_way):
-        return edge_ramp.expanded_loads(outer_curves, approach)
+        return roller_curves.expanded_loads(outer_curves, approach)
     if not seat.gives_way:
-        loads = edge_ramp.expanded_loads(outer_curves, spread(approach))
+        loads = roller_curves.expanded_loads(outer_curves, spread(approach))
         least = xp.with_variable(approach, seat)[1].least_outer_load
         return xp.where(loads > least, loads, least)
     if xp.module_of(inside) is jnp:  # JAX, too, may differentiate
@@ -153,8 +153,8 @@ def expanded_loads(seat: Seat | None, outer_curves: RollerCurves, approach: Any,
 
     place, held = xp.with_variable(spread(inside), seat)
     inner, moved = _placed(held, place)
-    outer = edge_ramp.expanded_loads(outer_curves, spread(approach) - Taylor(moved.value, moved.by[:-1]) if count
-                                     else approach - moved.value)  # fmt: skip
+    outside = spread(approach) - Taylor(moved.value, moved.by[:-1]) if count else approach - moved.value
+    outer = roller_curves.expanded_loads(outer_curves, outside)
     slope, rate, pace = outer.by[-1:], inner.by[-1:], moved.by[-1:]
     falling = slope * pace + rate
     falling = xp.where(falling > 0.0, falling, 1.0)
@@ -179,7 +179,7 @@ def _placed(seat: Seat, inside: Any) -> tuple[Any, Any]:
     if seat.inner_curves is None:
         inner, approach = inside, 0.0 * inside
     else:
-        inner, approach = edge_ramp.carried_loads(seat.inner_curves, inside), inside
+        inner, approach = roller_curves.carried_loads(seat.inner_curves, inside), inside
     load, moved = inner * ratio + seat.least_outer_load, approach / ratio
     return load, moved if seat.flange_compliance is None else moved + flange_approach(seat, load)
 
@@ -226,7 +226,7 @@ class RollerBalance(NamedTuple):
 
 def _balance(seat: Seat, outer_curves: RollerCurves, approach: Any, inside: Any) -> RollerBalance:
     place = _between(seat, inside)
-    load, slope = edge_ramp.roller_loads(outer_curves, approach - place.moved)
+    load, slope = roller_curves.roller_loads(outer_curves, approach - place.moved)
     falling = slope * place.pace + place.rate
     falling = xp.where(falling > 0.0, falling, 1.0)
     return RollerBalance(load - place.load, falling, load, slope * place.rate / falling, slope, place)
@@ -274,7 +274,7 @@ def half_way(seat: Seat, outer_curves: RollerCurves, approach: Any) -> Any:
 def _most(seat: Seat, outer_curves: RollerCurves, approach: Any) -> Any:
     """No `inside` is larger."""
     if seat.inner_curves is None:
-        return edge_ramp.roller_loads(outer_curves, approach)[0] / seat.inner_cos
+        return roller_curves.roller_loads(outer_curves, approach)[0] / seat.inner_cos
     return xp.maximum(approach, 0.0) * seat.ratio
 
 

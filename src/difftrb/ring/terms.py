@@ -13,9 +13,9 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Real, Spall
-from difftrb.law import local
+from difftrb.law import direct_states
 from difftrb.law.base import Law, Rest
-from difftrb.law.edge_ramp import RollerCurves
+from difftrb.law.roller_curves import RollerCurves
 from difftrb.ring import newton
 from difftrb.ring.roller_balance import Seat
 
@@ -44,7 +44,7 @@ class InnerRaceway(NamedTuple):
     def tilts(self, law: Law, spalls: tuple[Spall, ...], distances: Any, rest: Rest) -> Any:
         """Status: whether `law` was made for rollers that may tilt as these do, or need not, for none meets a spall off
         its middle."""
-        if isinstance(law, local.LocalLaw):
+        if isinstance(law, direct_states.DirectByStates):
             other = law.states is not None and law.free_to_tilt != self.free
             return np.asarray(status.OTHER_SCENE if other else status.CONVERGED)
         leans: Any = np.asarray(False)

@@ -18,10 +18,10 @@ from difftrb.contact.contact_solution import is_given
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
-from difftrb.law import load_curve, tilted_roller
-from difftrb.law.base import AUTO, Law, spalls_under
-from difftrb.law.edge_ramp import RollerCurves
-from difftrb.law.local import LocalLaw
+from difftrb.law import load_curve, tilt_energy
+from difftrb.law.base import AUTO, Law
+from difftrb.law.direct_states import DirectByStates
+from difftrb.law.roller_curves import RollerCurves, spalls_under
 from difftrb.ring import newton, roller_balance, roller_places
 from difftrb.ring.double_row import DoubleRow, Moment
 from difftrb.ring.effect_base import Asked, Effect, Results, Ring, Stage, among, register
@@ -55,7 +55,7 @@ def sliced(contact: LineContact, spalls: tuple[Spall, ...], distances: Any, coun
     kinds = np.arange(1 + len(spalls)).reshape(*[1] * under.ndim, -1)
     left = xp.einsum("...k,ks->...s", (under[..., None] == kinds) * 1.0, land)  # no gather: slow in a batch
     K = (stiffness * xp.maximum(left, LEAST)).reshape(*under.shape[:-1], -1)
-    slices = load_curve.power(K, 10.0 / 9.0 * xp.ones_like(K))
+    slices = load_curve.power(K, gap.LOAD_EXPONENT * xp.ones_like(K))
     profile = xp.ones_like(left) * newton.aligned(2.0 * crown.height(at, contact), left)  # both raceways
     return RollerCurves(dataclasses.replace(slices, shift=profile.reshape(*under.shape[:-1], -1)))
 
@@ -73,7 +73,7 @@ def _beyond(seat: Seat, inner_raceway: InnerRaceway | None, loads: Any) -> tuple
     """What inner raceway and flange add to approach [mm] and moment [N mm] of rollers under `loads` [N] on the outer
     raceway, at the states of their laws."""
     approach, moment = roller_balance.flange_approach(seat, loads), 0.0
-    if inner_raceway is None or not isinstance(inner_raceway.law, LocalLaw) or inner_raceway.law.states is None:
+    if inner_raceway is None or not isinstance(inner_raceway.law, DirectByStates) or inner_raceway.law.states is None:
         return approach, moment
     inner = roller_balance.inner_load(seat, loads)
     more, moment = inner_raceway.law.leaning(inner_raceway.spalls, inner_raceway.distances, inner)
@@ -176,11 +176,11 @@ class Tilt(Effect):
     def terms(self, terms: Terms, of: Ring) -> Terms:
         """Rollers in slices."""
         outer, away = roller_places.spalls_on(of.spalls, "outer"), of.distances("outer", terms)
-        if isinstance(of.law, LocalLaw):
+        if isinstance(of.law, DirectByStates):
             seat = terms.seat
             beyond = None if seat is None else partial(_beyond, seat, terms.inner_raceway)
             slices = of.law.slices(outer, away, beyond, 0.0 if seat is None else seat.least_outer_load)
-            at = tilted_roller.places(xp.fixed(of.contact.length))
+            at = tilt_energy.points(xp.fixed(of.contact.length))
         else:
             slices, at = sliced(of.contact, outer, away, self.slices), self.places(of.contact)
         terms = terms._replace(slices=slices)
@@ -206,7 +206,7 @@ class Tilt(Effect):
     def results(self, rest: Equilibrium, terms: Terms, of: Ring) -> Results:
         """`roller_tilts` [mrad] against the outer raceway, as `contact.tilt`, and with both raceways in series
         `inner_tilts` against the inner one, shape (rollers,), without derivatives; of contacts, not of slices."""
-        if not isinstance(of.law, LocalLaw):
+        if not isinstance(of.law, DirectByStates):
             return {}
         turned = xp.zeros_like(rest.loads) if rest.tilts is None else -rest.tilts[..., : of.bearing.rollers]
         if not of.law.free_to_tilt:
@@ -218,7 +218,7 @@ class Tilt(Effect):
 
     def remarks(self, spalls: tuple[Spall, ...], law: Law | None, mean: bool) -> tuple[str, ...]:
         """That slices of ISO/TS 16281 are cut hard, and what their means are."""
-        if isinstance(law, LocalLaw):
+        if isinstance(law, DirectByStates):
             return ()
         hard = (HARD_SLICES,) if roller_places.spalls_on(spalls, "outer") else ()
         return (ROUGH_MEANS, *hard) if mean else hard

@@ -18,11 +18,10 @@ import numpy as np
 from difftrb.contact.grids import GRIDS
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import Raceway, Real, Spall
-from difftrb.law import base as laws
-from difftrb.law import edge_ramp
+from difftrb.law import roller_curves
 from difftrb.law.base import Law, Rest, kind
-from difftrb.law.direct import DirectLaw
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_curves import DirectByCurves
+from difftrb.law.direct_states import DirectByStates
 from difftrb.law.samples import Node, Progress
 from difftrb.ring import effect_base, roller_balance, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
@@ -139,7 +138,7 @@ def verify(scene: Scene, found: Solution | None = None, progress: Progress | Non
         scene = solving.prepare(scene)
         found = solve_prepared(scene)
     found = found.check()
-    if effect_base.among(scene.effects, Tilt) is not None and not isinstance(found.law, LocalLaw):
+    if effect_base.among(scene.effects, Tilt) is not None and not isinstance(found.law, DirectByStates):
         return _nothing("effects.tilt goes by slices, which have no contact to compare with")
     ready = _ready(scene, found)
     parts = [at_phase(each) for each in _at_phases(ready)]
@@ -163,7 +162,7 @@ def finer(of: Law) -> float:
     """The accuracy of contacts to audit a law by."""
     if of.hard:
         return 1e-3
-    own = float(of.error) if isinstance(of, DirectLaw | LocalLaw) else 1e-3
+    own = float(of.error) if isinstance(of, DirectByCurves | DirectByStates) else 1e-3
     return max((a for a in GRIDS if a < 0.5 * own), default=min(GRIDS))
 
 
@@ -248,7 +247,7 @@ def _depth(part: AtPhase, j: int) -> float:
     if effect_base.among(part.scene.effects, Through) is None:
         return 0.0
     spalls, away = roller_places.spalls_on(part.scene.spalls, "outer"), part.here.distances("outer", part.terms)
-    under = int(laws.spalls_under(spalls, away)[j]) if spalls else 0
+    under = int(roller_curves.spalls_under(spalls, away)[j]) if spalls else 0
     return float(spalls[under - 1].depth) if under else 0.0
 
 
@@ -280,13 +279,13 @@ def _tilted_stiffness_error(part: AtPhase, turns: np.ndarray, tilted: list[tuple
         return np.full(2, math.nan)
     tangent = np.zeros((5, 5))
     for j, node in tilted:
-        if node.turning is None or part.loads[j] <= 0.0:
+        if node.tilt_response is None or part.loads[j] <= 0.0:
             continue
         along, turned = part.normals[j], turns[j]
         # a contact's tilt lifts what the ring's presses in
-        stiff, leaned = 1.0 / node.compliance, -node.turning.by_tilt
+        stiff, leaned = 1.0 / node.compliance, -node.tilt_response.by_tilt
         crossed = -stiff * leaned * np.outer(along, turned)
-        own = -node.turning.moment_by_tilt + stiff * leaned**2
+        own = -node.tilt_response.moment_by_tilt + stiff * leaned**2
         tangent += stiff * np.outer(along, along) + crossed + crossed.T + own * np.outer(turned, turned)
     found = np.asarray(part.found.stiffness)
     return np.abs(np.array([tangent[k, k] / found[k, k] for k in (0, 2)]) - 1.0)
@@ -319,7 +318,7 @@ def promised(of: Law, spalls: tuple[Spall, ...], distances: Any, rest: Rest, lar
     the spall. A power law promises nothing of a ring whose rollers carry more than it was fitted to, and the paper's
     nothing at all: it is told by contacts that were cut off.
     """
-    if isinstance(of, DirectLaw | LocalLaw):
+    if isinstance(of, DirectByCurves | DirectByStates):
         return CONTACTS_KEEP * float(of.error)
     error = float(of.error)
     if not of.hard:
@@ -341,4 +340,4 @@ def _carried(of: Law, approach: jax.Array, spall: Spall, place: Real) -> jax.Arr
     """What rollers at `approach` [mm], shape (rollers,), would carry if all stood so far from the spall [mm]."""
     every: Any = np.broadcast_to(np.asarray(place), (1, approach.size))
     curves = of.curves((spall,), every)
-    return edge_ramp.roller_loads(curves, approach)[0]
+    return roller_curves.roller_loads(curves, approach)[0]

@@ -11,8 +11,8 @@ from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Raceway, Spall
 from difftrb.law import samples
 from difftrb.law.base import Rest
-from difftrb.law.roller_tilt import RollerContacts, at_rest
 from difftrb.law.samples import Case, Node, Progress
+from difftrb.law.tilt_equilibrium import RollerContacts, at_rest
 from difftrb.ring import effect_base, effects, ring, roller_balance, roller_places
 from difftrb.ring.effects import Through
 from difftrb.scene.prepared_scene import solve_prepared
@@ -160,7 +160,7 @@ def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress 
     def rolled(state: State) -> dict[Key, Node]:
         outer, inner = state.contacts
         roller, loads = cast(RollerContacts, state.tilting), (outer.case.load, inner.case.load)
-        rest = at_rest(roller, loads, accuracy, turning=True)
+        rest = at_rest(roller, loads, accuracy, tilt_response=True)
         return dict(zip((outer.key, inner.key), rest.shares(state.ratio), strict=True))
 
     solved: dict[Key, Node] = {}
@@ -170,7 +170,9 @@ def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress 
     for raceway in ("outer", "inner"):
         upright = [each for each in wanted.values() if each.raceway == raceway]
         if upright:
-            turning = any(each.case.tilt for each in upright)
-            nodes = samples.all_solved(upright[0].contact, [each.case for each in upright], accuracy, progress, turning)
+            tilt_response = any(each.case.tilt for each in upright)
+            nodes = samples.all_solved(
+                upright[0].contact, [each.case for each in upright], accuracy, progress, tilt_response
+            )
             solved |= {each.key: node for each, node in zip(upright, nodes, strict=True)}
     return solved

@@ -13,8 +13,8 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.status import SceneError
-from difftrb.law.atlas import AtlasLaw
 from difftrb.law.samples import Progress
+from difftrb.law.table import TableLaw
 from difftrb.ring.effect_base import among
 from difftrb.ring.effects import Tilt
 from difftrb.scene import checks, scene_laws
@@ -50,7 +50,7 @@ def prepared(scene: Scene, progress: Progress | None = None) -> Scene:
     if not xp.are_numbers(scene):
         return ready
     unknown = int(solve_prepared(ready).status_code) in UNKNOWN
-    every = cast(tuple[AtlasLaw, ...], raceway_laws(ready))
+    every = cast(tuple[TableLaw, ...], raceway_laws(ready))
     coarse = any(law.error * (NARROW if law.error >= law.atlas.narrow_error else 1.0) > scene.accuracy for law in every)
     return refined(scene, progress) if unknown or coarse else ready
 

@@ -14,9 +14,9 @@ from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.core.geometry import Raceway
 from difftrb.core.numeric import gauss_legendre
-from difftrb.law import base, local
+from difftrb.law import base, direct_states
 from difftrb.law.base import Law
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_states import DirectByStates
 from difftrb.ring import phase_quadrature, ring, roller_places
 from difftrb.ring.load import Load
 from difftrb.ring.phase_quadrature import Still
@@ -37,7 +37,7 @@ def phases(scene: Scene, still: Still | None = None) -> tuple[Any, Any]:
     `still` as in `pitch_borders`."""
     if not isinstance(scene.phase, PitchMean):
         return xp.asarray(scene.phase)[None], np.ones(1)
-    rule = gauss_legendre(phase_quadrature.POINTS_BY_CONTACTS) if isinstance(scene.law, LocalLaw) else None
+    rule = gauss_legendre(phase_quadrature.POINTS_BY_CONTACTS) if isinstance(scene.law, DirectByStates) else None
     found = phase_quadrature.between(pitch_borders(scene, still), rule)
     return found if xp.expands(scene) else xp.values(found)
 
@@ -51,15 +51,15 @@ def nearest_phase(scene: Scene, angle: float) -> Scene:
 
 def at_phase_numbered(scene: Scene, k: int, phase: float) -> Scene:
     """A prepared scene at the `k`-th phase of its mean [rad]."""
-    sound = not scene.spalls
-    return _of_laws(dataclasses.replace(scene, phase=phase), lambda law: local.at_phase(law, k, sound))
+    plain = not scene.spalls
+    return _of_laws(dataclasses.replace(scene, phase=phase), lambda law: direct_states.at_phase(law, k, plain))
 
 
-def _of_laws(scene: Scene, change: Callable[[LocalLaw], Any]) -> Scene:
+def _of_laws(scene: Scene, change: Callable[[DirectByStates], Any]) -> Scene:
     """The scene with the laws by contact solves on all raceways changed so."""
 
     def is_local(part: Any) -> bool:
-        return isinstance(part, LocalLaw)
+        return isinstance(part, DirectByStates)
 
     parts, made_of = jax.tree.flatten(scene, is_leaf=is_local)
     return made_of.unflatten([change(part) if is_local(part) else part for part in parts])
@@ -75,8 +75,8 @@ def pitch_borders(scene: Scene, still: Still | None = None) -> Any:
     if getattr(scene.law, "kinks_by_table", False):
         scene = upright_by_table(scene)
     met = _met(scene)
-    acting = local.stateless(met[0].law)
-    rings = _of_laws(healthy(scene), local.stateless) if base.kind(acting.name).one_scene else scene
+    acting = direct_states.without_states(met[0].law)
+    rings = _of_laws(healthy(scene), direct_states.without_states) if base.kind(acting.name).one_scene else scene
     terms = ring_at(rings, acting, 0.0)[1]
 
     def at_rest(each: Any) -> ring.Equilibrium:

@@ -24,7 +24,7 @@ from difftrb.core.geometry import LineContact, Spall, TaperedBearing
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law.base import Law
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_states import DirectByStates
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.catalogue_inference import CatalogueBearing
 from difftrb.ring.effects import Effect
@@ -187,7 +187,7 @@ def _of_map(scene: Scene, i: int, measured: HeightMap) -> str | None:
     """What a height map in the ring cannot have: contacts on it are solved one by one, by nothing else."""
     named = isinstance(scene.law, LawName)
     law = getattr(scene.law, "name", "")
-    known = law == laws.AUTO or laws.kind(law).maps if named else isinstance(scene.law, LocalLaw)
+    known = law == laws.AUTO or laws.kind(law).maps if named else isinstance(scene.law, DirectByStates)
     if not known:
         return f"spall.{i}.height_map: contact.law = {shown(law)} knows rectangular spalls; use 'auto' or 'direct'"
     if named and not xp.are_numbers(scene):

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from difftrb.contact.contact_extent import edges_along
+from difftrb.contact.contact_extent import ends_along
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.stress_intensity import edge_intensity
 from difftrb.core import status
 from difftrb.core.geometry import Raceway
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_states import DirectByStates
 from difftrb.ring import roller_places
 from difftrb.ring.effects import Life, SeriesRaceways, Through
 from difftrb.scene.cage_phases import nearest_phase
@@ -83,7 +83,7 @@ def edge_stresses(scene: Scene, solution: Solution) -> tuple[EdgeStress, ...]:
             continue
         at = solution
         if isinstance(scene.phase, PitchMean):
-            known = isinstance(scene.law, LocalLaw)  # at the phases of its mean alone
+            known = isinstance(scene.law, DirectByStates)  # at the phases of its mean alone
             near = nearest_phase(scene, float(spall.angle)) if known else dataclasses.replace(scene, phase=spall.angle)
             at = solve(near)
         raceways: tuple[Raceway, ...] = ("outer", "inner") if SeriesRaceways in kinds and spall.row == 1 else ("outer",)
@@ -105,7 +105,7 @@ def _most_loaded_over(scene: Scene, number: int, raceway: Raceway, at: Solution)
     solved = edge_intensity(contact, loads[roller], spall, float(near.distances[roller]))
     known = int(solved.status_code) == status.CONVERGED
     intensity = float(max(np.max(solved.low), np.max(solved.high))) if known else math.nan
-    low, high = map(float, edges_along(contact, spall))
+    low, high = map(float, ends_along(contact, spall))
     left = 1.0 - (high - low) / float(contact.length)
     within = intensity**2 / (2.0 * math.pi * STATIC_LIMIT**2)
     return EdgeStress(number, roller, raceway, float(loads[roller]), 1.0 / left if left > 0.0 else math.inf,

@@ -16,8 +16,8 @@ from difftrb.core import fields, packaged_bearings
 from difftrb.core.bad_input import did_you_mean, is_whole, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
 from difftrb.core.status import SceneError
-from difftrb.law import atlas, local, power
 from difftrb.law import base as laws
+from difftrb.law import direct_states, power, table
 from difftrb.law.base import Law
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effect_base import Effect
@@ -214,7 +214,7 @@ def raceway_contact(scene: Scene, raceway: Raceway) -> LineContact:
 def outer_law(scene: Scene) -> Law:
     """The law that a prepared scene has on the outer raceway, carried to the contact that it has now."""
     law = cast(Law, scene.law).at(raceway_contact(scene, "outer"))
-    return law if scene.spalls else local.healthy(law)
+    return law if scene.spalls else direct_states.without_spalls(law)
 
 
 def inner_law(scene: Scene) -> Law | None:
@@ -252,7 +252,7 @@ def upright_by_table(scene: Scene) -> Scene:
     series = effect_base.among(scene.effects, effects.Raceways)
     raceways: tuple[Raceway, ...] = ("outer",) if series is None else ("outer", "inner")
     made: dict[Raceway, Law] = {
-        each: atlas.atlas_law(raceway_contact(scene, each), roller_places.spalls_on(scene.spalls, each))
+        each: table.table_law(raceway_contact(scene, each), roller_places.spalls_on(scene.spalls, each))
         for each in raceways
     }
     return on_raceways(scene, made, "upright")

@@ -1,9 +1,9 @@
 """The roller laws of a scene, for every raceway that gives way; `with_laws` is the way in.
 
 All but "direct" are made at once, also inside jit. "direct" is made from contacts solved one by one, which needs
-numbers. It is a `LocalLaw`: contacts are solved around the rollers' loads, and the ring on them, until the loads stay.
-In the mean it is a `DirectLaw`, of curves over all loads, where no roller meets but one deep rectangular spall: that
-takes a third of the contacts.
+numbers. It is a `DirectByStates`: contacts are solved around the rollers' loads, and the ring on them, until the loads
+stay. In the mean it is a `DirectByCurves`, of curves over all loads, where no roller meets but one deep rectangular
+spall: that takes a third of the contacts.
 """
 
 from __future__ import annotations
@@ -23,17 +23,16 @@ from difftrb.core import geometry, status
 from difftrb.core.geometry import Raceway, Real, Spall
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
-from difftrb.law import direct
-from difftrb.law.atlas import AtlasLaw
+from difftrb.law import direct_curves
 from difftrb.law.base import Law
-from difftrb.law.direct import DirectLaw
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_curves import DirectByCurves
+from difftrb.law.direct_states import DirectByStates
 from difftrb.law.samples import Progress
+from difftrb.law.table import TableLaw
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
 from difftrb.scene import expected_loads
 from difftrb.scene.cage_phases import phases
-from difftrb.scene.local_laws import local_laws
 from difftrb.scene.prepared_scene import solve_prepared
 from difftrb.scene.scene import (
     LawName,
@@ -45,7 +44,8 @@ from difftrb.scene.scene import (
     raceway_contact,
     upright_by_table,
 )
-from difftrb.scene.tilted_laws import tilted_laws
+from difftrb.scene.state_iteration import laws_by_states
+from difftrb.scene.tilted_state_iteration import laws_by_tilted_states
 
 TRACED = (
     "law = 'direct' needs numbers: prepare the scene first, difftrb.prepare(scene), and differentiate, jit or batch "
@@ -80,7 +80,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
         if effect_base.among(scene.effects, Tilt) is not None:
             if effect_base.among(scene.effects, SeriesRaceways) is not None:
                 raise SceneError(NO_LAW_OF_TILTED)
-            return _judged(scene, tilted_laws(scene, _healthy_laws(scene, progress), progress))
+            return _judged(scene, laws_by_tilted_states(scene, _healthy_laws(scene, progress), progress))
         at_one = not isinstance(scene.phase, PitchMean)
         known = not at_one and _table_knows(scene)
         if at_one or _may_meet_more(scene):
@@ -88,7 +88,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
             if at_one and effect_base.among(scene.effects, Through) is not None:
                 return on_raceways(scene, bases)
             if at_one or any(_meet_more(scene, raceway, base) for raceway, base in bases.items()):
-                return _judged(scene, local_laws(scene, bases, progress))
+                return _judged(scene, laws_by_states(scene, bases, progress))
     made: dict[Raceway, Law] = {raceway: _law(scene, raceway, progress, least) for raceway in _raceways(scene)}
     return _with_edges(scene, _with_kinks(made, known), progress)
 
@@ -100,7 +100,7 @@ def _with_kinks(made: Mapping[Raceway, L], by_table: bool) -> Mapping[Raceway, L
     """Laws by contact solves, told if the table is to say where a mean has its kinks."""
     if not by_table:
         return made
-    return {raceway: dataclasses.replace(law, kinks_by_table=True) if isinstance(law, DirectLaw) else law
+    return {raceway: dataclasses.replace(law, kinks_by_table=True) if isinstance(law, DirectByCurves) else law
             for raceway, law in made.items()}  # fmt: skip
 
 
@@ -111,7 +111,7 @@ def _table_knows(scene: Scene) -> bool:
     return int(solve_prepared(upright_by_table(scene)).status_code) == status.CONVERGED
 
 
-def _judged(scene: Scene, made: Mapping[Raceway, LocalLaw]) -> Scene:
+def _judged(scene: Scene, made: Mapping[Raceway, DirectByStates]) -> Scene:
     """The scene with laws of its rollers' states, which say so if it does not end in these."""
     ready = on_raceways(scene, made)
     if int(solve_prepared(ready).status_code) != status.OTHER_SCENE:
@@ -121,16 +121,16 @@ def _judged(scene: Scene, made: Mapping[Raceway, LocalLaw]) -> Scene:
 
 def with_any_width(scene: Scene) -> Scene | None:
     """A prepared scene with laws that know narrow spalls, too; None if there are none that do not."""
-    more = jax.tree.map(lambda part: part.of_any_width() if isinstance(part, AtlasLaw) else part, scene,
-                        is_leaf=lambda part: isinstance(part, AtlasLaw))  # fmt: skip
+    more = jax.tree.map(lambda part: part.of_any_width() if isinstance(part, TableLaw) else part, scene,
+                        is_leaf=lambda part: isinstance(part, TableLaw))  # fmt: skip
     return None if jax.tree.structure(more) == jax.tree.structure(scene) else more
 
 
-def _healthy_laws(scene: Scene, progress: Progress | None) -> dict[Raceway, DirectLaw]:
+def _healthy_laws(scene: Scene, progress: Progress | None) -> dict[Raceway, DirectByCurves]:
     """The curves of healthy rollers on every raceway, by contact solves."""
     largest = expected_loads.largest_for_curves(scene)
     return {
-        raceway: direct.without_edges(raceway_contact(scene, raceway), largest, (), scene.accuracy, progress)
+        raceway: direct_curves.without_edges(raceway_contact(scene, raceway), largest, (), scene.accuracy, progress)
         for raceway in _lacking(scene)
     }
 
@@ -176,19 +176,21 @@ def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | 
     The phases of a mean hang on all laws, so all are made before the first edge is solved.
     """
     ready = on_raceways(scene, made)
-    lacking: dict[Raceway, DirectLaw] = {
-        raceway: law for raceway in _lacking(scene) if isinstance(law := made.get(raceway), DirectLaw) and law.spalls
+    lacking: dict[Raceway, DirectByCurves] = {
+        raceway: law
+        for raceway in _lacking(scene)
+        if isinstance(law := made.get(raceway), DirectByCurves) and law.spalls
     }
     if not lacking or not isinstance(scene.law, LawName):
         return ready
     every = phases(ready)[0]
     edged: dict[Raceway, Law] = dict(made)
     for raceway, law in lacking.items():
-        edged[raceway] = direct.with_edges(law, _at_edges(scene, raceway, law, every), progress)
+        edged[raceway] = direct_curves.with_edges(law, _at_edges(scene, raceway, law, every), progress)
     return on_raceways(scene, edged)
 
 
-def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw, every: Any) -> list[list[tuple[float, float]]]:
+def _at_edges(scene: Scene, raceway: Raceway, law: DirectByCurves, every: Any) -> list[list[tuple[float, float]]]:
     """For every spall the distances [mm] at which rollers stand on its ramps, in any of these phases [rad], and their
     approaches [mm] on the healthy ring."""
     distances, approaches = map(np.asarray, _healthy_approaches(expected_loads.single(scene, law), raceway, every))
@@ -206,7 +208,7 @@ def _at_edges(scene: Scene, raceway: Raceway, law: DirectLaw, every: Any) -> lis
 def _healthy_approaches(scene: Scene, raceway: Raceway, phases: Any) -> tuple[Any, Any]:
     """Distances from the spalls on a raceway [mm], shape (spalls, phases, rollers), and approaches there on the healthy
     ring [mm], shape (rows, phases, rollers)."""
-    bearing, law = scene.bearing, cast(DirectLaw, scene.law)
+    bearing, law = scene.bearing, cast(DirectByCurves, scene.law)
     away = roller_places.distances(bearing, law.spalls, roller_places.roller_angles(bearing, phases), raceway)
     every = np.asarray(expected_loads.rings(healthy(scene), law, phases).all_approaches)
     return away, np.moveaxis(every.reshape(len(every), -1, scene.bearing.rollers), 1, 0)
@@ -227,7 +229,7 @@ def _leans(scene: Scene) -> bool:
     return effects.are_free(scene.effects) and any(bool(spall.off_middle) for spall in scene.spalls)
 
 
-def _meet_more(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
+def _meet_more(scene: Scene, raceway: Raceway, base: DirectByCurves) -> bool:
     """Whether rollers may meet several of the spalls at once, a bottom or a map while the cage turns, or tilt."""
     if effect_base.among(scene.effects, Through) is not None:
         return False
@@ -237,7 +239,7 @@ def _meet_more(scene: Scene, raceway: Raceway, base: DirectLaw) -> bool:
     return any(_row_meets_more(scene, raceway, base, [spall for spall in every if spall.row == row]) for row in (1, 2))
 
 
-def _row_meets_more(scene: Scene, raceway: Raceway, base: DirectLaw, spalls: list[Spall]) -> bool:
+def _row_meets_more(scene: Scene, raceway: Raceway, base: DirectByCurves, spalls: list[Spall]) -> bool:
     """The same of the spalls of one row."""
     if not spalls or any(isinstance(spall, HeightMap) for spall in spalls):
         return bool(spalls)

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 
 from difftrb.core import status
 from difftrb.core.status import SweepError
-from difftrb.law.atlas import AtlasLaw
 from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress
+from difftrb.law.table import TableLaw
 from difftrb.scene import expected_loads
 from difftrb.scene.auto_law import by_table
 from difftrb.scene.checks import of_one_shape
@@ -70,7 +70,7 @@ def _of_any_width(ready: Scene, narrowest: Scene, ends: dict[str, tuple[float, f
         corner = narrowest
         for key, value in zip(keys, values, strict=True):
             corner = replaced(corner, key, value)
-        tables = [law for law in raceway_laws(corner) if isinstance(law, AtlasLaw) and not law.narrow]
+        tables = [law for law in raceway_laws(corner) if isinstance(law, TableLaw) and not law.narrow]
         if not all(bool(law.is_wide(spall)) for law in tables for spall in corner.spalls):
             return with_any_width(ready) or ready
     return ready

@@ -12,7 +12,7 @@ from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Spall
 from difftrb.law import samples
 from difftrb.law.base import Rest
-from difftrb.law.direct import ASIDE, MOVED
+from difftrb.law.direct_curves import ASIDE, MOVED
 
 if TYPE_CHECKING:
     from jaxtyping import Float

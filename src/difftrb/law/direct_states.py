@@ -1,4 +1,4 @@
-"""The roller law around the states of one scene: for every roller that meets spalls, contact solves near its own load.
+"""Law "direct" around the states of one scene: for every roller that meets spalls, contact solves near its own load.
 
 Nothing is assumed of what is under a roller: several spalls, touching ones, a bottom that carries. Beyond the solves it
 was made from the law knows nothing, and says so.
@@ -16,12 +16,13 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Spall
-from difftrb.law import load_curve, ramp_fit, samples, states_of_rollers, tilted_roller
+from difftrb.core.numeric import least_squares
+from difftrb.law import load_curve, roller_states, samples, tilt_energy
 from difftrb.law.base import Law, Rest, of_base
-from difftrb.law.direct import ASIDE, MOVED, DirectLaw
-from difftrb.law.edge_ramp import NearState, RollerCurves
+from difftrb.law.direct_curves import ASIDE, MOVED, DirectByCurves
 from difftrb.law.load_curve import Curve
-from difftrb.law.states_of_rollers import CLEAR, States, as_made, is_of
+from difftrb.law.roller_curves import NearState, RollerCurves
+from difftrb.law.roller_states import CLEAR, States, as_made, is_of
 
 SPREAD = 0.3
 """By how much in the logarithm the loads of a state's solves are spread to either side. Closer together, errors of
@@ -44,23 +45,23 @@ Beyond = Callable[[Any], tuple[Any, Any]]
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class LocalLaw:
+class DirectByStates:
     """Curves of a healthy roller and, for those that meet spalls, of each by itself.
 
     Attributes:
       base: the curve of a healthy roller, and the contact.
       states: of the rollers that meet spalls, of rings that tilt of all that carry; None: there are none.
-      sound: of rings that tilt, the states without spalls.
+      healthy_states: of rings that tilt, those without spalls.
       settling: while states are looked for, none is refused.
       free_to_tilt: whether rollers were, between both raceways.
       stays: whether the scene that it was made for ends in its states.
     """
 
-    base: DirectLaw
+    base: DirectByCurves
     states: States | None
     settling: bool = dataclasses.field(default=False, metadata={"static": True})
     free_to_tilt: bool = dataclasses.field(default=False, metadata={"static": True})
-    sound: States | None = None
+    healthy_states: States | None = None
     stays: bool = dataclasses.field(default=True, metadata={"static": True})
     name = "direct"
     hard = False
@@ -68,7 +69,7 @@ class LocalLaw:
     contact, load_range, error, status_code = map(of_base, ("contact", "load_range", "error", "status_code"))
     kinks_by_table = of_base("kinks_by_table")
 
-    def at(self, contact: LineContact) -> LocalLaw:
+    def at(self, contact: LineContact) -> DirectByStates:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, base=self.base.at(contact))
 
@@ -90,12 +91,12 @@ class LocalLaw:
     def slices(
         self, spalls: tuple[Spall, ...], distances: Any, beyond: Beyond | None = None, least: Any = 0.0
     ) -> RollerCurves:
-        """What every slice of the rollers carries whose rings tilt, at `tilted_roller.places`, shape (…, rollers ·
+        """What every slice of the rollers carries whose rings tilt, at `tilt_energy.points`, shape (…, rollers ·
         slices), roller by roller; other arguments as of `curves`. `beyond` is what approaches [mm] and moments [N mm]
         have besides those of the outer contact, of its loads [N]. A roller without a state of its own carries the
         `least` [N]; before there are any, all are healthy, and each slice carries its share."""
-        every, count = self.base.curves((), distances[:0]).each, tilted_roller.SLICES
-        every = xp.tree_map(lambda field: tilted_roller.of_slices(field, count), every)
+        every, count = self.base.curves((), distances[:0]).each, tilt_energy.SLICES
+        every = xp.tree_map(lambda field: tilt_energy.of_slices(field, count), every)
         each = dataclasses.replace(every, coefficients=_shared(every.coefficients, count))
         states = self.states
         if states is None or states.leaning is None or not is_of(states, distances):
@@ -106,14 +107,14 @@ class LocalLaw:
         if beyond is not None:
             more, turned = beyond(loads)
             approaches, moments = approaches + more, moments + turned
-        own = tilted_roller.near(loads, -states.tilts, approaches, moments, xp.fixed(self.contact.length))
+        own = tilt_energy.fitted_slices(loads, -states.tilts, approaches, moments, xp.fixed(self.contact.length))
 
         def of_rollers(of_states: Any) -> Any:
             """Of every state's slices, for all rollers' slices."""
             found = xp.einsum("...sk,...sr->...rk", of_states, states.at)
             return found.reshape(*each.shift.shape[:-1], -1)
 
-        clear = tilted_roller.of_slices(1.0 - xp.sum(states.at, axis=-2), count).reshape(each.shift.shape)
+        clear = tilt_energy.of_slices(1.0 - xp.sum(states.at, axis=-2), count).reshape(each.shift.shape)
         coefficients = [of_rollers(one) for one in own.coefficients]
         coefficients[0] = coefficients[0] + clear * (least / count)
         return RollerCurves(
@@ -174,14 +175,14 @@ class LocalLaw:
         moved = moved / xp.max(xp.abs(states.approaches), axis=-1)[..., None]
         apart = self._apart(states, distances) * states.met
         same = (xp.max(xp.abs(moved)) < MOVED) & (xp.max(xp.abs(apart), initial=0.0) < ASIDE)
-        same = same & states_of_rollers.keep_spalls(states, self.contact, spalls, distances)
+        same = same & roller_states.keep_spalls(states, self.contact, spalls, distances)
         if rest is not None:
             unknown = xp.moveaxis(met, 0, -2) & (xp.einsum("...sn,...sr->...nr", states.met, states.at) == 0.0)
-            same = same & states_of_rollers.keep_loads(states, self.base.log_loads[0], rest) & ~xp.any(unknown)
+            same = same & roller_states.keep_loads(states, self.base.log_loads[0], rest) & ~xp.any(unknown)
             if states.leaning is not None:
                 raceways = 2.0 if self.free_to_tilt else 1.0  # a roller between two may turn until neither is touched
                 clear = raceways * CLEAR * self.base.healthy[0]
-                same = same & states_of_rollers.keep_tilts(states, self.contact, raceways, clear, rest)
+                same = same & roller_states.keep_tilts(states, self.contact, raceways, clear, rest)
         return xp.where(same, code, other)
 
     def _within(self, rest: Rest | None) -> Rest | None:
@@ -215,7 +216,7 @@ class LocalLaw:
             there = (of_states(turned) - centre) / size
             powers += [beside, beside * apart, beside**2]
             asked += [there, there * here, there**2]
-        found = ramp_fit.least_squares(xp.stack(powers, axis=-1), tilts, NOTHING)
+        found = least_squares(xp.stack(powers, axis=-1), tilts, NOTHING)
         own = xp.einsum("...s,...sr->...r", xp.sum(found * xp.stack(asked, axis=-1), axis=-1), at)
         return own.reshape(*loads.shape)
 
@@ -242,21 +243,21 @@ def through(log_loads: Any, approaches: Any, lowest: Any) -> Curve:
         powers.append(powers[-1] * z)
     narrowed = 0.5 * (log_loads[..., -1] - log_loads[..., 0]) < 0.5 * (1.0 + NARROWER) * SPREAD  # see `NARROWER`
     powers[3:] = [xp.where(narrowed[..., None], 0.0, power) for power in powers[3:]]
-    found = ramp_fit.least_squares(xp.stack(powers, axis=-1), log_loads, NOTHING)
+    found = least_squares(xp.stack(powers, axis=-1), log_loads, NOTHING)
     return Curve(xp.moveaxis(found, -1, 0), middle, reach, lowest + xp.zeros_like(middle))
 
 
-def healthy(law: Law) -> Law:
+def without_spalls(law: Law) -> Law:
     """The law of the same bearing without spalls, of one that may hold states of rollers that meet some."""
-    return dataclasses.replace(law, states=law.sound) if isinstance(law, LocalLaw) else law
+    return dataclasses.replace(law, states=law.healthy_states) if isinstance(law, DirectByStates) else law
 
 
-def at_phase(law: LocalLaw, k: int, sound: bool) -> LocalLaw:
-    """The law of a mean at the `k`-th of its phases: of the `sound` ring, or of that with spalls, which has others."""
-    own = jax.tree.map(lambda of: of[k], law.sound if sound else law.states)
-    return dataclasses.replace(law, states=own, sound=own if sound else None)
+def at_phase(law: DirectByStates, k: int, healthy: bool) -> DirectByStates:
+    """The law of a mean at the `k`-th of its phases: of the `healthy` ring, or of the one with spalls."""
+    own = jax.tree.map(lambda of: of[k], law.healthy_states if healthy else law.states)
+    return dataclasses.replace(law, states=own, healthy_states=own if healthy else None)
 
 
-def stateless(law: Law) -> Law:
+def without_states(law: Law) -> Law:
     """The law without any states: of healthy rollers, upright."""
-    return dataclasses.replace(law, states=None, sound=None) if isinstance(law, LocalLaw) else law
+    return dataclasses.replace(law, states=None, healthy_states=None) if isinstance(law, DirectByStates) else law

@@ -20,7 +20,7 @@ import numpy as np
 from difftrb.core import status
 from difftrb.core.geometry import LineContact
 from difftrb.law import samples
-from difftrb.law.samples import Case, Node, Progress, Turning
+from difftrb.law.samples import Case, Node, Progress, TiltResponse
 
 BALANCED, NEARLY = 1e-5, 2.5e-2
 """Difference of both moments, by load and roller length, at which a roller rests; and from which one more step of the
@@ -85,7 +85,7 @@ class Resting(NamedTuple):
 
     def gain(self, ratio: float) -> float:
         """See `TiltCurve`, of the outer raceway; `ratio` is outer by inner load."""
-        outer, inner = self.outer.turning, self.inner.turning
+        outer, inner = self.outer.tilt_response, self.inner.tilt_response
         assert outer is not None
         assert inner is not None
         softer, stiffer = outer.by_tilt - inner.by_tilt / ratio, outer.moment_by_tilt + inner.moment_by_tilt
@@ -94,12 +94,12 @@ class Resting(NamedTuple):
     def balanced(self) -> Resting:
         """The roller where both moments are equal, by how contacts near there go with the tilt; as it is where they
         were solved without."""
-        one, other = self.outer.turning, self.inner.turning
+        one, other = self.outer.tilt_response, self.inner.tilt_response
         if one is None or other is None or not one.moment_by_tilt + other.moment_by_tilt < 0.0:
             return self
         more = (self.inner.moment - self.outer.moment) / (one.moment_by_tilt + other.moment_by_tilt)
 
-        def turned(node: Node, by: Turning, more: float) -> Node:
+        def turned(node: Node, by: TiltResponse, more: float) -> Node:
             approach, moment = node.approach + by.by_tilt * more, node.moment + by.moment_by_tilt * more
             return dataclasses.replace(node, approach=approach, moment=moment)
 
@@ -111,29 +111,29 @@ class Resting(NamedTuple):
 
         Slopes, of D by the outer contact's inputs and load and of ratio · D by the inner one's, are at a fixed tilt of
         the rings and at a fixed load on the other raceway. The outer part has the moment, and how D and M go with the
-        rings' tilt; `by_tilt` of the inner one is the moment by the inner load. Without `turning` contacts are as
+        rings' tilt; `by_tilt` of the inner one is the moment by the inner load. Without `tilt_response` contacts are as
         solved.
         """
-        if self.outer.turning is None or self.inner.turning is None:
+        if self.outer.tilt_response is None or self.inner.tilt_response is None:
             return self.outer, dataclasses.replace(self.inner, moment=0.0)
-        (outer, one), (inner, other) = (self.outer, self.outer.turning), (self.inner, self.inner.turning)
+        (outer, one), (inner, other) = (self.outer, self.outer.tilt_response), (self.inner, self.inner.tilt_response)
         gain, both = self.gain(ratio), one.moment_by_tilt + other.moment_by_tilt
         from_outer = other.moment_by_tilt / both if both < 0.0 else 0.0
         from_inner = one.moment_by_tilt / both if both < 0.0 else 0.0
         # a moment by the load is the approach by the tilt (Maxwell)
-        of_outer = Turning(
+        of_outer = TiltResponse(
             other.by_tilt / ratio - gain * other.moment_by_tilt, from_outer * one.moment_by_tilt,
             from_outer * one.moment_slopes,
         )  # fmt: skip
-        of_inner = Turning(from_inner * other.by_tilt, 0.0, from_inner * other.moment_slopes)
+        of_inner = TiltResponse(from_inner * other.by_tilt, 0.0, from_inner * other.moment_slopes)
         return (
             dataclasses.replace(
                 outer, compliance=outer.compliance + gain * one.by_tilt, slopes=outer.slopes + gain * one.moment_slopes,
-                turning=of_outer,
+                tilt_response=of_outer,
             ),
             dataclasses.replace(
                 inner, compliance=inner.compliance - ratio * gain * other.by_tilt, moment=0.0,
-                slopes=inner.slopes - ratio * gain * other.moment_slopes, turning=of_inner,
+                slopes=inner.slopes - ratio * gain * other.moment_slopes, tilt_response=of_inner,
             ),
         )  # fmt: skip
 
@@ -143,10 +143,10 @@ def at_rest(
     loads: tuple[float, float],
     accuracy: float,
     start: float | None = None,
-    turning: bool = False,
+    tilt_response: bool = False,
     known: Lookup = NOTHING_KNOWN,
 ) -> Resting:
-    """The roller at the tilt at which both moments are equal; `start` is a guess of it [rad]; `turning` asks
+    """The roller at the tilt at which both moments are equal; `start` is a guess of it [rad]; `tilt_response` asks
     for that of the contacts at the end. Contacts that are `known` are not solved: a function of either's case, None
     where it does not know it.
 
@@ -175,24 +175,24 @@ def at_rest(
         slope = fall if before is None else (before[1] - unbalanced) / (before[0] - tilt)
         low, high = (max(low, tilt), high) if unbalanced > 0.0 else (low, min(high, tilt))
         step = tilt - unbalanced / (slope if slope < 0.0 else fall)
-        near = BALANCED if not turning else NEARLY if before else 0.1 * NEARLY
+        near = BALANCED if not tilt_response else NEARLY if before else 0.1 * NEARLY
         balanced = abs(unbalanced) < near * whole
         if not (balanced or low < step < high):
             step = 0.5 * (low + high) if np.isfinite(low + high) else tilt - unbalanced / fall
         before, tilt = (tilt, unbalanced), float(step)
         if balanced:
             break
-    return Resting(tilt, *at(tilt, samples.solved_turning if turning else samples.solved)).balanced()
+    return Resting(tilt, *at(tilt, samples.solved_with_tilt if tilt_response else samples.solved)).balanced()
 
 
 def tilt_curves(
     rollers: Sequence[RollerContacts], log_loads: np.ndarray, inner_load: Callable[[float], float], accuracy: float,
-    starts: Sequence[TiltCurve | None], turning: bool, progress: Progress | None = None,
+    starts: Sequence[TiltCurve | None], tilt_response: bool, progress: Progress | None = None,
 ) -> list[TiltCurve]:  # fmt: skip
     """Of every roller over its outer load, through what is solved at `log_loads` [log N], shape (rollers, loads).
 
-    `inner_load` is the inner load [N] of an outer one; `starts` are tilts known before; without `turning` there is no
-    gain. Rollers that do not lean are upright. Needs numbers, not tracers.
+    `inner_load` is the inner load [N] of an outer one; `starts` are tilts known before; without `tilt_response` there
+    is no gain. Rollers that do not lean are upright. Needs numbers, not tracers.
     """
     curves = [UPRIGHT] * len(rollers)
     leaning = [k for k, roller in enumerate(rollers) if roller.leans]
@@ -203,8 +203,8 @@ def tilt_curves(
         load, start = float(np.exp(log_load)), starts[k]
         loads = load, inner_load(load)
         guess = None if start is None else float(start.tilt(np.asarray(log_load)))
-        rest = at_rest(rollers[k], loads, accuracy, guess, turning)
-        return rest.tilt, rest.gain(loads[0] / loads[1]) if turning else 0.0
+        rest = at_rest(rollers[k], loads, accuracy, guess, tilt_response)
+        return rest.tilt, rest.gain(loads[0] / loads[1]) if tilt_response else 0.0
 
     solved = np.reshape(samples.mapped(solve, asked, accuracy, progress), (len(leaning), log_loads.shape[1], 2))
     for k, own in zip(leaning, solved, strict=True):

@@ -16,18 +16,18 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Raceway
-from difftrb.law import tilted_states
-from difftrb.law.direct import DirectLaw
-from difftrb.law.local import LocalLaw
-from difftrb.law.local_states import Reached
+from difftrb.law import tilted_state_solves
+from difftrb.law.direct_curves import DirectByCurves
+from difftrb.law.direct_states import DirectByStates
+from difftrb.law.healthy_tilt_table import Between
 from difftrb.law.samples import Progress
-from difftrb.law.tilt_table import Between
-from difftrb.law.tilted_states import Rollers, Spalls
+from difftrb.law.state_solves import Reached
+from difftrb.law.tilted_state_solves import Rollers, Spalls
 from difftrb.ring import roller_balance, roller_places
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene import prepared_scene
-from difftrb.scene.local_laws import guess, met_by, rest_at, until_they_stay
 from difftrb.scene.scene import PitchMean, Scene, healthy, on_raceways
+from difftrb.scene.state_iteration import guess, met_by, rest_at, until_they_stay
 
 LIGHT = 1e-3
 """Share of the largest load below which a roller that is turned farther than the table knows counts as clear."""
@@ -35,7 +35,7 @@ LIGHT = 1e-3
 CLEAR = 0.05
 """Of the least load of the healthy curve: a roller over a spall whose contact would carry less counts as clear."""
 
-Laws = dict[Raceway, LocalLaw]
+Laws = dict[Raceway, DirectByStates]
 At = tuple[int, int, tuple[tuple[int, ...], ...]]
 """A phase, a roller, and the spalls that it may meet on every raceway."""
 
@@ -56,23 +56,23 @@ class TiltedRollers(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def tilted_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progress | None) -> Laws:
+def laws_by_tilted_states(scene: Scene, bases: Mapping[Raceway, DirectByCurves], progress: Progress | None) -> Laws:
     """The laws of every raceway for a scene, with and without its spalls, from those of healthy rollers.
 
     A scene whose loads do not stay keeps the last states, and its own status says that rollers are elsewhere.
     """
     spalls: Spalls = {raceway: roller_places.spalls_on(scene.spalls, raceway) for raceway in bases}
-    rollers = tilted_states.between_rings(bases, spalls, _between(scene, bases), progress)
+    rollers = tilted_state_solves.between_rings(bases, spalls, _between(scene, bases), progress)
     none = dataclasses.replace(rollers, spalls=dict.fromkeys(bases, ()))
-    sound = _settled(healthy(scene), none, None)
-    laws = _settled(scene, rollers, progress) if scene.spalls else sound
+    unspalled = _settled(healthy(scene), none, None)
+    laws = _settled(scene, rollers, progress) if scene.spalls else unspalled
     made: Laws = {}
     for raceway, law in laws.items():
-        made[raceway] = dataclasses.replace(law, settling=False, sound=sound[raceway].states)
+        made[raceway] = dataclasses.replace(law, settling=False, healthy_states=unspalled[raceway].states)
     return made
 
 
-def _between(scene: Scene, bases: Mapping[Raceway, DirectLaw]) -> Between:
+def _between(scene: Scene, bases: Mapping[Raceway, DirectByCurves]) -> Between:
     """What rollers have between the rings, by the scene's effects."""
     ready = xp.numbers(healthy(on_raceways(scene, dict(bases))))
     _, _, terms = prepared_scene.rings_at(ready, np.zeros(1))
@@ -90,7 +90,9 @@ def _sunk(seat: Seat, loads: Any) -> Any:
 def _settled(scene: Scene, of: Rollers, progress: Progress | None) -> Laws:
     """The laws around the states in which the rollers of a scene end."""
     free = len(of.bases) > 1
-    made: Laws = {raceway: LocalLaw(base, None, settling=True, free_to_tilt=free) for raceway, base in of.bases.items()}
+    made: Laws = {
+        raceway: DirectByStates(base, None, settling=True, free_to_tilt=free) for raceway, base in of.bases.items()
+    }
     now = _at_rest(scene, made, of, frozenset())
     rollers = now.rollers[0 if isinstance(scene.phase, PitchMean) else 1 :]
     known, leaned = {}, False
@@ -99,7 +101,7 @@ def _settled(scene: Scene, of: Rollers, progress: Progress | None) -> Laws:
         nonlocal made, now, leaned
         pressed, tilts = np.array(list(states[0].values())).reshape(-1, 2).T
         clear = np.array([at in now.clear for at in now.centres], bool)
-        made = tilted_states.around(of, now.reached, rollers, pressed, tilts, clear, found, known, progress)
+        made = tilted_state_solves.around(of, now.reached, rollers, pressed, tilts, clear, found, known, progress)
         leans = int(made["outer"].status_code) == status.LEANS
         if leans and leaned:  # twice one after the other: they are not coming back
             return None
@@ -123,7 +125,7 @@ def _is_near(of: Rollers, one: tuple[float, float], other: tuple[float, float], 
     return abs(np.log(one[0] / other[0])) < near and turned < 0.5 * near
 
 
-def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], of: Rollers, before: frozenset[At]) -> TiltedRollers:
+def _at_rest(scene: Scene, made: Mapping[Raceway, DirectByStates], of: Rollers, before: frozenset[At]) -> TiltedRollers:
     """With how much rollers press at which tilt, and the spalls that they may meet. Healthy ones have what the table
     has at their place, whatever laws they were found by; those that were clear `before` what their contacts would."""
     ready = on_raceways(scene, made)
@@ -147,7 +149,7 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], of: Rollers, before
             load = float(pressed[p, j])
             if first:
                 load = min(guess(scene, of.spalls[raceway], each, pressed) for raceway, each in own.items())
-            load = load / tilted_states.NOTHING if at in before else load
+            load = load / tilted_state_solves.NOTHING if at in before else load
             if load < CLEAR * of.least:
                 clear.add(at)
             load = max(load, of.least)
@@ -156,7 +158,7 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], of: Rollers, before
             load = of.table.pressed_at(*own_place)
             if np.isnan(load):
                 known = float(pressed[p, j]) if solved[p, j] else of.table.about(*own_place)
-                turned = abs(own_place[1]) > tilted_states.FARTHEST_TURNED * of.table.reach(of.least)
+                turned = abs(own_place[1]) > tilted_state_solves.FARTHEST_TURNED * of.table.reach(of.least)
                 light = known <= LIGHT * pressed.max()
                 load = 0.0 if light and (turned or not solved[p, j]) else max(known, of.least)
         if load > 0.0:

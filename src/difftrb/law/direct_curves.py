@@ -1,6 +1,6 @@
-"""The roller law of one scene in the mean over phases: curves through contact solves over all loads, healthy, over the
+"""Law "direct" of one scene in the mean over phases: curves through contact solves over all loads, healthy, over the
 middle of every spall, and at the places where rollers stand near its edges. At one phase, and where rollers meet more
-than one deep rectangular spall, it is `local.LocalLaw`."""
+than one deep rectangular spall, it is `direct_states.DirectByStates`."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats
 from difftrb.core.numeric import chebyshev_nodes
-from difftrb.law import base, edge_ramp, edge_share, load_curve, ramp_fit, samples
+from difftrb.law import base, edge_ramp, edge_share, load_curve, ramp_fit, roller_curves, samples
 from difftrb.law.base import LENGTH_SHARE, LawKind, Rest, known_up_to, of_one_deep_spall, within_range
-from difftrb.law.edge_ramp import Ramp, RollerCurves
+from difftrb.law.edge_ramp import Ramp
 from difftrb.law.load_curve import Curve
 from difftrb.law.ramp_fit import Healthy
+from difftrb.law.roller_curves import RollerCurves
 from difftrb.law.samples import AT, Case, Node, Progress
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class Edges(NamedTuple):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class DirectLaw:
+class DirectByCurves:
     """Contact solves for one scene. Exact at the scene it was prepared for; approaches are carried to its neighbours
     along their exact slopes, so all first derivatives are right.
 
@@ -112,7 +113,7 @@ class DirectLaw:
         """Smallest and largest load of the solves [N]."""
         return xp.exp(self.log_loads[0]), xp.exp(self.log_loads[-1])
 
-    def at(self, contact: LineContact) -> DirectLaw:
+    def at(self, contact: LineContact) -> DirectByCurves:
         """The law carried to another contact near by."""
         return dataclasses.replace(self, contact=contact)
 
@@ -125,12 +126,12 @@ class DirectLaw:
             [self._ramp(i, spall, healthy, full, distances[i], side) for side in (1.0, -1.0)]
             for i, (spall, full) in enumerate(zip(spalls, fulls, strict=True))
         ]
-        return ramp_fit.roller_curves(healthy, fulls, ramps, spalls, distances)
+        return roller_curves.with_ramps(healthy.curve, fulls, ramps, spalls, distances)
 
     def _ramp(self, i: int, spall: Spall, healthy: Healthy, full: Curve, distances: Any, side: float) -> Ramp:
         """Of the place nearest to where the roller is now; `distances` [mm] of shape (…, rollers)."""
-        edges, edge = self.edges[i], ramp_fit.over(spall, distances, side)
-        distance = xp.total(xp.where(ramp_fit.next_to(spall, distances, side), xp.magnitude(distances), 0.0))
+        edges, edge = self.edges[i], roller_curves.edge_beyond(spall, distances, side)
+        distance = xp.total(xp.where(roller_curves.next_to(spall, distances, side), xp.magnitude(distances), 0.0))
         rise = ramp_fit.rise_over(self.contact, spall)
         blank = healthy.beside(edge, full, self.sunk[i], rise, edge_ramp.guess())
         count = edges.loads.shape[0]
@@ -186,7 +187,7 @@ class DirectLaw:
 
     def judge(self, spalls: tuple[Spall, ...], distances: Any, rest: Rest | None = None) -> Any:
         """See `Law`: only the scene it was prepared for, or its neighbours, or the same bearing without spalls; no
-        roller over several spalls or on a bottom: that is `local.LocalLaw`'s."""
+        roller over several spalls or on a bottom: that is `direct_states.DirectByStates`'s."""
         same = xp.max(xp.abs(self._healthy() / self.healthy - 1.0)) < MOVED
         if len(spalls) not in (0, len(self.spalls)):
             return np.asarray(status.OTHER_SCENE)
@@ -194,7 +195,7 @@ class DirectLaw:
             same = same & (xp.max(xp.abs(self._full(i, spall) / self.full[i] - 1.0)) < MOVED)
             low, high = self.ramp(i, spall, self.full[i, -1])
             for side in (1.0, -1.0):
-                edge = ramp_fit.over(spall, distances[i], side)
+                edge = roller_curves.edge_beyond(spall, distances[i], side)
                 apart = xp.abs(self.edges[i].given[:, AT.distance] - (0.5 * spall.width - edge)[..., None])
                 near = xp.min(apart, axis=-1, initial=np.inf) < ASIDE
                 same = same & xp.all(near | (edge < low) | (edge > high))
@@ -208,7 +209,7 @@ class DirectLaw:
 def without_edges(
     contact: LineContact, largest: float, spalls: tuple[Spall, ...], accuracy: float = 1e-3,
     progress: Progress | None = None,
-) -> DirectLaw:  # fmt: skip
+) -> DirectByCurves:  # fmt: skip
     """The law of a healthy roller and of one over the middle of every spall; for rollers at an edge add `with_edges`.
 
     Args:
@@ -229,7 +230,7 @@ def without_edges(
     sunk = np.asarray(
         [ramp_fit.sunk(contact, spall, level, loads) for spall, level in zip(spalls, levels[1:], strict=True)]
     )
-    return DirectLaw(
+    return DirectByCurves(
         contact, np.asarray(loads), spalls, np.asarray(samples.inputs(contact, None, 0.0)), approaches[0], slopes[0],
         np.asarray(half_width), approaches[1:], slopes[1:], sunk.reshape(len(spalls), ramp_fit.EXTENT_DEGREE + 1),
         tuple(_edges(contact, spall, [], np.zeros((0, EDGE_LOADS)), []) for spall in spalls), accuracy,
@@ -247,8 +248,8 @@ def solved_levels(
 
 
 def with_edges(
-    law: DirectLaw, places: Sequence[Sequence[tuple[float, float]]], progress: Progress | None = None
-) -> DirectLaw:
+    law: DirectByCurves, places: Sequence[Sequence[tuple[float, float]]], progress: Progress | None = None
+) -> DirectByCurves:
     """The law with contacts solved at `places`: for each spall, distances [mm] of rollers from its middle at which an
     edge may be in reach, each with about the approach [mm] that the roller will have there."""
     edges, codes = [], [float(law.status_code)]

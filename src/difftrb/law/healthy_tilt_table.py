@@ -17,11 +17,11 @@ from difftrb.contact import crown
 from difftrb.core import status
 from difftrb.core.geometry import LineContact
 from difftrb.core.numeric import chebyshev_nodes
-from difftrb.law import load_curve, roller_tilt, samples
-from difftrb.law.direct import DirectLaw
-from difftrb.law.roller_tilt import RollerContacts
-from difftrb.law.samples import Case, Node, Progress, Turning
-from difftrb.law.states_of_rollers import ALONG, mean_overlap
+from difftrb.law import load_curve, samples, tilt_equilibrium
+from difftrb.law.direct_curves import DirectByCurves
+from difftrb.law.roller_states import ALONG, mean_overlap
+from difftrb.law.samples import Case, Node, Progress, TiltResponse
+from difftrb.law.tilt_equilibrium import RollerContacts
 
 MOST_TURNED = 3.0
 """Of a table, by `TiltTable.reach`: a heavily loaded roller presses with a third of its length there."""
@@ -81,7 +81,7 @@ class TiltTable(NamedTuple):
       heights: logarithms of P [log N] and of upright rollers' approaches there [log mm], shape (2, HEIGHTS): tilts are
         measured by them thousands of times.
       coefficients: Chebyshev's in log P and in the tilt of the rings, shape (LOADS, TILTS, raceways · TELLS + 1): what
-        `_told` says of every contact, and the roller's own tilt.
+        `_relative_row` says of every contact, and the roller's own tilt.
       status_code: worst of the solves.
     """
 
@@ -142,7 +142,7 @@ class TiltTable(NamedTuple):
         told = chebval2d(x, tilt / (MOST_TURNED * reach), self.coefficients)
         rows = told[:-1].reshape(len(self.contacts), TELLS)
         nodes = tuple(
-            _node(row, float(load), contact, reach, self.status_code)
+            _node_of_row(row, float(load), contact, reach, self.status_code)
             for row, load, contact in zip(rows, loads, self.contacts, strict=False)
         )
         return Turned(reach * float(told[-1]), nodes)
@@ -159,27 +159,27 @@ def _sizes(contact: LineContact) -> np.ndarray:
     return np.where(own != 0.0, own, 1.0)
 
 
-def _told(node: Node, load: float, contact: LineContact, reach: float) -> np.ndarray:
+def _relative_row(node: Node, load: float, contact: LineContact, reach: float) -> np.ndarray:
     """Approach, moment, compliance, and how approach and moment go with tilt and inputs, all relative; shape
     (TELLS,)."""
     long, arm, sizes = reach * float(contact.length), load * float(contact.length), _sizes(contact)
-    turning = node.turning
-    assert turning is not None
+    tilt_response = node.tilt_response
+    assert tilt_response is not None
     first = [node.approach / long, node.moment / arm, node.compliance * load / long]
-    turned = [turning.by_tilt * reach / long, turning.moment_by_tilt * reach / arm]
-    return np.concatenate([first, turned, sizes * node.slopes / long, sizes * turning.moment_slopes / arm])
+    turned = [tilt_response.by_tilt * reach / long, tilt_response.moment_by_tilt * reach / arm]
+    return np.concatenate([first, turned, sizes * node.slopes / long, sizes * tilt_response.moment_slopes / arm])
 
 
-def _node(told: np.ndarray, load: float, contact: LineContact, reach: float, code: int) -> Node:
-    """What `_told` was told."""
+def _node_of_row(told: np.ndarray, load: float, contact: LineContact, reach: float, code: int) -> Node:
+    """The contact whose `_relative_row` it is."""
     long, arm, sizes = reach * float(contact.length), load * float(contact.length), _sizes(contact)
     approach, moment, compliance, by_tilt, moment_by_tilt, *rest = told
     slopes, moment_slopes = (np.array(part) / sizes for part in (rest[: samples.INPUTS], rest[samples.INPUTS :]))
-    turning = Turning(by_tilt * long / reach, moment_by_tilt * arm / reach, arm * moment_slopes)
-    return Node(approach * long, compliance * long / load, long * slopes, code, 0.0, 0.0, moment * arm, turning)
+    tilt_response = TiltResponse(by_tilt * long / reach, moment_by_tilt * arm / reach, arm * moment_slopes)
+    return Node(approach * long, compliance * long / load, long * slopes, code, 0.0, 0.0, moment * arm, tilt_response)
 
 
-def of_contact(base: DirectLaw, progress: Progress | None) -> TiltTable:
+def of_contact(base: DirectByCurves, progress: Progress | None) -> TiltTable:
     """The table of one contact over all loads of its upright curve, by contact solves."""
     curve = load_curve.one_of(base.curves((), np.zeros((0, 1))).each, 0)
     low, high = float(base.log_loads[0] - np.log(LIGHTER)), float(base.log_loads[-1])
@@ -216,14 +216,14 @@ def between_rings(tables: tuple[TiltTable, ...], between: Between, accuracy: flo
         known, every = known_by((outer, inner[0])), []
         for pressed, tilt in asked:
             roller = RollerContacts((outer.contacts[0], inner[0].contacts[0]), ((), ()), ((), ()), tilt)
-            rest = roller_tilt.at_rest(roller, between.loads(pressed), accuracy, None, True, known)
+            rest = tilt_equilibrium.at_rest(roller, between.loads(pressed), accuracy, None, True, known)
             every.append(Turned(rest.tilt, rest.shares(between.ratio)))
         return every
 
     return _through(empty, solved)
 
 
-def known_by(tables: tuple[TiltTable, TiltTable]) -> roller_tilt.Lookup:
+def known_by(tables: tuple[TiltTable, TiltTable]) -> tilt_equilibrium.Lookup:
     """Healthy contacts with both raceways, as far as tables of either alone know them."""
 
     def of(table: TiltTable) -> Callable[[Case], Node | None]:
@@ -248,7 +248,7 @@ def _through(table: TiltTable, solved: Callable[[Sequence[tuple[float, float]]],
     for (pressed, _), each in zip(asked, found, strict=True):
         reach, loads = float(table.reach(pressed)), table.between.loads(pressed)
         of_contacts = [
-            _told(node, float(load), contact, reach)
+            _relative_row(node, float(load), contact, reach)
             for node, load, contact in zip(each.nodes, loads, table.contacts, strict=False)
         ]
         rows.append([*np.concatenate(of_contacts), each.tilt / reach])
@@ -267,10 +267,10 @@ _SOLVED: dict[Any, list[Node]] = {}
 
 
 def _solved_once(contact: LineContact, cases: list[Case], accuracy: float, progress: Progress | None) -> list[Node]:
-    """`samples.all_solved`, with `turning`; of the last `SHARED` tables without solving again."""
+    """`samples.all_solved`, with `tilt_response`; of the last `SHARED` tables without solving again."""
     key = tuple(float(value) for value in dataclasses.astuple(contact)), tuple(cases), accuracy
     if key not in _SOLVED:
-        found = samples.all_solved(contact, cases, accuracy, progress, turning=True)
+        found = samples.all_solved(contact, cases, accuracy, progress, tilt_response=True)
         while len(_SOLVED) >= SHARED:
             _SOLVED.pop(next(iter(_SOLVED)), None)
         _SOLVED[key] = found

@@ -1,4 +1,4 @@
-"""Contact solves around the loads of rollers that meet spalls: the states that a `LocalLaw` is made of."""
+"""Contact solves around the loads of rollers that meet spalls: the states that a `DirectByStates` is made of."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy as np
 from difftrb.core.geometry import Spall
 from difftrb.core.numeric import chebyshev_nodes
 from difftrb.law import load_curve, samples
-from difftrb.law.direct import DirectLaw, accuracy_at_edges
-from difftrb.law.local import NARROWER, SPREAD, LocalLaw, through
-from difftrb.law.roller_tilt import UPRIGHT, TiltCurve
-from difftrb.law.samples import Node, Progress, Turning
-from difftrb.law.states_of_rollers import Leaning, States
+from difftrb.law.direct_curves import DirectByCurves, accuracy_at_edges
+from difftrb.law.direct_states import NARROWER, SPREAD, DirectByStates, through
+from difftrb.law.roller_states import Leaning, States
+from difftrb.law.samples import Node, Progress, TiltResponse
+from difftrb.law.tilt_equilibrium import UPRIGHT, TiltCurve
 
 FEW, SEARCHED = 3, 0.35
 """Solves of a state while its load is looked for, and by how much in the logarithm they are spread to either side."""
@@ -41,14 +41,14 @@ class Reached(NamedTuple):
 
 
 SolvedContacts = dict[tuple[bool, tuple[int, ...], tuple[float, ...], float, float], Node]
-"""Contacts that were solved on one raceway: whether with `Turning`, spalls, distances [mm], load [N], tilt [rad]."""
+"""Contacts that were solved on one raceway: whether with `TiltResponse`, spalls, distances [mm], load [N], tilt."""
 
 
 def around(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
+    base: DirectByCurves, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
     loads: np.ndarray, found: bool, known: SolvedContacts, tilts: Sequence[TiltCurve] | None = None,
     progress: Progress | None = None,
-) -> LocalLaw:  # fmt: skip
+) -> DirectByStates:  # fmt: skip
     """The law of rollers that carry about `loads` [N], shape (rollers reached,), from that of healthy ones.
 
     `rollers` is the shape of the ring's rollers, with the phases of a mean in front. Contacts are solved around these
@@ -59,12 +59,12 @@ def around(
     spread, way = spread_of(found, IN_A_MEAN if found and len(rollers) > 1 else None)
     logs = np.log(loads)[:, None] + spread * way
     curves = [UPRIGHT] * len(reached) if tilts is None else tilts
-    turning = any(curve is not UPRIGHT for curve in curves)
+    tilt_response = any(curve is not UPRIGHT for curve in curves)
 
     def at(numbers: Sequence[int]) -> list[list[Node]]:
         own = [reached[k] for k in numbers]
         turned = np.array([curves[k].tilt(logs[k]) for k in numbers]).reshape(len(own), logs.shape[1])
-        return solved_at(base, spalls, own, np.exp(logs[numbers]), turned, turning, known, progress)
+        return solved_at(base, spalls, own, np.exp(logs[numbers]), turned, tilt_response, known, progress)
 
     solved = at(range(len(reached)))
     if found:
@@ -81,7 +81,9 @@ def around(
         turned = np.array([curve.tilt(row) for curve, row in zip(curves, logs, strict=True)])
         slopes = [_slopes(*each) for each in zip(solved, logs, curves, strict=True)]
         states = stacked(base, spalls, reached, rollers, logs, turned, solved, slopes)
-    return LocalLaw(dataclasses.replace(base, status_code=code), states, settling=True, free_to_tilt=tilts is not None)
+    return DirectByStates(
+        dataclasses.replace(base, status_code=code), states, settling=True, free_to_tilt=tilts is not None
+    )
 
 
 def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]:
@@ -92,12 +94,15 @@ def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]
 
 
 def solved_at(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], loads: np.ndarray, tilts: np.ndarray,
-    turning: bool, known: SolvedContacts, progress: Progress | None,
+    base: DirectByCurves, spalls: tuple[Spall, ...], reached: Sequence[Reached], loads: np.ndarray, tilts: np.ndarray,
+    tilt_response: bool, known: SolvedContacts, progress: Progress | None,
 ) -> list[list[Node]]:  # fmt: skip
     """Contacts of every roller reached under its `loads` [N] at its `tilts` [rad], shape (rollers reached, loads)."""
     asked = [
-        [(turning, each.under, each.away, float(load), float(tilt)) for load, tilt in zip(own, turned, strict=True)]
+        [
+            (tilt_response, each.under, each.away, float(load), float(tilt))
+            for load, tilt in zip(own, turned, strict=True)
+        ]
         for each, own, turned in zip(reached, loads, tilts, strict=True)
     ]
     missing = list(dict.fromkeys(key for row in asked for key in row if key not in known))
@@ -106,7 +111,7 @@ def solved_at(
         for _, under, away, load, tilt in missing
     ]
     if missing:
-        solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress, turning)
+        solved = samples.all_solved(base.contact, cases, accuracy_at_edges(float(base.error)), progress, tilt_response)
         known.update(zip(missing, solved, strict=True))
     return [[known[key] for key in row] for row in asked]
 
@@ -116,7 +121,7 @@ def _slopes(solved: Sequence[Node], log_loads: np.ndarray, curve: TiltCurve) -> 
     slopes = np.array([node.slopes for node in solved])
     if curve is UPRIGHT:
         return slopes
-    moments = np.array([cast(Turning, node.turning).moment_slopes for node in solved])
+    moments = np.array([cast(TiltResponse, node.tilt_response).moment_slopes for node in solved])
     return slopes + curve.gain(log_loads)[:, None] * moments
 
 
@@ -140,7 +145,7 @@ def _touches_at_some(solved: Sequence[Node], spalls: int) -> bool:
 
 
 def stacked(
-    base: DirectLaw, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
+    base: DirectByCurves, spalls: tuple[Spall, ...], reached: Sequence[Reached], rollers: tuple[int, ...],
     logs: np.ndarray, tilts: np.ndarray, solved: Sequence[Sequence[Node]], slopes: Sequence[np.ndarray],
     own_tilts: np.ndarray | None = None, leaning: bool = False,
 ) -> States:  # fmt: skip
@@ -185,14 +190,14 @@ def stacked(
     if not leaning:
         return states
     moments = filled([[node.moment for node in own] for own in solved], loads)
-    turning = [[_turning(node) for node in own] for own in solved]
-    moment_slopes = by_all([np.array([each.moment_slopes for each in own]) for own in turning])
+    responses = [[_tilt_response(node) for node in own] for own in solved]
+    moment_slopes = by_all([np.array([each.moment_slopes for each in own]) for own in responses])
     if own_tilts is not None:
         return states._replace(leaning=Leaning(moments, moment_slopes, own_tilts=filled(own_tilts, loads)))
     by_load = filled([[node.compliance for node in own] for own in solved], loads)
-    moment_by_load = filled([[each.by_tilt for each in own] for own in turning], loads)  # see `Resting.shares`
+    moment_by_load = filled([[each.by_tilt for each in own] for own in responses], loads)  # see `Resting.shares`
     return states._replace(leaning=Leaning(moments, moment_slopes, by_load, moment_by_load))
 
 
-def _turning(node: Node) -> Turning:
-    return Turning(0.0, 0.0, np.zeros_like(node.slopes)) if node.turning is None else node.turning
+def _tilt_response(node: Node) -> TiltResponse:
+    return TiltResponse(0.0, 0.0, np.zeros_like(node.slopes)) if node.tilt_response is None else node.tilt_response

@@ -14,14 +14,14 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import Raceway, Spall
-from difftrb.law import local_states, roller_tilt
+from difftrb.law import state_solves, tilt_equilibrium
 from difftrb.law.base import Rest
-from difftrb.law.direct import DirectLaw
-from difftrb.law.local import LocalLaw
-from difftrb.law.local_states import Reached
-from difftrb.law.roller_tilt import RollerContacts, TiltCurve
+from difftrb.law.direct_curves import DirectByCurves
+from difftrb.law.direct_states import DirectByStates
 from difftrb.law.samples import Progress
-from difftrb.law.tilted_states import Spalls
+from difftrb.law.state_solves import Reached
+from difftrb.law.tilt_equilibrium import RollerContacts, TiltCurve
+from difftrb.law.tilted_state_solves import Spalls
 from difftrb.ring import effects, ring, roller_balance, roller_places
 from difftrb.ring.roller_balance import Seat
 from difftrb.scene import prepared_scene
@@ -58,15 +58,17 @@ class LoadedRollers(NamedTuple):
         return max((load - self.thrown) / self.ratio, LEAST_INNER * load)
 
 
-def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progress | None) -> dict[Raceway, LocalLaw]:
+def laws_by_states(
+    scene: Scene, bases: Mapping[Raceway, DirectByCurves], progress: Progress | None
+) -> dict[Raceway, DirectByStates]:
     """The laws of every raceway for a scene, from those of healthy rollers.
 
     A scene whose loads do not stay keeps the last laws, and its own status says that rollers are elsewhere.
     """
     spalls: Spalls = {raceway: roller_places.spalls_on(scene.spalls, raceway) for raceway in bases}
     free = effects.are_free(scene.effects) and len(bases) > 1
-    made: dict[Raceway, LocalLaw] = {
-        raceway: LocalLaw(base, None, settling=True, free_to_tilt=free) for raceway, base in bases.items()
+    made: dict[Raceway, DirectByStates] = {
+        raceway: DirectByStates(base, None, settling=True, free_to_tilt=free) for raceway, base in bases.items()
     }
     each_phase = phases(on_raceways(scene, made))[0]  # which hang on no states
     now = _at_rest(scene, made, spalls, each_phase)
@@ -78,7 +80,7 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
     if free:
         inner = [now.inner(load) for load in centres["outer"].values()]
         centres["inner"] = dict(zip(centres["inner"], inner, strict=True))
-    known: dict[Raceway, local_states.SolvedContacts] = {raceway: {} for raceway in bases}
+    known: dict[Raceway, state_solves.SolvedContacts] = {raceway: {} for raceway in bases}
     tilts = None
 
     def around(centres: dict[Raceway, Centres], found: bool) -> dict[Raceway, Centres]:
@@ -86,7 +88,7 @@ def local_laws(scene: Scene, bases: Mapping[Raceway, DirectLaw], progress: Progr
         if free:
             tilts = _tilts(bases, spalls, now, list(centres["outer"].values()), found, tilts, progress)
         made = {
-            raceway: local_states.around(
+            raceway: state_solves.around(
                 base, spalls[raceway], now.reached[raceway], rollers, np.array(list(centres[raceway].values())), found,
                 known[raceway], None if tilts is None else tilts.of(raceway, now), progress,
             )
@@ -120,7 +122,7 @@ def until_they_stay(centres: C, around: Callable[[C, bool], C | None], kept: Cal
         ended = around(centres, found)
         if ended is None:
             return
-        own = kept(centres, ended, STAYS if found else local_states.SEARCHED)
+        own = kept(centres, ended, STAYS if found else state_solves.SEARCHED)
         if own != centres:
             centres = own
         elif found:
@@ -139,7 +141,7 @@ def _kept(centres: Centres, loads: Centres, near: float) -> Centres:
     return {at: centres[at] if at in stay else load for at, load in loads.items()}
 
 
-def _loads(now: LoadedRollers, raceway: Raceway, base: DirectLaw) -> Centres:
+def _loads(now: LoadedRollers, raceway: Raceway, base: DirectByCurves) -> Centres:
     """Of the rollers reached [N], at least a part of the lightest that the base law knows."""
     least = LIGHTER * float(np.exp(base.log_loads[0]))
     return {each[:3]: max(float(now.loads[raceway][each[:2]]), least) for each in now.reached[raceway]}
@@ -170,7 +172,7 @@ class Tilts(NamedTuple):
 
 def _from_inside(own: TiltCurve, now: LoadedRollers) -> TiltCurve:
     """As the inner raceway sees it: turned the other way, and pushed by the inner load."""
-    if own is roller_tilt.UPRIGHT:
+    if own is tilt_equilibrium.UPRIGHT:
         return own
 
     def outer(log_load: np.ndarray) -> np.ndarray:
@@ -180,7 +182,7 @@ def _from_inside(own: TiltCurve, now: LoadedRollers) -> TiltCurve:
 
 
 def _tilts(
-    bases: Mapping[Raceway, DirectLaw], spalls: Spalls, now: LoadedRollers, loads: Sequence[float], found: bool,
+    bases: Mapping[Raceway, DirectByCurves], spalls: Spalls, now: LoadedRollers, loads: Sequence[float], found: bool,
     before: Tilts | None, progress: Progress | None,
 ) -> Tilts:  # fmt: skip
     """Tilts of all rollers reached about their outer `loads` [N]."""
@@ -190,18 +192,20 @@ def _tilts(
     for both in each:
         outer, inner = ([spalls[raceway][i] for i in one.under] for raceway, one in zip(bases, both, strict=True))
         rollers.append(RollerContacts(contacts, (outer, inner), (both[0].away, both[1].away)))
-    spread, way = local_states.spread_of(found, roller_tilt.FOUND if found else roller_tilt.SEARCHED)
+    spread, way = state_solves.spread_of(found, tilt_equilibrium.FOUND if found else tilt_equilibrium.SEARCHED)
     logs = np.log(np.asarray(loads).reshape(-1, 1)) + spread * way
     starts = [None if before is None else before.curves.get(own[:2]) for own, _ in each]
     accuracy = float(bases["outer"].error)
-    curves = roller_tilt.tilt_curves(rollers, logs, now.inner, accuracy, starts, found, progress)
+    curves = tilt_equilibrium.tilt_curves(rollers, logs, now.inner, accuracy, starts, found, progress)
     return Tilts({own[:2]: curve for (own, _), curve in zip(each, curves, strict=True)})
 
 
 # ------------------------------------------------------------------------------------------------ the ring on them
 
 
-def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls, each_phase: np.ndarray) -> LoadedRollers:
+def _at_rest(
+    scene: Scene, made: Mapping[Raceway, DirectByStates], spalls: Spalls, each_phase: np.ndarray
+) -> LoadedRollers:
     """What rollers carry on every raceway, and the spalls that they may meet there. One free to tilt is reached on both
     raceways or on none."""
     ready = on_raceways(scene, made)
@@ -225,7 +229,7 @@ def _at_rest(scene: Scene, made: Mapping[Raceway, LocalLaw], spalls: Spalls, eac
 
 
 def met_by(
-    made: Mapping[Raceway, LocalLaw], spalls: Spalls, away: Mapping[Raceway, np.ndarray], approach: np.ndarray,
+    made: Mapping[Raceway, DirectByStates], spalls: Spalls, away: Mapping[Raceway, np.ndarray], approach: np.ndarray,
     loads: Mapping[Raceway, np.ndarray],
 ) -> dict[Raceway, np.ndarray]:  # fmt: skip
     """Which spalls on every raceway rollers may meet, shape (spalls, phases, rollers), for approaches [mm] and loads

@@ -2,7 +2,7 @@
 
 A contact answers to approach δ and tilt ψ with the force Q and the moment M about the roller's middle. Both are slopes
 of one energy U, dU = Q dδ + M dψ, a polynomial in δ and ψ near a state. A polynomial of degree n in two variables is
-a sum of polynomials in δ + xψ at n + 1 places x. So slices at these places are the contact, whatever it is: some may
+a sum of polynomials in δ + xψ at n + 1 points x. So slices at these points are the contact, whatever it is: some may
 push and others pull, only their sums Q = Σ qₛ and M = Σ xₛ qₛ mean anything.
 """
 
@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.law import ramp_fit
-from difftrb.law.edge_ramp import NearState
+from difftrb.core.numeric import least_squares
+from difftrb.law.roller_curves import NearState
 
 DEGREE = 4
-"""Of the energy: forces are cubic, as of `local.DEGREE`."""
+"""Of the energy: forces are cubic, as of `direct_states.DEGREE`."""
 SLICES = DEGREE + 1
 FARTHEST = 0.4
 """Of the roller's length: the outermost slices. Equal slices there have its stiffness against tilt, about: 1/12."""
@@ -31,7 +31,7 @@ POWERS = [(i, m - i) for m in range(1, DEGREE + 1) for i in range(m, -1, -1)]
 _WAYS = np.linspace(-1.0, 1.0, SLICES)
 
 
-def places(length: Any) -> Any:
+def points(length: Any) -> Any:
     """Where the slices are, from the middle of a roller of this length [mm], shape (SLICES,)."""
     return FARTHEST * length * _WAYS
 
@@ -42,7 +42,7 @@ def of_slices(of_rollers: Any, count: int) -> Any:
     return repeated.reshape(*of_rollers.shape[:-1], -1)
 
 
-def near(loads: Any, tilts: Any, approaches: Any, moments: Any, length: Any) -> NearState:
+def fitted_slices(loads: Any, tilts: Any, approaches: Any, moments: Any, length: Any) -> NearState:
     """The slices that stand for contacts solved under `loads` [N] at `tilts` [rad], which press the roller's end at
     positive places in: approaches [mm] and moments [N mm], all of shape (…, states, solves). What comes back has the
     slices of every state, shape (…, states, SLICES)."""
@@ -57,12 +57,12 @@ def near(loads: Any, tilts: Any, approaches: Any, moments: Any, length: Any) -> 
     by_tilt = xp.stack([j * deeper[i] * leaning[max(j - 1, 0)] for i, j in POWERS], axis=-1)
     asked = xp.concatenate([by_approach, by_tilt], axis=-2)
     told = xp.concatenate([loads / size[..., None] + 0.0 * seen, moments / (arm * size)[..., None]], axis=-1)
-    energy = ramp_fit.least_squares(asked, told, NOTHING)
+    energy = least_squares(asked, told, NOTHING)
     coefficients = xp.stack([
         size[..., None] * xp.einsum("...a,sa->...s", energy[..., own], spread)
-        for own, spread in zip(_OF_DEGREE, _SPREAD, strict=True)
+        for own, spread in zip(_OF_DEGREE, _LOADS_OF_TERMS, strict=True)
     ])  # fmt: skip
-    at = middle[..., None] + xp.mean(tilts, axis=-1)[..., None] * places(length).reshape((1,) * middle.ndim + (-1,))
+    at = middle[..., None] + xp.mean(tilts, axis=-1)[..., None] * points(length).reshape((1,) * middle.ndim + (-1,))
     return NearState(coefficients, at, xp.broadcast_to(reach[..., None], at.shape))
 
 
@@ -73,11 +73,11 @@ def _powers(x: Any) -> list[Any]:
     return rows
 
 
-def _spread(degree: int) -> np.ndarray:
+def _load_of_terms(degree: int) -> np.ndarray:
     """What every slice's load has of the terms of one degree of the energy, shape (SLICES, degree + 1)."""
     terms = np.array([comb(degree, j) * _WAYS**j for j in range(degree + 1)])  # of (δ + xψ)ᵐ
     return degree * np.linalg.pinv(terms)
 
 
-_SPREAD = [_spread(degree) for degree in range(1, DEGREE + 1)]
+_LOADS_OF_TERMS = [_load_of_terms(degree) for degree in range(1, DEGREE + 1)]
 _OF_DEGREE = [slice(m * (m + 1) // 2 - 1, (m + 1) * (m + 2) // 2 - 1) for m in range(1, DEGREE + 1)]

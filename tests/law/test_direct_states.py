@@ -8,7 +8,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.core import status
-from difftrb.law.local import LocalLaw
+from difftrb.law.direct_states import DirectByStates
 from difftrb.scene.prepared_scene import solve_prepared
 
 pytestmark = pytest.mark.exact
@@ -42,7 +42,7 @@ def inside(bearing: trb.TaperedBearing) -> trb.Scene:
 @pytest.mark.slow
 def test_every_spall_under_a_roller_counts(two: trb.Scene) -> None:
     """Not only the longest: of two alike the loss was that of one, and the derivative by the second's length 0."""
-    assert isinstance(two.law, LocalLaw)
+    assert isinstance(two.law, DirectByStates)
     both = trb.assess(two)
     assert bool(both.spalled.converged)
     assert trb.verify(two, both.spalled).load_error < 3e-3

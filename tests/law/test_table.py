@@ -11,7 +11,7 @@ import difftrb as trb
 from difftrb.contact import crown
 from difftrb.core import geometry, status
 from difftrb.core.jax_config import jit_quickly
-from difftrb.law import atlas, atlas_place, direct, edge_ramp, load_curve, samples
+from difftrb.law import atlas, atlas_place, direct_curves, edge_ramp, load_curve, samples, table
 from difftrb.law.base import Rest, load_over
 from difftrb.scene import audit, scene_laws
 from difftrb.scene.scene import named
@@ -24,14 +24,14 @@ ACCURACY = 1e-4
 
 
 @pytest.fixture(scope="module")
-def law(contact: trb.LineContact) -> atlas.AtlasLaw:
-    return atlas.atlas_law(trb.LineContact(*map(float, dataclasses.astuple(contact))))
+def law(contact: trb.LineContact) -> table.TableLaw:
+    return table.table_law(trb.LineContact(*map(float, dataclasses.astuple(contact))))
 
 
 @pytest.fixture(scope="module")
-def wide(law: atlas.AtlasLaw) -> atlas.AtlasLaw:
+def wide(law: table.TableLaw) -> table.TableLaw:
     """The same for spalls that are known to be wide."""
-    return atlas.atlas_law(law.contact, (trb.Spall(4.0, 7.0),))
+    return table.table_law(law.contact, (trb.Spall(4.0, 7.0),))
 
 
 @jax.jit
@@ -48,12 +48,12 @@ def carried_at(curve, delta):
 
 
 @pytest.mark.parametrize("number", [1e-6, 1.5e-5, 2e-4, 3e-3])
-def test_hardly_loaded_rollers_are_hertzian(law: atlas.AtlasLaw, number: float) -> None:
+def test_hardly_loaded_rollers_are_hertzian(law: table.TableLaw, number: float) -> None:
     """Far below the atlas's lightest node a healthy roller's contact is Hertz's ellipse, on the crown's curvature, and
     on the way there as it is solved; by `direct`, too. Straight on, it carried up to 48 % more."""
     c = law.contact
     light = dataclasses.replace(c, design_load=number * c.modulus * c.length**3 / c.radius)
-    solved = direct.without_edges(light, 3.0 * light.design_load, (), 1e-3)
+    solved = direct_curves.without_edges(light, 3.0 * light.design_load, (), 1e-3)
     curves = law.at(light).healthy().curve, load_curve.one_of(solved.curves((), np.zeros((0, 1))).each, 0)
     across = c.length**2 / (8.0 * crown.scale(light))  # t² of the crown's logarithm
     for share in (1e-8, 1e-6):
@@ -69,12 +69,12 @@ def test_hardly_loaded_rollers_are_hertzian(law: atlas.AtlasLaw, number: float) 
 
 
 @pytest.mark.parametrize("times", [12.0, 50.0])
-def test_hardly_crowned_rollers_leave_the_line_later(law: atlas.AtlasLaw, times: float) -> None:
+def test_hardly_crowned_rollers_leave_the_line_later(law: table.TableLaw, times: float) -> None:
     """The lightest solves of `direct` are then at loads at which a contact is a line: it comes to Hertz's ellipse below
     these. By a switch at 0.05 of the design load, loads were up to 21 % off and jumped by as much with the crown."""
     c = law.contact
     c = dataclasses.replace(c, design_load=1e-4 * c.modulus * c.length**3 / c.radius)
-    solved = direct.without_edges(c, times * c.design_load, (), 1e-3)
+    solved = direct_curves.without_edges(c, times * c.design_load, (), 1e-3)
     curve = load_curve.one_of(solved.curves((), np.zeros((0, 1))).each, 0)
     for share in (0.3, 0.1):
         load = share * float(solved.load_range[0])
@@ -101,7 +101,7 @@ def test_nodes_solved_afresh() -> None:
         load = build_of_atlas.LIGHTER * build_of_atlas.DESIGN_LOAD
         pressed = samples.pressed(contact, samples.Case(load, spall if i else None), ACCURACY)
         assert int(pressed.status_code) == status.CONVERGED
-        light.append(abs(float(carried_at(atlas.atlas_law(contact).beside(spall).full, pressed.approach)) / load - 1.0))
+        light.append(abs(float(carried_at(table.table_law(contact).beside(spall).full, pressed.approach)) / load - 1.0))
     assert np.median(off) < 0.5 * ACCURACY
     assert np.quantile(off, 0.9) < 3.0 * ACCURACY
     assert max(off) < 30.0 * ACCURACY
@@ -147,11 +147,11 @@ def test_between_the_nodes_it_is_as_exact_as_it_says(region: int) -> None:
 # ------------------------------------------------------------------------------------------------ a function
 
 
-def test_only_two_numbers_of_a_contact_count(law: atlas.AtlasLaw) -> None:
+def test_only_two_numbers_of_a_contact_count(law: table.TableLaw) -> None:
     """Another size, modulus and crown with the same λ: all is the same in the contact's units."""
     c = law.contact
     other = trb.LineContact(2.0 * c.radius, 3.0 * c.length, 0.6 * c.modulus, 0.6 * 27.0 / 2.0 * c.design_load)
-    assert float(atlas.number_of(other)) == pytest.approx(float(atlas.number_of(c)), rel=1e-12)
+    assert float(table.number_of(other)) == pytest.approx(float(table.number_of(c)), rel=1e-12)
     wide, high = float(crown.scale(other) / crown.scale(c)), other.design_load / c.design_load
     across = float(np.sqrt(other.radius / c.radius * wide))
     for length, width, distance in ((4.0, 7.0, 0.0), (4.0, 7.0, 3.45), (4.0, 0.2, 0.02), (9.0, 7.0, 3.6)):
@@ -161,7 +161,7 @@ def test_only_two_numbers_of_a_contact_count(law: atlas.AtlasLaw) -> None:
         assert float(theirs) == pytest.approx(high * float(mine), rel=1e-9)
 
 
-def test_out_of_reach_is_exactly_healthy_or_exactly_over_the_middle(law: atlas.AtlasLaw) -> None:
+def test_out_of_reach_is_exactly_healthy_or_exactly_over_the_middle(law: table.TableLaw) -> None:
     spall = trb.Spall(4.0, 7.0)
     beside = law.beside(spall)
     for delta in (2e-3, 8e-3):
@@ -193,7 +193,7 @@ def test_scene_by_table_needs_no_preparing(bearing: trb.TaperedBearing) -> None:
 @pytest.mark.slow
 @pytest.mark.gradient
 @pytest.mark.parametrize("over", [-0.03, 0.0, 0.08])
-def test_ramp_has_the_right_slopes(wide: atlas.AtlasLaw, over: float) -> None:
+def test_ramp_has_the_right_slopes(wide: table.TableLaw, over: float) -> None:
     """By radius, length, modulus, crown and by length, width, offset, distance and approach: reverse, forward,
     differences."""
     c = wide.contact
@@ -245,7 +245,7 @@ def slopes(scene: trb.Scene) -> tuple[trb.Solution, trb.Scene]:
 # ------------------------------------------------------------------------------------------------ what it knows
 
 
-def test_law_says_what_it_does_not_know(law: atlas.AtlasLaw, wide: atlas.AtlasLaw) -> None:
+def test_law_says_what_it_does_not_know(law: table.TableLaw, wide: table.TableLaw) -> None:
     def code(spall, contact=law.contact):
         return int(law.at(contact).judge((spall,), jnp.zeros((1, 1))))
 
@@ -290,7 +290,8 @@ def test_slopes_at_the_ends_of_what_it_knows() -> None:
 def test_places_come_back() -> None:
     """Length and offset to the atlas's variables and back."""
     for length, aside, over_end in ((0.0, 0.3, False), (0.4, 1.0, False), (1.0, 0.0, False), (0.3, 0.0, True)):
-        place = atlas_place.place_of(*atlas_place.spall_at(length, aside, over_end, 1e-4), 1e-4)
+        spall, whole = build_of_atlas.spall_at(1e-4, length, aside, over_end), build_of_atlas.LENGTH
+        place = atlas_place.place_of(spall.length / whole, spall.axial_offset / whole, 1e-4)
         np.testing.assert_allclose(place, (length, aside, over_end, True), atol=1e-9)
 
 
@@ -298,7 +299,7 @@ def test_places_come_back() -> None:
 
 
 @pytest.mark.slow
-def test_narrow_law_is_continuous_in_width_and_distance(law: atlas.AtlasLaw) -> None:
+def test_narrow_law_is_continuous_in_width_and_distance(law: table.TableLaw) -> None:
     """From none to wide, through where the far land ceases to touch, is one curve that falls; away from it one that
     rises."""
     delta = jnp.asarray(4e-3)
@@ -329,7 +330,7 @@ narrow_load, narrow_reverse, narrow_forward = (
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [0.0, 1e-9, 1e-5, 1e-3])
 @pytest.mark.parametrize("distance", [0.0, 0.03, 0.2])
-def test_spalls_of_hardly_any_width_do_next_to_nothing(law: atlas.AtlasLaw, width: float, distance: float) -> None:
+def test_spalls_of_hardly_any_width_do_next_to_nothing(law: table.TableLaw, width: float, distance: float) -> None:
     v = jnp.asarray([4.0, width, distance, 4e-3, float(law.contact.design_load)])
     sound = float(q_over(law, None, 0.0, v[3]))
     assert float(narrow_load(v, law)[0]) == pytest.approx(sound, rel=1e-4 * width / 1e-3 + 1e-8)
@@ -339,7 +340,7 @@ def test_spalls_of_hardly_any_width_do_next_to_nothing(law: atlas.AtlasLaw, widt
 @pytest.mark.slow
 @pytest.mark.gradient
 @pytest.mark.parametrize(("width", "distance"), [(0.05, 0.01), (0.12, 0.03), (0.25, 0.02), (0.12, 0.11)])
-def test_narrow_slopes_by_three_ways(law: atlas.AtlasLaw, width: float, distance: float) -> None:
+def test_narrow_slopes_by_three_ways(law: table.TableLaw, width: float, distance: float) -> None:
     """Reverse, forward and by differences."""
     start = jnp.asarray([4.0, width, distance, 4e-3, float(law.contact.design_load)])
     reverse, forward = narrow_reverse(start, law), narrow_forward(start, law)
@@ -352,7 +353,7 @@ def test_narrow_slopes_by_three_ways(law: atlas.AtlasLaw, width: float, distance
         assert (off <= 1e-4 * np.abs(difference * start[i]) + 1e-6 * narrow_load(start, law)).all(), (i, off)
 
 
-def test_ramp_ends_where_it_says(law: atlas.AtlasLaw) -> None:
+def test_ramp_ends_where_it_says(law: table.TableLaw) -> None:
     """At the interval's ends the load is the healthy one and the one over the middle."""
     spall, delta = trb.Spall(4.0, 7.0, axial_offset=0.5), jnp.asarray(4e-3)
     low, high = law.ramp(0, spall, delta)
@@ -367,7 +368,7 @@ def test_direct_knows_where_ramps_of_spalls_off_the_middle_end() -> None:
     of the largest off, converged."""
     contact = trb.LineContact(2.07826558, 7.111586407, 113794.4936, 3650.104329)
     spall = trb.Spall(1.1901421, 3.352038377, 0.35557932, axial_offset=1.873746654)
-    law = direct.without_edges(contact, 201.4747809, (spall,), 1e-3)
+    law = direct_curves.without_edges(contact, 201.4747809, (spall,), 1e-3)
     assert np.isfinite(np.asarray(law.sunk)).all()
     low, high = law.ramp(0, spall, law.full[0, -1])
     assert float(low) < 0.0 < float(high)
