@@ -9,8 +9,8 @@ import pytest
 import difftrb as trb
 from difftrb.core import geometry
 from difftrb.fits import edges_at_rollers, fit_problem
+from difftrb.fits.fit_problem import Problem
 from difftrb.fits.measured import Measurement
-from difftrb.fits.predicted import Problem
 from difftrb.law.atlas import AtlasLaw
 from difftrb.scene import scene_laws
 

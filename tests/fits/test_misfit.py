@@ -9,9 +9,9 @@ import pytest
 
 import difftrb as trb
 from difftrb.fits import fit_problem, fit_remarks, fit_result, fitting, profile_intervals, search
+from difftrb.fits.fit_problem import Problem
 from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
-from difftrb.fits.predicted import Problem
 from difftrb.fits.profile_intervals import Limits, Profiles
 
 

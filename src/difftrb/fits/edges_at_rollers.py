@@ -16,8 +16,8 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.fits import conditions
+from difftrb.fits.fit_problem import Problem
 from difftrb.fits.parameters import OfSpall
-from difftrb.fits.predicted import Problem
 from difftrb.law import load_curve
 from difftrb.ring import roller_places
 from difftrb.ring.load import largest_load

@@ -18,8 +18,9 @@ from difftrb.core.geometry import Real
 from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import least_squares
 from difftrb.fits.conditions import Conditions, whole
+from difftrb.fits.fit_problem import ROBUST, Problem, basin_spacings
 from difftrb.fits.least_squares import Alone, Enough, Least
-from difftrb.fits.predicted import LOST, ROBUST, Problem, counted, predictions, scales
+from difftrb.fits.predicted import LOST, counted, predictions
 from difftrb.fits.rings_of_rows import with_slopes
 
 LEAST_SHARE = 0.05
@@ -43,7 +44,7 @@ def solved(
     """
     first = least_squares.First(_adam, _rest(places), search) if search else None
     evaluate = partial(by_ratios if ratios else evaluated, problem)
-    longest = np.minimum(scales(problem), least_squares.LONGEST)
+    longest = np.minimum(basin_spacings(problem), least_squares.LONGEST)
     return least_squares.minimum(evaluate, np.asarray(places), free, steps, first, enough, longest, alone, room)
 
 

@@ -13,9 +13,9 @@ import scipy.special
 from difftrb.core import status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import predicted, profile_intervals
+from difftrb.fits.fit_problem import Problem
 from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import Measurement
-from difftrb.fits.predicted import Problem
 from difftrb.fits.profile_intervals import KnownCosts, Profiles
 from difftrb.scene.scene import Scene
 

@@ -26,12 +26,11 @@ from difftrb.fits import (
     search,
 )
 from difftrb.fits import parameters as fit_parameters
-from difftrb.fits.fit_problem import prepare_fit, problem_of
+from difftrb.fits.fit_problem import ROBUST, Problem, basin_spacings, prepare_fit, problem_of
 from difftrb.fits.fit_result import Alternative, Fit, History
 from difftrb.fits.least_squares import AT_BOUND, Least
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.parameters import OfSpall, Parameter
-from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.fits.profile_intervals import KnownCosts, Limits, Profiles
 from difftrb.fits.search import Scan
 from difftrb.law.samples import Progress
@@ -231,7 +230,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     converged = np.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
     others = _others(problem, tried, every)
     pieces = _pieces(problem, tried, others, every)
-    weight = fit_result.weights(problem, found, [best, *others], tried.scale, predicted.scales(problem))[1:]
+    weight = fit_result.weights(problem, found, [best, *others], tried.scale, basin_spacings(problem))[1:]
     return Fit(
         parameters=tuple(parameter.name for parameter in problem.parameters),
         values=values,
@@ -297,7 +296,7 @@ def _pieces(problem: Problem, tried: Tried, others: list[int], values: np.ndarra
         left = tried.limits.end - 2.0 * (found.cost[k] - found.cost[best])
         if left > 0.0:
             own = np.diag(profile_intervals.covariance(found.normal[k], found.place[k]))
-            away = np.minimum(np.sqrt(left * np.maximum(own, 0.0)), predicted.scales(problem))
+            away = np.minimum(np.sqrt(left * np.maximum(own, 0.0)), basin_spacings(problem))
             both = np.stack([found.place[k] - away, found.place[k] + away])
             turn = fit_parameters.turned(problem.parameters, values[k], values[best]) - values[k]
             ends.append(np.column_stack([(bounds.values(both) + turn).T, (np.abs(both) > AT_BOUND).T]))
@@ -320,5 +319,5 @@ def _on_one_plateau(problem: Problem, found: Least, one: int, other: int) -> boo
     """Whether two minima lie on one plateau: the model says the same of all rows there, and they are no farther apart
     than basins are."""
     told = np.abs(found.beside[0][one] - found.beside[0][other]) / np.asarray(problem.sigma)
-    away = np.abs(np.diff(np.clip(found.place[[one, other]], -AT_BOUND, AT_BOUND), axis=0)) / predicted.scales(problem)
+    away = np.abs(np.diff(np.clip(found.place[[one, other]], -AT_BOUND, AT_BOUND), axis=0)) / basin_spacings(problem)
     return bool(told.max() < PLATEAU and away.max() < 1.0)

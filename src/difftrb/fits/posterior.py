@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from difftrb.core.bad_input import is_whole, number_in, shown
-from difftrb.fits import evaluations, nested_sampling, predicted
+from difftrb.fits import evaluations, nested_sampling
 from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.fit_problem import Problem, with_more
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.least_squares import Bounds, at_shares
 from difftrb.fits.measured import MeasuredError
-from difftrb.fits.predicted import Problem
 from difftrb.fits.profile_intervals import CONFIDENCE, limit_of
 from difftrb.law.samples import Progress
 
@@ -130,7 +130,7 @@ def posterior(
         if not is_whole(value, low, high):
             raise MeasuredError(f"{name} = {shown(value)}: must be a whole number in {low} … {high}")
     more = [name for name in nuisances if name not in fit.parameters]
-    problem = predicted.with_more(fit.problem, fit_parameters.named(more) if more else (), fit.rows)
+    problem = with_more(fit.problem, fit_parameters.named(more) if more else (), fit.rows)
     problem = dataclasses.replace(problem, bounds=_within(problem, ranges or {}))
     widened, known, own = fit.limit / limit_of(None), -np.inf, slice(len(fit.values))
     if np.all((problem.bounds.low[own] <= fit.values) & (fit.values <= problem.bounds.high[own])):

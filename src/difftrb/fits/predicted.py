@@ -5,7 +5,6 @@ Every condition is solved once, and every row is read from that.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -20,14 +19,13 @@ from difftrb.core.taylor import Taylor
 from difftrb.fits import conditions, rings_of_rows
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import COLUMN, ROW, Conditions
-from difftrb.fits.least_squares import Bounds
+from difftrb.fits.fit_problem import ROBUST, Problem
 from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
 from difftrb.fits.rings_of_rows import Values, stiffness
 from difftrb.ring.load import Load
 from difftrb.scene.scene import Scene
 
-ROBUST = ("squares", "huber", "student")
 HUBER = 1.345
 """Deviations beyond this many sigma count linearly: 95 % efficient on normal errors (Huber 1981)."""
 FREEDOM = 4.0
@@ -44,7 +42,7 @@ def predicted(
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """What the model says of every row [% or N/mm], shape (rows,), and the worst status of all solves.
 
-    `scene` is prepared; `values` of shape (parameters,); `sound` is `healthy_stiffness` where no parameter changes it.
+    `scene` is prepared; `values` of shape (parameters,); `sound` is `Problem.sound`.
     `solve`: `rings_of_rows.with_slopes` where nothing but first derivatives by `values` are wanted.
     """
     of = _of(parameters, scene)
@@ -84,63 +82,11 @@ def _read(parameters: Sequence[Parameter], at: Conditions, values: Any, spalled:
     return xp.where(at.loss, 100.0 * (1.0 - left), sound * left)
 
 
-def healthy_stiffness(scene: Scene, at: Conditions) -> np.ndarray | jax.Array:
-    """Of the prepared scene without spalls, of every condition [N/mm], by `ENTRIES`, shape (size, entries)."""
-    return xp.value(rings_of_rows.of_numbers(_of((), scene), np.zeros(0), at, sound=True))
-
-
 def healthy_rows(problem: Problem) -> np.ndarray:
     """What rows would read of a bearing without spalls, shape (rows,): no loss; of a problem whose parameters leave the
     healthy bearing as it is, or that has losses alone."""
     at, sound = problem.conditions, problem.sound
     return np.where(at.loss, 0.0, 0.0 if sound is None else np.asarray(sound)[at.place, at.entry])
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Problem:
-    """Measurements against the model.
-
-    Attributes:
-      parameters: what is sought, within `bounds`. scene: prepared. conditions: of the rows. rough: the same with means
-        of few phases, to look for minima.
-      measured, sigma: values and their standard deviations [% or N/mm], shape (rows,).
-      sound: `healthy_stiffness` unless a parameter changes it.
-      common: the model's own relative error, which all losses share, and all stiffnesses.
-      robust: how deviations count: the number of a name in `ROBUST`.
-    """
-
-    parameters: tuple[Parameter, ...] = dataclasses.field(metadata={"static": True})
-    bounds: Bounds
-    scene: Scene
-    conditions: Conditions
-    rough: Conditions | None
-    measured: Real
-    sigma: Real
-    sound: Real | None
-    common: Real
-    robust: int | jax.Array
-
-    @property
-    def by_squares(self) -> Any:
-        """Whether deviations count by their squares, all alike."""
-        return self.robust == ROBUST.index("squares")
-
-    @property
-    def prior(self) -> np.ndarray:
-        """How uncertain parameters are before any measurement, in coordinates, shape (parameters,)."""
-        return np.array([parameter.prior for parameter in self.parameters])
-
-
-def with_more(problem: Problem, more: Sequence[Parameter], rows: Sequence[Measurement]) -> Problem:
-    """The problem with these parameters sought, too, behind its own."""
-    parameters = (*problem.parameters, *more)
-    own = fit_parameters.bounds(more, problem.scene, rows) if more else None
-    changed = any(parameter.changes_healthy for parameter in more)
-    return dataclasses.replace(
-        problem, parameters=parameters, sound=None if changed else problem.sound,
-        bounds=problem.bounds if own is None else problem.bounds.beside(own),
-    )  # fmt: skip
 
 
 def residual(problem: Problem, u: jax.Array) -> jax.Array:
@@ -184,17 +130,11 @@ def counted(problem: Problem, values: jax.Array) -> jax.Array:
     return jnp.select([problem.robust == k for k in range(len(ROBUST))], [ways[name] for name in ROBUST], r)
 
 
-def scales(problem: Problem) -> np.ndarray:
-    """How far basins lie apart, in coordinates in the middle of the range, shape (parameters,)."""
-    low, high = problem.bounds.ends()
-    return 4.0 * np.array([parameter.apart(problem.scene) for parameter in problem.parameters]) / (high - low)
-
-
 def other_rows_at(problem: Problem, rows: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the model says of other rows at `places`, shape (cases, rows), and its slopes by coordinates, shape
     (cases, rows, parameters): by numbers, for they are few."""
     at = conditions.conditions(problem.scene, rows)
-    sound = None if problem.sound is None else healthy_stiffness(problem.scene, at)
+    sound = None if problem.sound is None else rings_of_rows.healthy_stiffness(problem.scene, at)
     values, slopes = np.empty((len(places), len(rows))), np.zeros((*places.shape, len(rows)))
     for k, place in enumerate(places):
         expanded = problem.bounds.values(Taylor(place, by=np.eye(len(place))))

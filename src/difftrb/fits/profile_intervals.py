@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from difftrb.fits import edges_at_rollers, evaluations, predicted
+from difftrb.fits import edges_at_rollers, evaluations
+from difftrb.fits.fit_problem import Problem, basin_spacings
 from difftrb.fits.least_squares import AT_BOUND, FARTHEST, Enough
-from difftrb.fits.predicted import Problem
 from difftrb.fits.search import SAME
 
 NEAR = np.array([0.75, 1.5, 2.25, 3.25])
@@ -124,7 +124,7 @@ def held(
         starts = [own[:1] for own in starts]
     of = np.repeat(np.arange(len(free)), [len(own) for own in starts])
     places = np.where(free[of], np.concatenate([np.stack(own) for own in starts]), at[of])
-    enough = Enough(ENOUGH, BEHIND, MARGIN, MEET * predicted.scales(problem))
+    enough = Enough(ENOUGH, BEHIND, MARGIN, MEET * basin_spacings(problem))
     found = evaluations.solved(problem, places, free[of], 0, STEPS if free.any() else 0, enough)
     cost = np.where(np.isfinite(found.cost), found.cost, np.inf)
     order = np.lexsort((cost, of))
@@ -185,7 +185,7 @@ def profiles(
     limit = limits.end
     own = np.repeat(np.arange(len(u)), 2)
     # minima this close are one answer: an interval goes on over what rises above its limit between them
-    reach, tried = SAME * predicted.scales(problem), set[tuple[float, ...]]()
+    reach, tried = SAME * basin_spacings(problem), set[tuple[float, ...]]()
     sides = [Side(Held(u[i], 0.0, u), reach[i]) for i in own]
     places = _places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
     of, at = np.repeat(np.arange(len(own)), [len(each) for each in places]), np.concatenate(places)

@@ -64,6 +64,11 @@ def of_numbers(of: Of, values: Values, at: Conditions, sound: bool = False) -> A
     return xp.stack(found)
 
 
+def healthy_stiffness(scene: Scene, at: Conditions) -> np.ndarray | jax.Array:
+    """`of_numbers` of the prepared scene without spalls, shape (size, entries)."""
+    return xp.value(of_numbers(lambda _: (scene, lambda load: load), np.zeros(0), at, sound=True))
+
+
 def _together(
     scene: Scene, loaded: Callable[[Load], Load], blocks: Blocks, rings: list[tuple[int, int]]
 ) -> list[Any]:  # fmt: skip

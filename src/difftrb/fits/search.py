@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.fits import edges_at_rollers, evaluations, least_squares, predicted
+from difftrb.fits import edges_at_rollers, evaluations, least_squares
 from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.fit_problem import Problem, basin_spacings
 from difftrb.fits.least_squares import AT_BOUND, Alone, Enough, Least
 from difftrb.fits.parameters import OfSpall, Parameter
-from difftrb.fits.predicted import Problem
 
 SCANNED = 64, 512, 4096, 8192
 """Points that are scanned for one, two, three and more parameters."""
@@ -131,7 +131,7 @@ def minima(
     `free`: which parameters move, shape (parameters,). None: all. `lowest`: as `LOWEST`.
     """
     most, fewest = lowest
-    place, cost, scale, rough = scan.place, _alike(problem, scan.told), predicted.scales(problem), _rough(problem)
+    place, cost, scale, rough = scan.place, _alike(problem, scan.told), basin_spacings(problem), _rough(problem)
     enough, room = _enough(problem), edges_at_rollers.room(problem)
     multiply = np.array([parameter.multiplies for parameter in problem.parameters]) & (True if free is None else free)
     alone = Alone(multiply, ALONE) if multiply.any() and not multiply.all() else None
@@ -213,7 +213,7 @@ def with_edges_moved(problem: Problem, found: Least) -> Least:
         if not len(more):
             break
         cost = _alike(problem, evaluations.rows_at(rough, more))
-        more = more[_lower(more / predicted.scales(problem), cost, MOVED[1], ALIKE)]
+        more = more[_lower(more / basin_spacings(problem), cost, MOVED[1], ALIKE)]
         near = evaluations.solved(rough, more, _moving(more, None), 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
         ended = minima_from(problem, near.place[distinct(problem, near)[: LOWEST[1]]])
         lower = np.nanmin(ended.cost) < np.nanmin(found.cost) - GAIN
@@ -237,7 +237,7 @@ def _with_one_elsewhere(problem: Problem, places_found: np.ndarray) -> np.ndarra
 
 
 def _enough(problem: Problem) -> Enough:
-    return Enough(behind=BEHIND, meet=MEET * predicted.scales(problem))
+    return Enough(behind=BEHIND, meet=MEET * basin_spacings(problem))
 
 
 def _moving(place: np.ndarray, free: np.ndarray | None) -> np.ndarray:
@@ -274,15 +274,15 @@ def _lower(place: np.ndarray, cost: np.ndarray, most: int, near: float = NEAR) -
 
 def distinct(problem: Problem, found: Least) -> list[int]:
     """Which of the cases are minima of their own, the least first."""
-    scales, kept = predicted.scales(problem), list[int]()
-    place, values = np.clip(found.place, -AT_BOUND, AT_BOUND) / scales, problem.bounds.values(found.place)
+    spacings, kept = basin_spacings(problem), list[int]()
+    place, values = np.clip(found.place, -AT_BOUND, AT_BOUND) / spacings, problem.bounds.values(found.place)
     low, high = problem.bounds.ends()
     round_trip = np.array([parameter.period is not None for parameter in problem.parameters])
     for k in np.argsort(found.cost, kind="stable"):
         apart = np.abs(place[kept] - place[k])
         if round_trip.any():
             ways = fit_parameters.turned(problem.parameters, values[kept] - values[k])
-            apart = np.where(round_trip, np.abs(ways) * 4.0 / (high - low) / scales, apart)
+            apart = np.where(round_trip, np.abs(ways) * 4.0 / (high - low) / spacings, apart)
         if np.isfinite(found.cost[k]) and not np.any(np.max(apart, axis=1) < SAME):
             kept.append(int(k))
     return kept

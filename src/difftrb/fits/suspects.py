@@ -15,13 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import special
 
-from difftrb.fits import evaluations, fit_result, predicted, search
+from difftrb.fits import evaluations, fit_result, search
 from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.fit_problem import Problem, basin_spacings, with_more
 from difftrb.fits.fit_result import UNLIKELY, Fit
 from difftrb.fits.least_squares import AT_BOUND, Least, at_shares
 from difftrb.fits.measured import MeasuredError
 from difftrb.fits.parameters import PARAMETERS, Parameter
-from difftrb.fits.predicted import Problem
 from difftrb.fits.search import Scan
 
 UNWEIGHED = 1e4
@@ -156,14 +156,14 @@ def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
     more = list(_usable(fit))
     if not more:
         return
-    own, problem = len(fit.parameters), predicted.with_more(fit.problem, more, fit.rows)
+    own, problem = len(fit.parameters), with_more(fit.problem, more, fit.rows)
     parameters, bounds = problem.parameters, problem.bounds
     still = bounds.coordinates(np.array([parameter.start(fit.problem.scene) for parameter in parameters], float))
     low, points = _lowest(fit), POINTS * len(scan.place) // search.points(own)
     for i, parameter in enumerate(more, own):
         free = np.arange(len(parameters)) < own
         free[i] = True
-        many = predicted.scales(problem)[i] < TURNING
+        many = basin_spacings(problem)[i] < TURNING
         at = np.tile(still, (points if many else FEW * len(low), 1))
         if many:
             at[:, free] = search.spread([*parameters[:own], parameter], len(at))
