@@ -21,7 +21,7 @@ import numpy as np
 from scipy import optimize
 
 import difftrb as trb
-from difftrb.fits import conditions, evaluations, parameters, predicted, rings_of_rows, search
+from difftrb.fits import batched_misfit, conditions, parameters, predicted, search, stiffness_of_rows
 from difftrb.fits.fit_problem import Problem
 from difftrb.ring.phase_rule import POINTS_IN_FITS, ROUGH_POINTS
 
@@ -42,10 +42,10 @@ def problem_of(scene: trb.Scene) -> tuple[Problem, list[trb.Measurement]]:
     at, rough = (conditions.conditions(scene, rows, points) for points in (POINTS_IN_FITS, ROUGH_POINTS))
     sought = parameters.named(("length", "width"))
     bounds, blank = parameters.bounds(sought, scene, rows), np.ones(len(rows))
-    sound = rings_of_rows.healthy_stiffness(scene, at)
+    sound = stiffness_of_rows.healthy_stiffness(scene, at)
     exact = Problem(sought, bounds, scene, at, rough, blank, blank, sound, 0.0, 0)  # type: ignore[arg-type]
     there = bounds.coordinates(np.array([[TRUTH.length, TRUTH.width]]))  # type: ignore[arg-type]
-    true = evaluations.evaluated(exact, np.asarray(there)).beside[0][0]
+    true = batched_misfit.evaluated(exact, np.asarray(there)).beside[0][0]
     sigma = NOISE * true
     seen = true + sigma * np.random.default_rng(1).standard_normal(true.size)
     rows = [

@@ -13,7 +13,7 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import status
 from difftrb.fits import (
-    evaluations,
+    batched_misfit,
     fit_remarks,
     fit_report,
     fit_result,
@@ -24,8 +24,8 @@ from difftrb.fits import (
     search,
     suspects,
 )
+from difftrb.fits.batched_misfit import evaluated, solved
 from difftrb.fits.conditions import conditions
-from difftrb.fits.evaluations import evaluated, solved
 from difftrb.fits.fit_problem import problem_of
 from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement
@@ -525,11 +525,11 @@ def test_light_loads_that_the_law_does_not_know_are_not_advised(noisy_fit: trb.F
 def test_rows_by_numbers_are_those_of_the_program(noisy_fit: trb.Fit) -> None:
     """What may be measured next is told by numpy, with all slopes; means by a rule of more points."""
     single = [row for row in noisy_fit.rows if row.phase != "mean"]
-    places, known = np.stack([noisy_fit.place, noisy_fit.place + 0.3]), set(evaluations._compiled)
+    places, known = np.stack([noisy_fit.place, noisy_fit.place + 0.3]), set(batched_misfit._compiled)
     values, slopes = predicted.other_rows_at(noisy_fit.problem, noisy_fit.rows, places)
     assert len(optimal_design.next_measurements(noisy_fit)) == 3
-    assert evaluations._compiled == known
-    expected, rates = evaluations._plainly(noisy_fit.problem, places)
+    assert batched_misfit._compiled == known
+    expected, rates = batched_misfit._plainly(noisy_fit.problem, places)
     own = [row in single for row in noisy_fit.rows]
     np.testing.assert_allclose(values[:, own], expected[:, own], rtol=1e-12)
     np.testing.assert_allclose(slopes[:, own], rates[:, own], atol=1e-12 * np.abs(rates).max())
@@ -546,9 +546,9 @@ def test_measurements_that_may_be_made_share_the_fits_program(bearing: trb.Taper
     values = trb.assess(turning).loss
     rows = [dataclasses.replace(row, value=float(v), sigma=0.05) for row, v in zip(phases[:2], values, strict=True)]
     found = fit(turning, 10 * rows, ("length",), starts=FEW)
-    known = set(evaluations._compiled)
+    known = set(batched_misfit._compiled)
     assert len(optimal_design.next_measurements(found)) == 3
-    assert evaluations._compiled == known
+    assert batched_misfit._compiled == known
 
 
 def test_an_interval_that_ends_with_the_range_does_not_determine(rig: trb.Scene, exact: np.ndarray) -> None:

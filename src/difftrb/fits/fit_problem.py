@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from difftrb.core.geometry import Real
-from difftrb.fits import conditions, measured, rings_of_rows
+from difftrb.fits import conditions, measured, stiffness_of_rows
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import Conditions
 from difftrb.fits.least_squares import Bounds
@@ -38,7 +38,7 @@ class Problem:
       parameters: what is sought, within `bounds`. scene: prepared. conditions: of the rows. rough: the same with means
         of few phases, to look for minima.
       measured, sigma: values and their standard deviations [% or N/mm], shape (rows,).
-      sound: `rings_of_rows.healthy_stiffness` unless a parameter changes it.
+      sound: `stiffness_of_rows.healthy_stiffness` unless a parameter changes it.
       common: the model's own relative error, which all losses share, and all stiffnesses.
       robust: how deviations count: the number of a name in `ROBUST`.
     """
@@ -113,7 +113,7 @@ def problem_of(
         rough=rough,
         measured=np.array([float(row.value) for row in rows]),
         sigma=np.array(_own_size(rows) if estimate else [float(row.sigma) for row in rows]),  # type: ignore[arg-type]
-        sound=None if any(p.changes_healthy for p in parameters) else rings_of_rows.healthy_stiffness(scene, at),
+        sound=None if any(p.changes_healthy for p in parameters) else stiffness_of_rows.healthy_stiffness(scene, at),
         common=model_error if model_error is not None else own_error if np.isfinite(own_error) else 0.0,
         robust=ROBUST.index(robust),
     ), estimate

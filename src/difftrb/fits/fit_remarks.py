@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from difftrb.fits import (
+    batched_misfit,
     conditions,
-    evaluations,
     fit_result,
     optimal_design,
     predicted,
@@ -171,7 +171,7 @@ def _healthy(fit: Fit) -> str:
     losses = np.array([row.is_loss for row in fit.rows])
     if (fit.problem.sound is None and not losses.all()) or not fit.explained:
         return ""
-    chi2 = 2.0 * float(evaluations.costs(fit.problem, predicted.healthy_rows(fit.problem)[None])[0])
+    chi2 = 2.0 * float(batched_misfit.costs(fit.problem, predicted.healthy_rows(fit.problem)[None])[0])
     by_one = fit_result.tail(max(chi2 - fit.chi2, 0.0), len(fit.parameters))
     # as many answers, as many chances that noise looks like one
     if 1.0 - (1.0 - by_one) ** (1 + len(fit.alternatives)) < HEALTHY or not np.isfinite(chi2):

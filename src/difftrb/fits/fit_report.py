@@ -12,7 +12,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from difftrb.core import status
-from difftrb.fits import estimated_bearing, measured, measured_table, spall_count
+from difftrb.fits import bearing_uncertainty, measured, measured_table, spall_count
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import Condition, row_conditions
 from difftrb.fits.fit_figure import PERCENT, corner, fit_panels
@@ -68,9 +68,9 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     texts, figures, about = [], [("fit", lambda: fit_panels(result))], None
     if file.catalogue is not None and bool(result.converged):
         with console.busy("asking other bearings of this catalogue line"):
-            about = file.catalogue.uncertainty(estimated_bearing.moves(result))
+            about = file.catalogue.uncertainty(bearing_uncertainty.moves(result))
         record["left_by_catalogue"] = tables.plain(dict(zip(result.parameters, about, strict=True)))
-        texts.append(Text(f"note: {estimated_bearing.sentence(result, about)}"))  # not to be overlooked
+        texts.append(Text(f"note: {bearing_uncertainty.sentence(result, about)}"))  # not to be overlooked
     texts.append(fit_text(result, suggestions, about))
     if options.posterior and bool(result.converged):
         with console.bar("sampling the posterior") as progress:

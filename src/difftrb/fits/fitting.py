@@ -16,7 +16,7 @@ import numpy as np
 from difftrb.core import status
 from difftrb.core.bad_input import is_whole
 from difftrb.fits import (
-    evaluations,
+    batched_misfit,
     fit_remarks,
     fit_result,
     least_squares,
@@ -130,7 +130,7 @@ def _fit(
     scan = search.scanned(problem, search.places(problem, starts))
     told(1)
     if not np.isfinite(scan.told).any():
-        code = evaluations.evaluated(problem, scan.place[:1]).beside[1]
+        code = batched_misfit.evaluated(problem, scan.place[:1]).beside[1]
         why = status.describe(int(code[0])).partition(":")[0]  # its advice is for a scene, not for a fit
         raise MeasuredError(f"measurements: no spall has a solution under these loads: {why}; check their unit, N")
     _check_effects(problem.parameters, scan.slope)
@@ -168,7 +168,7 @@ def _check_effects(parameters: Sequence[Parameter], slope: np.ndarray) -> None:
 def _from(problem: Problem, places: np.ndarray) -> Least:
     """From these places with all parameters free, by Levenberg–Marquardt alone."""
     return search.once_round(
-        problem, evaluations.solved(problem, places, np.ones_like(places, bool), 0, least_squares.STEPS)
+        problem, batched_misfit.solved(problem, places, np.ones_like(places, bool), 0, least_squares.STEPS)
     )
 
 
@@ -215,7 +215,7 @@ def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Trie
     told = not estimated and problem.by_squares
     scale = max(2.0 * cost / max(freedom, 1), 1.0) if told else 1.0
     limits = profile_intervals.limits_of(freedom if estimated else None, scale)
-    costs = np.concatenate([found.cost, evaluations.costs(problem, scan.told)])
+    costs = np.concatenate([found.cost, batched_misfit.costs(problem, scan.told)])
     known = KnownCosts(np.concatenate([found.place, scan.place]), np.nan_to_num(costs, nan=np.inf))
     profiles = profile_intervals.profiles(problem, place, cost, normal, limits, known)
     return Tried(found, best, profiles, limits, scale, known)

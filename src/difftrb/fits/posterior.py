@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from difftrb.core.bad_input import is_whole, number_in, shown
-from difftrb.fits import evaluations, nested_sampling
+from difftrb.fits import batched_misfit, nested_sampling
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_problem import Problem, with_more
 from difftrb.fits.fit_result import Fit
@@ -147,7 +147,7 @@ def posterior_of(
     problem = dataclasses.replace(problem, bounds=_once_round(problem))
 
     def log_likelihood(points: np.ndarray) -> np.ndarray:
-        told = evaluations.rows_at(problem, at_shares(points), many=True)
+        told = batched_misfit.rows_at(problem, at_shares(points), many=True)
         return log_density(problem, told, widened)
 
     for many in (live, AGAIN * live):
@@ -214,4 +214,4 @@ def log_density(problem: Problem, told: np.ndarray, widened: float = 1.0) -> np.
     # an error that rows have in common takes more of the density the larger they are
     size = np.nan_to_num(told / sigma) ** 2
     shared = sum(np.log1p(common**2 * np.sum(size[:, kind], axis=1)) for kind in (losses, ~losses))
-    return fixed - evaluations.costs(problem, told) / widened - 0.5 * shared
+    return fixed - batched_misfit.costs(problem, told) / widened - 0.5 * shared

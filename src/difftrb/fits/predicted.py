@@ -16,13 +16,13 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Real
 from difftrb.core.taylor import Taylor
-from difftrb.fits import conditions, rings_of_rows
+from difftrb.fits import conditions, stiffness_of_rows
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import COLUMN, ROW, Conditions
 from difftrb.fits.fit_problem import ROBUST, Problem
 from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
-from difftrb.fits.rings_of_rows import Values, stiffness
+from difftrb.fits.stiffness_of_rows import Values, stiffness
 from difftrb.ring.load import Load
 from difftrb.scene.scene import Scene
 
@@ -33,7 +33,7 @@ FREEDOM = 4.0
 LOST = 1e3
 """Deviation [sigma] of a row that the model has no solution for."""
 Solve = Callable[..., tuple[jax.Array, jax.Array]]
-"""`rings_of_rows.stiffness`, or `rings_of_rows.with_slopes`."""
+"""`stiffness_of_rows.stiffness`, or `stiffness_of_rows.with_slopes`."""
 
 
 def predicted(
@@ -43,7 +43,7 @@ def predicted(
     """What the model says of every row [% or N/mm], shape (rows,), and the worst status of all solves.
 
     `scene` is prepared; `values` of shape (parameters,); `sound` is `Problem.sound`.
-    `solve`: `rings_of_rows.with_slopes` where nothing but first derivatives by `values` are wanted.
+    `solve`: `stiffness_of_rows.with_slopes` where nothing but first derivatives by `values` are wanted.
     """
     of = _of(parameters, scene)
     if sound is None:
@@ -55,7 +55,7 @@ def predicted(
     return _read(parameters, at, values, spalled, sound), code
 
 
-def _of(parameters: Sequence[Parameter], scene: Scene) -> rings_of_rows.Of:
+def _of(parameters: Sequence[Parameter], scene: Scene) -> stiffness_of_rows.Of:
     """The prepared scene, and what bearings carry at a load, of values of its parameters."""
 
     def of(values: Values) -> tuple[Scene, Callable[[Load], Load]]:
@@ -134,7 +134,7 @@ def other_rows_at(problem: Problem, rows: Sequence[Measurement], places: np.ndar
     """What the model says of other rows at `places`, shape (cases, rows), and its slopes by coordinates, shape
     (cases, rows, parameters): by numbers, for they are few."""
     at = conditions.conditions(problem.scene, rows)
-    sound = None if problem.sound is None else rings_of_rows.healthy_stiffness(problem.scene, at)
+    sound = None if problem.sound is None else stiffness_of_rows.healthy_stiffness(problem.scene, at)
     values, slopes = np.empty((len(places), len(rows))), np.zeros((*places.shape, len(rows)))
     for k, place in enumerate(places):
         expanded = problem.bounds.values(Taylor(place, by=np.eye(len(place))))
@@ -157,6 +157,6 @@ def _by_numbers(parameters: Sequence[Parameter], scene: Scene, at: Conditions, v
     """`predicted` of numbers, or of their expansion, shape (rows,)."""
     of = _of(parameters, scene)
     at = conditions.of_changing(at) if sound is None else at
-    spalled = rings_of_rows.of_numbers(of, values, at)
-    sound = rings_of_rows.of_numbers(of, values, at, sound=True) if sound is None else np.asarray(sound)
+    spalled = stiffness_of_rows.of_numbers(of, values, at)
+    sound = stiffness_of_rows.of_numbers(of, values, at, sound=True) if sound is None else np.asarray(sound)
     return _read(parameters, at, values, spalled, sound)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from difftrb.fits import edges_at_rollers, evaluations
+from difftrb.fits import batched_misfit, edges_at_rollers
 from difftrb.fits.fit_problem import Problem, basin_spacings
 from difftrb.fits.least_squares import AT_BOUND, FARTHEST, Enough
 from difftrb.fits.search import SAME
@@ -125,7 +125,7 @@ def held(
     of = np.repeat(np.arange(len(free)), [len(own) for own in starts])
     places = np.where(free[of], np.concatenate([np.stack(own) for own in starts]), at[of])
     enough = Enough(ENOUGH, BEHIND, MARGIN, MEET * basin_spacings(problem))
-    found = evaluations.solved(problem, places, free[of], 0, STEPS if free.any() else 0, enough)
+    found = batched_misfit.solved(problem, places, free[of], 0, STEPS if free.any() else 0, enough)
     cost = np.where(np.isfinite(found.cost), found.cost, np.inf)
     order = np.lexsort((cost, of))
     best = order[np.searchsorted(of[order], np.arange(len(free)))]

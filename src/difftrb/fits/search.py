@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.fits import edges_at_rollers, evaluations, least_squares
+from difftrb.fits import batched_misfit, edges_at_rollers, least_squares
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_problem import Problem, basin_spacings
 from difftrb.fits.least_squares import AT_BOUND, Alone, Enough, Least
@@ -74,9 +74,9 @@ def scanned(problem: Problem, places: np.ndarray) -> Scan:
     rough = _rough(problem)
     with ThreadPoolExecutor(1) as beside:
         # of many places it is another program, traced while the first one is compiled
-        many = beside.submit(evaluations.rows_at, rough, places) if len(places) > evaluations.MANY else None
-        jacobian = np.nan_to_num(evaluations.evaluated(rough, places[:SLOPES]).jacobian)
-        told = evaluations.rows_at(rough, places) if many is None else many.result()
+        many = beside.submit(batched_misfit.rows_at, rough, places) if len(places) > batched_misfit.MANY else None
+        jacobian = np.nan_to_num(batched_misfit.evaluated(rough, places[:SLOPES]).jacobian)
+        told = batched_misfit.rows_at(rough, places) if many is None else many.result()
     return Scan(places, told, np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
 
 
@@ -116,7 +116,7 @@ def spread(parameters: Sequence[Parameter], count: int, behind: int = 0) -> np.n
 def thorough(problem: Problem, scan: Scan) -> tuple[Scan, Least]:
     """As `minima`, of `MORE` points besides and by more steps: a larger scan, and where least squares end."""
     more = spread(problem.parameters, MORE * len(scan.place), len(scan.place))
-    told = evaluations.rows_at(_rough(problem), more)
+    told = batched_misfit.rows_at(_rough(problem), more)
     scan = Scan(np.concatenate([scan.place, more]), np.concatenate([scan.told, told]), scan.slope)
     return scan, minima(problem, scan, rounds=THOROUGH)
 
@@ -138,7 +138,7 @@ def minima(
     for k, steps in enumerate(rounds):
         place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, fewest, most))]
         first = alone if k == 0 else None
-        found = evaluations.solved(
+        found = batched_misfit.solved(
             rough, place, _moving(place, free), 0, steps, enough, ratios=True, alone=first, room=room
         )
         place, cost = found.place, found.cost
@@ -150,9 +150,11 @@ def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = N
     """Where least squares end that go down from these places, roughly, and then exactly from what is left of them;
     `free` as in `minima`."""
     enough = _enough(problem)
-    found = evaluations.solved(_rough(problem), place, _moving(place, free), ADAM_STEPS, least_squares.STEPS, enough)
+    found = batched_misfit.solved(_rough(problem), place, _moving(place, free), ADAM_STEPS, least_squares.STEPS, enough)
     place = found.place[distinct(problem, found) or [0]]
-    return once_round(problem, evaluations.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, enough))
+    return once_round(
+        problem, batched_misfit.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, enough)
+    )
 
 
 def once_round(problem: Problem, found: Least) -> Least:
@@ -212,9 +214,9 @@ def with_edges_moved(problem: Problem, found: Least) -> Least:
         more = np.concatenate([moved, _with_one_elsewhere(problem, found.place[from_here])])
         if not len(more):
             break
-        cost = _alike(problem, evaluations.rows_at(rough, more))
+        cost = _alike(problem, batched_misfit.rows_at(rough, more))
         more = more[_lower(more / basin_spacings(problem), cost, MOVED[1], ALIKE)]
-        near = evaluations.solved(rough, more, _moving(more, None), 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
+        near = batched_misfit.solved(rough, more, _moving(more, None), 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
         ended = minima_from(problem, near.place[distinct(problem, near)[: LOWEST[1]]])
         lower = np.nanmin(ended.cost) < np.nanmin(found.cost) - GAIN
         found = least_squares.both(found, ended)

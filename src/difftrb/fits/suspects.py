@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import special
 
-from difftrb.fits import evaluations, fit_result, search
+from difftrb.fits import batched_misfit, fit_result, search
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_problem import Problem, basin_spacings, with_more
 from difftrb.fits.fit_result import UNLIKELY, Fit
@@ -116,7 +116,7 @@ def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, c
 def _down(fit: Fit, problem: Problem, scan: Scan) -> Least:
     """Least squares of another problem of the fit's parameters, from the fit's place, what else fitted well, and the
     lowest points of that problem."""
-    low = np.argsort(evaluations.costs(problem, scan.told), kind="stable")[:STARTS]
+    low = np.argsort(batched_misfit.costs(problem, scan.told), kind="stable")[:STARTS]
     return search.minima_from(problem, np.concatenate([fit.place[None], scan.place[low], _lowest(fit)]))
 
 

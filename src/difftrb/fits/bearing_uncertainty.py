@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from difftrb.core.geometry import TaperedBearing
-from difftrb.fits import evaluations, predicted
+from difftrb.fits import batched_misfit, predicted
 from difftrb.fits.fit_result import Fit
 from difftrb.scene.scene_laws import with_any_width
 
@@ -20,7 +20,7 @@ def moves(fit: Fit) -> Callable[[TaperedBearing, float], np.ndarray]:
     the opposite change of the measurements would.
     """
     plain = dataclasses.replace(with_any_width(fit.scene) or fit.scene, effects=())
-    step = np.linalg.pinv(evaluations.evaluated(fit.problem, fit.place[None]).jacobian[0])  # of deviations in sigma
+    step = np.linalg.pinv(batched_misfit.evaluated(fit.problem, fit.place[None]).jacobian[0])  # of deviations in sigma
     slope = fit.problem.bounds.rate(fit.place)
     own = predicted.rows_of(fit.problem.parameters, plain, fit.rows, fit.values)
 

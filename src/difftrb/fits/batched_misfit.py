@@ -21,7 +21,7 @@ from difftrb.fits.conditions import Conditions, whole
 from difftrb.fits.fit_problem import ROBUST, Problem, basin_spacings
 from difftrb.fits.least_squares import Alone, Enough, Least
 from difftrb.fits.predicted import LOST, counted, predictions
-from difftrb.fits.rings_of_rows import with_slopes
+from difftrb.fits.stiffness_of_rows import with_slopes
 
 LEAST_SHARE = 0.05
 """Of a measured loss: predicted ones below count as this."""
