@@ -57,7 +57,7 @@ def problem_of(scene: trb.Scene) -> tuple[Problem, list[trb.Measurement]]:
 def ours(problem: Problem, starts: np.ndarray) -> np.ndarray:
     """The best values of all starts here."""
     found = search.minima(problem, search.scanned(problem, starts))
-    return np.asarray(problem.bounds.values(found.place[np.argmin(found.cost)]))
+    return np.asarray(problem.bounds.values(found.points[np.argmin(found.cost)]))
 
 
 _residual = jax.jit(predicted.residual)
@@ -92,7 +92,7 @@ def compared(law: str, repeats: int) -> dict[str, float]:
     found: list[tuple[Problem, list[trb.Measurement]]] = []
     first = timed(lambda: found.append(problem_of(scene)))
     problem, rows = found[0]
-    starts = search.places(problem, STARTS)
+    starts = search.scan_points(problem, STARTS)
     theirs_first = timed(lambda: compiled(problem)(starts[0]))
     ways = {
         "a fit with its intervals": lambda: trb.fit(scene, rows, model_error=0.0),

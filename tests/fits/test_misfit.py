@@ -163,26 +163,26 @@ def test_two_spalls_with_each_other_s_names_are_one_answer(bearing: trb.TaperedB
     assert search.exchange(_of_two(bearing, names, depth=0.3)) is None
     assert search.exchange(_of_two(bearing, names[:-2] + names[-1:])) is None
     assert search.exchange(_of_two(bearing, (names[0], names[3]))) is None
-    place = problem.bounds.coordinates(np.array([[4.0, 6.0, 0.1, 2.0, 3.0, 0.5]]))
+    points = problem.bounds.coordinates(np.array([[4.0, 6.0, 0.1, 2.0, 3.0, 0.5]]))
     normal = np.arange(36.0).reshape(1, 6, 6)
     none = np.zeros(1)
-    found = Least(place[:, other], none, normal[:, other][:, :, other], (), none, none)
+    found = Least(points[:, other], none, normal[:, other][:, :, other], (), none, none)
     named = search.once_round(problem, found)
-    np.testing.assert_array_equal(named.place, place)
+    np.testing.assert_array_equal(named.points, points)
     np.testing.assert_allclose(named.normal, normal, rtol=1e-12)
 
 
 @pytest.mark.hard
 def test_two_spalls_each_elsewhere(bearing: trb.TaperedBearing) -> None:
-    """Places that are tried beside one that was found leave one of the two spalls where it is."""
+    """Points that are tried beside one that was found leave one of the two spalls where it is."""
     problem = _of_two(bearing, ("length", "width", "angle", "length_2", "angle_2"))
     here = np.linspace(-1.0, 1.0, 10).reshape(2, 5)
     found = search._with_one_elsewhere(problem, here)
     assert found.shape == (4 * search.ELSEWHERE, 5)
-    for place, of_place in zip(here, np.split(found, 2), strict=True):
-        second, first = np.split(of_place, 2)[::-1]
-        np.testing.assert_array_equal(first[:, 3:], np.tile(place[3:], (search.ELSEWHERE, 1)))
-        np.testing.assert_array_equal(second[:, :3], np.tile(place[:3], (search.ELSEWHERE, 1)))
+    for point, of_point in zip(here, np.split(found, 2), strict=True):
+        second, first = np.split(of_point, 2)[::-1]
+        np.testing.assert_array_equal(first[:, 3:], np.tile(point[3:], (search.ELSEWHERE, 1)))
+        np.testing.assert_array_equal(second[:, :3], np.tile(point[:3], (search.ELSEWHERE, 1)))
         assert np.ptp(first[:, :3], axis=0).min() > 0.9
         assert np.ptp(second[:, 3:], axis=0).min() > 0.9
 

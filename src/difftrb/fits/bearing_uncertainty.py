@@ -20,8 +20,8 @@ def moves(fit: Fit) -> Callable[[TaperedBearing, float], np.ndarray]:
     the opposite change of the measurements would.
     """
     plain = dataclasses.replace(with_any_width(fit.scene) or fit.scene, effects=())
-    step = np.linalg.pinv(batched_misfit.evaluated(fit.problem, fit.place[None]).jacobian[0])  # of deviations in sigma
-    slope = fit.problem.bounds.rate(fit.place)
+    step = np.linalg.pinv(batched_misfit.evaluated(fit.problem, fit.point[None]).jacobian[0])  # of deviations in sigma
+    slope = fit.problem.bounds.rate(fit.point)
     own = predicted.rows_of(fit.problem.parameters, plain, fit.rows, fit.values)
 
     def moved(bearing: TaperedBearing, design_load: float) -> np.ndarray:

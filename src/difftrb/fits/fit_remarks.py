@@ -74,7 +74,7 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
     if len(fit.parameters) > MANY and fit.explained:
         remarks.append(
             f"the range of more than {MANY} parameters is scanned thinly: an answer that fits as well may be missed; "
-            f"difftrb.fit(…, starts={4 * search.points(len(fit.parameters))}) looks closer"
+            f"difftrb.fit(…, starts={4 * search.scan_size(len(fit.parameters))}) looks closer"
         )
     if fit.freedom <= 0:
         remarks.append("there are no more rows than parameters, so none checks the fit")
@@ -102,7 +102,7 @@ def _out_of_range(fit: Fit) -> list[int]:
     """What of the bearing and its loads, not of spalls, may lie beyond the range that is searched: its interval is open
     there, and its value within `NEAR_END` of that end."""
     far = at_shares(np.array(1.0 - NEAR_END))
-    at_end = np.column_stack([fit.place < -far, fit.place > far]) & fit.own_open
+    at_end = np.column_stack([fit.point < -far, fit.point > far]) & fit.own_open
     every = enumerate(fit.problem.parameters)
     return [i for i, one in every if not isinstance(one, OfSpall) and (at_end[i] & ~np.array(one.natural)).any()]
 
@@ -111,14 +111,14 @@ def _about_rows(fit: Fit) -> list[str]:
     """What is odd about the measurements alone."""
     found = []
     by_kind: dict[tuple, list[int]] = {}
-    places, _ = conditions.row_conditions(fit.scene, fit.rows)
+    numbers, _ = conditions.row_conditions(fit.scene, fit.rows)
     for k, row in enumerate(fit.rows):
         if row.is_loss and row.value < -3.0 * fit.sigma[k] and abs(fit.residuals[k]) > FAR:
             found.append(
                 f"row {k + 1}: {row.quantity} = {row.value:g} % is below zero by more than its error: a spall cannot "
                 "stiffen a bearing; check the sign (a loss is positive) and which of the two is the healthy bearing"
             )
-        by_kind.setdefault((places[k], row.quantity), []).append(k)
+        by_kind.setdefault((numbers[k], row.quantity), []).append(k)
     for same in by_kind.values():
         values = np.array([fit.rows[k].value for k in same])
         low, high = same[int(np.argmin(values))], same[int(np.argmax(values))]
@@ -213,8 +213,8 @@ def _beyond(fit: Fit, most: np.ndarray) -> list[str]:
 def _bounds(fit: Fit) -> list[str]:
     found = []
     for i, name in enumerate(fit.parameters):
-        if abs(fit.place[i]) >= AT_BOUND:
-            side = "largest" if fit.place[i] > 0.0 else "smallest"
+        if abs(fit.point[i]) >= AT_BOUND:
+            side = "largest" if fit.point[i] > 0.0 else "smallest"
             value = fit.problem.parameters[i].told(fit.values[i], 4).removeprefix(f"{name} ")
             found.append(f"{name} ends at the {side} value that is searched, {value}")
     return found
@@ -231,7 +231,7 @@ def _unclear(fit: Fit, unclear: list[int]) -> str:
     suggestion = optimal_design.next_measurements(fit, count=1, parameter=names[0])[0]
     advice = f"measure {optimal_design.in_words(suggestion.row)}"
     sizes = [i for i, parameter in enumerate(fit.problem.parameters)
-             if parameter.logarithmic and parameter.in_products and abs(fit.place[i]) < AT_BOUND]  # fmt: skip
+             if parameter.logarithmic and parameter.in_products and abs(fit.point[i]) < AT_BOUND]  # fmt: skip
     if len(sizes) > 1:
         powers, error = _best_determined(fit, sizes)
         percent = 100.0 * error * float(np.sqrt(fit.limit))
@@ -257,8 +257,8 @@ def _fits_as_well(fit: Fit, i: int) -> str:
 def _best_determined(fit: Fit, sizes: list[int]) -> tuple[dict[str, float], float]:
     """The product of powers of these parameters that is known best: exponents by name, standard error of its
     logarithm."""
-    slope = fit.problem.bounds.slope(fit.place)
-    covariance = (profile_intervals.covariance(fit.normal, fit.place) * np.outer(slope, slope))[np.ix_(sizes, sizes)]
+    slope = fit.problem.bounds.slope(fit.point)
+    covariance = (profile_intervals.covariance(fit.normal, fit.point) * np.outer(slope, slope))[np.ix_(sizes, sizes)]
     _, directions = np.linalg.eigh(covariance)
     powers = directions[:, 0] / directions[np.argmax(np.abs(directions[:, 0])), 0]
     names = [fit.parameters[i] for i in sizes]

@@ -65,7 +65,7 @@ class Fit(status.Judged):
         `determined`: all.
       alternatives: other answers that fit about as well, the best first.
       robust: how deviations counted. scene: prepared, with the fitted spall. history: of all starts.
-      profiles, problem, place (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends):
+      profiles, problem, point (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends):
         for figures and designs. known: all points that were scanned, and minima.
       status_code: see `difftrb.status`.
     """
@@ -92,7 +92,7 @@ class Fit(status.Judged):
     profiles: Profiles
     problem: Problem
     robust: str
-    place: np.ndarray
+    point: np.ndarray
     normal: np.ndarray
     limit: float
     known: KnownCosts
@@ -199,10 +199,10 @@ class Fit(status.Judged):
         """Rise of χ² over a grid of the first two parameters, all others free: shape (points, points), the first along
         rows. `box` are coordinates: (first low, high), (second low, high), shape (2, 2)."""
         grid = np.meshgrid(*(np.linspace(low, high, points) for low, high in box), indexing="ij")
-        at = np.tile(self.place, (points * points, 1))
+        at = np.tile(self.point, (points * points, 1))
         at[:, 0], at[:, 1] = (axis.ravel() for axis in grid)
-        free = np.tile(np.arange(len(self.place)) > 1, (len(at), 1))
-        starts = profile_intervals.starts_of(self.place, self.normal, self.known, free, at)
+        free = np.tile(np.arange(len(self.point)) > 1, (len(at), 1))
+        starts = profile_intervals.starts_of(self.point, self.normal, self.known, free, at)
         costs, _ = profile_intervals.held(self.problem, free, list(starts.swapaxes(0, 1)), at)
         return 2.0 * (costs - 0.5 * self.chi2).reshape(points, points)
 
@@ -212,7 +212,7 @@ class Fit(status.Judged):
         By the implicit function theorem with the whole second derivative: exact for data that the model does not meet,
         too.
         """
-        return np.asarray(_by_data(self.problem, self.place))
+        return np.asarray(_by_data(self.problem, self.point))
 
 
 @jit_quickly()
@@ -238,7 +238,9 @@ def weights(problem: Problem, found: Least, cases: list[int], scale: float, wide
     logs = []
     for k in cases:
         _, size = np.linalg.slogdet(found.normal[k] / scale + np.diag(widest**-2.0))
-        logs.append(-found.cost[k] / scale - 0.5 * size + np.sum(np.log(problem.bounds.slope(found.place[k]) + 1e-300)))
+        logs.append(
+            -found.cost[k] / scale - 0.5 * size + np.sum(np.log(problem.bounds.slope(found.points[k]) + 1e-300))
+        )
     shares = np.exp(np.array(logs) - max(logs))
     return shares / np.sum(shares)
 

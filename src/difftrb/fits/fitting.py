@@ -50,7 +50,7 @@ NEARLY = 1.05
 STEPS = 4
 """Of a fit, as its progress counts them: scan, search, profiles, remarks."""
 DEEPER = 3
-"""Most times that a fit goes on from a profile that has found a lower place."""
+"""Most times that a fit goes on from a profile that has found a lower point."""
 
 
 def fit(
@@ -127,10 +127,10 @@ def _fit(
 ) -> Fit:  # fmt: skip
     """`fit` with a prepared scene; how many of the `STEPS` are done is `told`."""
     problem, estimate = problem_of(scene, rows, parameters, robust, model_error)
-    scan = search.scanned(problem, search.places(problem, starts))
+    scan = search.scanned(problem, search.scan_points(problem, starts))
     told(1)
     if not np.isfinite(scan.told).any():
-        code = batched_misfit.evaluated(problem, scan.place[:1]).beside[1]
+        code = batched_misfit.evaluated(problem, scan.points[:1]).beside[1]
         why = status.describe(int(code[0])).partition(":")[0]  # its advice is for a scene, not for a fit
         raise MeasuredError(f"measurements: no spall has a solution under these loads: {why}; check their unit, N")
     _check_effects(problem.parameters, scan.slope)
@@ -145,13 +145,13 @@ def _fit(
                 found = search.with_edges_moved(problem, more)
     told(2)
     if any(row.load_sigma > 0.0 for row in rows):
-        problem = _with_loads(problem, rows, found.place[int(np.nanargmin(found.cost))])
-        found = _from(problem, found.place)
+        problem = _with_loads(problem, rows, found.points[int(np.nanargmin(found.cost))])
+        found = _from(problem, found.points)
     tried = _judged(problem, scan, found, estimate)
     for _ in range(DEEPER):  # a profile may have found more
         if tried.profiles.lowest_cost >= found.cost[tried.best] * (1.0 - 1e-6) - 1e-9:
             break
-        found = _from(problem, np.concatenate([tried.profiles.lowest[None], found.place]))
+        found = _from(problem, np.concatenate([tried.profiles.lowest[None], found.points]))
         tried = _judged(problem, scan, found, estimate)
     told(3)
     result = _result(rows, problem, tried, estimate)
@@ -165,10 +165,10 @@ def _check_effects(parameters: Sequence[Parameter], slope: np.ndarray) -> None:
             raise MeasuredError(f"parameters: {parameter.name} cannot be fitted to these rows: {parameter.no_effect}")
 
 
-def _from(problem: Problem, places: np.ndarray) -> Least:
-    """From these places with all parameters free, by Levenberg–Marquardt alone."""
+def _from(problem: Problem, points: np.ndarray) -> Least:
+    """From these points with all parameters free, by Levenberg–Marquardt alone."""
     return search.once_round(
-        problem, batched_misfit.solved(problem, places, np.ones_like(places, bool), 0, least_squares.STEPS)
+        problem, batched_misfit.solved(problem, points, np.ones_like(points, bool), 0, least_squares.STEPS)
     )
 
 
@@ -182,16 +182,16 @@ def _with_sigma(problem: Problem, scan: Scan, freedom: int) -> tuple[Problem, Le
         else:  # the middle deviation, of normal errors
             factor = 1.4826 * float(np.median(np.abs(off))) * float(np.sqrt(len(off) / freedom))
         problem = dataclasses.replace(problem, sigma=problem.sigma * max(factor, LEAST_SIGMA))
-        found = _from(problem, found.place)
+        found = _from(problem, found.points)
     return problem, found  # pyright: ignore[reportPossiblyUnbound]  # there is a round
 
 
-def _with_loads(problem: Problem, rows: tuple[Measurement, ...], place: np.ndarray) -> Problem:
-    """The problem with sigma larger by what rows change with the errors of their own loads, at this place."""
+def _with_loads(problem: Problem, rows: tuple[Measurement, ...], point: np.ndarray) -> Problem:
+    """The problem with sigma larger by what rows change with the errors of their own loads, at this point."""
     told = []
     for factor in (1.0 - LOAD_STEP, 1.0 + LOAD_STEP):
         loaded = [dataclasses.replace(row, radial=row.radial * factor, axial=row.axial * factor) for row in rows]
-        told.append(predicted.other_rows_at(problem, loaded, place[None])[0][0])
+        told.append(predicted.other_rows_at(problem, loaded, point[None])[0][0])
     slope = (told[1] - told[0]) / (2.0 * LOAD_STEP)  # by the logarithm of the loads
     share = 0.01 * np.array([float(row.load_sigma) for row in rows])
     return dataclasses.replace(problem, sigma=np.hypot(problem.sigma, np.nan_to_num(slope) * share))
@@ -210,22 +210,22 @@ class Tried(NamedTuple):
 
 
 def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Tried:
-    best, freedom = int(np.nanargmin(found.cost)), scan.told.shape[1] - found.place.shape[1]
-    place, normal, cost = found.place[best], found.normal[best], float(found.cost[best])
+    best, freedom = int(np.nanargmin(found.cost)), scan.told.shape[1] - found.points.shape[1]
+    point, normal, cost = found.points[best], found.normal[best], float(found.cost[best])
     told = not estimated and problem.by_squares
     scale = max(2.0 * cost / max(freedom, 1), 1.0) if told else 1.0
     limits = profile_intervals.limits_of(freedom if estimated else None, scale)
     costs = np.concatenate([found.cost, batched_misfit.costs(problem, scan.told)])
-    known = KnownCosts(np.concatenate([found.place, scan.place]), np.nan_to_num(costs, nan=np.inf))
-    profiles = profile_intervals.profiles(problem, place, cost, normal, limits, known)
+    known = KnownCosts(np.concatenate([found.points, scan.points]), np.nan_to_num(costs, nan=np.inf))
+    profiles = profile_intervals.profiles(problem, point, cost, normal, limits, known)
     return Tried(found, best, profiles, limits, scale, known)
 
 
 def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estimated: bool) -> Fit:
     """The fit, without remarks."""
     best, bounds, found, profiles = tried.best, problem.bounds, tried.found, tried.profiles
-    u, normal, told = (np.asarray(each[best]) for each in (found.place, found.normal, found.beside[0]))
-    every = bounds.values(found.place)
+    u, normal, told = (np.asarray(each[best]) for each in (found.points, found.normal, found.beside[0]))
+    every = bounds.values(found.points)
     values = every[best]
     converged = np.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
     others = _others(problem, tried, every)
@@ -257,7 +257,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
         profiles=profiles,
         problem=problem,
         robust=ROBUST[int(problem.robust)],
-        place=u,
+        point=u,
         normal=normal,
         limit=tried.limits.end,
         known=tried.known,
@@ -295,9 +295,9 @@ def _pieces(problem: Problem, tried: Tried, others: list[int], values: np.ndarra
     for k in others:
         left = tried.limits.end - 2.0 * (found.cost[k] - found.cost[best])
         if left > 0.0:
-            own = np.diag(profile_intervals.covariance(found.normal[k], found.place[k]))
+            own = np.diag(profile_intervals.covariance(found.normal[k], found.points[k]))
             away = np.minimum(np.sqrt(left * np.maximum(own, 0.0)), basin_spacings(problem))
-            both = np.stack([found.place[k] - away, found.place[k] + away])
+            both = np.stack([found.points[k] - away, found.points[k] + away])
             turn = fit_parameters.turned(problem.parameters, values[k], values[best]) - values[k]
             ends.append(np.column_stack([(bounds.values(both) + turn).T, (np.abs(both) > AT_BOUND).T]))
     return [_united(own) for own in np.stack(ends, axis=1)]
@@ -319,5 +319,5 @@ def _on_one_plateau(problem: Problem, found: Least, one: int, other: int) -> boo
     """Whether two minima lie on one plateau: the model says the same of all rows there, and they are no farther apart
     than basins are."""
     told = np.abs(found.beside[0][one] - found.beside[0][other]) / np.asarray(problem.sigma)
-    away = np.abs(np.diff(np.clip(found.place[[one, other]], -AT_BOUND, AT_BOUND), axis=0)) / basin_spacings(problem)
+    away = np.abs(np.diff(np.clip(found.points[[one, other]], -AT_BOUND, AT_BOUND), axis=0)) / basin_spacings(problem)
     return bool(told.max() < PLATEAU and away.max() < 1.0)

@@ -200,7 +200,7 @@ def _once_round(problem: Problem) -> Bounds:
 def _nats(fit: Fit) -> float:
     """By what factor of e the fit's own answer is narrower than the prior, as a normal distribution."""
     low, high = fit.problem.bounds.ends()
-    slope = np.maximum(fit.problem.bounds.slope(fit.place) / (high - low), 1e-3)  # of the cube's sides by coordinates
+    slope = np.maximum(fit.problem.bounds.slope(fit.point) / (high - low), 1e-3)  # of the cube's sides by coordinates
     spread = np.sqrt(np.linalg.det(fit.normal / np.outer(slope, slope) + np.eye(len(slope))))
     return float(np.log(spread)) - 0.5 * len(slope) * float(np.log(2.0 * np.pi * np.e))
 

@@ -71,7 +71,7 @@ def _of(parameters: Sequence[Parameter], scene: Scene) -> stiffness_of_rows.Of:
 
 def _read(parameters: Sequence[Parameter], at: Conditions, values: Any, spalled: Any, sound: Any) -> Any:
     """Every row [% or N/mm], shape (rows,), from stiffness at the conditions with spalls and without."""
-    spalled, sound = (pair[at.place, at.entry] for pair in (spalled, sound))
+    spalled, sound = (pair[at.condition, at.entry] for pair in (spalled, sound))
     # beside the diagonal there may be nothing of a healthy bearing: what spalls add is no share of it
     beside = xp.module_of(at.entry).asarray(ROW != COLUMN)[at.entry]
     sound = xp.where(beside, spalled, sound)
@@ -86,7 +86,7 @@ def healthy_rows(problem: Problem) -> np.ndarray:
     """What rows would read of a bearing without spalls, shape (rows,): no loss; of a problem whose parameters leave the
     healthy bearing as it is, or that has losses alone."""
     at, sound = problem.conditions, problem.sound
-    return np.where(at.loss, 0.0, 0.0 if sound is None else np.asarray(sound)[at.place, at.entry])
+    return np.where(at.loss, 0.0, 0.0 if sound is None else np.asarray(sound)[at.condition, at.entry])
 
 
 def residual(problem: Problem, u: jax.Array) -> jax.Array:
@@ -130,14 +130,14 @@ def counted(problem: Problem, values: jax.Array) -> jax.Array:
     return jnp.select([problem.robust == k for k in range(len(ROBUST))], [ways[name] for name in ROBUST], r)
 
 
-def other_rows_at(problem: Problem, rows: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the model says of other rows at `places`, shape (cases, rows), and its slopes by coordinates, shape
+def other_rows_at(problem: Problem, rows: Sequence[Measurement], points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the model says of other rows at `points`, shape (cases, rows), and its slopes by coordinates, shape
     (cases, rows, parameters): by numbers, for they are few."""
     at = conditions.conditions(problem.scene, rows)
     sound = None if problem.sound is None else stiffness_of_rows.healthy_stiffness(problem.scene, at)
-    values, slopes = np.empty((len(places), len(rows))), np.zeros((*places.shape, len(rows)))
-    for k, place in enumerate(places):
-        expanded = problem.bounds.values(Taylor(place, by=np.eye(len(place))))
+    values, slopes = np.empty((len(points), len(rows))), np.zeros((*points.shape, len(rows)))
+    for k, point in enumerate(points):
+        expanded = problem.bounds.values(Taylor(point, by=np.eye(len(point))))
         told = _by_numbers(problem.parameters, problem.scene, at, expanded, sound)
         values[k] = xp.value(told)
         if (by := xp.by(told)) is not None:

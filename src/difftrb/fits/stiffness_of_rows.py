@@ -55,12 +55,12 @@ def of_numbers(of: Of, values: Values, at: Conditions, sound: bool = False) -> A
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
         scene, loaded = of(values)
         scene = dataclasses.replace(xp.numbers(healthy(scene) if sound else scene), definition=definition)
-        places = _distinct(at, blocks)
-        told = _together(scene, loaded, blocks, list(places.values()))
+        rings = _distinct(at, blocks)
+        told = _together(scene, loaded, blocks, list(rings.values()))
         if not all(np.isfinite(xp.value(one)).any() for one in told):  # of what has no solution all are told together
-            told = [_together(scene, loaded, blocks, [one])[0] for one in places.values()]
-        for place, one in zip(places, told, strict=True):
-            found[place] = one
+            told = [_together(scene, loaded, blocks, [one])[0] for one in rings.values()]
+        for number, one in zip(rings, told, strict=True):
+            found[number] = one
     return xp.stack(found)
 
 
@@ -98,9 +98,9 @@ def _distinct(at: Conditions, blocks: Blocks) -> dict[int, tuple[int, int]]:
     """Block and ring of every condition, the first of those that count to it."""
     found: dict[int, tuple[int, int]] = {}
     for k in range(int(blocks.count)):
-        for ring, place in enumerate(np.asarray(blocks.of)[k]):
-            if place < at.size:
-                found.setdefault(int(place), (k, ring))
+        for ring, number in enumerate(np.asarray(blocks.of)[k]):
+            if number < at.size:
+                found.setdefault(int(number), (k, ring))
     return found
 
 
@@ -180,7 +180,7 @@ def _turned(every: Blocks, k: jax.Array, borders: Any = None) -> tuple[Any, Any]
         return every.phases[k], jnp.ones(every.phases.shape[1])
     mean = every.mean[k] >= 0
     blank = jnp.linspace(0.0, 1.0, len(borders))  # without a mean there may be no borders
-    turned, share = phase_rule.between(xp.where(mean, borders, blank), (every.places[k], every.weights[k]))
+    turned, share = phase_rule.between(xp.where(mean, borders, blank), (every.nodes[k], every.weights[k]))
     return xp.where(mean, turned, every.phases[k]), xp.where(mean, share, 1.0)
 
 

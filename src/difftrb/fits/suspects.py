@@ -99,7 +99,7 @@ def _explains(fit: Fit, chi2: float) -> bool:
 def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, chance: float = ALONE) -> Suspect:
     """From the lowest case."""
     k = int(np.nanargmin(found.cost))
-    values = problem.bounds.values(found.place[k])
+    values = problem.bounds.values(found.points[k])
     told = [p.told(v) for p, v in zip(problem.parameters, values, strict=True)]
     chi2, answer = 2.0 * float(found.cost[k]), ", ".join(told[: len(fit.parameters)])
     other = bool(fit_result.outside(values[: len(fit.parameters)], fit.values, fit.own_intervals).any())
@@ -114,15 +114,15 @@ def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, c
 
 
 def _down(fit: Fit, problem: Problem, scan: Scan) -> Least:
-    """Least squares of another problem of the fit's parameters, from the fit's place, what else fitted well, and the
+    """Least squares of another problem of the fit's parameters, from the fit's point, what else fitted well, and the
     lowest points of that problem."""
     low = np.argsort(batched_misfit.costs(problem, scan.told), kind="stable")[:STARTS]
-    return search.minima_from(problem, np.concatenate([fit.place[None], scan.place[low], _lowest(fit)]))
+    return search.minima_from(problem, np.concatenate([fit.point[None], scan.points[low], _lowest(fit)]))
 
 
 def _lowest(fit: Fit) -> np.ndarray:
     """Places that fit best, shape (STARTS, parameters)."""
-    return fit.known.place[np.argsort(fit.known.cost, kind="stable")[:STARTS]]
+    return fit.known.points[np.argsort(fit.known.cost, kind="stable")[:STARTS]]
 
 
 def _rows(fit: Fit, scan: Scan) -> Iterator[Suspect]:
@@ -159,22 +159,22 @@ def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
     own, problem = len(fit.parameters), with_more(fit.problem, more, fit.rows)
     parameters, bounds = problem.parameters, problem.bounds
     still = bounds.coordinates(np.array([parameter.start(fit.problem.scene) for parameter in parameters], float))
-    low, points = _lowest(fit), POINTS * len(scan.place) // search.points(own)
+    low, count = _lowest(fit), POINTS * len(scan.points) // search.scan_size(own)
     for i, parameter in enumerate(more, own):
         free = np.arange(len(parameters)) < own
         free[i] = True
         many = basin_spacings(problem)[i] < TURNING
-        at = np.tile(still, (points if many else FEW * len(low), 1))
+        at = np.tile(still, (count if many else FEW * len(low), 1))
         if many:
             at[:, free] = search.spread([*parameters[:own], parameter], len(at))
         else:
             shares = np.linspace(*search.SPREAD, FEW)
             at[:, :own], at[:, i] = np.repeat(low, FEW, axis=0), np.tile(at_shares(shares), len(low))
-        at[0, :own] = fit.place
+        at[0, :own] = fit.point
         found = search.minima(problem, search.scanned(problem, at), free, lowest=LOWEST)
         k = int(np.nanargmin(found.cost))
-        value = float(bounds.values(found.place[k])[i])
-        end = ", the end of its range" if abs(found.place[k, i]) >= AT_BOUND else ""
+        value = float(bounds.values(found.points[k])[i])
+        end = ", the end of its range" if abs(found.points[k, i]) >= AT_BOUND else ""
         what = f"{parameter.suspect} ({parameter.told(value)}{end})"
         yield _suspect(fit, problem, found, what, f"fit {parameter.name}, too, or measure it", ADDED)
 
