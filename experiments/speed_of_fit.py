@@ -42,8 +42,8 @@ def problem_of(scene: trb.Scene) -> tuple[Problem, list[trb.Measurement]]:
     at, rough = (conditions.conditions(scene, rows, points) for points in (POINTS_IN_FITS, ROUGH_POINTS))
     sought = parameters.named(("length", "width"))
     bounds, blank = parameters.bounds(sought, scene, rows), np.ones(len(rows))
-    sound = stiffness_of_rows.healthy_stiffness(scene, at)
-    exact = Problem(sought, bounds, scene, at, rough, blank, blank, sound, 0.0, 0)  # type: ignore[arg-type]
+    healthy = stiffness_of_rows.healthy_stiffness(scene, at)
+    exact = Problem(sought, bounds, scene, at, rough, blank, blank, healthy, 0.0, 0)  # type: ignore[arg-type]
     there = bounds.coordinates(np.array([[TRUTH.length, TRUTH.width]]))  # type: ignore[arg-type]
     true = batched_misfit.evaluated(exact, np.asarray(there)).beside[0][0]
     sigma = NOISE * true

@@ -198,7 +198,7 @@ def test_an_error_of_the_model_pulls_nowhere(noisy_fit: trb.Fit) -> None:
     measured = jnp.where(jnp.arange(len(BLANK)) % 2 == 0, 1.0, 1.5)
     problem = dataclasses.replace(noisy_fit.problem, measured=measured, sigma=0.1 * measured, common=0.2)
     told = jnp.linspace(0.5, 2.0, 301)
-    squares = jax.vmap(lambda t: jnp.sum(predicted.counted(problem, jnp.full(len(BLANK), t)) ** 2))(told)
+    squares = jax.vmap(lambda t: jnp.sum(predicted.weighted_residuals(problem, jnp.full(len(BLANK), t)) ** 2))(told)
     assert 1.1 < float(told[jnp.argmin(squares)]) < 1.3
 
 
@@ -471,8 +471,8 @@ def test_spalls_are_found_where_the_angle_begins_anew(bearing: trb.TaperedBearin
     for phase in np.linspace(0.0, 2.0 * np.pi / bearing.rollers, 6, endpoint=False):
         rings = [trb.solve(each.replace(phase=float(phase))) for each in (world, world.replace(spalls=()))]
         for k, quantity in enumerate(("radial_loss", "lateral_loss", "axial_loss")):
-            spalled, sound = (float(ring.stiffness[k, k]) for ring in rings)
-            loss = 100.0 * (1.0 - spalled / sound) + 0.02 * rng.standard_normal()
+            spalled, healthy = (float(ring.stiffness[k, k]) for ring in rings)
+            loss = 100.0 * (1.0 - spalled / healthy) + 0.02 * rng.standard_normal()
             rows.append(Measurement(3000.0, 6000.0, quantity, loss, 0.02, None, float(phase)))
     found = fit(world.replace(length=3.0, width=5.0, angle=0.0), rows, ("length", "width", "angle"))
     assert found.explained
@@ -493,8 +493,10 @@ def test_an_interval_holds_a_wide_minimum_behind_a_narrow_one(bearing: trb.Taper
     rng, rows = np.random.default_rng(seed), []
     pitch = 2.0 * np.pi / bearing.rollers
     for phase in (*np.linspace(0.0, pitch, 9)[:-1].tolist(), "mean"):
-        spalled, sound = (trb.solve(each.replace(phase=phase)).stiffness for each in (world, world.replace(spalls=())))
-        losses = [100.0 * (1.0 - float(spalled[k, k] / sound[k, k])) for k in (0, 2)]
+        spalled, healthy = (
+            trb.solve(each.replace(phase=phase)).stiffness for each in (world, world.replace(spalls=()))
+        )
+        losses = [100.0 * (1.0 - float(spalled[k, k] / healthy[k, k])) for k in (0, 2)]
         beside = () if phase == "mean" else (float(spalled[0, 1]),)
         told = dict(zip(("radial_loss", "axial_loss", "radial_lateral_stiffness"), (*losses, *beside), strict=False))
         for quantity, value in told.items():

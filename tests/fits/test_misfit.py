@@ -140,7 +140,7 @@ def test_which_unit_it_may_be(guess: trb.Scene) -> None:
     found = trb.fit(guess, _of_means(guess, ("radial_stiffness", "axial_stiffness"), 1e3, 1e-3), ("length",))
     large = [remark for remark in found.remarks if "times what the model gives" in remark]
     small = dataclasses.replace(found, rows=tuple(dataclasses.replace(r, value=1e-6 * r.value) for r in found.rows))
-    for told, unit in ((large, "N/m"), (fit_remarks._beyond(small, found.predicted), "N/µm")):
+    for told, unit in ((large, "N/m"), (fit_remarks._beyond_the_model(small, found.predicted), "N/µm")):
         assert len(told) == 6
         assert all(said.endswith(f"check the unit (N/mm, not {unit})") for said in told)
         assert not any("e+" in said.partition(" is ")[2] for said in told)

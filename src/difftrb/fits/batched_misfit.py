@@ -20,7 +20,7 @@ from difftrb.fits import least_squares
 from difftrb.fits.conditions import Conditions, whole
 from difftrb.fits.fit_problem import ROBUST, Problem, basin_spacings
 from difftrb.fits.least_squares import Alone, Enough, Least
-from difftrb.fits.predicted import LOST, counted, predictions
+from difftrb.fits.predicted import LOST, predictions, weighted_residuals
 from difftrb.fits.stiffness_of_rows import with_slopes
 
 LEAST_SHARE = 0.05
@@ -71,17 +71,17 @@ def by_ratios(problem: Problem, points: np.ndarray) -> least_squares.Evaluated:
 
     A spall far off tells far too little or too much of a row. By their difference the one is a plateau, and the other
     outweighs all other rows; by their ratio both lead to where the rows agree, from several times as far."""
-    told, slopes = _plainly(problem, points)
+    values, slopes = _plainly(problem, points)
     rows, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
     loss, least = problem.conditions.loss & (rows > 0.0), LEAST_SHARE * np.abs(rows)
     with np.errstate(all="ignore"):
-        above = np.where(loss, np.maximum(told, least), 1.0)
+        above = np.where(loss, np.maximum(values, least), 1.0)
         size = np.where(loss, np.abs(rows), 1.0)
-        off = np.where(loss, size * np.log(above / size), told - rows) / sigma
-        rate = np.where(loss, size / above * (told > least), 1.0) / sigma
+        off = np.where(loss, size * np.log(above / size), values - rows) / sigma
+        rate = np.where(loss, size / above * (values > least), 1.0) / sigma
     known = np.isfinite(off)
     off, rate = np.where(known, off, LOST), np.where(known, rate, 0.0)
-    return least_squares.Evaluated(off, np.nan_to_num(slopes) * rate[..., None], (told,))
+    return least_squares.Evaluated(off, np.nan_to_num(slopes) * rate[..., None], (values,))
 
 
 def _plainly(problem: Problem, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -139,16 +139,16 @@ _compiled: set[Any] = set()
 """Programs by what they were compiled for: two threads would compile the same one twice."""
 
 
-def costs(problem: Problem, told: np.ndarray) -> np.ndarray:
-    """Half the sums of squares of what the model has `told` of the rows, shape (cases, rows); shape (cases,)."""
-    rows = len(problem.measured)
-    longer = np.pad(told, ((0, 0), (0, whole(rows) - rows)))
+def costs(problem: Problem, rows: np.ndarray) -> np.ndarray:
+    """Half the sums of squares of what the model says of the `rows`, shape (cases, rows); shape (cases,)."""
+    count = len(problem.measured)
+    longer = np.pad(rows, ((0, 0), (0, whole(count) - count)))
     return np.asarray(_costs(_laid_out(problem), longer))
 
 
 @jit_quickly()
-def _costs(problem: Problem, told: Real) -> jax.Array:
-    return 0.5 * jnp.sum(jax.vmap(lambda values: counted(problem, values))(told) ** 2, axis=1)
+def _costs(problem: Problem, rows: Real) -> jax.Array:
+    return 0.5 * jnp.sum(jax.vmap(lambda values: weighted_residuals(problem, values))(rows) ** 2, axis=1)
 
 
 def _laid_out(problem: Problem) -> Problem:
@@ -174,7 +174,7 @@ def _padded(rows: Any, more: int, value: Any) -> np.ndarray:
 def _evaluated(problem: Problem, points: jax.Array, count: jax.Array) -> tuple[jax.Array, ...]:
     def misfit(u: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         values, code = predictions(problem, u, with_slopes)
-        r = counted(problem, values)
+        r = weighted_residuals(problem, values)
         return r, (r, values, code)
 
     def one(u: jax.Array) -> tuple[jax.Array, ...]:

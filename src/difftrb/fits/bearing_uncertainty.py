@@ -42,10 +42,10 @@ def sentence(fit: Fit, about: np.ndarray) -> str:
             "these bearings under all these loads"
         )
     every = zip(fit.parameters, about, fit.units, fit.determined_each, strict=True)
-    told = ", ".join(f"{name} ± {value:.2g} {unit}".rstrip() for name, value, unit, known in every if known)
-    if not told:
+    left = ", ".join(f"{name} ± {value:.2g} {unit}".rstrip() for name, value, unit, known in every if known)
+    if not left:
         return "the bearing is estimated from its catalogue: that leaves more, beside what the rows leave"
-    text = f"the bearing is estimated from its catalogue: beside what the rows leave, that alone leaves {told} (k = 2)"
+    text = f"the bearing is estimated from its catalogue: beside what the rows leave, that alone leaves {left} (k = 2)"
     lost = [p.name for p, value, own in zip(fit.problem.parameters, about, fit.values, strict=True)
             if p.logarithmic and value > own]  # fmt: skip
     if not lost:

@@ -38,7 +38,7 @@ class Problem:
       parameters: what is sought, within `bounds`. scene: prepared. conditions: of the rows. rough: the same with means
         of few phases, to look for minima.
       measured, sigma: values and their standard deviations [% or N/mm], shape (rows,).
-      sound: `stiffness_of_rows.healthy_stiffness` unless a parameter changes it.
+      healthy: `stiffness_of_rows.healthy_stiffness` unless a parameter changes it.
       common: the model's own relative error, which all losses share, and all stiffnesses.
       robust: how deviations count: the number of a name in `ROBUST`.
     """
@@ -50,7 +50,7 @@ class Problem:
     rough: Conditions | None
     measured: Real
     sigma: Real
-    sound: Real | None
+    healthy: Real | None
     common: Real
     robust: int | jax.Array
 
@@ -113,7 +113,7 @@ def problem_of(
         rough=rough,
         measured=np.array([float(row.value) for row in rows]),
         sigma=np.array(_own_size(rows) if estimate else [float(row.sigma) for row in rows]),  # type: ignore[arg-type]
-        sound=None if any(p.changes_healthy for p in parameters) else stiffness_of_rows.healthy_stiffness(scene, at),
+        healthy=None if any(p.changes_healthy for p in parameters) else stiffness_of_rows.healthy_stiffness(scene, at),
         common=model_error if model_error is not None else own_error if np.isfinite(own_error) else 0.0,
         robust=ROBUST.index(robust),
     ), estimate
@@ -125,7 +125,7 @@ def with_more(problem: Problem, more: Sequence[Parameter], rows: Sequence[Measur
     own = fit_parameters.bounds(more, problem.scene, rows) if more else None
     changed = any(parameter.changes_healthy for parameter in more)
     return dataclasses.replace(
-        problem, parameters=parameters, sound=None if changed else problem.sound,
+        problem, parameters=parameters, healthy=None if changed else problem.healthy,
         bounds=problem.bounds if own is None else problem.bounds.beside(own),
     )  # fmt: skip
 

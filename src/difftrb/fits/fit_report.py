@@ -120,9 +120,9 @@ def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> d
     }
     rows = [
         {"quantity": row.quantity, "radial": row.radial, "axial": row.axial, "phase": row.phase,
-         "definition": row.definition, "value": row.value, "unit": row.unit, "predicted": told, "sigma": sigma,
+         "definition": row.definition, "value": row.value, "unit": row.unit, "predicted": predicted, "sigma": sigma,
          "residual": off}
-        for row, told, sigma, off in zip(fit.rows, fit.predicted, fit.sigma, fit.residuals, strict=True)
+        for row, predicted, sigma, off in zip(fit.rows, fit.predicted, fit.sigma, fit.residuals, strict=True)
     ]  # fmt: skip
     return tables.plain({
         "status": fit.status,
@@ -198,7 +198,7 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
         first = "next" if s is suggestions[0] else "and then"
         lines.append(f"{first}: measure {in_words(s.row)}{again} (standard errors then: {errors})")
     sizes = [fit_parameters.PARAMETERS[name] for name in HELD if name not in fit.parameters]
-    held = [size.told(size.start(fit.scene), 4) for size in sizes]
+    held = [size.in_words(size.start(fit.scene), 4) for size in sizes]
     if held:
         lines.append(f"held as in the scene: {', '.join(held)}; what is fitted holds for that alone")
     if effect_base.among(fit.scene.effects, Raceways) is None:
@@ -208,8 +208,8 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
             f"raceways give way, a spall takes about {worth_text.outer_share(fit.scene, heaviest):.2f} of that: name "
             "effects.raceways for rows that were measured"
         )
-    told = f"; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom" if fit.freedom > 0 else ""
-    lines.append(f"{fit.status}{told}")
+    misfit = f"; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom" if fit.freedom > 0 else ""
+    lines.append(f"{fit.status}{misfit}")
     return Group(table, rows, *(Text(line) for line in lines))
 
 

@@ -19,8 +19,8 @@ from difftrb.fits.measured import Measurement
 from difftrb.fits.profile_intervals import KnownCosts, Profiles
 from difftrb.scene.scene import Scene
 
-MOST_TOLD = 2
-"""Pieces of an interval that are told one by one."""
+MOST_SHOWN = 2
+"""Pieces of an interval that are shown one by one."""
 UNLIKELY = 1e-3
 """Probability of a χ² below which data and model are taken to contradict each other."""
 
@@ -102,7 +102,7 @@ class Fit(status.Judged):
         """On a few lines: parameters with their intervals, misfit, remarks."""
         parts = zip(self.problem.parameters, self.values, self.determined_each, strict=True)
         lines = [
-            f"  {parameter.told(value, 4)} ({self.interval_in_words(i)}{'' if sure else ', not determined'})"
+            f"  {parameter.in_words(value, 4)} ({self.interval_in_words(i)}{'' if sure else ', not determined'})"
             for i, (parameter, value, sure) in enumerate(parts)
         ]
         first = f"Fit of {len(self.rows)} rows, χ² {self.chi2:.3g}: {self.status}"
@@ -135,19 +135,19 @@ class Fit(status.Judged):
         return int(np.argmin(np.maximum(np.maximum(low - self.values[i], self.values[i] - high), 0.0)))
 
     def interval_in_words(self, i: int) -> str:
-        """The pieces of an interval; an end that the range sets and not the data is left out. Many are told as one."""
+        """The pieces of an interval; an end that the range sets and not the data is left out. Many are shown as one."""
         pieces, (no_low, no_high) = self.pieces[i], self.open[i]
-        if len(pieces) > MOST_TOLD:
+        if len(pieces) > MOST_SHOWN:
             pieces = self.intervals[i : i + 1]
         if len(pieces) == 1 and no_low and no_high:
             return "any"
         ends = [(f"{low:.4g}", f"{high:.4g}") for low, high in pieces]
-        told = [low if low == high else f"{low} … {high}" for low, high in ends]
+        words = [low if low == high else f"{low} … {high}" for low, high in ends]
         if no_low:
-            told[0] = f"< {pieces[0, 1]:.4g}"
+            words[0] = f"< {pieces[0, 1]:.4g}"
         if no_high:
-            told[-1] = f"> {pieces[-1, 0]:.4g}"
-        return " or ".join(told)
+            words[-1] = f"> {pieces[-1, 0]:.4g}"
+        return " or ".join(words)
 
     @property
     def chance(self) -> float:

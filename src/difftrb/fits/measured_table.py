@@ -178,28 +178,28 @@ def _rows(columns: list[Column], cells: list[str], where: str) -> Iterator[Measu
 
 def _row(content: dict[Column, str], where: str) -> Measurement:
     """One measurement from its cells that are not empty."""
-    told: dict[str, Any] = {column.name: _cell(cell) for column, cell in content.items()}
+    given: dict[str, Any] = {column.name: _cell(cell) for column, cell in content.items()}
     units = {column.name: column.unit for column in content if column.unit}
     if "value" in units:
         units.setdefault("sigma", units["value"])
-    converted = dict(told)
+    converted = dict(given)
     for name, unit in units.items():
-        known = UNITS.get(str(told.get("quantity")), {}) if name in LONG else UNITS[name]
+        known = UNITS.get(str(given.get("quantity")), {}) if name in LONG else UNITS[name]
         if known and unit not in known:
-            raise MeasuredError(f"{where}: {name} in [{unit}]: {told['quantity']} is in {' or '.join(known)}; name "
+            raise MeasuredError(f"{where}: {name} in [{unit}]: {given['quantity']} is in {' or '.join(known)}; name "
                                 "the unit that fits, or use a column for each quantity")  # fmt: skip
-        if isinstance(told.get(name), float) and known:
-            converted[name] = told[name] * known[unit]
+        if isinstance(given.get(name), float) and known:
+            converted[name] = given[name] * known[unit]
     try:
         row = ROW.validate_json(json.dumps(converted))  # as JSON, where strictness lets a table become a dataclass
     except ValidationError as error:
         column = str(error.errors()[0]["loc"][0])
         unit = f" [{units[column]}]" if column in units else ""
-        value = f"= {shown(told[column])}{unit}" if column in told else "is empty"
+        value = f"= {shown(given[column])}{unit}" if column in given else "is empty"
         advice = ADVICE[column]
-        if isinstance(told.get(column), str) and re.match(r"[+-]?\d", told[column]):
+        if isinstance(given.get(column), str) and re.match(r"[+-]?\d", given[column]):
             advice = "write a number alone, with a decimal point; a unit goes into the first line, in brackets"
-        elif column == "phase" and isinstance(told.get(column), float) and "phase" not in units:
+        elif column == "phase" and isinstance(given.get(column), float) and "phase" not in units:
             advice = "in degrees the column is named phase [deg]"
         raise MeasuredError(f"{where}: {column} {value}: must be {allowed(Measurement, [column])}; {advice}") from None
     return check(row, where)

@@ -137,8 +137,8 @@ def _sigma(fit: Fit, row: Measurement, value: float) -> float:
         return float(row.sigma)  # type: ignore[arg-type]
     of_kind = [other.is_loss == row.is_loss for other in fit.rows]
     sigma, size = (each[of_kind] if any(of_kind) else each for each in (fit.sigma, np.abs(fit.predicted)))
-    told = size > sigma  # a row at a phase where no roller is at the spall says nothing of what is in proportion
-    share = float(np.median(sigma[told] / size[told])) if told.any() else 1.0
+    seen = size > sigma  # a row at a phase where no roller is at the spall says nothing of what is in proportion
+    share = float(np.median(sigma[seen] / size[seen])) if seen.any() else 1.0
     return max(share * abs(value), 0.3 * float(sigma.min()), 1e-9)
 
 

@@ -95,8 +95,8 @@ class Posterior:
             name: (("chain", "draw"), self[name][None], {"units": unit})
             for name, unit in zip(self.parameters, self.units, strict=True)
         }
-        told = {"log_evidence": self.log_evidence, "log_evidence_error": self.error, "effective": self.effective}
-        return xarray.Dataset(parts, {"chain": [0], "draw": np.arange(len(self.values))}, told)
+        attributes = {"log_evidence": self.log_evidence, "log_evidence_error": self.error, "effective": self.effective}
+        return xarray.Dataset(parts, {"chain": [0], "draw": np.arange(len(self.values))}, attributes)
 
 
 def posterior(
@@ -147,8 +147,8 @@ def posterior_of(
     problem = dataclasses.replace(problem, bounds=_once_round(problem))
 
     def log_likelihood(points: np.ndarray) -> np.ndarray:
-        told = batched_misfit.rows_at(problem, at_shares(points), many=True)
-        return log_density(problem, told, widened)
+        rows = batched_misfit.rows_at(problem, at_shares(points), many=True)
+        return log_density(problem, rows, widened)
 
     for many in (live, AGAIN * live):
         found = nested_sampling.sampled(log_likelihood, len(problem.parameters), many, seed, nats, progress)
@@ -205,13 +205,13 @@ def _nats(fit: Fit) -> float:
     return float(np.log(spread)) - 0.5 * len(slope) * float(np.log(2.0 * np.pi * np.e))
 
 
-def log_density(problem: Problem, told: np.ndarray, widened: float = 1.0) -> np.ndarray:
-    """Logarithm of the chance density of the rows as they were measured, shape (cases,), if they are as they are
-    `told`, shape (cases, rows)."""
+def log_density(problem: Problem, rows: np.ndarray, widened: float = 1.0) -> np.ndarray:
+    """Logarithm of the chance density of the rows as they were measured, shape (cases,), if the model says these
+    `rows`, shape (cases, rows)."""
     sigma, losses = np.asarray(problem.sigma), np.asarray(problem.conditions.loss)
     fixed = -np.sum(np.log(sigma)) - 0.5 * len(sigma) * np.log(2.0 * np.pi * widened)
     common = float(problem.common) if problem.by_squares else 0.0
     # an error that rows have in common takes more of the density the larger they are
-    size = np.nan_to_num(told / sigma) ** 2
+    size = np.nan_to_num(rows / sigma) ** 2
     shared = sum(np.log1p(common**2 * np.sum(size[:, kind], axis=1)) for kind in (losses, ~losses))
-    return fixed - batched_misfit.costs(problem, told) / widened - 0.5 * shared
+    return fixed - batched_misfit.costs(problem, rows) / widened - 0.5 * shared

@@ -37,22 +37,22 @@ Solve = Callable[..., tuple[jax.Array, jax.Array]]
 
 
 def predicted(
-    parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: jax.Array, sound: jax.Array | None = None,
+    parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: jax.Array, healthy: jax.Array | None = None,
     solve: Solve = stiffness,
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """What the model says of every row [% or N/mm], shape (rows,), and the worst status of all solves.
 
-    `scene` is prepared; `values` of shape (parameters,); `sound` is `Problem.sound`.
+    `scene` is prepared; `values` of shape (parameters,); `healthy` is `Problem.healthy`.
     `solve`: `stiffness_of_rows.with_slopes` where nothing but first derivatives by `values` are wanted.
     """
     of = _of(parameters, scene)
-    if sound is None:
+    if healthy is None:
         at = conditions.of_changing(at)
     spalled, code = solve(of, values, at)
-    if sound is None:
-        sound, other = solve(of, values, at, sound=True)
+    if healthy is None:
+        healthy, other = solve(of, values, at, without_spalls=True)
         code = status.worst(code, other)
-    return _read(parameters, at, values, spalled, sound), code
+    return _read(parameters, at, values, spalled, healthy), code
 
 
 def _of(parameters: Sequence[Parameter], scene: Scene) -> stiffness_of_rows.Of:
@@ -69,35 +69,35 @@ def _of(parameters: Sequence[Parameter], scene: Scene) -> stiffness_of_rows.Of:
     return of
 
 
-def _read(parameters: Sequence[Parameter], at: Conditions, values: Any, spalled: Any, sound: Any) -> Any:
+def _read(parameters: Sequence[Parameter], at: Conditions, values: Any, spalled: Any, healthy: Any) -> Any:
     """Every row [% or N/mm], shape (rows,), from stiffness at the conditions with spalls and without."""
-    spalled, sound = (pair[at.condition, at.entry] for pair in (spalled, sound))
+    spalled, healthy = (pair[at.condition, at.entry] for pair in (spalled, healthy))
     # beside the diagonal there may be nothing of a healthy bearing: what spalls add is no share of it
     beside = xp.module_of(at.entry).asarray(ROW != COLUMN)[at.entry]
-    sound = xp.where(beside, spalled, sound)
-    added = xp.where(beside, 0.0, sound / xp.where(beside, 1.0, spalled) - 1.0)
+    healthy = xp.where(beside, spalled, healthy)
+    added = xp.where(beside, 0.0, healthy / xp.where(beside, 1.0, spalled) - 1.0)
     for parameter, value in zip(parameters, values, strict=True):
-        sound, added = parameter.measured(sound, added, value)
+        healthy, added = parameter.measured(healthy, added, value)
     left = 1.0 / (1.0 + added)
-    return xp.where(at.loss, 100.0 * (1.0 - left), sound * left)
+    return xp.where(at.loss, 100.0 * (1.0 - left), healthy * left)
 
 
 def healthy_rows(problem: Problem) -> np.ndarray:
     """What rows would read of a bearing without spalls, shape (rows,): no loss; of a problem whose parameters leave the
     healthy bearing as it is, or that has losses alone."""
-    at, sound = problem.conditions, problem.sound
-    return np.where(at.loss, 0.0, 0.0 if sound is None else np.asarray(sound)[at.condition, at.entry])
+    at, healthy = problem.conditions, problem.healthy
+    return np.where(at.loss, 0.0, 0.0 if healthy is None else np.asarray(healthy)[at.condition, at.entry])
 
 
 def residual(problem: Problem, u: jax.Array) -> jax.Array:
-    """What least squares is made of, shape (rows,), at coordinates u: see `counted`."""
-    return counted(problem, predictions(problem, u)[0])
+    """What least squares is made of, shape (rows,), at coordinates u: see `weighted_residuals`."""
+    return weighted_residuals(problem, predictions(problem, u)[0])
 
 
 def predictions(problem: Problem, u: jax.Array, solve: Solve = stiffness) -> tuple[jax.Array, jax.Array]:
     """See `predicted`: at coordinates u."""
     values = problem.bounds.values(u)
-    return predicted(problem.parameters, problem.scene, problem.conditions, values, problem.sound, solve)
+    return predicted(problem.parameters, problem.scene, problem.conditions, values, problem.healthy, solve)
 
 
 def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
@@ -108,7 +108,7 @@ def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
     return r - share * jnp.vdot(along, r) * along
 
 
-def counted(problem: Problem, values: jax.Array) -> jax.Array:
+def weighted_residuals(problem: Problem, values: jax.Array) -> jax.Array:
     """Predicted `values` minus measured ones in sigma, shape (rows,), weighted so that half the sum of their squares is
     the negative log likelihood up to a constant."""
     known, counts = jnp.isfinite(values), jnp.isfinite(problem.sigma)
@@ -134,13 +134,13 @@ def other_rows_at(problem: Problem, rows: Sequence[Measurement], points: np.ndar
     """What the model says of other rows at `points`, shape (cases, rows), and its slopes by coordinates, shape
     (cases, rows, parameters): by numbers, for they are few."""
     at = conditions.conditions(problem.scene, rows)
-    sound = None if problem.sound is None else stiffness_of_rows.healthy_stiffness(problem.scene, at)
+    healthy = None if problem.healthy is None else stiffness_of_rows.healthy_stiffness(problem.scene, at)
     values, slopes = np.empty((len(points), len(rows))), np.zeros((*points.shape, len(rows)))
     for k, point in enumerate(points):
         expanded = problem.bounds.values(Taylor(point, by=np.eye(len(point))))
-        told = _by_numbers(problem.parameters, problem.scene, at, expanded, sound)
-        values[k] = xp.value(told)
-        if (by := xp.by(told)) is not None:
+        read = _by_numbers(problem.parameters, problem.scene, at, expanded, healthy)
+        values[k] = xp.value(read)
+        if (by := xp.by(read)) is not None:
             slopes[k] = by
     return values, np.moveaxis(slopes, 1, 2)
 
@@ -153,10 +153,12 @@ def rows_of(
 
 
 @np.errstate(all="ignore")
-def _by_numbers(parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: Any, sound: Any) -> Any:
+def _by_numbers(parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: Any, healthy: Any) -> Any:
     """`predicted` of numbers, or of their expansion, shape (rows,)."""
     of = _of(parameters, scene)
-    at = conditions.of_changing(at) if sound is None else at
+    at = conditions.of_changing(at) if healthy is None else at
     spalled = stiffness_of_rows.of_numbers(of, values, at)
-    sound = stiffness_of_rows.of_numbers(of, values, at, sound=True) if sound is None else np.asarray(sound)
-    return _read(parameters, at, values, spalled, sound)
+    healthy = (
+        stiffness_of_rows.of_numbers(of, values, at, without_spalls=True) if healthy is None else np.asarray(healthy)
+    )
+    return _read(parameters, at, values, spalled, healthy)

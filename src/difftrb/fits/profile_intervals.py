@@ -109,8 +109,8 @@ def standard_errors(
     """
     spread = np.sqrt(np.maximum(np.diag(covariance(normal, u)), 0.0))
     known = (spread > 0.0) & (spread < problem.prior)
-    told = np.abs(profiles.ends - u[:, None]) / np.where(known, spread * np.sqrt(limits.end), 1.0)[:, None]
-    normal_like = known & np.all(profiles.open | ((told > 1.0 / BENT) & (told < BENT)), axis=1)
+    ratio = np.abs(profiles.ends - u[:, None]) / np.where(known, spread * np.sqrt(limits.end), 1.0)[:, None]
+    normal_like = known & np.all(profiles.open | ((ratio > 1.0 / BENT) & (ratio < BENT)), axis=1)
     return np.where(normal_like, spread * np.abs(problem.bounds.rate(u)), np.nan)
 
 
@@ -214,10 +214,10 @@ def profiles(
     both = [[*before[:0:-1], *behind] for before, behind in zip(sides[::2], sides[1::2], strict=True)]
     longest = max(map(len, both))
     # the last point, as often as it fills the rest
-    told = np.array([[(one.at, one.rise) for one in (*each, *each[-1:] * (longest - len(each)))] for each in both])
+    shown = np.array([[(one.at, one.rise) for one in (*each, *each[-1:] * (longest - len(each)))] for each in both])
     return Profiles(
-        coordinates=told[..., 0],
-        rise=told[..., 1],
+        coordinates=shown[..., 0],
+        rise=shown[..., 1],
         ends=np.clip(ends, -FARTHEST, FARTHEST),
         open=np.isinf(ends),
         lowest=lowest.where,

@@ -65,7 +65,7 @@ class Scan(NamedTuple):
     (points, rows); the most that deviations change with each coordinate, shape (parameters,)."""
 
     points: np.ndarray
-    told: np.ndarray
+    predicted: np.ndarray
     slope: np.ndarray
 
 
@@ -76,8 +76,8 @@ def scanned(problem: Problem, points: np.ndarray) -> Scan:
         # of many points it is another program, traced while the first one is compiled
         many = beside.submit(batched_misfit.rows_at, rough, points) if len(points) > batched_misfit.MANY else None
         jacobian = np.nan_to_num(batched_misfit.evaluated(rough, points[:SLOPES]).jacobian)
-        told = batched_misfit.rows_at(rough, points) if many is None else many.result()
-    return Scan(points, told, np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
+        predicted = batched_misfit.rows_at(rough, points) if many is None else many.result()
+    return Scan(points, predicted, np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
 
 
 def scan_points(problem: Problem, count: int | None = None) -> np.ndarray:
@@ -116,8 +116,8 @@ def spread(parameters: Sequence[Parameter], count: int, behind: int = 0) -> np.n
 def thorough(problem: Problem, scan: Scan) -> tuple[Scan, Least]:
     """As `minima`, of `MORE` points besides and by more steps: a larger scan, and where least squares end."""
     more = spread(problem.parameters, MORE * len(scan.points), len(scan.points))
-    told = batched_misfit.rows_at(_rough(problem), more)
-    scan = Scan(np.concatenate([scan.points, more]), np.concatenate([scan.told, told]), scan.slope)
+    predicted = batched_misfit.rows_at(_rough(problem), more)
+    scan = Scan(np.concatenate([scan.points, more]), np.concatenate([scan.predicted, predicted]), scan.slope)
     return scan, minima(problem, scan, rounds=THOROUGH)
 
 
@@ -131,19 +131,26 @@ def minima(
     `free`: which parameters move, shape (parameters,). None: all. `lowest`: as `LOWEST`.
     """
     most, fewest = lowest
-    points, cost, scale, rough = scan.points, _alike(problem, scan.told), basin_spacings(problem), _rough(problem)
+    points, cost, scale, rough = (
+        scan.points,
+        _costs_at_best_factor(problem, scan.predicted),
+        basin_spacings(problem),
+        _rough(problem),
+    )
     enough, room = _enough(problem), edges_at_rollers.room(problem)
     multiply = np.array([parameter.multiplies for parameter in problem.parameters]) & (True if free is None else free)
     alone = Alone(multiply, ALONE) if multiply.any() and not multiply.all() else None
     for k, steps in enumerate(rounds):
-        points = points[_lower(points / scale, cost, np.clip(len(points) // KEPT, fewest, most))]
+        points = points[_lowest_apart(points / scale, cost, np.clip(len(points) // KEPT, fewest, most))]
         first = alone if k == 0 else None
         found = batched_misfit.solved(
             rough, points, _moving(points, free), 0, steps, enough, ratios=True, alone=first, room=room
         )
         points, cost = found.points, found.cost
     # the scene's own, too
-    return minima_from(problem, np.concatenate([points[_lower(points / scale, cost, fewest)], scan.points[:1]]), free)
+    return minima_from(
+        problem, np.concatenate([points[_lowest_apart(points / scale, cost, fewest)], scan.points[:1]]), free
+    )
 
 
 def minima_from(problem: Problem, points: np.ndarray, free: np.ndarray | None = None) -> Least:
@@ -208,16 +215,16 @@ def exchange(problem: Problem) -> list[int] | None:
 def with_edges_moved(problem: Problem, found: Least) -> Least:
     """What was found, and where least squares end from the lowest of these with edges moved (`edges_at_rollers`) and,
     of several spalls, one of them elsewhere, as long as that comes lower."""
-    rough, room, told = _rough(problem), edges_at_rollers.room(problem), set[int]()
+    rough, room, moved_already = _rough(problem), edges_at_rollers.room(problem), set[int]()
     for _ in range(MOVES):
-        from_here = [k for k in distinct(problem, found)[: MOVED[0]] if k not in told]
-        told.update(from_here)
+        from_here = [k for k in distinct(problem, found)[: MOVED[0]] if k not in moved_already]
+        moved_already.update(from_here)
         moved = edges_at_rollers.beside(problem, found.points[from_here])
         more = np.concatenate([moved, _with_one_elsewhere(problem, found.points[from_here])])
         if not len(more):
             break
-        cost = _alike(problem, batched_misfit.rows_at(rough, more))
-        more = more[_lower(more / basin_spacings(problem), cost, MOVED[1], ALIKE)]
+        cost = _costs_at_best_factor(problem, batched_misfit.rows_at(rough, more))
+        more = more[_lowest_apart(more / basin_spacings(problem), cost, MOVED[1], ALIKE)]
         near = batched_misfit.solved(rough, more, _moving(more, None), 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
         ended = minima_from(problem, near.points[distinct(problem, near)[: LOWEST[1]]])
         lower = np.nanmin(ended.cost) < np.nanmin(found.cost) - GAIN
@@ -249,15 +256,15 @@ def _moving(points: np.ndarray, free: np.ndarray | None) -> np.ndarray:
     return np.ones_like(points, bool) if free is None else np.tile(free, (len(points), 1))
 
 
-def _alike(problem: Problem, told: np.ndarray) -> np.ndarray:
-    """What costs would be with the best factor on all losses, shape (points,), of what the model has `told` of the
+def _costs_at_best_factor(problem: Problem, predicted: np.ndarray) -> np.ndarray:
+    """What costs would be with the best factor on all losses, shape (points,), of what is `predicted` of the
     rows, shape (points, rows): about what a longer or shorter spall at the same place would have, which least squares
     find from far away. Other ones they do not."""
     loss, sigma, rows = (np.asarray(x) for x in (problem.conditions.loss, problem.sigma, problem.measured))
-    told, seen = told / sigma, rows / sigma
-    own = np.nan_to_num(told * loss)
+    predicted, seen = predicted / sigma, rows / sigma
+    own = np.nan_to_num(predicted * loss)
     factor = np.clip((own @ seen) / np.maximum(np.sum(own**2, axis=1), 1e-300), 1.0 / FACTOR, FACTOR)
-    return 0.5 * np.sum((np.where(loss, factor[:, None], 1.0) * told - seen) ** 2, axis=1)
+    return 0.5 * np.sum((np.where(loss, factor[:, None], 1.0) * predicted - seen) ** 2, axis=1)
 
 
 def _rough(problem: Problem) -> Problem:
@@ -265,7 +272,7 @@ def _rough(problem: Problem) -> Problem:
     return problem if problem.rough is None else dataclasses.replace(problem, conditions=problem.rough)
 
 
-def _lower(points: np.ndarray, cost: np.ndarray, most: int, near: float = NEAR) -> list[int]:
+def _lowest_apart(points: np.ndarray, cost: np.ndarray, most: int, near: float = NEAR) -> list[int]:
     """The lowest points of which no two are one: closer than `near`."""
     kept: list[int] = []
     for k in np.argsort(cost, kind="stable"):
