@@ -14,6 +14,7 @@ from difftrb import __main__ as cli
 from difftrb.core import status
 from difftrb.fits import (
     batched_misfit,
+    fit_record,
     fit_remarks,
     fit_report,
     fit_result,
@@ -102,7 +103,7 @@ def test_exact_data_give_the_spall_back(rig: trb.Scene, exact: np.ndarray) -> No
     assert found["width"] == found.values[1]
     assert (found.intervals[:, 0] < found.values).all()
     assert (found.intervals[:, 1] > found.values).all()
-    assert "converged" in fit_report.fit_json(found, (), 0.0)["status"]
+    assert "converged" in fit_record.fit_json(found, (), 0.0)["status"]
 
 
 def test_a_fit_prints_on_a_few_lines(noisy_fit: trb.Fit) -> None:
