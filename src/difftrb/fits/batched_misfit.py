@@ -34,13 +34,14 @@ ADAM = optax.adam(0.25)
 
 
 def solved(
-    problem: Problem, points: np.ndarray, free: np.ndarray, search: int, steps: int,
+    problem: Problem, points: np.ndarray, free: np.ndarray | bool, search: int, steps: int,
     enough: Enough = Enough(), ratios: bool = False, alone: Alone | None = None,  # noqa: B008
     room: np.ndarray | float = np.inf,
 ) -> Least:  # fmt: skip
-    """Least squares from `points`, shape (cases, parameters), moving those coordinates that are `free`, same shape:
-    first `search` steps of Adam, then those of `alone`, then `steps` of Levenberg–Marquardt at most. With `ratios`
-    deviations are as in `by_ratios`. `room`: how far the first step may go, shape (parameters,).
+    """Least squares from `points`, shape (cases, parameters), moving what is `free`: first `search` steps of Adam, then
+    those of `alone`, then `steps` of Levenberg–Marquardt at most.
+
+    `free`, `alone`, `room`: as for `least_squares.minimum`. With `ratios` deviations are as in `by_ratios`.
     """
     first = least_squares.First(_adam, _rest(points), search) if search else None
     evaluate = partial(by_ratios if ratios else evaluated, problem)

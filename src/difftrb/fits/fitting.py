@@ -145,7 +145,7 @@ def _fit(
                 found = search.with_edges_moved(problem, more)
     report(2)
     if any(row.load_sigma > 0.0 for row in rows):
-        problem = _with_loads(problem, rows, found.points[int(np.nanargmin(found.cost))])
+        problem = _with_loads(problem, rows, found.points[least_squares.best(found)])
         found = _descended(problem, found.points)
     tried = _with_profiles(problem, scan, found, estimate)
     for _ in range(DEEPER):  # a profile may have found more
@@ -167,16 +167,14 @@ def _check_effects(parameters: Sequence[Parameter], slope: np.ndarray) -> None:
 
 def _descended(problem: Problem, points: np.ndarray) -> Least:
     """From these points with all parameters free, by Levenberg–Marquardt alone."""
-    return search.once_round(
-        problem, batched_misfit.solved(problem, points, np.ones_like(points, bool), 0, least_squares.STEPS)
-    )
+    return search.once_round(problem, batched_misfit.solved(problem, points, True, 0, least_squares.STEPS))
 
 
 def _with_sigma(problem: Problem, scan: Scan, freedom: int) -> tuple[Problem, Least]:
     """The problem with sigma as the fit misses the rows, and its minima."""
     for _ in range(1 if problem.by_squares else ROUNDS):
         found = search.minima(problem, scan)
-        off = (found.beside[0][np.nanargmin(found.cost)] - np.asarray(problem.measured)) / np.asarray(problem.sigma)
+        off = (found.beside[0][least_squares.best(found)] - np.asarray(problem.measured)) / np.asarray(problem.sigma)
         if problem.by_squares:
             factor = float(np.sqrt(np.sum(off**2) / freedom))
         else:  # the middle deviation, of normal errors
@@ -198,8 +196,8 @@ def _with_loads(problem: Problem, rows: tuple[Measurement, ...], point: np.ndarr
 
 
 class Tried(NamedTuple):
-    """All minima, the best one's number and profiles, to what limits its χ² rises at the ends of intervals, by how much
-    larger deviations are than sigma says, and where the cost is known."""
+    """All minima, the best one's number and profiles, to what limits its χ² rises at the ends of intervals, how many
+    times χ² is what sigma lets expect, at least 1, and where the cost is known."""
 
     found: Least
     best: int
@@ -210,7 +208,7 @@ class Tried(NamedTuple):
 
 
 def _with_profiles(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Tried:
-    best, freedom = int(np.nanargmin(found.cost)), scan.predicted.shape[1] - found.points.shape[1]
+    best, freedom = least_squares.best(found), scan.predicted.shape[1] - found.points.shape[1]
     point, normal, cost = found.points[best], found.normal[best], float(found.cost[best])
     trusted = not estimated and problem.by_squares
     scale = max(2.0 * cost / max(freedom, 1), 1.0) if trusted else 1.0

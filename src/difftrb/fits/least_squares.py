@@ -103,6 +103,11 @@ class Least(NamedTuple):
     converged: np.ndarray
 
 
+def best(found: Least) -> int:
+    """The case of the least cost."""
+    return int(np.nanargmin(found.cost))
+
+
 def both(first: Least, second: Least) -> Least:
     """The cases of the first, and behind them those of the second."""
     return jax.tree.map(lambda *pair: np.concatenate(pair), first, second)
@@ -150,19 +155,20 @@ class Enough(NamedTuple):
 
 
 def minimum(
-    evaluate: Callable[[np.ndarray], Evaluated], start: np.ndarray, free: np.ndarray, steps: int,
+    evaluate: Callable[[np.ndarray], Evaluated], start: np.ndarray, free: np.ndarray | bool, steps: int,
     first: First | None = None, enough: Enough = Enough(), longest: np.ndarray | float = LONGEST,  # noqa: B008
     alone: Alone | None = None, room: np.ndarray | float = np.inf,
 ) -> Least:  # fmt: skip
     """Least squares of what `evaluate` says of points, shape (some cases, n).
 
     Args:
-      start: shape (cases, n). free: which coordinates move, same shape.
+      start: shape (cases, n). free: which coordinates move, of the same shape or one that broadcasts to it.
       steps: at most. With none it evaluates the start.
       first: what goes before, if anything. alone: what comes between that and the `steps`.
       longest: step of every coordinate, shape (n,); how far the residual is about straight.
       room: the same of the first step; from there it grows as long as steps are good ones.
     """
+    free = np.broadcast_to(free, start.shape)
     cases, led, memory = _Cases(start, free, np.broadcast_to(longest, start.shape[1:]), room), 0, None
     if first is not None:
         led, memory = first.steps, first.memory

@@ -122,13 +122,13 @@ def thorough(problem: Problem, scan: Scan) -> tuple[Scan, Least]:
 
 
 def minima(
-    problem: Problem, scan: Scan, free: np.ndarray | None = None, rounds: tuple[int, ...] = ROUNDS,
+    problem: Problem, scan: Scan, free: np.ndarray | bool = True, rounds: tuple[int, ...] = ROUNDS,
     lowest: tuple[int, int] = LOWEST,
 ) -> Least:  # fmt: skip
     """Where least squares end that go down from the points of a scan: all some steps, the lower ones farther, all of
     it roughly and by ratios; at last exactly from what is left.
 
-    `free`: which parameters move, shape (parameters,). None: all. `lowest`: as `LOWEST`.
+    `free`: which parameters move, shape (parameters,), or all. `lowest`: as `LOWEST`.
     """
     most, fewest = lowest
     points, cost, scale, rough = (
@@ -137,15 +137,13 @@ def minima(
         basin_spacings(problem),
         _rough(problem),
     )
-    enough, room = _enough(problem), edges_at_rollers.room(problem)
-    multiply = np.array([parameter.multiplies for parameter in problem.parameters]) & (True if free is None else free)
+    enough, room = Enough(behind=BEHIND, meet=MEET * scale), edges_at_rollers.room(problem)
+    multiply = np.array([parameter.multiplies for parameter in problem.parameters]) & free
     alone = Alone(multiply, ALONE) if multiply.any() and not multiply.all() else None
     for k, steps in enumerate(rounds):
         points = points[_lowest_apart(points / scale, cost, np.clip(len(points) // KEPT, fewest, most))]
         first = alone if k == 0 else None
-        found = batched_misfit.solved(
-            rough, points, _moving(points, free), 0, steps, enough, ratios=True, alone=first, room=room
-        )
+        found = batched_misfit.solved(rough, points, free, 0, steps, enough, ratios=True, alone=first, room=room)
         points, cost = found.points, found.cost
     # the scene's own, too
     return minima_from(
@@ -153,17 +151,13 @@ def minima(
     )
 
 
-def minima_from(problem: Problem, points: np.ndarray, free: np.ndarray | None = None) -> Least:
+def minima_from(problem: Problem, points: np.ndarray, free: np.ndarray | bool = True) -> Least:
     """Where least squares end that go down from these points, roughly, and then exactly from what is left of them;
     `free` as in `minima`."""
-    enough = _enough(problem)
-    found = batched_misfit.solved(
-        _rough(problem), points, _moving(points, free), ADAM_STEPS, least_squares.STEPS, enough
-    )
+    enough = Enough(behind=BEHIND, meet=MEET * basin_spacings(problem))
+    found = batched_misfit.solved(_rough(problem), points, free, ADAM_STEPS, least_squares.STEPS, enough)
     points = found.points[distinct(problem, found) or [0]]
-    return once_round(
-        problem, batched_misfit.solved(problem, points, _moving(points, free), 0, least_squares.STEPS, enough)
-    )
+    return once_round(problem, batched_misfit.solved(problem, points, free, 0, least_squares.STEPS, enough))
 
 
 def once_round(problem: Problem, found: Least) -> Least:
@@ -225,7 +219,7 @@ def with_edges_moved(problem: Problem, found: Least) -> Least:
             break
         cost = _costs_at_best_factor(problem, batched_misfit.rows_at(rough, more))
         more = more[_lowest_apart(more / basin_spacings(problem), cost, MOVED[1], ALIKE)]
-        near = batched_misfit.solved(rough, more, _moving(more, None), 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
+        near = batched_misfit.solved(rough, more, True, 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
         ended = minima_from(problem, near.points[distinct(problem, near)[: LOWEST[1]]])
         lower = np.nanmin(ended.cost) < np.nanmin(found.cost) - GAIN
         found = least_squares.both(found, ended)
@@ -245,15 +239,6 @@ def _with_one_elsewhere(problem: Problem, found_points: np.ndarray) -> np.ndarra
     elsewhere = scan_points(problem, ELSEWHERE)
     found = [np.where(numbers == k, elsewhere, point) for point in found_points for k in spalls]
     return np.concatenate(found)
-
-
-def _enough(problem: Problem) -> Enough:
-    return Enough(behind=BEHIND, meet=MEET * basin_spacings(problem))
-
-
-def _moving(points: np.ndarray, free: np.ndarray | None) -> np.ndarray:
-    """Which coordinates move, of every case."""
-    return np.ones_like(points, bool) if free is None else np.tile(free, (len(points), 1))
 
 
 def _costs_at_best_factor(problem: Problem, predicted: np.ndarray) -> np.ndarray:

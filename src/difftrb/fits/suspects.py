@@ -19,7 +19,7 @@ from difftrb.fits import batched_misfit, fit_result, search
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_problem import Problem, basin_spacings, with_more
 from difftrb.fits.fit_result import UNLIKELY, Fit
-from difftrb.fits.least_squares import AT_BOUND, Least, at_shares
+from difftrb.fits.least_squares import AT_BOUND, Least, at_shares, best
 from difftrb.fits.measured import MeasuredError
 from difftrb.fits.parameters import PARAMETERS, Parameter
 from difftrb.fits.search import Scan
@@ -98,7 +98,7 @@ def _explains(fit: Fit, chi2: float) -> bool:
 
 def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, chance: float = ALONE) -> Suspect:
     """From the lowest case."""
-    k = int(np.nanargmin(found.cost))
+    k = best(found)
     values = problem.bounds.values(found.points[k])
     answer = [p.in_words(v) for p, v in zip(problem.parameters, values, strict=True)]
     chi2 = 2.0 * float(found.cost[k])
@@ -132,7 +132,7 @@ def _rows_left_aside(fit: Fit, scan: Scan) -> Iterator[Suspect]:
         sigma[k] *= UNWEIGHED
         problem = dataclasses.replace(fit.problem, sigma=jnp.asarray(sigma))
         found = _descended(fit, problem, scan)
-        expected = float(found.beside[0][int(np.nanargmin(found.cost))][k])
+        expected = float(found.beside[0][best(found)][k])
         off = (
             f"row {k + 1} is off: {row.quantity} = {row.value:g} {row.unit}, where the others let expect {expected:.4g}"
         )
@@ -174,7 +174,7 @@ def _other_parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
             at[:, :own], at[:, i] = np.repeat(low, FEW, axis=0), np.tile(at_shares(shares), len(low))
         at[0, :own] = fit.point
         found = search.minima(problem, search.scanned(problem, at), free, lowest=LOWEST)
-        k = int(np.nanargmin(found.cost))
+        k = best(found)
         value = float(bounds.values(found.points[k])[i])
         end = ", the end of its range" if abs(found.points[k, i]) >= AT_BOUND else ""
         what = f"{parameter.suspect} ({parameter.in_words(value)}{end})"
