@@ -634,7 +634,7 @@ def test_rows_that_do_not_fit_together_are_refused(rig: trb.Scene, exact: np.nda
         (first(axial=1000.0), "row 1: axial = 1000 N is too small"),
         (first(radial=0.0, definition="secant"), "row 1.*needs a radial load"),
         (first(speed_rpm=100.0), "row 1: speed_rpm = 100"),
-        (measured(exact, None)[:2], "2 rows cannot give 2 parameters"),
+        (measured(exact, None)[:2], "2 measured values cannot give 2 parameters"),
     ):
         with pytest.raises(MeasuredError, match=sentence):
             fit(rig, wrong)
@@ -684,10 +684,10 @@ def test_the_command_line_fits(exact: np.ndarray, tmp_path: Path, capsys: pytest
     assert "'size' is not known" in capsys.readouterr().err
     table.write_text("radial,axial,quantity,value,sigma\n9000,45,radial_loss,3,0.1\n", encoding="utf-8")
     assert cli.main(["--no-cache", "fit", str(scene), str(table)]) == 2
-    assert f"{table}: row 1: axial = 45 N is too small" in capsys.readouterr().err
+    assert f"{table}: line 2: axial = 45 N is too small" in capsys.readouterr().err
     table.write_text("radial,axial\n", encoding="utf-8")
     assert cli.main(["--no-cache", "fit", str(scene), str(table)]) == 2
-    assert f"{table}: column quantity is missing" in capsys.readouterr().err
+    assert f"{table}: line 1: column quantity is missing" in capsys.readouterr().err
 
 
 def test_the_packaged_measurements_are_in_order() -> None:

@@ -14,7 +14,7 @@ from difftrb.fits import conditions, measured, stiffness_of_rows
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import Conditions
 from difftrb.fits.least_squares import Bounds
-from difftrb.fits.measured import MeasuredError, Measurement
+from difftrb.fits.measured import MeasuredError, Measurement, so_many
 from difftrb.fits.parameters import Parameter
 from difftrb.law import base as laws
 from difftrb.law.samples import Progress
@@ -74,7 +74,7 @@ def prepare_fit(scene: Scene, rows: Sequence[Measurement], progress: Progress | 
     if not rows:
         raise MeasuredError("measurements: there are no rows to fit")
     for k, row in enumerate(rows, 1):
-        measured.check(row, f"measurements: row {k}")
+        measured.check(row, k)
     name = getattr(scene.law, "name", "")
     if laws.kind(name).one_scene:
         raise MeasuredError(f"contact.law = {name!r} holds for one spall; fit with contact.law = 'table'")
@@ -95,13 +95,14 @@ def problem_of(
     bounds = fit_parameters.bounds(parameters, scene, rows)
     given = [row.sigma is not None for row in rows]
     if any(given) != all(given):
-        k = given.index(False) + 1
-        raise MeasuredError(f"measurements: row {k}: sigma is empty: give it in all rows or in none")
+        k = given.index(False)
+        here, sigma = measured.where(rows[k], k + 1), measured.column("sigma", rows[k].origin)
+        raise MeasuredError(f"{here}: {sigma} is empty: give it in all rows or in none")
     estimate = not all(given)
     if estimate and len(rows) <= len(names):
         raise MeasuredError(
-            f"measurements: {len(rows)} {'row' if len(rows) == 1 else 'rows'} cannot give {len(names)} parameters and "
-            "their own error: give sigma, more rows, or fewer parameters"
+            f"{measured.table_of(rows)}: {so_many(len(rows), 'measured value')} cannot give "
+            f"{so_many(len(names), 'parameter')} and their own error: give sigma, more rows, or fewer parameters"
         )
     at, rough = (conditions.conditions(scene, rows, points) for points in (POINTS_IN_FITS, ROUGH_POINTS))
     own_error = float(laws_error(scene))
@@ -145,6 +146,6 @@ def _own_size(rows: Sequence[Measurement]) -> np.ndarray:
         if kind.any():
             sigma[kind] = np.maximum(size[kind], FLOOR * np.median(size[kind]))
     if not (sigma > 0.0).all():
-        raise MeasuredError("measurements: most values are 0 and no sigma is given, so nothing says what 0 means: "
-                            "give sigma")  # fmt: skip
+        raise MeasuredError(f"{measured.table_of(rows)}: most values are 0 and no sigma is given, so nothing says what "
+                            "0 means: give sigma")  # fmt: skip
     return sigma

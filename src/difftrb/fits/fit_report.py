@@ -98,7 +98,7 @@ def _checked(options: Any, file: SceneFile, path: str) -> tuple[tuple[Measuremen
     console.remark(options.measured, light)
     names = [name.strip() for name in options.parameters.split(",")]
     fit_parameters.named(names)
-    measured.check_loads(file.scene(), rows, options.measured)
+    measured.check_loads(file.scene(), rows)
     counts = None if options.spalls is None else _counts(options.spalls)
     if counts is not None:
         spall_count.check(file.scene(), rows, counts, names)

@@ -132,7 +132,9 @@ def _fit(
     if not np.isfinite(scan.predicted).any():
         code = batched_misfit.evaluated(problem, scan.points[:1]).beside[1]
         why = status.describe(int(code[0])).partition(":")[0]  # its advice is for a scene, not for a fit
-        raise MeasuredError(f"measurements: no spall has a solution under these loads: {why}; check their unit, N")
+        raise MeasuredError(
+            f"{measured.table_of(rows)}: no spall has a solution under these loads: {why}; check their unit, N"
+        )
     _check_effects(problem.parameters, scan.slope)
     freedom = len(rows) - len(parameters)
     if estimate:

@@ -20,13 +20,12 @@ from pydantic import TypeAdapter, ValidationError
 
 from difftrb.core import bad_input
 from difftrb.core.bad_input import allowed, did_you_mean, shown
-from difftrb.fits.measured import ADVICE, MeasuredError, Measurement, Quantity, check
+from difftrb.fits.measured import ADVICE, SIGMA, MeasuredError, Measurement, Origin, Quantity, check, so_many
+from difftrb.fits.measured import column as heading
 
 ROW = TypeAdapter(Measurement)
-COLUMNS = tuple(field.name for field in dataclasses.fields(Measurement))
+COLUMNS = tuple(field.name for field in dataclasses.fields(Measurement) if field.name != "origin")
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
-SIGMA = "_sigma"
-"""Ends the column of a quantity's standard deviations, in a wide table."""
 LONG, WIDE = ("quantity", "value", "sigma"), (*QUANTITIES, *(quantity + SIGMA for quantity in QUANTITIES))
 FORCE = {"N": 1.0, "kN": 1e3}
 STIFFNESS = {"N/mm": 1.0, "N/µm": 1e3, "N/um": 1e3, "kN/mm": 1e3, "kN/µm": 1e6, "kN/um": 1e6, "N/m": 1e-3, "MN/m": 1e3}
@@ -78,15 +77,15 @@ def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
     cells = [_cells(line, between, f"{path}: line {number}") for number, line in numbered]
     if not cells[0][-1]:  # a spreadsheet ends every line with what parts columns
         cells = [row[:-1] if len(row) == len(cells[0]) and not row[-1] else row for row in cells]
-    columns = _header(cells[0], path)
+    columns = _header(cells[0], f"{path}: line {numbered[0][0]}")
     if between != ",":
         cells = [cells[0], *_with_points(cells[1:], path)]
     if len(cells) < 2:
         raise MeasuredError(f"{path}: holds column names but no rows")
     _without_thousands(columns, cells[1:], path)
     rows: list[Measurement] = []
-    for k, ((line, _), row) in enumerate(zip(numbered[1:], cells[1:], strict=True), 1):
-        rows.extend(_rows(columns, row, f"{path}: row {k} (line {line})"))
+    for (line, _), row in zip(numbered[1:], cells[1:], strict=True):
+        rows.extend(_rows(columns, row, str(path), line))
     return tuple(rows)
 
 
@@ -117,54 +116,55 @@ def _without_thousands(columns: list[Column], rows: list[list[str]], path: str |
                             f"{loads[0].replace('.', '')} if so, else not three decimals everywhere")  # fmt: skip
 
 
-def _header(cells: list[str], path: str | Path) -> list[Column]:
+def _header(cells: list[str], where: str) -> list[Column]:
     """The columns, if they are known, each once, and enough."""
-    columns = [_column(cell, path) for cell in cells]
+    columns = [_column(cell, where) for cell in cells]
     names = [column.name for column in columns]
     for name in names:
         if names.count(name) > 1:
-            raise MeasuredError(f"{path}: column {shown(name)} stands twice; keep one of them")
+            raise MeasuredError(f"{where}: column {shown(name)} stands twice; keep one of them")
     wide = [name for name in names if name in QUANTITIES]
     if wide and (both := [name for name in LONG if name in names]):
         raise MeasuredError(
-            f"{path}: column {both[0]} beside {wide[0]}: a table has either quantity and value, or a column for each "
+            f"{where}: column {both[0]} beside {wide[0]}: a table has either quantity and value, or a column for each "
             f"quantity, with {wide[0]}{SIGMA} for its sigma; keep one way"
         )
     for name in names:
         if name.endswith(SIGMA) and name in WIDE and name.removesuffix(SIGMA) not in names:
-            raise MeasuredError(f"{path}: column {name} has no column {name.removesuffix(SIGMA)} beside it; add it")
+            raise MeasuredError(f"{where}: column {name} has no column {name.removesuffix(SIGMA)} beside it; add it")
     for name in ("radial", "axial", *(() if wide else LONG[:2])):
         if name not in names:
-            raise MeasuredError(f"{path}: column {name} is missing: {ADVICE[name]}")
+            raise MeasuredError(f"{where}: column {name} is missing: {ADVICE[name]}")
     return columns
 
 
-def _column(cell: str, path: str | Path) -> Column:
+def _column(cell: str, where: str) -> Column:
     found = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]", cell)
     name, unit = (found[1], found[2].strip().replace("μ", "µ")) if found else (cell, None)
     if name not in COLUMNS and name not in WIDE:
         raise MeasuredError(
-            f"{path}: column {shown(name)} is not known; {did_you_mean(name, (*COLUMNS, *QUANTITIES), close=0.78)}"
+            f"{where}: column {shown(name)} is not known; {did_you_mean(name, (*COLUMNS, *QUANTITIES), close=0.78)}"
         )
     known = {**STIFFNESS, **SHARE} if name in LONG[1:] else UNITS.get(name, {})
     if unit is not None and unit not in known:
-        raise MeasuredError(f"{path}: column {name}: unit [{shown(unit)[1:-1]}] is not known; "
+        raise MeasuredError(f"{where}: column {name}: unit [{shown(unit)[1:-1]}] is not known; "
                             f"{'use one of ' + ', '.join(known) if known else 'it has none'}")  # fmt: skip
     return Column(name, unit)
 
 
-def _rows(columns: list[Column], cells: list[str], where: str) -> Iterator[Measurement]:
-    """What was measured on one line; `where` begins its sentence."""
+def _rows(columns: list[Column], cells: list[str], path: str, line: int) -> Iterator[Measurement]:
+    """What was measured on one line."""
+    where = f"{path}: line {line}"
     if len(cells) != len(columns):
         raise MeasuredError(
-            f"{where}: has {len(cells)} cells where the first line has {len(columns)}: give every column a name, and "
-            "between commas write decimals with a point"
+            f"{where}: has {so_many(len(cells), 'cell')} where the first line has {len(columns)}: give every column a "
+            "name, and between commas write decimals with a point"
         )
     content = {column: cell for column, cell in zip(columns, cells, strict=True) if cell}
     shared = {column: cell for column, cell in content.items() if column.name not in WIDE}
     quantities = [column for column in columns if column.name in QUANTITIES]
     if not quantities:
-        yield _row(shared, where)
+        yield _row(shared, Origin(path, line, "value"))
     elif not any(column in content for column in quantities):
         raise MeasuredError(f"{where}: holds no value; give what was measured, or leave the line out")
     for column in quantities:
@@ -173,11 +173,12 @@ def _rows(columns: list[Column], cells: list[str], where: str) -> Iterator[Measu
             sigma = next((c for c in content if c.name == column.name + SIGMA), None)
             if sigma is not None:
                 own[Column("sigma", sigma.unit or column.unit)] = content[sigma]
-            yield _row({**shared, **own}, f"{where}: {column.name}")
+            yield _row({**shared, **own}, Origin(path, line, column.name))
 
 
-def _row(content: dict[Column, str], where: str) -> Measurement:
+def _row(content: dict[Column, str], origin: Origin) -> Measurement:
     """One measurement from its cells that are not empty."""
+    where = f"{origin.path}: line {origin.line}"
     given: dict[str, Any] = {column.name: _cell(cell) for column, cell in content.items()}
     units = {column.name: column.unit for column in content if column.unit}
     if "value" in units:
@@ -201,8 +202,10 @@ def _row(content: dict[Column, str], where: str) -> Measurement:
             advice = "write a number alone, with a decimal point; a unit goes into the first line, in brackets"
         elif column == "phase" and isinstance(given.get(column), float) and "phase" not in units:
             advice = "in degrees the column is named phase [deg]"
-        raise MeasuredError(f"{where}: {column} {value}: must be {allowed(Measurement, [column])}; {advice}") from None
-    return check(row, where)
+        raise MeasuredError(
+            f"{where}: {heading(column, origin)} {value}: must be {allowed(Measurement, [column])}; {advice}"
+        ) from None
+    return check(dataclasses.replace(row, origin=origin))
 
 
 def _cell(cell: str) -> float | str:
