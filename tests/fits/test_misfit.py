@@ -204,3 +204,17 @@ def test_a_profile_leaves_a_bound() -> None:
     starts = profile_intervals.starts_of(np.array([9.0, 0.0]), np.eye(2), known, free, at)
     np.testing.assert_array_equal(starts[:, 0], [[7.0, 1.0], [0.5, 1.0], [profile_intervals.INSIDE, 1.0]])
     assert len(profile_intervals.starts_of(np.array([6.0, 0.0]), np.eye(2), known, free, at)) == 2
+
+
+def _missed(freedom: int, common: float = 0.0) -> Any:
+    """What is asked of a fit of one length that misses its rows."""
+    problem = SimpleNamespace(common=common, by_squares=True)
+    return SimpleNamespace(explained=False, residuals=np.array([1.0, -9.0]), misfit=(25.0 * freedom, freedom), freedom=freedom,
+                           robust="squares", parameters=("length",), problem=problem)  # fmt: skip
+
+
+def test_one_degree_of_freedom_is_one() -> None:
+    """It was "of 1 degrees of freedom"."""
+    for freedom, words in ((1, "of 1 degree of freedom"), (2, "of 2 degrees of freedom")):
+        (sentence,) = fit_remarks._about_misfit(_missed(freedom))
+        assert words in sentence

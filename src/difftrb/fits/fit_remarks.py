@@ -18,7 +18,7 @@ from difftrb.fits import (
 )
 from difftrb.fits.fit_result import UNLIKELY, Alternative, Fit
 from difftrb.fits.least_squares import AT_BOUND, at_shares
-from difftrb.fits.measured import Measurement
+from difftrb.fits.measured import Measurement, so_many
 from difftrb.fits.parameters import OfSpall
 from difftrb.fits.profile_intervals import CONFIDENCE
 from difftrb.fits.search import Scan
@@ -147,7 +147,11 @@ def _about_misfit(fit: Fit) -> list[str]:
         chi2, freedom = fit.misfit
         times = float(np.sqrt(chi2 / freedom))
         rows = "" if fit.robust == "squares" else " even in the two thirds of the rows that it meets best"
-        of = f"of {freedom} degrees of freedom" if fit.freedom > 0 else "where so many parameters could meet every row"
+        of = (
+            f"of {so_many(freedom, 'degree')} of freedom"
+            if fit.freedom > 0
+            else "where so many parameters could meet every row"
+        )
         missed = ", or the search has missed the best of so many parameters" if len(fit.parameters) > MANY else ""
         found.append(
             f"the fit misses the data{rows} by {times:.1f} times their sigma (χ² = {chi2:.3g} {of}), "

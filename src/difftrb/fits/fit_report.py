@@ -23,7 +23,7 @@ from difftrb.fits.fit_record import count_json, fit_json, posterior_json
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.fitting import fit
 from difftrb.fits.least_squares import STEPS
-from difftrb.fits.measured import Measurement
+from difftrb.fits.measured import Measurement, so_many
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
 from difftrb.fits.posterior import Posterior, posterior
 from difftrb.fits.spall_count import SpallCount, count_spalls
@@ -179,7 +179,7 @@ def _lines(fit: Fit, suggestions: tuple[Suggestion, ...]) -> list[str]:
             f"raceways give way, a spall takes about {worth_text.outer_share(fit.scene, heaviest):.2f} of that: name "
             "effects.raceways for rows that were measured"
         )
-    misfit = f"; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom" if fit.freedom > 0 else ""
+    misfit = f"; χ² = {fit.chi2:.3g} of {so_many(fit.freedom, 'degree')} of freedom" if fit.freedom > 0 else ""
     lines.append(f"{fit.status}{misfit}")
     return lines
 

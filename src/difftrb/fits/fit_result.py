@@ -15,7 +15,7 @@ from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import predicted, profile_intervals
 from difftrb.fits.fit_problem import Problem
 from difftrb.fits.least_squares import Least
-from difftrb.fits.measured import Measurement
+from difftrb.fits.measured import Measurement, so_many
 from difftrb.fits.profile_intervals import KnownCosts, Profiles
 from difftrb.scene.scene import Scene
 
@@ -105,7 +105,7 @@ class Fit(status.Judged):
             f"  {parameter.in_words(value, 4)} ({self.interval_in_words(i)}{'' if sure else ', not determined'})"
             for i, (parameter, value, sure) in enumerate(parts)
         ]
-        first = f"Fit of {len(self.rows)} rows, χ² {self.chi2:.3g}: {self.status}"
+        first = f"Fit of {so_many(len(self.rows), 'row')}, χ² {self.chi2:.3g}: {self.status}"
         return "\n".join([first, *lines, *(f"  {remark}" for remark in self.remarks)])
 
     @property
