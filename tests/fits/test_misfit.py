@@ -209,8 +209,20 @@ def test_a_profile_leaves_a_bound() -> None:
 def _missed(freedom: int, common: float = 0.0) -> Any:
     """What is asked of a fit of one length that misses its rows."""
     problem = SimpleNamespace(common=common, by_squares=True)
-    return SimpleNamespace(explained=False, residuals=np.array([1.0, -9.0]), misfit=(25.0 * freedom, freedom), freedom=freedom,
-                           robust="squares", parameters=("length",), problem=problem)  # fmt: skip
+    return SimpleNamespace(
+        explained=False, residuals=np.array([1.0, -9.0]), misfit=(25.0 * freedom, freedom), freedom=freedom,
+        robust="squares", parameters=("length",), problem=problem,
+    )  # fmt: skip
+
+
+def test_a_misfit_says_by_which_errors_it_counts() -> None:
+    """Beside "49.7 times their sigma" a row stood at +493.9 sigma: χ² holds an error that all rows may share, too, the
+    table the row's own alone."""
+    (alone,), (shared,) = (fit_remarks._about_misfit(_missed(2, common)) for common in (0.0, 0.025))
+    assert "by 5.0 times their sigma (" in alone
+    assert "worst in row 2 (-9.0 sigma)" in alone
+    assert "by 5.0 times what sigma and an error of 2.5 % that the model may have in all rows let expect (" in shared
+    assert "worst in row 2 (-9.0 of its own sigma alone)" in shared
 
 
 def test_one_degree_of_freedom_is_one() -> None:

@@ -152,10 +152,15 @@ def _about_misfit(fit: Fit) -> list[str]:
             if fit.freedom > 0
             else "where so many parameters could meet every row"
         )
+        common = 100.0 * float(fit.problem.common) if fit.robust == "squares" else 0.0
+        expected, unit = "their sigma", "sigma"
+        if common > 0.0:  # it counts in χ², in no row's own deviation
+            expected = f"what sigma and an error of {common:.2g} % that the model may have in all rows let expect"
+            unit = "of its own sigma alone"
         missed = ", or the search has missed the best of so many parameters" if len(fit.parameters) > MANY else ""
         found.append(
-            f"the fit misses the data{rows} by {times:.1f} times their sigma (χ² = {chi2:.3g} {of}), "
-            f"worst in row {worst + 1} ({fit.residuals[worst]:+.1f} sigma): sigma is too small, rows "
+            f"the fit misses the data{rows} by {times:.1f} times {expected} (χ² = {chi2:.3g} {of}), "
+            f"worst in row {worst + 1} ({fit.residuals[worst]:+.1f} {unit}): sigma is too small, rows "
             f"contradict each other, or the model lacks something{missed}; do not rely on the sizes"
         )
     for k, off in enumerate(fit.residuals):
