@@ -110,6 +110,14 @@ def test_a_column_without_a_name_behind_the_last_one_is_left_out() -> None:
     assert [row.value for row in parse("radial;axial;radial_loss;\n9000;4500;1,5;\n9000;4500;1,6;\n")] == [1.5, 1.6]
 
 
+@pytest.mark.parametrize("between", [",", ";", "\t"])
+def test_a_line_of_separators_is_empty(between: str) -> None:
+    """As spreadsheets write below, between and above what was filled in."""
+    lines = ";;;", "radial;axial;radial_loss;", ";;;", "9000;4500;1.5;", " ; ;;", ";;;"
+    (row,) = parse("\n".join(lines).replace(";", between), "m.csv")
+    assert (row.value, row.origin) == (1.5, ("m.csv", 4, "radial_loss"))
+
+
 def test_a_matrix_is_read() -> None:
     """Stiffness beside the diagonal may be negative."""
     names = ("radial", "axial", *(f"{entry}_stiffness [MN/m]" for entry in ("radial", "lateral", "radial_lateral")))
@@ -138,10 +146,11 @@ def test_a_matrix_is_read() -> None:
             "1e5,2,3",
             r"^m.csv: line 2: radial = 100000.0 \[kN\]: must be",
         ),
-        ("radial;axial;radial_loss", "9000;4.500,0;1,2", "a comma and a point, as 4.500,0: write decimals one way"),
-        ("radial;axial;radial_loss", "9000;4.500;1,2", "a comma and a point, as 4.500: write decimals one way"),
-        ("radial,axial,radial_loss", "9.000,4.500,1.2", "9.000 N may have a point between thousands: write 9000"),
-        ("radial;axial;radial_loss", "9.000;0;1.2", "9.000 N may have a point between thousands: write 9000"),
+        ("radial;axial;radial_loss", "9000;4.500,0;1,2", "line 2: axial = 4.500,0: numbers have a comma and a point"),
+        ("radial;axial;radial_loss", "9000;4.500;1,2", "line 2: axial = 4.500: numbers have a comma and a point"),
+        ("radial,axial,radial_loss", "9.000,4.500,1.2", "line 2: radial = 9.000 N may have a point between"),
+        ("radial;axial;radial_loss", "9.000;0;1.2", "radial = 9.000 N may have a point between thousands: write 9000"),
+        ("radial;axial;radial_loss", "9,000;4,500;1,2", "line 2: radial = 9,000 N may have a comma between thousands"),
         (
             "radial,axial,radial_loss",
             '9000,4500,"1,2"',

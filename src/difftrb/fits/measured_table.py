@@ -67,25 +67,25 @@ def example() -> str:
 
 def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:
     """Check the text of a table of measurements; `path` names it in errors. Raises `MeasuredError`."""
-    passed = re.compile(r"\s*(#|$|sep=.$)", re.IGNORECASE)  # a spreadsheet may say first what parts columns
+    passed = re.compile(r"[\s;,]*$|\s*(#|sep=.$)", re.IGNORECASE)  # a spreadsheet may say first what parts columns
     numbered = [(n, line) for n, line in enumerate(re.split(r"\r\n?|\n", text), 1) if not passed.match(line)]
     if not numbered:
         raise MeasuredError(
             f"{path}: holds no rows; give a line of column names (radial, axial, quantity, value …) and rows"
         )
     between = next((each for each in OTHERS if each in numbered[0][1]), ",")
-    cells = [_cells(line, between, f"{path}: line {number}") for number, line in numbered]
-    if not cells[0][-1]:  # a spreadsheet ends every line with what parts columns
-        cells = [row[:-1] if len(row) == len(cells[0]) and not row[-1] else row for row in cells]
-    columns = _header(cells[0], f"{path}: line {numbered[0][0]}")
-    if between != ",":
-        cells = [cells[0], *_with_points(cells[1:], path)]
-    if len(cells) < 2:
+    (first, names), *lines = ((n, _cells(line, between, f"{path}: line {n}")) for n, line in numbered)
+    if not names[-1]:  # a spreadsheet ends every line with what parts columns
+        lines = [(n, row[:-1] if len(row) == len(names) and not row[-1] else row) for n, row in lines]
+        names = names[:-1]
+    columns = _header(names, f"{path}: line {first}")
+    if not lines:
         raise MeasuredError(f"{path}: holds column names but no rows")
-    _without_thousands(columns, cells[1:], path)
+    _check_decimals(columns, lines, path, between)
     rows: list[Measurement] = []
-    for (line, _), row in zip(numbered[1:], cells[1:], strict=True):
-        rows.extend(_rows(columns, row, str(path), line))
+    for line, row in lines:
+        cells = row if between == "," else [_with_point(cell) for cell in row]
+        rows.extend(_rows(columns, cells, str(path), line))
     return tuple(rows)
 
 
@@ -98,22 +98,27 @@ def _cells(line: str, between: str, where: str) -> list[str]:
     return [cell.strip() for cell in row]
 
 
-def _with_points(rows: list[list[str]], path: str | Path) -> list[list[str]]:
-    """The same cells with points for decimal commas; refused if both are there, for one of them parts thousands."""
-    numbers = [cell for row in rows for cell in row if re.fullmatch(NUMBER, cell)]
-    if any("," in cell for cell in numbers) and (mixed := [cell for cell in numbers if "." in cell]):
-        raise MeasuredError(f"{path}: numbers have a comma and a point, as {mixed[0]}: write decimals one way, and "
-                            "nothing between thousands")  # fmt: skip
-    return [[cell.replace(",", ".") if re.fullmatch(NUMBER, cell) else cell for cell in row] for row in rows]
+def _check_decimals(columns: list[Column], lines: list[tuple[int, list[str]]], path: str | Path, between: str) -> None:
+    """Refuse numbers with commas and points, one of which parts thousands, and loads in newton that have, one and all,
+    one of them before their last three digits, where it may."""
+    every = [(column, cell, f"{path}: line {line}: {column.name} = {cell}")
+             for line, row in lines for column, cell in zip(columns, row, strict=False)
+             if re.fullmatch(NUMBER, cell)]  # fmt: skip
+    mixed = [where for _, cell, where in every if "." in cell]
+    if between != "," and mixed and any("," in cell for _, cell, _ in every):
+        raise MeasuredError(f"{mixed[0]}: numbers have a comma and a point: write decimals one way, and nothing "
+                            "between thousands")  # fmt: skip
+    loads = [(cell, where) for column, cell, where in every
+             if column.name in ("radial", "axial") and column.unit in (None, "N") and cell.strip("0.,")]  # fmt: skip
+    if loads and all(re.fullmatch(r"[1-9]\d{0,2}([.,]\d{3})+", cell) for cell, _ in loads):
+        cell, where = loads[0]
+        raise MeasuredError(f"{where} N may have a {'comma' if ',' in cell else 'point'} between thousands: write "
+                            f"{re.sub('[.,]', '', cell)} if so, else not three decimals in all loads")  # fmt: skip
 
 
-def _without_thousands(columns: list[Column], rows: list[list[str]], path: str | Path) -> None:
-    """Refuse loads in newton that have, one and all, a point before their last three digits: it may part thousands."""
-    loads = [cell for row in rows for column, cell in zip(columns, row, strict=False)
-             if column.name in ("radial", "axial") and column.unit in (None, "N") and cell.strip("0.")]  # fmt: skip
-    if loads and all(re.fullmatch(r"[1-9]\d{0,2}(\.\d{3})+", cell) for cell in loads):
-        raise MeasuredError(f"{path}: loads as {loads[0]} N may have a point between thousands: write "
-                            f"{loads[0].replace('.', '')} if so, else not three decimals everywhere")  # fmt: skip
+def _with_point(cell: str) -> str:
+    """A cell with a point for a decimal comma."""
+    return cell.replace(",", ".") if re.fullmatch(NUMBER, cell) else cell
 
 
 def _header(cells: list[str], where: str) -> list[Column]:
