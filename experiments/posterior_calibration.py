@@ -26,9 +26,9 @@ from scipy import stats
 import difftrb as trb
 from difftrb.fits import fit_problem
 from difftrb.fits import posterior as posteriors
-from difftrb.fits.evaluations import rows_at
+from difftrb.fits.batched_misfit import rows_at
+from difftrb.fits.fit_problem import Problem
 from difftrb.fits.least_squares import at_shares
-from difftrb.fits.predicted import Problem
 from experiments.random_sets import computed
 
 NAMES = ("length", "width", "angle")

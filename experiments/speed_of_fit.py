@@ -21,7 +21,8 @@ import numpy as np
 from scipy import optimize
 
 import difftrb as trb
-from difftrb.fits import conditions, evaluations, parameters, predicted, search
+from difftrb.fits import batched_misfit, conditions, parameters, predicted, search, stiffness_of_rows
+from difftrb.fits.fit_problem import Problem
 from difftrb.ring.phase_quadrature import POINTS_IN_FITS, ROUGH_POINTS
 
 LOADS = ((9000.0, 4500.0), (6000.0, 4500.0), (3000.0, 4500.0))
@@ -30,7 +31,7 @@ NOISE = 0.01
 STARTS = 16
 
 
-def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measurement]]:
+def problem_of(scene: trb.Scene) -> tuple[Problem, list[trb.Measurement]]:
     """Twelve rows of the prepared scene with the true spall, with noise, and their least squares."""
     rows = [
         trb.Measurement(radial, axial, quantity, 1.0, 1.0, None, phase)  # type: ignore[arg-type]
@@ -41,10 +42,10 @@ def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measuremen
     at, rough = (conditions.conditions(scene, rows, points) for points in (POINTS_IN_FITS, ROUGH_POINTS))
     sought = parameters.named(("length", "width"))
     bounds, blank = parameters.bounds(sought, scene, rows), np.ones(len(rows))
-    sound = predicted.healthy_stiffness(scene, at)
-    exact = predicted.Problem(sought, bounds, scene, at, rough, blank, blank, sound, 0.0, 0)  # type: ignore[arg-type]
+    healthy = stiffness_of_rows.healthy_stiffness(scene, at)
+    exact = Problem(sought, bounds, scene, at, rough, blank, blank, healthy, 0.0, 0)  # type: ignore[arg-type]
     there = bounds.coordinates(np.array([[TRUTH.length, TRUTH.width]]))  # type: ignore[arg-type]
-    true = evaluations.evaluated(exact, np.asarray(there)).beside[0][0]
+    true = batched_misfit.evaluated(exact, np.asarray(there)).beside[0][0]
     sigma = NOISE * true
     seen = true + sigma * np.random.default_rng(1).standard_normal(true.size)
     rows = [
@@ -53,21 +54,21 @@ def problem_of(scene: trb.Scene) -> tuple[predicted.Problem, list[trb.Measuremen
     return dataclasses.replace(exact, measured=seen, sigma=sigma), rows
 
 
-def ours(problem: predicted.Problem, starts: np.ndarray) -> np.ndarray:
+def ours(problem: Problem, starts: np.ndarray) -> np.ndarray:
     """The best values of all starts here."""
     found = search.minima(problem, search.scanned(problem, starts))
-    return np.asarray(problem.bounds.values(found.place[np.argmin(found.cost)]))
+    return np.asarray(problem.bounds.values(found.points[np.argmin(found.cost)]))
 
 
 _residual = jax.jit(predicted.residual)
 
 
-def compiled(problem: predicted.Problem) -> Callable[[np.ndarray], np.ndarray]:
+def compiled(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
     """The residuals by coordinates, for scipy."""
     return lambda u: np.asarray(_residual(problem, u))
 
 
-def scipys(problem: predicted.Problem, starts: np.ndarray, residual: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def scipys(problem: Problem, starts: np.ndarray, residual: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """The best values of all starts by scipy."""
 
     def one(start: np.ndarray) -> optimize.OptimizeResult:
@@ -88,10 +89,10 @@ def compared(law: str, repeats: int) -> dict[str, float]:
     """Seconds of each way by name, and by how much their answers differ."""
     rough = trb.Scene(trb.bearing("32008J"), trb.Load(*LOADS[0]), (trb.Spall(3.0, 5.0),), law)
     scene = trb.prepare(rough)
-    found: list[tuple[predicted.Problem, list[trb.Measurement]]] = []
+    found: list[tuple[Problem, list[trb.Measurement]]] = []
     first = timed(lambda: found.append(problem_of(scene)))
     problem, rows = found[0]
-    starts = search.places(problem, STARTS)
+    starts = search.scan_points(problem, STARTS)
     theirs_first = timed(lambda: compiled(problem)(starts[0]))
     ways = {
         "a fit with its intervals": lambda: trb.fit(scene, rows, model_error=0.0),

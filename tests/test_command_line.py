@@ -546,7 +546,7 @@ def test_small_loads_of_contacts_and_measured_rows_get_a_remark() -> None:
     assert remarks.odd_measured_load(file.bearing, rows) is None
     in_kn = [dataclasses.replace(row, radial=row.radial / 1e3, axial=row.axial / 1e3) for row in rows[1:]]
     assert str(remarks.odd_measured_load(file.bearing, [rows[0], *in_kn])).startswith(
-        "row 5: radial = 3 N, axial = 4.5 N: "
+        "line 10: radial = 3 N, axial = 4.5 N: "
     )
     assert not remarks.all_in_kn(file.bearing, [rows[0], *in_kn])
     assert remarks.all_in_kn(file.bearing, in_kn)

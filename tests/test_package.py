@@ -16,7 +16,7 @@ SOURCE = Path(trb.__file__).parent
 MODULES = sorted(str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*.py"))
 ALONE = {
     "jaxopt": {"core/implicit.py"},
-    "optax": {"fits/evaluations.py"},
+    "optax": {"fits/batched_misfit.py"},
     "matplotlib": {
         "report/figure_style.py", "report/pressure_figure.py", "report/bearing_drawing.py",
         "report/run_figures.py", "sweeps/sweep_plot.py", "fits/fit_figure.py",

@@ -13,7 +13,7 @@ import pytest
 from difftrb.core import jax_config, numeric
 from difftrb.core import user_cache as things
 from difftrb.core.traced_programs import kept
-from difftrb.fits import evaluations
+from difftrb.fits import batched_misfit
 
 
 class Both(NamedTuple):
@@ -107,15 +107,15 @@ def test_the_packages_own_are_kept(keeping: Path, monkeypatch: pytest.MonkeyPatc
     def never(*_: Any) -> None:
         raise AssertionError("traced again")
 
-    evaluations._rest.clear_cache()  # type: ignore[attr-defined]
-    first = evaluations._rest(np.ones(5))
+    batched_misfit._rest.clear_cache()  # type: ignore[attr-defined]
+    first = batched_misfit._rest(np.ones(5))
     assert len(files(keeping)) == 1
-    evaluations._rest.clear_cache()  # type: ignore[attr-defined]
+    batched_misfit._rest.clear_cache()  # type: ignore[attr-defined]
     monkeypatch.setattr(jax.export, "export", never)
-    second = evaluations._rest(np.ones(5))
+    second = batched_misfit._rest(np.ones(5))
     assert jax.tree.structure(first) == jax.tree.structure(second)
     jax.tree.map(np.testing.assert_array_equal, first, second)
-    evaluations._rest.clear_cache()  # type: ignore[attr-defined]
+    batched_misfit._rest.clear_cache()  # type: ignore[attr-defined]
 
 
 def test_within_another_program_it_is_traced_as_ever(keeping: Path) -> None:

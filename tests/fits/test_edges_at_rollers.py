@@ -9,8 +9,8 @@ import pytest
 import difftrb as trb
 from difftrb.core import geometry
 from difftrb.fits import edges_at_rollers, fit_problem
+from difftrb.fits.fit_problem import Problem
 from difftrb.fits.measured import Measurement
-from difftrb.fits.predicted import Problem
 from difftrb.law.table import TableLaw
 from difftrb.scene import scene_laws
 
@@ -84,7 +84,7 @@ def test_one_edge_is_where_the_other_number_is_known(bearing: trb.TaperedBearing
     np.testing.assert_allclose(beside[:, 0], of_two.bounds.values(np.zeros(2))[0])
 
 
-def test_places_beside_move_one_edge_alone(of_all: Problem) -> None:
+def test_points_beside_move_one_edge_alone(of_all: Problem) -> None:
     (edges,) = edges_at_rollers.sought(of_all)
     own = of_all.bounds.coordinates(np.array([[4.0, 6.0, 0.1]]))
     every = of_all.bounds.values(edges_at_rollers.beside(of_all, own))
@@ -98,23 +98,23 @@ def test_places_beside_move_one_edge_alone(of_all: Problem) -> None:
 def test_kept_edges_stay(of_all: Problem) -> None:
     every = edges_at_rollers.sought(of_all)
     values = np.array([[4.0, 6.0, 0.1]])
-    (place,) = of_all.bounds.coordinates(values)
+    (point,) = of_all.bounds.coordinates(values)
     for i, value in ((1, 7.3), (2, 0.07)):
         other = values.copy()
         other[0, i] = value
         at = float(of_all.bounds.coordinates(other)[0, i])
-        found = of_all.bounds.values(edges_at_rollers.kept(of_all, every, place, i, at))
+        found = of_all.bounds.values(edges_at_rollers.kept(of_all, every, point, i, at))
         np.testing.assert_allclose(found[:, i], value)
         np.testing.assert_allclose(np.diag(ends(found, every[0])), ends(values, every[0])[0], atol=1e-12)
-    assert len(edges_at_rollers.kept(of_all, every, place, 0, 0.3)) == 0
+    assert len(edges_at_rollers.kept(of_all, every, point, 0, 0.3)) == 0
 
 
 def test_means_have_no_edges(bearing: trb.TaperedBearing) -> None:
     """Nor do laws to which a roller is over a spall or not."""
     of_means = problem(bearing, NAMES, ("mean",))
-    places = np.linspace(-1.0, 1.0, 30).reshape(10, 3)
+    points = np.linspace(-1.0, 1.0, 30).reshape(10, 3)
     assert not edges_at_rollers.sought(of_means)
-    np.testing.assert_array_equal(edges_at_rollers.moved(of_means, places), places)
+    np.testing.assert_array_equal(edges_at_rollers.moved(of_means, points), points)
     assert np.isinf(edges_at_rollers.room(of_means)).all()
     hard = dataclasses.replace(of_means, scene=trb.prepare(dataclasses.replace(guess(bearing), law="liu2018")))
     assert not edges_at_rollers.sought(hard)

@@ -13,7 +13,8 @@ import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core import status
 from difftrb.fits import (
-    evaluations,
+    batched_misfit,
+    fit_record,
     fit_remarks,
     fit_report,
     fit_result,
@@ -24,8 +25,8 @@ from difftrb.fits import (
     search,
     suspects,
 )
+from difftrb.fits.batched_misfit import evaluated, solved
 from difftrb.fits.conditions import conditions
-from difftrb.fits.evaluations import evaluated, solved
 from difftrb.fits.fit_problem import problem_of
 from difftrb.fits.fitting import fit
 from difftrb.fits.measured import MeasuredError, Measurement
@@ -102,7 +103,7 @@ def test_exact_data_give_the_spall_back(rig: trb.Scene, exact: np.ndarray) -> No
     assert found["width"] == found.values[1]
     assert (found.intervals[:, 0] < found.values).all()
     assert (found.intervals[:, 1] > found.values).all()
-    assert "converged" in fit_report.fit_json(found, (), 0.0)["status"]
+    assert "converged" in fit_record.fit_json(found, (), 0.0)["status"]
 
 
 def test_a_fit_prints_on_a_few_lines(noisy_fit: trb.Fit) -> None:
@@ -115,16 +116,16 @@ def test_a_fit_prints_on_a_few_lines(noisy_fit: trb.Fit) -> None:
 
 def test_it_is_the_least_squares_of_scipy(noisy_fit: trb.Fit) -> None:
     problem = noisy_fit.problem
-    starts = search.places(problem, 16)
+    starts = search.scan_points(problem, 16)
     theirs = scipys(problem, starts, lambda u: evaluated(problem, u[None]).residual[0])
     np.testing.assert_allclose(ours(problem, starts), theirs, rtol=1e-6)
     np.testing.assert_allclose(noisy_fit.values, theirs, rtol=1e-6)
 
 
 def test_slopes_equal_central_differences(noisy_fit: trb.Fit) -> None:
-    problem, u, step = noisy_fit.problem, noisy_fit.place, 1e-5
-    places = np.concatenate([u + step * np.eye(2), u - step * np.eye(2)])
-    told = np.asarray(solved(problem, places, np.ones_like(places, bool), 0, 0).beside[0])
+    problem, u, step = noisy_fit.problem, noisy_fit.point, 1e-5
+    points = np.concatenate([u + step * np.eye(2), u - step * np.eye(2)])
+    told = np.asarray(solved(problem, points, np.ones_like(points, bool), 0, 0).beside[0])
     slopes = (told[:2] - told[2:]).T / (2.0 * step) / np.asarray(problem.sigma)[:, None]
     np.testing.assert_allclose(noisy_fit.normal, slopes.T @ slopes, rtol=1e-6)
 
@@ -198,7 +199,7 @@ def test_an_error_of_the_model_pulls_nowhere(noisy_fit: trb.Fit) -> None:
     measured = jnp.where(jnp.arange(len(BLANK)) % 2 == 0, 1.0, 1.5)
     problem = dataclasses.replace(noisy_fit.problem, measured=measured, sigma=0.1 * measured, common=0.2)
     told = jnp.linspace(0.5, 2.0, 301)
-    squares = jax.vmap(lambda t: jnp.sum(predicted.counted(problem, jnp.full(len(BLANK), t)) ** 2))(told)
+    squares = jax.vmap(lambda t: jnp.sum(predicted.weighted_residuals(problem, jnp.full(len(BLANK), t)) ** 2))(told)
     assert 1.1 < float(told[jnp.argmin(squares)]) < 1.3
 
 
@@ -221,8 +222,8 @@ def test_every_entry_of_the_matrix_is_the_solutions(rig: trb.Scene) -> None:
                 rows.append(Measurement(*load, f"{name}_loss", 1.0, 1.0, None, phase))  # type: ignore[arg-type]
                 told.append(100.0 * (1.0 - ours[entry] / healthy[entry]))
     problem, _ = problem_of(rig, tuple(rows), ("length", "width", "angle"), "squares", 0.0)
-    place = problem.bounds.coordinates(np.array([[5.0, 9.0, 0.3]]))
-    values = evaluated(problem, place).beside[0][0]
+    point = problem.bounds.coordinates(np.array([[5.0, 9.0, 0.3]]))
+    values = evaluated(problem, point).beside[0][0]
     scale = np.where([row.is_loss for row in rows], 1.0, 1e5)
     np.testing.assert_allclose(values / scale, np.array(told) / scale, atol=2e-3)
 
@@ -253,7 +254,7 @@ def test_what_data_do_not_determine_is_said(rig: trb.Scene, exact: np.ndarray) -
     assert "length is not" in sentence
     assert "with roller 0 at 0 rad" in sentence
     assert found.correlation[0, 1] < -0.99
-    widths = found.ridge(np.stack([found.place - 0.05, found.place + 0.05], 1))
+    widths = found.ridge(np.stack([found.point - 0.05, found.point + 0.05], 1))
     assert widths.min() > -1e-9
 
 
@@ -370,14 +371,14 @@ def test_a_kink_along_one_coordinate_does_not_hold_back_the_others() -> None:
         return least_squares.Evaluated(residual, np.stack([np.stack(row, 1) for row in slopes], 1), ())
 
     found = least_squares.minimum(walled, np.array([[0.0, 0.5]]), np.ones((1, 2), bool), 25)
-    assert found.place[0, 1] == pytest.approx(np.log(20.0), rel=1e-6)
-    assert found.place[0, 0] == pytest.approx(0.2, abs=0.01)
+    assert found.points[0, 1] == pytest.approx(np.log(20.0), rel=1e-6)
+    assert found.points[0, 0] == pytest.approx(0.2, abs=0.01)
 
 
 @pytest.mark.slow
 def test_a_place_that_the_data_do_not_tell_has_a_wide_interval(rig: trb.Scene, exact: np.ndarray) -> None:
     """By a hard window the angle changes nothing at one phase while roller 0 is over the spall, ± 0.1 rad, and next to
-    nothing in the mean. The profile, straight from 0 to a far place behind a cliff, gave ± 0.004."""
+    nothing in the mean. The profile, straight from 0 to a far point behind a cliff, gave ± 0.004."""
     as_wide = dataclasses.replace(rig, spalls=(trb.Spall(4.0, TRUTH["width"]),))
     found = fit(as_wide, measured(exact), ("length", "angle"), starts=128, model_error=0.0)
     low, high = found.intervals[1]
@@ -395,12 +396,12 @@ def test_levenberg_marquardt_alone() -> None:
     free = np.array([[True, True], [True, False], [True, True]])
     starts = np.array([[-1.2, 1.0], [3.0, 4.0], [-1.21, 1.0]])
     found = least_squares.minimum(rosenbrock, starts, free, 60)
-    np.testing.assert_allclose(found.place[::2], 1.0, rtol=1e-7)
-    assert found.place[1, 1] == 4.0
+    np.testing.assert_allclose(found.points[::2], 1.0, rtol=1e-7)
+    assert found.points[1, 1] == 4.0
     assert found.converged.all()
     met = least_squares.minimum(rosenbrock, starts, free, 60, enough=least_squares.Enough(meet=np.full(2, 0.02)))
-    np.testing.assert_array_equal(met.place[0], met.place[2])
-    np.testing.assert_allclose(met.place[0], 1.0, rtol=1e-7)
+    np.testing.assert_array_equal(met.points[0], met.points[2])
+    np.testing.assert_allclose(met.points[0], 1.0, rtol=1e-7)
     assert met.converged.all()
     assert min(met.steps[0], met.steps[2]) < 3 < max(met.steps[0], met.steps[2])
 
@@ -419,12 +420,12 @@ def test_levenberg_marquardt_where_residuals_bend_and_jump() -> None:
     starts = np.array([[0.6, -1.0], [-0.3, 3.0], [0.65, 1.0], [0.5, 1.0]])
     free = np.array([[True, True], [True, True], [True, True], [False, True]])
     found = least_squares.minimum(bends, starts, free, 25, enough=least_squares.Enough(1e-9))
-    np.testing.assert_allclose(found.place[:3], [[0.0, 1.0]] * 3, atol=1e-4)
-    np.testing.assert_allclose(found.place[3], [0.5, 1.0])
+    np.testing.assert_allclose(found.points[:3], [[0.0, 1.0]] * 3, atol=1e-4)
+    np.testing.assert_allclose(found.points[3], [0.5, 1.0])
     assert found.converged.all()
     assert found.steps.max() < 20
     apart = least_squares.minimum(bends, starts, free, 25, enough=least_squares.Enough(meet=np.full(2, 9.0)))
-    assert apart.place[3, 0] == 0.5  # what is held does not meet what moves
+    assert apart.points[3, 0] == 0.5  # what is held does not meet what moves
 
 
 def test_cases_far_behind_end_early() -> None:
@@ -471,8 +472,8 @@ def test_spalls_are_found_where_the_angle_begins_anew(bearing: trb.TaperedBearin
     for phase in np.linspace(0.0, 2.0 * np.pi / bearing.rollers, 6, endpoint=False):
         rings = [trb.solve(each.replace(phase=float(phase))) for each in (world, world.replace(spalls=()))]
         for k, quantity in enumerate(("radial_loss", "lateral_loss", "axial_loss")):
-            spalled, sound = (float(ring.stiffness[k, k]) for ring in rings)
-            loss = 100.0 * (1.0 - spalled / sound) + 0.02 * rng.standard_normal()
+            spalled, healthy = (float(ring.stiffness[k, k]) for ring in rings)
+            loss = 100.0 * (1.0 - spalled / healthy) + 0.02 * rng.standard_normal()
             rows.append(Measurement(3000.0, 6000.0, quantity, loss, 0.02, None, float(phase)))
     found = fit(world.replace(length=3.0, width=5.0, angle=0.0), rows, ("length", "width", "angle"))
     assert found.explained
@@ -493,8 +494,10 @@ def test_an_interval_holds_a_wide_minimum_behind_a_narrow_one(bearing: trb.Taper
     rng, rows = np.random.default_rng(seed), []
     pitch = 2.0 * np.pi / bearing.rollers
     for phase in (*np.linspace(0.0, pitch, 9)[:-1].tolist(), "mean"):
-        spalled, sound = (trb.solve(each.replace(phase=phase)).stiffness for each in (world, world.replace(spalls=())))
-        losses = [100.0 * (1.0 - float(spalled[k, k] / sound[k, k])) for k in (0, 2)]
+        spalled, healthy = (
+            trb.solve(each.replace(phase=phase)).stiffness for each in (world, world.replace(spalls=()))
+        )
+        losses = [100.0 * (1.0 - float(spalled[k, k] / healthy[k, k])) for k in (0, 2)]
         beside = () if phase == "mean" else (float(spalled[0, 1]),)
         told = dict(zip(("radial_loss", "axial_loss", "radial_lateral_stiffness"), (*losses, *beside), strict=False))
         for quantity, value in told.items():
@@ -511,7 +514,7 @@ def test_light_loads_that_the_law_does_not_know_are_not_advised(noisy_fit: trb.F
     """Half of the lightest load is below a table's range: it made all advice "nan"."""
     among = [*BLANK, Measurement(90.0, 45.0, "radial_loss", 1.0, 1.0, None, 0.0)]
     table = dataclasses.replace(noisy_fit.problem, scene=by_table(noisy_fit.scene.replace(law="table")))
-    values, slopes = predicted.other_rows_at(table, among, noisy_fit.place[None])
+    values, slopes = predicted.other_rows_at(table, among, noisy_fit.point[None])
     assert np.isnan(values[0, -1])
     assert np.isfinite(values[0, :-1]).all()
     assert np.isfinite(slopes[0, :-1]).all()
@@ -525,11 +528,11 @@ def test_light_loads_that_the_law_does_not_know_are_not_advised(noisy_fit: trb.F
 def test_rows_by_numbers_are_those_of_the_program(noisy_fit: trb.Fit) -> None:
     """What may be measured next is told by numpy, with all slopes; means by a rule of more points."""
     single = [row for row in noisy_fit.rows if row.phase != "mean"]
-    places, known = np.stack([noisy_fit.place, noisy_fit.place + 0.3]), set(evaluations._compiled)
-    values, slopes = predicted.other_rows_at(noisy_fit.problem, noisy_fit.rows, places)
+    points, known = np.stack([noisy_fit.point, noisy_fit.point + 0.3]), set(batched_misfit._compiled)
+    values, slopes = predicted.other_rows_at(noisy_fit.problem, noisy_fit.rows, points)
     assert len(optimal_design.next_measurements(noisy_fit)) == 3
-    assert evaluations._compiled == known
-    expected, rates = evaluations._plainly(noisy_fit.problem, places)
+    assert batched_misfit._compiled == known
+    expected, rates = batched_misfit._plainly(noisy_fit.problem, points)
     own = [row in single for row in noisy_fit.rows]
     np.testing.assert_allclose(values[:, own], expected[:, own], rtol=1e-12)
     np.testing.assert_allclose(slopes[:, own], rates[:, own], atol=1e-12 * np.abs(rates).max())
@@ -546,9 +549,9 @@ def test_measurements_that_may_be_made_share_the_fits_program(bearing: trb.Taper
     values = trb.assess(turning).loss
     rows = [dataclasses.replace(row, value=float(v), sigma=0.05) for row, v in zip(phases[:2], values, strict=True)]
     found = fit(turning, 10 * rows, ("length",), starts=FEW)
-    known = set(evaluations._compiled)
+    known = set(batched_misfit._compiled)
     assert len(optimal_design.next_measurements(found)) == 3
-    assert evaluations._compiled == known
+    assert batched_misfit._compiled == known
 
 
 def test_an_interval_that_ends_with_the_range_does_not_determine(rig: trb.Scene, exact: np.ndarray) -> None:
@@ -631,7 +634,7 @@ def test_rows_that_do_not_fit_together_are_refused(rig: trb.Scene, exact: np.nda
         (first(axial=1000.0), "row 1: axial = 1000 N is too small"),
         (first(radial=0.0, definition="secant"), "row 1.*needs a radial load"),
         (first(speed_rpm=100.0), "row 1: speed_rpm = 100"),
-        (measured(exact, None)[:2], "2 rows cannot give 2 parameters"),
+        (measured(exact, None)[:2], "2 measured values cannot give 2 parameters"),
     ):
         with pytest.raises(MeasuredError, match=sentence):
             fit(rig, wrong)
@@ -681,10 +684,10 @@ def test_the_command_line_fits(exact: np.ndarray, tmp_path: Path, capsys: pytest
     assert "'size' is not known" in capsys.readouterr().err
     table.write_text("radial,axial,quantity,value,sigma\n9000,45,radial_loss,3,0.1\n", encoding="utf-8")
     assert cli.main(["--no-cache", "fit", str(scene), str(table)]) == 2
-    assert f"{table}: row 1: axial = 45 N is too small" in capsys.readouterr().err
+    assert f"{table}: line 2: axial = 45 N is too small" in capsys.readouterr().err
     table.write_text("radial,axial\n", encoding="utf-8")
     assert cli.main(["--no-cache", "fit", str(scene), str(table)]) == 2
-    assert f"{table}: column quantity is missing" in capsys.readouterr().err
+    assert f"{table}: line 1: column quantity is missing" in capsys.readouterr().err
 
 
 def test_the_packaged_measurements_are_in_order() -> None:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import pytest
 
 import difftrb as trb
+from difftrb.fits import fit_problem
 from difftrb.fits.measured import MeasuredError, Measurement, check_loads
 from difftrb.fits.measured_table import load_measured, parse
 
@@ -20,25 +21,25 @@ radial, axial, quantity, value, sigma, phase, definition, speed_rpm
 
 # what is changed in a good table, and what the sentence has to name
 BAD = {
-    "unknown quantity": ("radial_loss", "radial_los", ["row 1 (line 4)", "quantity = 'radial_los'", "'radial_loss'"]),
-    "no number": ("2.4", "two", ["row 1", "value = 'two'", "a number", "percent"]),
-    "not a number": ("2.4", "nan", ["row 1", "value = nan", "a number"]),
-    "empty value": ("2.4", "", ["row 1", "value is empty", "N/mm"]),
-    "negative load": ("3000", "-3000", ["row 2 (line 5)", "radial = -3000.0", "0 … 1e+07 N"]),
-    "zero sigma": ("0.02", "0", ["row 1", "sigma = 0.0", "leave it empty in all rows"]),
-    "degrees": ("0.1", "90", ["row 2", "phase = 90.0", "rad or 'mean'"]),
-    "phase in words": ("mean", "average", ["row 1", "phase = 'average'", "'mean'"]),
-    "definition": ("tangent", "chord", ["row 1", "definition = 'chord'", "'tangent', 'secant'"]),
-    "speed": ("5e3, 0.1, , 0", "5e3, 0.1, , 3000", ["row 2", "speed_rpm = 3000", "must be 0"]),
-    "more than everything": ("2.4", "240", ["row 1", "value = 240", "below 100 %"]),
-    "stiffness below zero": ("4.6e5", "-4.6e5", ["row 2", "value = -460000", "above 0 N/mm"]),
-    "unknown column": ("sigma", "sgima", ["column 'sgima'", "did you mean sigma"]),
+    "unknown quantity": ("radial_loss", "radial_los", ["line 4", "quantity = 'radial_los'", "'radial_loss'"]),
+    "no number": ("2.4", "two", ["line 4", "value = 'two'", "a number", "percent"]),
+    "not a number": ("2.4", "nan", ["line 4", "value = nan", "a number"]),
+    "empty value": ("2.4", "", ["line 4", "value is empty", "N/mm"]),
+    "negative load": ("3000", "-3000", ["line 5", "radial = -3000.0", "0 … 1e+07 N"]),
+    "zero sigma": ("0.02", "0", ["line 4", "sigma = 0.0", "leave it empty in all rows"]),
+    "degrees": ("0.1", "90", ["line 5", "phase = 90.0", "rad or 'mean'"]),
+    "phase in words": ("mean", "average", ["line 4", "phase = 'average'", "'mean'"]),
+    "definition": ("tangent", "chord", ["line 4", "definition = 'chord'", "'tangent', 'secant'"]),
+    "speed": ("5e3, 0.1, , 0", "5e3, 0.1, , 3000", ["line 5", "speed_rpm = 3000", "must be 0"]),
+    "more than everything": ("2.4", "240", ["line 4", "value = 240", "below 100 %"]),
+    "stiffness below zero": ("4.6e5", "-4.6e5", ["line 5", "value = -460000", "above 0 N/mm"]),
+    "unknown column": ("sigma", "sgima", ["line 2: column 'sgima'", "did you mean sigma"]),
     "missing column": ("axial, q", "q", ["column axial is missing"]),
     "twice": ("sigma, phase", "sigma, sigma", ["column 'sigma' stands twice"]),
-    "number of Python": ("3000", "3_000", ["row 2", "radial = '3_000'", "0 … 1e+07 N"]),
-    "decimal comma": ("2.4,", "2,4,", ["row 1", "9 cells", "point"]),
+    "number of Python": ("3000", "3_000", ["line 5", "radial = '3_000'", "0 … 1e+07 N"]),
+    "decimal comma": ("2.4,", "2,4,", ["line 4", "9 cells", "point"]),
     "column without end": ("sigma", "s" * 3000, ["column 'sss", "...", "is not known"]),
-    "cell without end": ("2.4", "4" * 40 + "x" * 3000, ["row 1 (line 4): value = '444", "...: must be"]),
+    "cell without end": ("2.4", "4" * 40 + "x" * 3000, ["line 4: value = '444", "...: must be"]),
     "quoted over lines": ("mean", '"mean\n"', ["line 5", "CSV", "quote"]),
 }
 
@@ -109,6 +110,14 @@ def test_a_column_without_a_name_behind_the_last_one_is_left_out() -> None:
     assert [row.value for row in parse("radial;axial;radial_loss;\n9000;4500;1,5;\n9000;4500;1,6;\n")] == [1.5, 1.6]
 
 
+@pytest.mark.parametrize("between", [",", ";", "\t"])
+def test_a_line_of_separators_is_empty(between: str) -> None:
+    """As spreadsheets write below, between and above what was filled in."""
+    lines = ";;;", "radial;axial;radial_loss;", ";;;", "9000;4500;1.5;", " ; ;;", ";;;"
+    (row,) = parse("\n".join(lines).replace(";", between), "m.csv")
+    assert (row.value, row.origin) == (1.5, ("m.csv", 4, "radial_loss"))
+
+
 def test_a_matrix_is_read() -> None:
     """Stiffness beside the diagonal may be negative."""
     names = ("radial", "axial", *(f"{entry}_stiffness [MN/m]" for entry in ("radial", "lateral", "radial_lateral")))
@@ -128,21 +137,26 @@ def test_a_matrix_is_read() -> None:
         ("radial,axial,value [N/µm],quantity", "1,2,3,radial_loss", r"value in \[N/µm\]: radial_loss is in % or 1"),
         ("radial,axial,radial_loss,value", "1,2,3,4", "either quantity and value, or a column for each quantity"),
         ("radial,axial,radial_loss_sigma,axial_loss", "1,2,3,4", "has no column radial_loss beside it"),
-        ("radial,axial,radial_loss", "1,2,x", "row 1 .line 2.: radial_loss: value = 'x'"),
-        ("radial,axial,radial_loss,axial_loss", "1,2,,", "row 1 .line 2.: holds no value"),
-        ("radial,axial,radial_loss,load_sigma", "1,2,3,2", "load_sigma = 2: sigma is empty"),
+        ("radial,axial,radial_loss", "1,2,x", "^m.csv: line 2: radial_loss = 'x': must be a number"),
+        ("radial,axial,radial_loss,axial_loss", "1,2,,", "^m.csv: line 2: holds no value"),
+        ("radial,axial,radial_loss,load_sigma", "1,2,3,2", "load_sigma = 2 %: radial_loss_sigma is empty"),
         ("radial,quantity [N]", "1,2", r"column quantity: unit \[N\] is not known; it has none"),
         (
             "radial [kN],axial,radial_loss",
             "1e5,2,3",
-            r"row 1 .line 2.: radial_loss: radial = 100000.0 \[kN\]: must be",
+            r"^m.csv: line 2: radial = 100000.0 \[kN\]: must be",
         ),
-        ("radial;axial;radial_loss", "9000;4.500,0;1,2", "a comma and a point, as 4.500,0: write decimals one way"),
-        ("radial;axial;radial_loss", "9000;4.500;1,2", "a comma and a point, as 4.500: write decimals one way"),
-        ("radial,axial,radial_loss", "9.000,4.500,1.2", "9.000 N may have a point between thousands: write 9000"),
-        ("radial;axial;radial_loss", "9.000;0;1.2", "9.000 N may have a point between thousands: write 9000"),
-        ("radial,axial,radial_loss", '9000,4500,"1,2"', "value = '1,2': .* write a number alone, with a decimal point"),
-        ("radial,axial,radial_loss", "9000,4500,1.6 %", "value = '1.6 %': .* a unit goes into the first line"),
+        ("radial;axial;radial_loss", "9000;4.500,0;1,2", "line 2: axial = 4.500,0: numbers have a comma and a point"),
+        ("radial;axial;radial_loss", "9000;4.500;1,2", "line 2: axial = 4.500: numbers have a comma and a point"),
+        ("radial,axial,radial_loss", "9.000,4.500,1.2", "line 2: radial = 9.000 N may have a point between"),
+        ("radial;axial;radial_loss", "9.000;0;1.2", "radial = 9.000 N may have a point between thousands: write 9000"),
+        ("radial;axial;radial_loss", "9,000;4,500;1,2", "line 2: radial = 9,000 N may have a comma between thousands"),
+        (
+            "radial,axial,radial_loss",
+            '9000,4500,"1,2"',
+            "radial_loss = '1,2': .* write a number alone, with a decimal point",
+        ),
+        ("radial,axial,radial_loss", "9000,4500,1.6 %", "radial_loss = '1.6 %': .* a unit goes into the first line"),
         ("radial,axial,radial_loss,phase", "9000,4500,1.6,10.6", r"phase = 10.6: .*; in degrees .* phase \[deg\]"),
         ("Radiallast [N],axial,radial_loss", "9000,4500,1.6", "'Radiallast' is not known; known here: radial, axial"),
     ],
@@ -150,6 +164,53 @@ def test_a_matrix_is_read() -> None:
 def test_wide_tables_get_one_sentence(header: str, cells: str, named: str) -> None:
     with pytest.raises(MeasuredError, match=named):
         parse(f"{header}\n{cells}\n", "m.csv")
+
+
+SEVERAL = """# two quantities a line
+radial,axial,radial_loss,radial_loss_sigma,axial_loss,axial_loss_sigma,definition
+9000,4500,2.0,0.1,1.0,0.1,
+3000,{axial},1.5,0.1,{loss},{sigma},{definition}
+"""
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"loss": "240"}, r"line 4: axial_loss = 240 %: a loss must be below 100 %"),
+        ({"loss": "x"}, r"line 4: axial_loss = 'x': must be a number"),
+        ({"sigma": "0"}, r"line 4: axial_loss_sigma = 0.0: must be a number in 1e-09 … 1e\+10"),
+        ({"sigma": ""}, r"line 4: axial_loss_sigma is empty: give it in all rows or in none"),
+        ({"axial": "45"}, r"line 4: axial = 45 N is too small"),
+    ],
+)
+def test_what_is_wrong_in_a_wide_table_is_named_as_it_stands_there(
+    bearing: trb.TaperedBearing, changed: dict[str, str], sentence: str
+) -> None:
+    """Measurements were counted, of which a line has several, and nothing said of which file."""
+    text = SEVERAL.format(**{"axial": "4500", "loss": "0.8", "sigma": "0.1", "definition": ""} | changed)
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), "liu2018")
+    with pytest.raises(MeasuredError, match=f"^m.csv: {sentence}"):  # noqa: PT012  # wherever it is found
+        rows = parse(text, "m.csv")
+        check_loads(scene, rows)
+        fit_problem.problem_of(trb.prepare(scene), rows, ("length",), "squares", None)
+
+
+def test_a_secant_that_does_not_exist_is_named_by_its_column(bearing: trb.TaperedBearing) -> None:
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), "liu2018")
+    wide = parse("radial,axial,axial_loss,radial_loss,definition\n0,4500,1,2,secant\n", "m.csv")
+    long = parse("radial,axial,quantity,value,definition\n0,4500,radial_loss,2,secant\n", "m.csv")
+    for rows, column in ((wide, "radial_loss"), (long, "quantity = 'radial_loss'")):
+        with pytest.raises(MeasuredError, match=f"^m.csv: line 2: {column}: a secant .* needs a radial load"):
+            check_loads(scene, rows)
+
+
+def test_a_table_as_a_whole_is_named(bearing: trb.TaperedBearing) -> None:
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 7.0),), "liu2018")
+    rows = parse("radial,axial,radial_loss,axial_loss\n9000,4500,1,2\n", "m.csv")
+    for some, said in ((rows, "2 measured values"), (rows[:1], "1 measured value")):
+        with pytest.raises(MeasuredError, match=f"^m.csv: {said} cannot give 2 parameters and their own error"):
+            trb.fit(scene, some)
+    assert rows[0] == Measurement(9000.0, 4500.0, "radial_loss", 1.0)  # wherever it was read
 
 
 def test_rows_of_rings_that_are_held_otherwise_need_no_axial_load(bearing):

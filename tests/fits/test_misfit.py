@@ -9,9 +9,9 @@ import pytest
 
 import difftrb as trb
 from difftrb.fits import fit_problem, fit_remarks, fit_result, fitting, profile_intervals, search
+from difftrb.fits.fit_problem import Problem
 from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
-from difftrb.fits.predicted import Problem
 from difftrb.fits.profile_intervals import Limits, Profiles
 
 
@@ -140,7 +140,7 @@ def test_which_unit_it_may_be(guess: trb.Scene) -> None:
     found = trb.fit(guess, _of_means(guess, ("radial_stiffness", "axial_stiffness"), 1e3, 1e-3), ("length",))
     large = [remark for remark in found.remarks if "times what the model gives" in remark]
     small = dataclasses.replace(found, rows=tuple(dataclasses.replace(r, value=1e-6 * r.value) for r in found.rows))
-    for told, unit in ((large, "N/m"), (fit_remarks._beyond(small, found.predicted), "N/µm")):
+    for told, unit in ((large, "N/m"), (fit_remarks._beyond_the_model(small, found.predicted), "N/µm")):
         assert len(told) == 6
         assert all(said.endswith(f"check the unit (N/mm, not {unit})") for said in told)
         assert not any("e+" in said.partition(" is ")[2] for said in told)
@@ -163,26 +163,26 @@ def test_two_spalls_with_each_other_s_names_are_one_answer(bearing: trb.TaperedB
     assert search.exchange(_of_two(bearing, names, depth=0.3)) is None
     assert search.exchange(_of_two(bearing, names[:-2] + names[-1:])) is None
     assert search.exchange(_of_two(bearing, (names[0], names[3]))) is None
-    place = problem.bounds.coordinates(np.array([[4.0, 6.0, 0.1, 2.0, 3.0, 0.5]]))
+    points = problem.bounds.coordinates(np.array([[4.0, 6.0, 0.1, 2.0, 3.0, 0.5]]))
     normal = np.arange(36.0).reshape(1, 6, 6)
     none = np.zeros(1)
-    found = Least(place[:, other], none, normal[:, other][:, :, other], (), none, none)
+    found = Least(points[:, other], none, normal[:, other][:, :, other], (), none, none)
     named = search.once_round(problem, found)
-    np.testing.assert_array_equal(named.place, place)
+    np.testing.assert_array_equal(named.points, points)
     np.testing.assert_allclose(named.normal, normal, rtol=1e-12)
 
 
 @pytest.mark.hard
 def test_two_spalls_each_elsewhere(bearing: trb.TaperedBearing) -> None:
-    """Places that are tried beside one that was found leave one of the two spalls where it is."""
+    """Points that are tried beside one that was found leave one of the two spalls where it is."""
     problem = _of_two(bearing, ("length", "width", "angle", "length_2", "angle_2"))
     here = np.linspace(-1.0, 1.0, 10).reshape(2, 5)
     found = search._with_one_elsewhere(problem, here)
     assert found.shape == (4 * search.ELSEWHERE, 5)
-    for place, of_place in zip(here, np.split(found, 2), strict=True):
-        second, first = np.split(of_place, 2)[::-1]
-        np.testing.assert_array_equal(first[:, 3:], np.tile(place[3:], (search.ELSEWHERE, 1)))
-        np.testing.assert_array_equal(second[:, :3], np.tile(place[:3], (search.ELSEWHERE, 1)))
+    for point, of_point in zip(here, np.split(found, 2), strict=True):
+        second, first = np.split(of_point, 2)[::-1]
+        np.testing.assert_array_equal(first[:, 3:], np.tile(point[3:], (search.ELSEWHERE, 1)))
+        np.testing.assert_array_equal(second[:, :3], np.tile(point[:3], (search.ELSEWHERE, 1)))
         assert np.ptp(first[:, :3], axis=0).min() > 0.9
         assert np.ptp(second[:, 3:], axis=0).min() > 0.9
 
@@ -204,3 +204,29 @@ def test_a_profile_leaves_a_bound() -> None:
     starts = profile_intervals.starts_of(np.array([9.0, 0.0]), np.eye(2), known, free, at)
     np.testing.assert_array_equal(starts[:, 0], [[7.0, 1.0], [0.5, 1.0], [profile_intervals.INSIDE, 1.0]])
     assert len(profile_intervals.starts_of(np.array([6.0, 0.0]), np.eye(2), known, free, at)) == 2
+
+
+def _missed(freedom: int, common: float = 0.0) -> Any:
+    """What is asked of a fit of one length that misses its rows."""
+    problem = SimpleNamespace(common=common, by_squares=True)
+    return SimpleNamespace(
+        explained=False, residuals=np.array([1.0, -9.0]), misfit=(25.0 * freedom, freedom), freedom=freedom,
+        robust="squares", parameters=("length",), problem=problem,
+    )  # fmt: skip
+
+
+def test_a_misfit_says_by_which_errors_it_counts() -> None:
+    """Beside "49.7 times their sigma" a row stood at +493.9 sigma: χ² holds an error that all rows may share, too, the
+    table the row's own alone."""
+    (alone,), (shared,) = (fit_remarks._about_misfit(_missed(2, common)) for common in (0.0, 0.025))
+    assert "by 5.0 times their sigma (" in alone
+    assert "worst in row 2 (-9.0 sigma)" in alone
+    assert "by 5.0 times what sigma and an error of 2.5 % that the model may have in all rows let expect (" in shared
+    assert "worst in row 2 (-9.0 of its own sigma alone)" in shared
+
+
+def test_one_degree_of_freedom_is_one() -> None:
+    """It was "of 1 degrees of freedom"."""
+    for freedom, words in ((1, "of 1 degree of freedom"), (2, "of 2 degrees of freedom")):
+        (sentence,) = fit_remarks._about_misfit(_missed(freedom))
+        assert words in sentence

@@ -167,5 +167,10 @@ def test_a_crown_may_be_larger_than_the_scenes(bearing: trb.TaperedBearing, desi
 
 def test_values_are_told_with_their_units() -> None:
     """A dash for "no unit" is for tables."""
-    assert parameters.PARAMETERS["scale"].told(0.5) == "scale 0.5"
-    assert parameters.PARAMETERS["length"].told(4.12345, 4) == "length 4.123 mm"
+    assert parameters.PARAMETERS["scale"].in_words(0.5) == "scale 0.5"
+    assert parameters.PARAMETERS["length"].in_words(4.12345, 4) == "length 4.123 mm"
+
+
+def test_the_docstring_of_fit_names_all_parameters() -> None:
+    """As the command line's help does (`test_command_line`)."""
+    assert [name for name in parameters.PARAMETERS if f'"{name}"' not in (fit.__doc__ or "")] == []

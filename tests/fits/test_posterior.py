@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 import difftrb as trb
 from difftrb import __main__ as cli
-from difftrb.fits import evaluations, fit_report
+from difftrb.fits import batched_misfit, fit_report
 from difftrb.fits import posterior as posteriors
 from difftrb.fits.fit_figure import corner
 from difftrb.fits.nested_sampling import Sampled, sampled
@@ -146,7 +146,7 @@ def test_it_is_the_integral_of_two_dimensions(fitted: trb.Fit, drawn: trb.Poster
     side = (np.arange(120) + 0.5) / 120
     points = np.stack([axis.ravel() for axis in np.meshgrid(side, side, indexing="ij")], axis=1)
     coordinates = np.log(points / (1.0 - points))
-    told = evaluations.rows_at(fitted.problem, coordinates, many=True)
+    told = batched_misfit.rows_at(fitted.problem, coordinates, many=True)
     density = np.exp(posteriors.log_density(fitted.problem, told))
     assert drawn.log_evidence == pytest.approx(np.log(np.mean(density)), abs=2.5 * drawn.error)
     values = np.asarray(fitted.problem.bounds.values(coordinates))

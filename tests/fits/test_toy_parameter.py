@@ -9,7 +9,7 @@ import pytest
 import difftrb as trb
 from difftrb import __main__ as cli
 from difftrb.core.geometry import Real
-from difftrb.fits import fit_report, parameters
+from difftrb.fits import fit_record, parameters
 from difftrb.fits.measured import MeasuredError
 from difftrb.scene import scene_file
 
@@ -60,7 +60,7 @@ def test_it_is_found(rig: trb.Scene, rows: list[trb.Measurement]) -> None:
     assert fit["length"] == pytest.approx(TRUTH["length"], rel=1e-6)
     assert fit["axial_factor"] == pytest.approx(TRUTH["axial_factor"], rel=1e-6)
     assert fit.determined
-    assert fit_report.fit_json(fit, (), 0.0)["parameters"]["axial_factor"]["unit"] == "N/N"
+    assert fit_record.fit_json(fit, (), 0.0)["parameters"]["axial_factor"]["unit"] == "N/N"
     assert fit.labels == ("length", "factor on the axial load")
 
 

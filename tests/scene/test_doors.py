@@ -314,7 +314,7 @@ def test_a_row_needs_a_sigma_above_zero(sigma) -> None:
 
 @pytest.mark.parametrize("sigma", ["0", "-0.1", "nan", "inf", "x"])
 def test_a_sigma_of_a_file_is_above_zero(sigma: str) -> None:
-    with pytest.raises(trb.MeasuredError, match=r"row 1 \(line 2\): sigma = .*: must be a number in 1e-09"):
+    with pytest.raises(trb.MeasuredError, match=r"^measured: line 2: sigma = .*: must be a number in 1e-09"):
         measured_table.parse(f"radial,axial,quantity,value,sigma\n9000,4500,radial_loss,3.0,{sigma}\n")
 
 

@@ -35,7 +35,7 @@ class Blocks(NamedTuple):
         they lie differently at other phases, or tilt.
       loads: radial and axial load [N] of every ring, shape (2, blocks, rings). phases: of every ring [rad], shape
         (blocks, rings); not used in a mean.
-      mean: of which mean over phases a block is; −1: of none. places, weights: its point of a rule, shape (blocks, 1);
+      mean: of which mean over phases a block is; −1: of none. nodes, weights: its point of a rule, shape (blocks, 1);
         it has a ring between any two kinks.
       of: number of the condition to which each ring counts, shape (blocks, rings); behind the last one to none.
       count: how many blocks there are.
@@ -47,7 +47,7 @@ class Blocks(NamedTuple):
     loads: np.ndarray | jax.Array
     phases: np.ndarray | jax.Array
     mean: np.ndarray | jax.Array
-    places: np.ndarray | jax.Array
+    nodes: np.ndarray | jax.Array
     weights: np.ndarray | jax.Array
     of: np.ndarray | jax.Array
     count: np.ndarray | jax.Array
@@ -60,14 +60,14 @@ class Conditions:
 
     Attributes:
       definitions: of stiffness, as they come. blocks: of each of them. size: so many conditions are laid out.
-      place: of every row among the conditions, shape (rows,). entry: of the stiffness matrix, a number in `ENTRIES`,
+      condition: of every row, its number, shape (rows,). entry: of the stiffness matrix, a number in `ENTRIES`,
         shape (rows,). loss: whether it is a loss, shape (rows,).
     """
 
     definitions: tuple[Definition, ...] = dataclasses.field(metadata={"static": True})
     size: int = dataclasses.field(metadata={"static": True})
     blocks: tuple[Blocks, ...]
-    place: np.ndarray | jax.Array
+    condition: np.ndarray | jax.Array
     entry: np.ndarray | jax.Array
     loss: np.ndarray | jax.Array
 
@@ -89,24 +89,24 @@ def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_qu
 
 
 def row_conditions(scene: Scene, rows: Sequence[Measurement]) -> tuple[list[int], list[Condition]]:
-    """The place of every row among the conditions, and these."""
+    """The number of the condition of every row, and the conditions."""
     every = [_condition(scene, row) for row in rows]
-    place = {condition: k for k, condition in enumerate(dict.fromkeys(every))}
-    return [place[condition] for condition in every], list(place)
+    numbers = {condition: k for k, condition in enumerate(dict.fromkeys(every))}
+    return [numbers[condition] for condition in every], list(numbers)
 
 
 def _laid_out(scene: Scene, rows: Sequence[Measurement], points: int) -> Conditions:
     """Not knowing of healthy rings."""
-    own_place, every = row_conditions(scene, rows)
-    place = {condition: k for k, condition in enumerate(every)}
-    definitions: tuple[Definition, ...] = tuple({condition.definition: None for condition in place})
-    size, kinks = whole(len(place)), _kinks(scene)
-    own = [{c: k for c, k in place.items() if c.definition == definition} for definition in definitions]
+    row_condition, every = row_conditions(scene, rows)
+    numbers = {condition: k for k, condition in enumerate(every)}
+    definitions: tuple[Definition, ...] = tuple({condition.definition: None for condition in numbers})
+    size, kinks = whole(len(numbers)), _kinks(scene)
+    own = [{c: k for c, k in numbers.items() if c.definition == definition} for definition in definitions]
     return Conditions(
         definitions=definitions,
         size=size,
         blocks=tuple(_blocks(each, kinks, size, points) for each in own),
-        place=np.array(own_place),
+        condition=np.array(row_condition),
         entry=np.array([list(ENTRIES).index(row.entry) for row in rows]),
         loss=np.array([row.is_loss for row in rows]),
     )
@@ -135,18 +135,18 @@ def whole(count: int) -> int:
     return -(-count // SIZE) * SIZE
 
 
-def _blocks(place: dict[Condition, int], kinks: int, size: int, points: int) -> Blocks:
-    single, turning = ([c for c in place if (c.phase is None) == mean] for mean in (False, True))
+def _blocks(numbers: dict[Condition, int], kinks: int, size: int, points: int) -> Blocks:
+    single, turning = ([c for c in numbers if (c.phase is None) == mean] for mean in (False, True))
     found: list[tuple[Any, ...]] = []
     for k in range(0, len(single), kinks):
         own = single[k : k + kinks]
         rings = own + own[:1] * (kinks - len(own))
-        counted = [place[c] for c in own] + [size] * (kinks - len(own))
+        counted = [numbers[c] for c in own] + [size] * (kinks - len(own))
         found.append(([c[:2] for c in rings], [c.phase for c in rings], -1, [0.0], [0.0], counted))
     rule = list(zip(*gauss_legendre(points), strict=True))
     for number, c in enumerate(turning):
         for at, weight in rule:
-            found.append(([c[:2]] * kinks, [0.0] * kinks, number, [at], [weight], [place[c]] * kinks))
+            found.append(([c[:2]] * kinks, [0.0] * kinks, number, [at], [weight], [numbers[c]] * kinks))
     blank = [found[0]] * (whole(len(found)) - len(found))
     loads, phases, mean, at, weight, of = (np.array(each) for each in zip(*found, *blank, strict=True))
     means = np.zeros((whole(len(turning)), 2))

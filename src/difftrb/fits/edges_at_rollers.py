@@ -16,8 +16,8 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
 from difftrb.fits import conditions
+from difftrb.fits.fit_problem import Problem
 from difftrb.fits.parameters import OfSpall
-from difftrb.fits.predicted import Problem
 from difftrb.law import load_curve
 from difftrb.ring import roller_places
 from difftrb.ring.load import largest_load
@@ -43,7 +43,7 @@ class Edges(NamedTuple):
     Attributes:
       own: which of the parameters they are, by field. width, angle: of the scene's spall [mm, rad], where not sought.
       radius: of the raceway [mm]. pitch: what parts two rollers [rad].
-      rollers: angles at which they stood at any phase that was measured [rad], rising, shape (places,).
+      rollers: angles at which they stood at any phase that was measured [rad], rising, shape (angles,).
       ramp: how far a roller has come over the spall where its load begins to drop, and where it has [mm].
     """
 
@@ -56,30 +56,30 @@ class Edges(NamedTuple):
     ramp: tuple[float, float]
 
 
-def moved(problem: Problem, places: np.ndarray) -> np.ndarray:
-    """These places, coordinates of shape (points, parameters), with other widths and angles as far as there are cases,
+def moved(problem: Problem, points: np.ndarray) -> np.ndarray:
+    """These points, coordinates of shape (points, parameters), with other widths and angles as far as there are cases,
     of too many those nearest to the load line and some of the others; as they are where neither is sought, or no row is
     at a phase."""
-    values = np.array(problem.bounds.values(places))
+    values = np.array(problem.bounds.values(points))
     for k, edges in enumerate(sought(problem)):
         cases = _cases(edges)
-        near = int(NEAREST * len(places))
-        if len(cases) > len(places):
-            others = np.linspace(near, len(cases) - 1, len(places) - near).round().astype(int)
+        near = int(NEAREST * len(points))
+        if len(cases) > len(points):
+            others = np.linspace(near, len(cases) - 1, len(points) - near).round().astype(int)
             cases = cases[[*range(near), *others]]
         if k:  # else both spalls were the same one
             cases = np.random.default_rng(k).permutation(cases)
         for field, i in edges.own.items():
             values[: len(cases), i] = cases[:, FIELDS.index(field)]
-    return np.where(values == problem.bounds.values(places), places, _coordinates(problem, values))
+    return np.where(values == problem.bounds.values(points), points, _coordinates(problem, values))
 
 
-def beside(problem: Problem, places: np.ndarray) -> np.ndarray:
-    """These places, coordinates of shape (points, parameters), with one edge moved, or the whole spall, to where that
+def beside(problem: Problem, points: np.ndarray) -> np.ndarray:
+    """These points, coordinates of shape (points, parameters), with one edge moved, or the whole spall, to where that
     edge is at a roller or between two of them; shape (more points, parameters)."""
-    found = [np.zeros((0, places.shape[1]))]
+    found = [np.zeros((0, points.shape[1]))]
     for edges in sought(problem):
-        for values in problem.bounds.values(places):
+        for values in problem.bounds.values(points):
             cases = _moves(edges, *_size(edges, values))
             more = np.tile(values, (len(cases), 1))
             for field, i in edges.own.items():
@@ -88,16 +88,16 @@ def beside(problem: Problem, places: np.ndarray) -> np.ndarray:
     return np.concatenate(found)
 
 
-def kept(problem: Problem, every: Sequence[Edges], place: np.ndarray, i: int, at: float) -> np.ndarray:
-    """The place, coordinates of shape (parameters,), with the i-th parameter `at` another coordinate and either edge of
+def kept(problem: Problem, every: Sequence[Edges], point: np.ndarray, i: int, at: float) -> np.ndarray:
+    """The point, coordinates of shape (parameters,), with the i-th parameter `at` another coordinate and either edge of
     the spall where it is, shape (2, parameters). Of a parameter that is no width or angle of a spall of which both are
     sought: none, shape (0, parameters)."""
-    found = np.zeros((0, len(place)))
+    found = np.zeros((0, len(point)))
     for edges in every:
         if len(edges.own) == 2 and i in edges.own.values():
-            found = np.stack([place, place])
+            found = np.stack([point, point])
             found[:, i] = at
-            values, there = problem.bounds.values(place), problem.bounds.values(found[0])
+            values, there = problem.bounds.values(point), problem.bounds.values(found[0])
             width, angle = (edges.own[field] for field in FIELDS)
             for side, to in zip((-1.0, 1.0), found, strict=True):
                 here = there.copy()
@@ -160,7 +160,7 @@ def _ramp(problem: Problem, number: int) -> tuple[float, float]:
 
 def _cases(edges: Edges) -> np.ndarray:
     """Widths [mm] and angles [rad] of spalls from a roller or gap to another, shape (cases, 2)."""
-    begins, ends = (_places(edges, side, np.array([0.5])) for side in (-1.0, 1.0))
+    begins, ends = (_edge_angles(edges, side, np.array([0.5])) for side in (-1.0, 1.0))
     if len(edges.own) == 2:
         begins, ends = np.meshgrid(begins, ends, indexing="ij")
         apart = np.mod(ends - begins, 2.0 * np.pi)
@@ -174,7 +174,7 @@ def _cases(edges: Edges) -> np.ndarray:
         angle = np.concatenate([begins + half, ends - half])
         width = np.full(len(angle), edges.width)
     else:
-        away = [side * geometry.turned(places - edges.angle) for side, places in ((-1.0, begins), (1.0, ends))]
+        away = [side * geometry.turned(angles - edges.angle) for side, angles in ((-1.0, begins), (1.0, ends))]
         width = 2.0 * edges.radius * np.concatenate(away)
         width = width[(width > 0.0) & (width <= WIDEST * edges.pitch * edges.radius)]
         angle = np.full(len(width), edges.angle)
@@ -192,8 +192,8 @@ def _moves(edges: Edges, width: float, angle: float) -> np.ndarray:
     """Widths [mm] and angles [rad] of a spall with an edge moved, or all of it, shape (cases, 2)."""
     half, found = 0.5 * width / edges.radius, list[np.ndarray]()
     for side in (-1.0, 1.0):
-        places = _places(edges, side, ON_RAMP)
-        step = geometry.turned(places - (angle + side * half))
+        angles = _edge_angles(edges, side, ON_RAMP)
+        step = geometry.turned(angles - (angle + side * half))
         step = step[np.abs(step) <= AWAY * edges.pitch]
         if len(edges.own) == 2:
             found.append(np.stack([width + side * step * edges.radius, angle + 0.5 * step], axis=1))
@@ -205,9 +205,9 @@ def _moves(edges: Edges, width: float, angle: float) -> np.ndarray:
     return np.stack([every[:, 0], geometry.turned(every[:, 1])], axis=1)[every[:, 0] > 0.0]
 
 
-def _places(edges: Edges, side: float, shares: np.ndarray) -> np.ndarray:
+def _edge_angles(edges: Edges, side: float, shares: np.ndarray) -> np.ndarray:
     """Angles [rad] of a spall's edge on this side where it is at a roller, by shares of a ramp's length, or half way to
-    the next one, shape (places,)."""
+    the next one, shape (angles,)."""
     over = (edges.ramp[0] + shares * (edges.ramp[1] - edges.ramp[0])) / edges.radius
     gaps = edges.rollers + 0.5 * np.mod(np.roll(edges.rollers, -1) - edges.rollers, 2.0 * np.pi)
     return np.concatenate([(edges.rollers[:, None] + side * over).ravel(), gaps])

@@ -118,7 +118,7 @@ def ridge(fit: Fit, ax: Axes) -> Axes:
 def _wider(fit: Fit, i: int) -> np.ndarray:
     """Coordinates somewhat beyond an interval."""
     low, high = fit.profiles.ends[i]
-    return np.array([fit.place[i] - 2.1 * (fit.place[i] - low), fit.place[i] + 2.1 * (high - fit.place[i])])
+    return np.array([fit.point[i] - 2.1 * (fit.point[i] - low), fit.point[i] + 2.1 * (high - fit.point[i])])
 
 
 def corner(posterior: Posterior, fitted: dict[str, float] | None = None) -> Any:

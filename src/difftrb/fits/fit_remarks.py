@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from difftrb.fits import (
+    batched_misfit,
     conditions,
-    evaluations,
     fit_result,
     optimal_design,
     predicted,
@@ -18,7 +18,7 @@ from difftrb.fits import (
 )
 from difftrb.fits.fit_result import UNLIKELY, Alternative, Fit
 from difftrb.fits.least_squares import AT_BOUND, at_shares
-from difftrb.fits.measured import Measurement
+from difftrb.fits.measured import Measurement, so_many
 from difftrb.fits.parameters import OfSpall
 from difftrb.fits.profile_intervals import CONFIDENCE
 from difftrb.fits.search import Scan
@@ -39,8 +39,8 @@ NEAR_END = 0.1
 """Share of a range within which a value is at its end."""
 ALIKE = 0.05
 """By how much an answer's weight has to be more than another's for it to be called likelier."""
-TOLD = 3
-"""Most other answers that are told in words."""
+MOST_SHOWN = 3
+"""Most other answers that are described."""
 
 
 def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
@@ -49,8 +49,8 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
         *effects.remarks(fit.scene.effects, fit.scene.spalls),
         *_about_rows(fit),
         *_about_misfit(fit),
-        *_beyond(fit, np.nanmax(scan.told, axis=0)),
-        *_bounds(fit),
+        *_beyond_the_model(fit, np.nanmax(scan.predicted, axis=0)),
+        *_at_bounds(fit),
     ]
     wrong = suspects.named(fit, scan) if suspects.wanted(fit) else []
     doubts = tuple(_of_suspect(fit, one) for one in wrong)
@@ -62,19 +62,19 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
         remarks.append(
             f"{names} may lie beyond the range that is searched, and all others would move: nothing is determined"
         )
-    healthy = _healthy(fit)
+    healthy = _no_spall_needed(fit)
     if healthy:
         remarks.append(healthy)
     elif unclear.any():
-        remarks.append(_unclear(fit, np.nonzero(unclear)[0].tolist()))
+        remarks.append(_undetermined(fit, np.nonzero(unclear)[0].tolist()))
     remarks += _of_alternatives(fit)
-    if len(fit.alternatives) > TOLD:
-        more = len(fit.alternatives) - TOLD
+    if len(fit.alternatives) > MOST_SHOWN:
+        more = len(fit.alternatives) - MOST_SHOWN
         remarks.append(f"{more} more answers are not ruled out" if more > 1 else "one more answer is not ruled out")
     if len(fit.parameters) > MANY and fit.explained:
         remarks.append(
             f"the range of more than {MANY} parameters is scanned thinly: an answer that fits as well may be missed; "
-            f"difftrb.fit(…, starts={4 * search.points(len(fit.parameters))}) looks closer"
+            f"difftrb.fit(…, starts={4 * search.scan_size(len(fit.parameters))}) looks closer"
         )
     if fit.freedom <= 0:
         remarks.append("there are no more rows than parameters, so none checks the fit")
@@ -102,7 +102,7 @@ def _out_of_range(fit: Fit) -> list[int]:
     """What of the bearing and its loads, not of spalls, may lie beyond the range that is searched: its interval is open
     there, and its value within `NEAR_END` of that end."""
     far = at_shares(np.array(1.0 - NEAR_END))
-    at_end = np.column_stack([fit.place < -far, fit.place > far]) & fit.own_open
+    at_end = np.column_stack([fit.point < -far, fit.point > far]) & fit.own_open
     every = enumerate(fit.problem.parameters)
     return [i for i, one in every if not isinstance(one, OfSpall) and (at_end[i] & ~np.array(one.natural)).any()]
 
@@ -111,14 +111,14 @@ def _about_rows(fit: Fit) -> list[str]:
     """What is odd about the measurements alone."""
     found = []
     by_kind: dict[tuple, list[int]] = {}
-    places, _ = conditions.row_conditions(fit.scene, fit.rows)
+    numbers, _ = conditions.row_conditions(fit.scene, fit.rows)
     for k, row in enumerate(fit.rows):
         if row.is_loss and row.value < -3.0 * fit.sigma[k] and abs(fit.residuals[k]) > FAR:
             found.append(
                 f"row {k + 1}: {row.quantity} = {row.value:g} % is below zero by more than its error: a spall cannot "
                 "stiffen a bearing; check the sign (a loss is positive) and which of the two is the healthy bearing"
             )
-        by_kind.setdefault((places[k], row.quantity), []).append(k)
+        by_kind.setdefault((numbers[k], row.quantity), []).append(k)
     for same in by_kind.values():
         values = np.array([fit.rows[k].value for k in same])
         low, high = same[int(np.argmin(values))], same[int(np.argmax(values))]
@@ -147,11 +147,20 @@ def _about_misfit(fit: Fit) -> list[str]:
         chi2, freedom = fit.misfit
         times = float(np.sqrt(chi2 / freedom))
         rows = "" if fit.robust == "squares" else " even in the two thirds of the rows that it meets best"
-        of = f"of {freedom} degrees of freedom" if fit.freedom > 0 else "where so many parameters could meet every row"
+        of = (
+            f"of {so_many(freedom, 'degree')} of freedom"
+            if fit.freedom > 0
+            else "where so many parameters could meet every row"
+        )
+        common = 100.0 * float(fit.problem.common) if fit.robust == "squares" else 0.0
+        expected, unit = "their sigma", "sigma"
+        if common > 0.0:  # it counts in χ², in no row's own deviation
+            expected = f"what sigma and an error of {common:.2g} % that the model may have in all rows let expect"
+            unit = "of its own sigma alone"
         missed = ", or the search has missed the best of so many parameters" if len(fit.parameters) > MANY else ""
         found.append(
-            f"the fit misses the data{rows} by {times:.1f} times their sigma (χ² = {chi2:.3g} {of}), "
-            f"worst in row {worst + 1} ({fit.residuals[worst]:+.1f} sigma): sigma is too small, rows "
+            f"the fit misses the data{rows} by {times:.1f} times {expected} (χ² = {chi2:.3g} {of}), "
+            f"worst in row {worst + 1} ({fit.residuals[worst]:+.1f} {unit}): sigma is too small, rows "
             f"contradict each other, or the model lacks something{missed}; do not rely on the sizes"
         )
     for k, off in enumerate(fit.residuals):
@@ -166,12 +175,12 @@ def _of_suspect(fit: Fit, suspect: suspects.Suspect) -> str:
     return f"perhaps {suspect.what}: that {how}, here {fit.chi2:.3g}), with {suspect.answer}: {suspect.advice}"
 
 
-def _healthy(fit: Fit) -> str:
+def _no_spall_needed(fit: Fit) -> str:
     """That no spall is needed, if none is."""
     losses = np.array([row.is_loss for row in fit.rows])
-    if (fit.problem.sound is None and not losses.all()) or not fit.explained:
+    if (fit.problem.healthy is None and not losses.all()) or not fit.explained:
         return ""
-    chi2 = 2.0 * float(evaluations.costs(fit.problem, predicted.healthy_rows(fit.problem)[None])[0])
+    chi2 = 2.0 * float(batched_misfit.costs(fit.problem, predicted.healthy_rows(fit.problem)[None])[0])
     by_one = fit_result.tail(max(chi2 - fit.chi2, 0.0), len(fit.parameters))
     # as many answers, as many chances that noise looks like one
     if 1.0 - (1.0 - by_one) ** (1 + len(fit.alternatives)) < HEALTHY or not np.isfinite(chi2):
@@ -189,7 +198,7 @@ def _healthy(fit: Fit) -> str:
     return f"no spall is needed: the healthy bearing fits as well (χ² {chi2:.3g}, here {fit.chi2:.3g}){known}"
 
 
-def _beyond(fit: Fit, most: np.ndarray) -> list[str]:
+def _beyond_the_model(fit: Fit, most: np.ndarray) -> list[str]:
     """Measured values that no spall within the ranges gives; `most` is given at the points scanned, shape (rows,)."""
     most = np.maximum(most, fit.predicted)
     found = []
@@ -202,43 +211,43 @@ def _beyond(fit: Fit, most: np.ndarray) -> list[str]:
             )
         if not row.is_loss and not row.is_coupling and not 0.2 < row.value / fit.predicted[k] < 5.0:
             times = row.value / fit.predicted[k]
-            told, other = (f"{times:.0f}" if times > 10.0 else f"{times:.2g}"), "N/m" if times > 1.0 else "N/µm"
+            factor, other = (f"{times:.0f}" if times > 10.0 else f"{times:.2g}"), "N/m" if times > 1.0 else "N/µm"
             found.append(
-                f"row {k + 1}: {row.quantity} = {row.value:g} N/mm is {told} times what the model gives: check the "
+                f"row {k + 1}: {row.quantity} = {row.value:g} N/mm is {factor} times what the model gives: check the "
                 f"unit (N/mm, not {other})"
             )
     return found
 
 
-def _bounds(fit: Fit) -> list[str]:
+def _at_bounds(fit: Fit) -> list[str]:
     found = []
     for i, name in enumerate(fit.parameters):
-        if abs(fit.place[i]) >= AT_BOUND:
-            side = "largest" if fit.place[i] > 0.0 else "smallest"
-            value = fit.problem.parameters[i].told(fit.values[i], 4).removeprefix(f"{name} ")
+        if abs(fit.point[i]) >= AT_BOUND:
+            side = "largest" if fit.point[i] > 0.0 else "smallest"
+            value = fit.problem.parameters[i].in_words(fit.values[i], 4).removeprefix(f"{name} ")
             found.append(f"{name} ends at the {side} value that is searched, {value}")
     return found
 
 
-def _unclear(fit: Fit, unclear: list[int]) -> str:
+def _undetermined(fit: Fit, unclear: list[int]) -> str:
     """Which parameters the data leave open, which product of sizes they determine, and what to measure."""
     names = [fit.parameters[i] for i in unclear]
     ranges = [_fits_as_well(fit, i) for i in unclear]
 
-    def told(words: str) -> str:
+    def each_with(words: str) -> str:
         return " and ".join(f"{name} {words} {own}" for name, own in zip(names, ranges, strict=True))
 
     suggestion = optimal_design.next_measurements(fit, count=1, parameter=names[0])[0]
     advice = f"measure {optimal_design.in_words(suggestion.row)}"
     sizes = [i for i, parameter in enumerate(fit.problem.parameters)
-             if parameter.logarithmic and parameter.in_products and abs(fit.place[i]) < AT_BOUND]  # fmt: skip
+             if parameter.logarithmic and parameter.in_products and abs(fit.point[i]) < AT_BOUND]  # fmt: skip
     if len(sizes) > 1:
         powers, error = _best_determined(fit, sizes)
         percent = 100.0 * error * float(np.sqrt(fit.limit))
         product = _product(powers)
         if percent < 30.0 and TIMES in product:  # one alone is said to be open or is known
-            return f"near this answer {product} is determined to {percent:.2g} %, {told('is not')}: {advice}"
-    open_ones = told("is not determined")
+            return f"near this answer {product} is determined to {percent:.2g} %, {each_with('is not')}: {advice}"
+    open_ones = each_with("is not determined")
     return f"{open_ones[:1].upper()}{open_ones[1:]}: {advice}"
 
 
@@ -257,8 +266,8 @@ def _fits_as_well(fit: Fit, i: int) -> str:
 def _best_determined(fit: Fit, sizes: list[int]) -> tuple[dict[str, float], float]:
     """The product of powers of these parameters that is known best: exponents by name, standard error of its
     logarithm."""
-    slope = fit.problem.bounds.slope(fit.place)
-    covariance = (profile_intervals.covariance(fit.normal, fit.place) * np.outer(slope, slope))[np.ix_(sizes, sizes)]
+    slope = fit.problem.bounds.slope(fit.point)
+    covariance = (profile_intervals.covariance(fit.normal, fit.point) * np.outer(slope, slope))[np.ix_(sizes, sizes)]
     _, directions = np.linalg.eigh(covariance)
     powers = directions[:, 0] / directions[np.argmax(np.abs(directions[:, 0])), 0]
     names = [fit.parameters[i] for i in sizes]
@@ -276,11 +285,11 @@ def _product(powers: dict[str, float]) -> str:
 
 def _of_alternatives(fit: Fit) -> list[str]:
     """The first other answers, and which measurement would tell each from the fit's."""
-    told = sorted(fit.alternatives, key=lambda other: -other.weight)[:TOLD]
-    if not told:
+    shown = sorted(fit.alternatives, key=lambda other: -other.weight)[:MOST_SHOWN]
+    if not shown:
         return []
-    telling = optimal_design.telling(fit, np.array([other.values for other in told]))
-    return [_of_alternative(fit, other, *best) for other, best in zip(told, telling, strict=True)]
+    telling = optimal_design.telling(fit, np.array([other.values for other in shown]))
+    return [_of_alternative(fit, other, *best) for other, best in zip(shown, telling, strict=True)]
 
 
 def _percent(share: float) -> str:
@@ -293,7 +302,7 @@ def _chi2(value: float) -> str:
 
 
 def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float) -> str:
-    answer = ", ".join(p.told(v, 4) for p, v in zip(fit.problem.parameters, other.values, strict=True))
+    answer = ", ".join(p.in_words(v, 4) for p, v in zip(fit.problem.parameters, other.values, strict=True))
     advice = f"measure {optimal_design.in_words(row)}, where they differ by {apart:.2g} sigma"
     if apart < TOLD_APART:
         advice = "no load and phase like those measured tells them apart"

@@ -1,5 +1,6 @@
-"""What `difftrb fit` does; a fit, its posterior and how many spalls rows need, for people (text) and for machines
-(JSON). The figures are those of `fit_figure`."""
+"""What `difftrb fit` does, and what it says to people of a fit, its posterior and how many spalls rows need.
+
+What it says to machines is `fit_record`, what it draws `fit_figure`."""
 
 from __future__ import annotations
 
@@ -9,18 +10,20 @@ from typing import Any
 
 import numpy as np
 from rich.console import Group, RenderableType
+from rich.table import Table
 from rich.text import Text
 
 from difftrb.core import status
-from difftrb.fits import estimated_bearing, measured, measured_table, spall_count
+from difftrb.fits import bearing_uncertainty, measured, measured_table, spall_count
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import Condition, row_conditions
 from difftrb.fits.fit_figure import PERCENT, corner, fit_panels
 from difftrb.fits.fit_problem import prepare_fit
+from difftrb.fits.fit_record import count_json, fit_json, posterior_json
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.fitting import fit
 from difftrb.fits.least_squares import STEPS
-from difftrb.fits.measured import Measurement
+from difftrb.fits.measured import Measurement, so_many
 from difftrb.fits.optimal_design import Suggestion, in_words, next_measurements
 from difftrb.fits.posterior import Posterior, posterior
 from difftrb.fits.spall_count import SpallCount, count_spalls
@@ -44,18 +47,7 @@ HELD = "length", "width", "angle"
 
 def deliver(options: Any, file: SceneFile, path: str) -> int:
     """Fit what `options` name to their measurements, print it and write it where they ask; the exit code."""
-    scene_file.check_ring(file, path)
-    rows = measured_table.load_measured(options.measured)
-    light = remarks.odd_measured_load(file.bearing, rows)
-    if light is not None and remarks.all_in_kn(file.bearing, rows):
-        raise measured.MeasuredError(f"{options.measured}: {light}: name the columns radial [kN] and axial [kN]")
-    console.remark(options.measured, light)
-    names = [name.strip() for name in options.parameters.split(",")]
-    fit_parameters.named(names)  # what is wrong is said before anything is solved
-    measured.check_loads(file.scene(), rows, options.measured)
-    counts = None if options.spalls is None else _counts(options.spalls)
-    if counts is not None:
-        spall_count.check(file.scene(), rows, counts, names)
+    rows, names, counts = _checked(options, file, path)
     started = time.perf_counter()
     with console.bar("solving contacts for the roller law") as progress:
         scene = prepare_fit(file.scene(), rows, progress)
@@ -68,9 +60,9 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     texts, figures, about = [], [("fit", lambda: fit_panels(result))], None
     if file.catalogue is not None and bool(result.converged):
         with console.busy("asking other bearings of this catalogue line"):
-            about = file.catalogue.uncertainty(estimated_bearing.moves(result))
+            about = file.catalogue.uncertainty(bearing_uncertainty.moves(result))
         record["left_by_catalogue"] = tables.plain(dict(zip(result.parameters, about, strict=True)))
-        texts.append(Text(f"note: {estimated_bearing.sentence(result, about)}"))  # not to be overlooked
+        texts.append(Text(f"note: {bearing_uncertainty.sentence(result, about)}"))  # not to be overlooked
     texts.append(fit_text(result, suggestions, about))
     if options.posterior and bool(result.converged):
         with console.bar("sampling the posterior") as progress:
@@ -96,6 +88,23 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     return code
 
 
+def _checked(options: Any, file: SceneFile, path: str) -> tuple[tuple[Measurement, ...], list[str], list[int] | None]:
+    """Rows, names of parameters, numbers of spalls: what is wrong with them is said before anything is solved."""
+    scene_file.check_ring(file, path)
+    rows = measured_table.load_measured(options.measured)
+    light = remarks.odd_measured_load(file.bearing, rows)
+    if light is not None and remarks.all_in_kn(file.bearing, rows):
+        raise measured.MeasuredError(f"{options.measured}: {light}: name the columns radial [kN] and axial [kN]")
+    console.remark(options.measured, light)
+    names = [name.strip() for name in options.parameters.split(",")]
+    fit_parameters.named(names)
+    measured.check_loads(file.scene(), rows)
+    counts = None if options.spalls is None else _counts(options.spalls)
+    if counts is not None:
+        spall_count.check(file.scene(), rows, counts, names)
+    return rows, names, counts
+
+
 def _counts(text: str) -> list[int]:
     """Numbers of spalls, as 0,1,2."""
     try:
@@ -104,61 +113,14 @@ def _counts(text: str) -> list[int]:
         raise measured.MeasuredError(f"--spalls {text}: give numbers of spalls, say 0,1,2") from None
 
 
-def fit_json(fit: Fit, suggestions: tuple[Suggestion, ...], seconds: float) -> dict[str, Any]:
-    """A fit with the keys of the command line's `--json`; numbers that do not exist are None."""
-    parameters = {
-        name: {
-            "value": fit.values[i],
-            "unit": fit.units[i],
-            "standard_error": fit.standard_errors[i],
-            "interval": fit.intervals[i],
-            "pieces": fit.pieces[i],
-            "open": fit.open[i],
-            "determined": bool(fit.determined_each[i]),
-        }
-        for i, name in enumerate(fit.parameters)
-    }
-    rows = [
-        {"quantity": row.quantity, "radial": row.radial, "axial": row.axial, "phase": row.phase,
-         "definition": row.definition, "value": row.value, "unit": row.unit, "predicted": told, "sigma": sigma,
-         "residual": off}
-        for row, told, sigma, off in zip(fit.rows, fit.predicted, fit.sigma, fit.residuals, strict=True)
-    ]  # fmt: skip
-    return tables.plain({
-        "status": fit.status,
-        "converged": bool(fit.converged),
-        "parameters": parameters,
-        "correlation": fit.correlation,
-        "determined": fit.determined,
-        "explained": fit.explained,
-        "alternatives": [
-            {"values": dict(zip(fit.parameters, other.values.tolist(), strict=True)), "chi2": other.chi2,
-             "weight": other.weight}
-            for other in fit.alternatives
-        ],
-        "remarks": fit.remarks,
-        "doubts": fit.doubts,
-        "chi2": fit.chi2,
-        "degrees_of_freedom": fit.freedom,
-        "sigma_estimated": fit.sigma_estimated,
-        "robust": fit.robust,
-        "rows": rows,
-        "next_measurements": [
-            {"radial": s.row.radial, "axial": s.row.axial, "quantity": s.row.quantity, "phase": s.row.phase,
-             "gain": s.gain, "standard_errors": s.errors}
-            for s in suggestions
-        ],
-        "starts": [
-            {"last": last, "chi2": chi2, "steps": int(steps)}
-            for last, chi2, steps in zip(*fit.history, strict=True)
-        ],
-        "seconds": seconds,
-    })  # fmt: skip
-
-
 def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.ndarray | None = None) -> RenderableType:
     """A fit for people: parameters, remarks, rows, and what to measure next; with what a bearing that was estimated
     from its catalogue leaves of the parameters (k = 2), shape (parameters,)."""
+    table = _table_of_parameters(fit, by_catalogue)
+    return Group(table, _table_of_rows(fit), *(Text(line) for line in _lines(fit, suggestions)))
+
+
+def _table_of_parameters(fit: Fit, by_catalogue: np.ndarray | None) -> Table:
     left = () if by_catalogue is None else (LEFT,)
     headings = "", "value", "standard error", LIKELY, *left, "unit", "determined"
     table = tables.house_table("Fitted to the measurements", *headings, words=("", "unit", "determined"))
@@ -170,6 +132,10 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
             known = "by the rows, not by the bearing" if known == "yes" and 2.0 * by_catalogue[i] > within else known
         values = f"{fit.values[i]:.4g}", tables.number(fit.standard_errors[i], ".2g"), fit.interval_in_words(i)
         table.add_row(name, *values, *more, fit.units[i], known)
+    return table
+
+
+def _table_of_rows(fit: Fit) -> Table:
     rows = tables.house_table("Measurements")
     for heading in ("row", "quantity", "radial [N]", "axial [N]", "phase", "measured", "model", "off [sigma]"):
         words = heading == "quantity"
@@ -181,6 +147,11 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
             str(k + 1), f"{quantity} [{row.unit}]", f"{row.radial:g}", f"{row.axial:g}",
             _phase(row.phase), _amount(row.value), _amount(fit.predicted[k]), f"{fit.residuals[k]:+.2f}",
         )  # fmt: skip
+    return rows
+
+
+def _lines(fit: Fit, suggestions: tuple[Suggestion, ...]) -> list[str]:
+    """What is to say beside the tables: remarks, what to measure next, what the fit rests on."""
     lines = [*fit.remarks]
     if fit.alternatives:
         lines.insert(0, "other answers are possible, see below; intervals hold those that fit as well, standard errors "
@@ -198,7 +169,7 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
         first = "next" if s is suggestions[0] else "and then"
         lines.append(f"{first}: measure {in_words(s.row)}{again} (standard errors then: {errors})")
     sizes = [fit_parameters.PARAMETERS[name] for name in HELD if name not in fit.parameters]
-    held = [size.told(size.start(fit.scene), 4) for size in sizes]
+    held = [size.in_words(size.start(fit.scene), 4) for size in sizes]
     if held:
         lines.append(f"held as in the scene: {', '.join(held)}; what is fitted holds for that alone")
     if effect_base.among(fit.scene.effects, Raceways) is None:
@@ -208,9 +179,9 @@ def fit_text(fit: Fit, suggestions: tuple[Suggestion, ...], by_catalogue: np.nda
             f"raceways give way, a spall takes about {law_text.outer_share(fit.scene, heaviest):.2f} of that: name "
             "effects.raceways for rows that were measured"
         )
-    told = f"; χ² = {fit.chi2:.3g} of {fit.freedom} degrees of freedom" if fit.freedom > 0 else ""
-    lines.append(f"{fit.status}{told}")
-    return Group(table, rows, *(Text(line) for line in lines))
+    misfit = f"; χ² = {fit.chi2:.3g} of {so_many(fit.freedom, 'degree')} of freedom" if fit.freedom > 0 else ""
+    lines.append(f"{fit.status}{misfit}")
+    return lines
 
 
 def _is_same(one: Measurement, row: Measurement, fit: Fit) -> bool:
@@ -238,25 +209,6 @@ def _phase(phase: Any) -> str:
     return "scene's" if phase is None else phase if isinstance(phase, str) else f"{phase:.4g}"
 
 
-def posterior_json(posterior: Posterior) -> dict[str, Any]:
-    """For the command line's `--json`."""
-    parts = zip(
-        posterior.parameters, posterior.units, posterior.values.T, posterior.intervals(), posterior.ranges, strict=True
-    )
-    return {
-        "parameters": {
-            name: {"mean": np.mean(own), "standard_deviation": np.std(own), "unit": unit, "interval": ends,
-                   "prior": prior}
-            for name, unit, own, ends, prior in parts
-        },
-        "log_evidence": posterior.log_evidence,
-        "log_evidence_error": posterior.error,
-        "draws": len(posterior.values),
-        "effective": posterior.effective,
-        "evaluations": posterior.evaluations,
-    }  # fmt: skip
-
-
 def posterior_text(posterior: Posterior) -> RenderableType:
     """A table of its parameters."""
     title = f"Posterior, log evidence {posterior.log_evidence:.2f} ± {posterior.error:.2f}"
@@ -265,16 +217,6 @@ def posterior_text(posterior: Posterior) -> RenderableType:
     for name, unit, own, (low, high) in parts:
         table.add_row(name, f"{np.mean(own):.4g}", f"{np.std(own):.2g}", f"{low:.4g} … {high:.4g}", unit)
     return table
-
-
-def count_json(counted: SpallCount) -> list[dict[str, Any]]:
-    """For the command line's `--json`: an entry for each number of spalls."""
-    parts = zip(counted.counts, counted.log_evidences, counted.errors, counted.shares, counted.posteriors, strict=True)
-    return [
-        {"spalls": count, "log_evidence": value, "log_evidence_error": error, "share": share,
-         "posterior": None if own is None else posterior_json(own)}
-        for count, value, error, share, own in parts
-    ]  # fmt: skip
 
 
 def count_text(counted: SpallCount) -> RenderableType:

@@ -13,14 +13,14 @@ import scipy.special
 from difftrb.core import status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import predicted, profile_intervals
+from difftrb.fits.fit_problem import Problem
 from difftrb.fits.least_squares import Least
-from difftrb.fits.measured import Measurement
-from difftrb.fits.predicted import Problem
+from difftrb.fits.measured import Measurement, so_many
 from difftrb.fits.profile_intervals import KnownCosts, Profiles
 from difftrb.scene.scene import Scene
 
-MOST_TOLD = 2
-"""Pieces of an interval that are told one by one."""
+MOST_SHOWN = 2
+"""Pieces of an interval that are shown one by one."""
 UNLIKELY = 1e-3
 """Probability of a χ² below which data and model are taken to contradict each other."""
 
@@ -65,7 +65,7 @@ class Fit(status.Judged):
         `determined`: all.
       alternatives: other answers that fit about as well, the best first.
       robust: how deviations counted. scene: prepared, with the fitted spall. history: of all starts.
-      profiles, problem, place (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends):
+      profiles, problem, point (coordinates), normal (matrix, by coordinates), limit (rise of χ² at an interval's ends):
         for figures and designs. known: all points that were scanned, and minima.
       status_code: see `difftrb.status`.
     """
@@ -92,7 +92,7 @@ class Fit(status.Judged):
     profiles: Profiles
     problem: Problem
     robust: str
-    place: np.ndarray
+    point: np.ndarray
     normal: np.ndarray
     limit: float
     known: KnownCosts
@@ -102,10 +102,10 @@ class Fit(status.Judged):
         """On a few lines: parameters with their intervals, misfit, remarks."""
         parts = zip(self.problem.parameters, self.values, self.determined_each, strict=True)
         lines = [
-            f"  {parameter.told(value, 4)} ({self.interval_in_words(i)}{'' if sure else ', not determined'})"
+            f"  {parameter.in_words(value, 4)} ({self.interval_in_words(i)}{'' if sure else ', not determined'})"
             for i, (parameter, value, sure) in enumerate(parts)
         ]
-        first = f"Fit of {len(self.rows)} rows, χ² {self.chi2:.3g}: {self.status}"
+        first = f"Fit of {so_many(len(self.rows), 'row')}, χ² {self.chi2:.3g}: {self.status}"
         return "\n".join([first, *lines, *(f"  {remark}" for remark in self.remarks)])
 
     @property
@@ -135,19 +135,19 @@ class Fit(status.Judged):
         return int(np.argmin(np.maximum(np.maximum(low - self.values[i], self.values[i] - high), 0.0)))
 
     def interval_in_words(self, i: int) -> str:
-        """The pieces of an interval; an end that the range sets and not the data is left out. Many are told as one."""
+        """The pieces of an interval; an end that the range sets and not the data is left out. Many are shown as one."""
         pieces, (no_low, no_high) = self.pieces[i], self.open[i]
-        if len(pieces) > MOST_TOLD:
+        if len(pieces) > MOST_SHOWN:
             pieces = self.intervals[i : i + 1]
         if len(pieces) == 1 and no_low and no_high:
             return "any"
         ends = [(f"{low:.4g}", f"{high:.4g}") for low, high in pieces]
-        told = [low if low == high else f"{low} … {high}" for low, high in ends]
+        words = [low if low == high else f"{low} … {high}" for low, high in ends]
         if no_low:
-            told[0] = f"< {pieces[0, 1]:.4g}"
+            words[0] = f"< {pieces[0, 1]:.4g}"
         if no_high:
-            told[-1] = f"> {pieces[-1, 0]:.4g}"
-        return " or ".join(told)
+            words[-1] = f"> {pieces[-1, 0]:.4g}"
+        return " or ".join(words)
 
     @property
     def chance(self) -> float:
@@ -199,10 +199,10 @@ class Fit(status.Judged):
         """Rise of χ² over a grid of the first two parameters, all others free: shape (points, points), the first along
         rows. `box` are coordinates: (first low, high), (second low, high), shape (2, 2)."""
         grid = np.meshgrid(*(np.linspace(low, high, points) for low, high in box), indexing="ij")
-        at = np.tile(self.place, (points * points, 1))
+        at = np.tile(self.point, (points * points, 1))
         at[:, 0], at[:, 1] = (axis.ravel() for axis in grid)
-        free = np.tile(np.arange(len(self.place)) > 1, (len(at), 1))
-        starts = profile_intervals.starts_of(self.place, self.normal, self.known, free, at)
+        free = np.tile(np.arange(len(self.point)) > 1, (len(at), 1))
+        starts = profile_intervals.starts_of(self.point, self.normal, self.known, free, at)
         costs, _ = profile_intervals.held(self.problem, free, list(starts.swapaxes(0, 1)), at)
         return 2.0 * (costs - 0.5 * self.chi2).reshape(points, points)
 
@@ -212,7 +212,7 @@ class Fit(status.Judged):
         By the implicit function theorem with the whole second derivative: exact for data that the model does not meet,
         too.
         """
-        return np.asarray(_by_data(self.problem, self.place))
+        return np.asarray(_by_data(self.problem, self.point))
 
 
 @jit_quickly()
@@ -238,7 +238,9 @@ def weights(problem: Problem, found: Least, cases: list[int], scale: float, wide
     logs = []
     for k in cases:
         _, size = np.linalg.slogdet(found.normal[k] / scale + np.diag(widest**-2.0))
-        logs.append(-found.cost[k] / scale - 0.5 * size + np.sum(np.log(problem.bounds.slope(found.place[k]) + 1e-300)))
+        logs.append(
+            -found.cost[k] / scale - 0.5 * size + np.sum(np.log(problem.bounds.slope(found.points[k]) + 1e-300))
+        )
     shares = np.exp(np.array(logs) - max(logs))
     return shares / np.sum(shares)
 

@@ -16,7 +16,7 @@ import numpy as np
 from difftrb.core import status
 from difftrb.core.bad_input import is_whole
 from difftrb.fits import (
-    evaluations,
+    batched_misfit,
     fit_remarks,
     fit_result,
     least_squares,
@@ -26,12 +26,11 @@ from difftrb.fits import (
     search,
 )
 from difftrb.fits import parameters as fit_parameters
-from difftrb.fits.fit_problem import prepare_fit, problem_of
+from difftrb.fits.fit_problem import ROBUST, Problem, basin_spacings, prepare_fit, problem_of
 from difftrb.fits.fit_result import Alternative, Fit, History
 from difftrb.fits.least_squares import AT_BOUND, Least
 from difftrb.fits.measured import MeasuredError, Measurement
 from difftrb.fits.parameters import OfSpall, Parameter
-from difftrb.fits.predicted import ROBUST, Problem
 from difftrb.fits.profile_intervals import KnownCosts, Limits, Profiles
 from difftrb.fits.search import Scan
 from difftrb.law.samples import Progress
@@ -51,7 +50,7 @@ NEARLY = 1.05
 STEPS = 4
 """Of a fit, as its progress counts them: scan, search, profiles, remarks."""
 DEEPER = 3
-"""Most times that a fit goes on from a profile that has found a lower place."""
+"""Most times that a fit goes on from a profile that has found a lower point."""
 
 
 def fit(
@@ -102,15 +101,15 @@ def fit(
     any_width = with_any_width(scene)
     rounds = 1 if any_width is None else 2
 
-    def told(before: int, step: int) -> None:
+    def report(before: int, step: int) -> None:
         if progress is not None:
             progress(before * STEPS + step, rounds * STEPS)
 
-    told(0, 0)
-    found = _fit(scene, rows, tuple(parameters), robust, starts, model_error, partial(told, 0))
+    report(0, 0)
+    found = _fit(scene, rows, tuple(parameters), robust, starts, model_error, partial(report, 0))
     if any_width is not None and _may_be_narrower(found):
-        found = _fit(any_width, rows, tuple(parameters), robust, starts, model_error, partial(told, 1))
-    told(rounds - 1, STEPS)
+        found = _fit(any_width, rows, tuple(parameters), robust, starts, model_error, partial(report, 1))
+    report(rounds - 1, STEPS)
     return found
 
 
@@ -124,16 +123,18 @@ def _may_be_narrower(fit: Fit) -> bool:
 
 def _fit(
     scene: Scene, rows: tuple[Measurement, ...], parameters: tuple[str, ...], robust: str, starts: int | None,
-    model_error: float | None, told: Callable[[int], None],
+    model_error: float | None, report: Callable[[int], None],
 ) -> Fit:  # fmt: skip
-    """`fit` with a prepared scene; how many of the `STEPS` are done is `told`."""
+    """`fit` with a prepared scene; `report` takes how many of the `STEPS` are done."""
     problem, estimate = problem_of(scene, rows, parameters, robust, model_error)
-    scan = search.scanned(problem, search.places(problem, starts))
-    told(1)
-    if not np.isfinite(scan.told).any():
-        code = evaluations.evaluated(problem, scan.place[:1]).beside[1]
+    scan = search.scanned(problem, search.scan_points(problem, starts))
+    report(1)
+    if not np.isfinite(scan.predicted).any():
+        code = batched_misfit.evaluated(problem, scan.points[:1]).beside[1]
         why = status.describe(int(code[0])).partition(":")[0]  # its advice is for a scene, not for a fit
-        raise MeasuredError(f"measurements: no spall has a solution under these loads: {why}; check their unit, N")
+        raise MeasuredError(
+            f"{measured.table_of(rows)}: no spall has a solution under these loads: {why}; check their unit, N"
+        )
     _check_effects(problem.parameters, scan.slope)
     freedom = len(rows) - len(parameters)
     if estimate:
@@ -144,17 +145,17 @@ def _fit(
             scan, more = search.thorough(problem, scan)
             if np.nanmin(more.cost) < np.nanmin(found.cost):
                 found = search.with_edges_moved(problem, more)
-    told(2)
+    report(2)
     if any(row.load_sigma > 0.0 for row in rows):
-        problem = _with_loads(problem, rows, found.place[int(np.nanargmin(found.cost))])
-        found = _from(problem, found.place)
-    tried = _judged(problem, scan, found, estimate)
+        problem = _with_loads(problem, rows, found.points[least_squares.best(found)])
+        found = _descended(problem, found.points)
+    tried = _with_profiles(problem, scan, found, estimate)
     for _ in range(DEEPER):  # a profile may have found more
         if tried.profiles.lowest_cost >= found.cost[tried.best] * (1.0 - 1e-6) - 1e-9:
             break
-        found = _from(problem, np.concatenate([tried.profiles.lowest[None], found.place]))
-        tried = _judged(problem, scan, found, estimate)
-    told(3)
+        found = _descended(problem, np.concatenate([tried.profiles.lowest[None], found.points]))
+        tried = _with_profiles(problem, scan, found, estimate)
+    report(3)
     result = _result(rows, problem, tried, estimate)
     return dataclasses.replace(result, **fit_remarks.judged(result, scan))
 
@@ -166,41 +167,39 @@ def _check_effects(parameters: Sequence[Parameter], slope: np.ndarray) -> None:
             raise MeasuredError(f"parameters: {parameter.name} cannot be fitted to these rows: {parameter.no_effect}")
 
 
-def _from(problem: Problem, places: np.ndarray) -> Least:
-    """From these places with all parameters free, by Levenberg–Marquardt alone."""
-    return search.once_round(
-        problem, evaluations.solved(problem, places, np.ones_like(places, bool), 0, least_squares.STEPS)
-    )
+def _descended(problem: Problem, points: np.ndarray) -> Least:
+    """From these points with all parameters free, by Levenberg–Marquardt alone."""
+    return search.once_round(problem, batched_misfit.solved(problem, points, True, 0, least_squares.STEPS))
 
 
 def _with_sigma(problem: Problem, scan: Scan, freedom: int) -> tuple[Problem, Least]:
     """The problem with sigma as the fit misses the rows, and its minima."""
     for _ in range(1 if problem.by_squares else ROUNDS):
         found = search.minima(problem, scan)
-        off = (found.beside[0][np.nanargmin(found.cost)] - np.asarray(problem.measured)) / np.asarray(problem.sigma)
+        off = (found.beside[0][least_squares.best(found)] - np.asarray(problem.measured)) / np.asarray(problem.sigma)
         if problem.by_squares:
             factor = float(np.sqrt(np.sum(off**2) / freedom))
         else:  # the middle deviation, of normal errors
             factor = 1.4826 * float(np.median(np.abs(off))) * float(np.sqrt(len(off) / freedom))
         problem = dataclasses.replace(problem, sigma=problem.sigma * max(factor, LEAST_SIGMA))
-        found = _from(problem, found.place)
+        found = _descended(problem, found.points)
     return problem, found  # pyright: ignore[reportPossiblyUnbound]  # there is a round
 
 
-def _with_loads(problem: Problem, rows: tuple[Measurement, ...], place: np.ndarray) -> Problem:
-    """The problem with sigma larger by what rows change with the errors of their own loads, at this place."""
-    told = []
+def _with_loads(problem: Problem, rows: tuple[Measurement, ...], point: np.ndarray) -> Problem:
+    """The problem with sigma larger by what rows change with the errors of their own loads, at this point."""
+    rows_at = []
     for factor in (1.0 - LOAD_STEP, 1.0 + LOAD_STEP):
         loaded = [dataclasses.replace(row, radial=row.radial * factor, axial=row.axial * factor) for row in rows]
-        told.append(predicted.other_rows_at(problem, loaded, place[None])[0][0])
-    slope = (told[1] - told[0]) / (2.0 * LOAD_STEP)  # by the logarithm of the loads
+        rows_at.append(predicted.other_rows_at(problem, loaded, point[None])[0][0])
+    slope = (rows_at[1] - rows_at[0]) / (2.0 * LOAD_STEP)  # by the logarithm of the loads
     share = 0.01 * np.array([float(row.load_sigma) for row in rows])
     return dataclasses.replace(problem, sigma=np.hypot(problem.sigma, np.nan_to_num(slope) * share))
 
 
 class Tried(NamedTuple):
-    """All minima, the best one's number and profiles, to what limits its χ² rises at the ends of intervals, by how much
-    larger deviations are than sigma says, and where the cost is known."""
+    """All minima, the best one's number and profiles, to what limits its χ² rises at the ends of intervals, how many
+    times χ² is what sigma lets expect, at least 1, and where the cost is known."""
 
     found: Least
     best: int
@@ -210,28 +209,28 @@ class Tried(NamedTuple):
     known: KnownCosts
 
 
-def _judged(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Tried:
-    best, freedom = int(np.nanargmin(found.cost)), scan.told.shape[1] - found.place.shape[1]
-    place, normal, cost = found.place[best], found.normal[best], float(found.cost[best])
-    told = not estimated and problem.by_squares
-    scale = max(2.0 * cost / max(freedom, 1), 1.0) if told else 1.0
+def _with_profiles(problem: Problem, scan: Scan, found: Least, estimated: bool) -> Tried:
+    best, freedom = least_squares.best(found), scan.predicted.shape[1] - found.points.shape[1]
+    point, normal, cost = found.points[best], found.normal[best], float(found.cost[best])
+    trusted = not estimated and problem.by_squares
+    scale = max(2.0 * cost / max(freedom, 1), 1.0) if trusted else 1.0
     limits = profile_intervals.limits_of(freedom if estimated else None, scale)
-    costs = np.concatenate([found.cost, evaluations.costs(problem, scan.told)])
-    known = KnownCosts(np.concatenate([found.place, scan.place]), np.nan_to_num(costs, nan=np.inf))
-    profiles = profile_intervals.profiles(problem, place, cost, normal, limits, known)
+    costs = np.concatenate([found.cost, batched_misfit.costs(problem, scan.predicted)])
+    known = KnownCosts(np.concatenate([found.points, scan.points]), np.nan_to_num(costs, nan=np.inf))
+    profiles = profile_intervals.profiles(problem, point, cost, normal, limits, known)
     return Tried(found, best, profiles, limits, scale, known)
 
 
 def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estimated: bool) -> Fit:
     """The fit, without remarks."""
     best, bounds, found, profiles = tried.best, problem.bounds, tried.found, tried.profiles
-    u, normal, told = (np.asarray(each[best]) for each in (found.place, found.normal, found.beside[0]))
-    every = bounds.values(found.place)
+    u, normal, read = (np.asarray(each[best]) for each in (found.points, found.normal, found.beside[0]))
+    every = bounds.values(found.points)
     values = every[best]
     converged = np.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
-    others = _others(problem, tried, every)
+    others = _alternatives(problem, tried, every)
     pieces = _pieces(problem, tried, others, every)
-    weight = fit_result.weights(problem, found, [best, *others], tried.scale, predicted.scales(problem))[1:]
+    weight = fit_result.weights(problem, found, [best, *others], tried.scale, basin_spacings(problem))[1:]
     return Fit(
         parameters=tuple(parameter.name for parameter in problem.parameters),
         values=values,
@@ -240,10 +239,10 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
         open=np.array([(own[0, 2], own[-1, 3]) for own in pieces], bool),
         correlation=profile_intervals.correlation(normal, u),
         rows=rows,
-        predicted=told,
+        predicted=read,
         sigma=np.asarray(problem.sigma),
         sigma_estimated=estimated,
-        residuals=(np.asarray(problem.measured) - told) / np.asarray(problem.sigma),
+        residuals=(np.asarray(problem.measured) - read) / np.asarray(problem.sigma),
         chi2=2.0 * float(found.cost[best]),
         freedom=len(rows) - len(u),
         remarks=(),
@@ -258,7 +257,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
         profiles=profiles,
         problem=problem,
         robust=ROBUST[int(problem.robust)],
-        place=u,
+        point=u,
         normal=normal,
         limit=tried.limits.end,
         known=tried.known,
@@ -266,7 +265,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     )
 
 
-def _others(problem: Problem, tried: Tried, values: np.ndarray) -> list[int]:
+def _alternatives(problem: Problem, tried: Tried, values: np.ndarray) -> list[int]:
     """Minima that it is not sure to be without, and that the best one's intervals do not hold; `values` of all."""
     found, best, intervals = tried.found, tried.best, problem.bounds.values(tried.profiles.ends.T).T
     near = fit_parameters.turned(problem.parameters, values, values[best])
@@ -296,9 +295,9 @@ def _pieces(problem: Problem, tried: Tried, others: list[int], values: np.ndarra
     for k in others:
         left = tried.limits.end - 2.0 * (found.cost[k] - found.cost[best])
         if left > 0.0:
-            own = np.diag(profile_intervals.covariance(found.normal[k], found.place[k]))
-            away = np.minimum(np.sqrt(left * np.maximum(own, 0.0)), predicted.scales(problem))
-            both = np.stack([found.place[k] - away, found.place[k] + away])
+            own = np.diag(profile_intervals.covariance(found.normal[k], found.points[k]))
+            away = np.minimum(np.sqrt(left * np.maximum(own, 0.0)), basin_spacings(problem))
+            both = np.stack([found.points[k] - away, found.points[k] + away])
             turn = fit_parameters.turned(problem.parameters, values[k], values[best]) - values[k]
             ends.append(np.column_stack([(bounds.values(both) + turn).T, (np.abs(both) > AT_BOUND).T]))
     return [_united(own) for own in np.stack(ends, axis=1)]
@@ -319,6 +318,6 @@ def _united(ends: np.ndarray) -> np.ndarray:
 def _on_one_plateau(problem: Problem, found: Least, one: int, other: int) -> bool:
     """Whether two minima lie on one plateau: the model says the same of all rows there, and they are no farther apart
     than basins are."""
-    told = np.abs(found.beside[0][one] - found.beside[0][other]) / np.asarray(problem.sigma)
-    away = np.abs(np.diff(np.clip(found.place[[one, other]], -AT_BOUND, AT_BOUND), axis=0)) / predicted.scales(problem)
-    return bool(told.max() < PLATEAU and away.max() < 1.0)
+    apart = np.abs(found.beside[0][one] - found.beside[0][other]) / np.asarray(problem.sigma)
+    away = np.abs(np.diff(np.clip(found.points[[one, other]], -AT_BOUND, AT_BOUND), axis=0)) / basin_spacings(problem)
+    return bool(apart.max() < PLATEAU and away.max() < 1.0)

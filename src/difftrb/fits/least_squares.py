@@ -92,15 +92,20 @@ class Bounds:
 
 
 class Least(NamedTuple):
-    """Minima: places, shape (cases, n); half the sums of squares there, shape (cases,); their normal matrices JᵀJ,
+    """Minima: points, shape (cases, n); half the sums of squares there, shape (cases,); their normal matrices JᵀJ,
     shape (cases, n, n); what else was evaluated there, shapes (cases, …); steps taken; which converged."""
 
-    place: np.ndarray
+    points: np.ndarray
     cost: np.ndarray
     normal: np.ndarray
     beside: tuple[np.ndarray, ...]
     steps: np.ndarray
     converged: np.ndarray
+
+
+def best(found: Least) -> int:
+    """The case of the least cost."""
+    return int(np.nanargmin(found.cost))
 
 
 def both(first: Least, second: Least) -> Least:
@@ -150,19 +155,20 @@ class Enough(NamedTuple):
 
 
 def minimum(
-    evaluate: Callable[[np.ndarray], Evaluated], start: np.ndarray, free: np.ndarray, steps: int,
+    evaluate: Callable[[np.ndarray], Evaluated], start: np.ndarray, free: np.ndarray | bool, steps: int,
     first: First | None = None, enough: Enough = Enough(), longest: np.ndarray | float = LONGEST,  # noqa: B008
     alone: Alone | None = None, room: np.ndarray | float = np.inf,
 ) -> Least:  # fmt: skip
-    """Least squares of what `evaluate` says of places, shape (some cases, n).
+    """Least squares of what `evaluate` says of points, shape (some cases, n).
 
     Args:
-      start: shape (cases, n). free: which coordinates move, same shape.
+      start: shape (cases, n). free: which coordinates move, of the same shape or one that broadcasts to it.
       steps: at most. With none it evaluates the start.
       first: what goes before, if anything. alone: what comes between that and the `steps`.
       longest: step of every coordinate, shape (n,); how far the residual is about straight.
       room: the same of the first step; from there it grows as long as steps are good ones.
     """
+    free = np.broadcast_to(free, start.shape)
     cases, led, memory = _Cases(start, free, np.broadcast_to(longest, start.shape[1:]), room), 0, None
     if first is not None:
         led, memory = first.steps, first.memory
@@ -173,7 +179,7 @@ def minimum(
         if k == before:
             cases.room = np.minimum(cases.room, cases.longest)
         at = np.nonzero(~cases.done)[0]
-        cases.update(at, evaluate(cases.place[at] + cases.move[at]), k, led)
+        cases.update(at, evaluate(cases.points[at] + cases.move[at]), k, led)
         if first is not None and k < led:
             move, memory = first.rule(cases.gradient, memory)
             cases.move = np.where(free, move, 0.0)
@@ -195,7 +201,7 @@ class _Cases:
     def __init__(self, start: np.ndarray, free: np.ndarray, longest: np.ndarray, room: np.ndarray | float) -> None:
         cases, n = start.shape
         self.free, self.longest, self.room = free, longest, np.tile(np.minimum(longest, room), (cases, 1))
-        self.place, self.cost = start.copy(), np.full(cases, np.inf)
+        self.points, self.cost = start.copy(), np.full(cases, np.inf)
         self.gradient, self.normal = np.zeros((cases, n)), np.zeros((cases, n, n))
         self.move, self.linear, self.expected = np.zeros((cases, n)), np.zeros(cases), np.zeros(cases)
         self.damping, self.taken = np.full(cases, 1e-3), np.zeros(cases, int)
@@ -212,7 +218,7 @@ class _Cases:
         if k > led:
             self._resize(at, sums, better)
         here, jacobian = at[better], new.jacobian[better]
-        self.place[here], self.cost[here] = (self.place[at] + self.move[at])[better], sums[better]
+        self.points[here], self.cost[here] = (self.points[at] + self.move[at])[better], sums[better]
         self.gradient[here] = np.einsum("kmi,km->ki", jacobian, new.residual[better])
         self.normal[here] = np.einsum("kmi,kmj->kij", jacobian, jacobian)
         for whole, more in zip(self.beside, new.beside, strict=True):
@@ -246,7 +252,7 @@ class _Cases:
 
     def reach(self) -> tuple[np.ndarray, np.ndarray]:
         """How far a step may go down and up, shape (cases, n) each."""
-        down, up = (np.clip(way * FARTHEST - self.place, -self.room, self.room) for way in (-1.0, 1.0))
+        down, up = (np.clip(way * FARTHEST - self.points, -self.room, self.room) for way in (-1.0, 1.0))
         return down, up
 
     def step(self, at: np.ndarray) -> None:
@@ -271,14 +277,14 @@ class _Cases:
             self.done |= self.ends != np.arange(len(self.ends))
 
     def _join(self, meet: np.ndarray) -> None:
-        """Let every case that has come close to a better one end at that one's place."""
+        """Let every case that has come close to a better one end where that one does."""
         order, close = np.argsort(self.cost, kind="stable"), np.where(self.free, meet, 0.0)
         for rank, case in enumerate(order):
             if self.ends[case] != case:
                 continue
             ahead = order[:rank]
             alike = (self.ends[ahead] == ahead) & (self.free[ahead] == self.free[case]).all(axis=1)
-            met = alike & np.all(np.abs(self.place[ahead] - self.place[case]) <= close[case], axis=1)
+            met = alike & np.all(np.abs(self.points[ahead] - self.points[case]) <= close[case], axis=1)
             if met.any():
                 self.ends[case] = ahead[np.argmax(met)]
 
@@ -288,7 +294,7 @@ class _Cases:
         for _ in range(len(ends)):  # those that met one that met another
             ends = ends[ends]
         beside = tuple(more[ends] for more in self.beside)
-        return Least(self.place[ends], self.cost[ends], self.normal[ends], beside, self.taken, self.done[ends])
+        return Least(self.points[ends], self.cost[ends], self.normal[ends], beside, self.taken, self.done[ends])
 
 
 def _step(

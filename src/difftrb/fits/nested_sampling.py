@@ -113,9 +113,9 @@ def sampled(
     log_evidence = float(np.logaddexp.reduce(of_every + volumes))
     shares = np.exp(of_every + volumes - log_evidence)
     # of points that die one by one 1/live (Skilling 2006), and of how many of the first are where the evidence is
-    information, told = float(shares @ of_every) - log_evidence, float(np.log(FIRST))
-    variance = float(np.sum(1.0 / np.arange(live, live - dying, -1.0) ** 2) / -shrunk) * max(information - told, 0.0)
-    error = float(np.sqrt(variance + np.exp(min(information, told)) / (FIRST * live)))
+    information, known = float(shares @ of_every) - log_evidence, float(np.log(FIRST))
+    variance = float(np.sum(1.0 / np.arange(live, live - dying, -1.0) ** 2) / -shrunk) * max(information - known, 0.0)
+    error = float(np.sqrt(variance + np.exp(min(information, known)) / (FIRST * live)))
     return Sampled(every, shares, log_evidence, error, float(np.max(of_every)), computed)
 
 
@@ -132,7 +132,7 @@ def _moved(
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Each point moved along slices of its own, one after the other, to where the likelihood is above `least` (Neal
     2003, of slices that only shrink); and the likelihoods there. Ways are those between two points that live."""
-    moved, told, (count, dimensions) = points.copy(), logs.copy(), points.shape
+    moved, moved_logs, (count, dimensions) = points.copy(), logs.copy(), points.shape
     ways, low, high = np.empty_like(points), np.empty(count), np.empty(count)
     left = np.full(count, SLICES * dimensions + 1)
     new = np.arange(count)
@@ -145,13 +145,13 @@ def _moved(
         left[new] -= 1
         each = np.flatnonzero(left)
         if not len(each):
-            return moved, told
+            return moved, moved_logs
         far = low[each] + rng.random(len(each)) * (high - low)[each]
         tried = moved[each] + far[:, None] * ways[each]
         found, inside = np.full(len(each), -np.inf), np.all((tried > 0.0) & (tried < 1.0), axis=1)
         if inside.any():
             found[inside] = log_likelihood(tried[inside])
         good = found > least
-        moved[each[good]], told[each[good]] = tried[good], found[good]
+        moved[each[good]], moved_logs[each[good]] = tried[good], found[good]
         low[each], high[each] = np.where(far < 0.0, far, low[each]), np.where(far < 0.0, high[each], far)
         new = each[good | ((high - low)[each] <= LEAST)]

@@ -95,12 +95,12 @@ def next_measurements(
         raise MeasuredError(f"next_measurements: parameter = {parameter!r} was not fitted; use one of "
                             f"{', '.join(fit.parameters)}")  # fmt: skip
     measured.check_loads(fit.scene, among, "next_measurements")
-    values, slopes = (each[0] for each in predicted.other_rows_at(fit.problem, among, fit.place[None]))
+    values, slopes = (each[0] for each in predicted.other_rows_at(fit.problem, among, fit.point[None]))
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, values, strict=True)])
     rows = slopes / sigma[:, None]
     covariance = np.linalg.inv(fit.normal + np.diag(1.0 / fit.problem.prior**2))
     # at a bound slopes by coordinates vanish, and tell no error
-    slope = np.where(np.abs(fit.place) < AT_BOUND, fit.problem.bounds.rate(fit.place), np.nan)
+    slope = np.where(np.abs(fit.point) < AT_BOUND, fit.problem.bounds.rate(fit.point), np.nan)
     chosen: list[Suggestion] = []
     left = np.ones(len(among), bool)
     for _ in range(min(count, len(among))):
@@ -124,8 +124,8 @@ def telling(fit: Fit, others: np.ndarray) -> list[tuple[Measurement, float]]:
     """The measurement among `candidates` that tells the fitted values best from each other answer, shape (answers,
     parameters), and by how many sigma it would differ."""
     among = candidates(fit)
-    places = np.concatenate([fit.place[None], fit.problem.bounds.coordinates(others)])
-    here, *there = predicted.other_rows_at(fit.problem, among, places)[0]
+    points = np.concatenate([fit.point[None], fit.problem.bounds.coordinates(others)])
+    here, *there = predicted.other_rows_at(fit.problem, among, points)[0]
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, here, strict=True)])
     apart = [np.nan_to_num(np.abs(other - here) / sigma) for other in there]
     return [(among[int(np.argmax(each))], float(np.max(each))) for each in apart]
@@ -137,8 +137,8 @@ def _sigma(fit: Fit, row: Measurement, value: float) -> float:
         return float(row.sigma)  # type: ignore[arg-type]
     of_kind = [other.is_loss == row.is_loss for other in fit.rows]
     sigma, size = (each[of_kind] if any(of_kind) else each for each in (fit.sigma, np.abs(fit.predicted)))
-    told = size > sigma  # a row at a phase where no roller is at the spall says nothing of what is in proportion
-    share = float(np.median(sigma[told] / size[told])) if told.any() else 1.0
+    seen = size > sigma  # a row at a phase where no roller is at the spall says nothing of what is in proportion
+    share = float(np.median(sigma[seen] / size[seen])) if seen.any() else 1.0
     return max(share * abs(value), 0.3 * float(sigma.min()), 1e-9)
 
 

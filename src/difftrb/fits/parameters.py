@@ -60,7 +60,7 @@ class Parameter:
     """What may be wrong with measurements that a fit misses but does not when this is fitted, too: the end of a
     sentence. Empty: nothing."""
 
-    def told(self, value: float, digits: int = 3) -> str:
+    def in_words(self, value: float, digits: int = 3) -> str:
         """This value in a sentence, with its name."""
         return f"{self.name} {value:.{digits}g} {self.unit}".removesuffix(" –")
 

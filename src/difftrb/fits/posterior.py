@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from difftrb.core.bad_input import is_whole, number_in, shown
-from difftrb.fits import evaluations, nested_sampling, predicted
+from difftrb.fits import batched_misfit, nested_sampling
 from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.fit_problem import Problem, with_more
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.least_squares import Bounds, at_shares
 from difftrb.fits.measured import MeasuredError
-from difftrb.fits.predicted import Problem
 from difftrb.fits.profile_intervals import CONFIDENCE, limit_of
 from difftrb.law.samples import Progress
 
@@ -95,8 +95,8 @@ class Posterior:
             name: (("chain", "draw"), self[name][None], {"units": unit})
             for name, unit in zip(self.parameters, self.units, strict=True)
         }
-        told = {"log_evidence": self.log_evidence, "log_evidence_error": self.error, "effective": self.effective}
-        return xarray.Dataset(parts, {"chain": [0], "draw": np.arange(len(self.values))}, told)
+        attributes = {"log_evidence": self.log_evidence, "log_evidence_error": self.error, "effective": self.effective}
+        return xarray.Dataset(parts, {"chain": [0], "draw": np.arange(len(self.values))}, attributes)
 
 
 def posterior(
@@ -130,7 +130,7 @@ def posterior(
         if not is_whole(value, low, high):
             raise MeasuredError(f"{name} = {shown(value)}: must be a whole number in {low} … {high}")
     more = [name for name in nuisances if name not in fit.parameters]
-    problem = predicted.with_more(fit.problem, fit_parameters.named(more) if more else (), fit.rows)
+    problem = with_more(fit.problem, fit_parameters.named(more) if more else (), fit.rows)
     problem = dataclasses.replace(problem, bounds=_within(problem, ranges or {}))
     widened, known, own = fit.limit / limit_of(None), -np.inf, slice(len(fit.values))
     if np.all((problem.bounds.low[own] <= fit.values) & (fit.values <= problem.bounds.high[own])):
@@ -147,8 +147,8 @@ def posterior_of(
     problem = dataclasses.replace(problem, bounds=_once_round(problem))
 
     def log_likelihood(points: np.ndarray) -> np.ndarray:
-        told = evaluations.rows_at(problem, at_shares(points), many=True)
-        return log_density(problem, told, widened)
+        rows = batched_misfit.rows_at(problem, at_shares(points), many=True)
+        return log_density(problem, rows, widened)
 
     for many in (live, AGAIN * live):
         found = nested_sampling.sampled(log_likelihood, len(problem.parameters), many, seed, nats, progress)
@@ -200,18 +200,18 @@ def _once_round(problem: Problem) -> Bounds:
 def _nats(fit: Fit) -> float:
     """By what factor of e the fit's own answer is narrower than the prior, as a normal distribution."""
     low, high = fit.problem.bounds.ends()
-    slope = np.maximum(fit.problem.bounds.slope(fit.place) / (high - low), 1e-3)  # of the cube's sides by coordinates
+    slope = np.maximum(fit.problem.bounds.slope(fit.point) / (high - low), 1e-3)  # of the cube's sides by coordinates
     spread = np.sqrt(np.linalg.det(fit.normal / np.outer(slope, slope) + np.eye(len(slope))))
     return float(np.log(spread)) - 0.5 * len(slope) * float(np.log(2.0 * np.pi * np.e))
 
 
-def log_density(problem: Problem, told: np.ndarray, widened: float = 1.0) -> np.ndarray:
-    """Logarithm of the chance density of the rows as they were measured, shape (cases,), if they are as they are
-    `told`, shape (cases, rows)."""
+def log_density(problem: Problem, rows: np.ndarray, widened: float = 1.0) -> np.ndarray:
+    """Logarithm of the chance density of the rows as they were measured, shape (cases,), if the model says these
+    `rows`, shape (cases, rows)."""
     sigma, losses = np.asarray(problem.sigma), np.asarray(problem.conditions.loss)
     fixed = -np.sum(np.log(sigma)) - 0.5 * len(sigma) * np.log(2.0 * np.pi * widened)
     common = float(problem.common) if problem.by_squares else 0.0
     # an error that rows have in common takes more of the density the larger they are
-    size = np.nan_to_num(told / sigma) ** 2
+    size = np.nan_to_num(rows / sigma) ** 2
     shared = sum(np.log1p(common**2 * np.sum(size[:, kind], axis=1)) for kind in (losses, ~losses))
-    return fixed - evaluations.costs(problem, told) / widened - 0.5 * shared
+    return fixed - batched_misfit.costs(problem, rows) / widened - 0.5 * shared

@@ -5,7 +5,6 @@ Every condition is solved once, and every row is read from that.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,17 +16,16 @@ from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import Real
 from difftrb.core.taylor import Taylor
-from difftrb.fits import conditions, rings_of_rows
+from difftrb.fits import conditions, stiffness_of_rows
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import COLUMN, ROW, Conditions
-from difftrb.fits.least_squares import Bounds
+from difftrb.fits.fit_problem import ROBUST, Problem
 from difftrb.fits.measured import Measurement
 from difftrb.fits.parameters import Parameter
-from difftrb.fits.rings_of_rows import Values, stiffness
+from difftrb.fits.stiffness_of_rows import Values, stiffness
 from difftrb.ring.load import Load
 from difftrb.scene.scene import Scene
 
-ROBUST = ("squares", "huber", "student")
 HUBER = 1.345
 """Deviations beyond this many sigma count linearly: 95 % efficient on normal errors (Huber 1981)."""
 FREEDOM = 4.0
@@ -35,29 +33,29 @@ FREEDOM = 4.0
 LOST = 1e3
 """Deviation [sigma] of a row that the model has no solution for."""
 Solve = Callable[..., tuple[jax.Array, jax.Array]]
-"""`rings_of_rows.stiffness`, or `rings_of_rows.with_slopes`."""
+"""`stiffness_of_rows.stiffness`, or `stiffness_of_rows.with_slopes`."""
 
 
 def predicted(
-    parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: jax.Array, sound: jax.Array | None = None,
+    parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: jax.Array, healthy: jax.Array | None = None,
     solve: Solve = stiffness,
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """What the model says of every row [% or N/mm], shape (rows,), and the worst status of all solves.
 
-    `scene` is prepared; `values` of shape (parameters,); `sound` is `healthy_stiffness` where no parameter changes it.
-    `solve`: `rings_of_rows.with_slopes` where nothing but first derivatives by `values` are wanted.
+    `scene` is prepared; `values` of shape (parameters,); `healthy` is `Problem.healthy`.
+    `solve`: `stiffness_of_rows.with_slopes` where nothing but first derivatives by `values` are wanted.
     """
     of = _of(parameters, scene)
-    if sound is None:
+    if healthy is None:
         at = conditions.of_changing(at)
     spalled, code = solve(of, values, at)
-    if sound is None:
-        sound, other = solve(of, values, at, sound=True)
+    if healthy is None:
+        healthy, other = solve(of, values, at, without_spalls=True)
         code = status.worst(code, other)
-    return _read(parameters, at, values, spalled, sound), code
+    return _read(parameters, at, values, spalled, healthy), code
 
 
-def _of(parameters: Sequence[Parameter], scene: Scene) -> rings_of_rows.Of:
+def _of(parameters: Sequence[Parameter], scene: Scene) -> stiffness_of_rows.Of:
     """The prepared scene, and what bearings carry at a load, of values of its parameters."""
 
     def of(values: Values) -> tuple[Scene, Callable[[Load], Load]]:
@@ -71,87 +69,35 @@ def _of(parameters: Sequence[Parameter], scene: Scene) -> rings_of_rows.Of:
     return of
 
 
-def _read(parameters: Sequence[Parameter], at: Conditions, values: Any, spalled: Any, sound: Any) -> Any:
+def _read(parameters: Sequence[Parameter], at: Conditions, values: Any, spalled: Any, healthy: Any) -> Any:
     """Every row [% or N/mm], shape (rows,), from stiffness at the conditions with spalls and without."""
-    spalled, sound = (pair[at.place, at.entry] for pair in (spalled, sound))
+    spalled, healthy = (pair[at.condition, at.entry] for pair in (spalled, healthy))
     # beside the diagonal there may be nothing of a healthy bearing: what spalls add is no share of it
     beside = xp.module_of(at.entry).asarray(ROW != COLUMN)[at.entry]
-    sound = xp.where(beside, spalled, sound)
-    added = xp.where(beside, 0.0, sound / xp.where(beside, 1.0, spalled) - 1.0)
+    healthy = xp.where(beside, spalled, healthy)
+    added = xp.where(beside, 0.0, healthy / xp.where(beside, 1.0, spalled) - 1.0)
     for parameter, value in zip(parameters, values, strict=True):
-        sound, added = parameter.measured(sound, added, value)
+        healthy, added = parameter.measured(healthy, added, value)
     left = 1.0 / (1.0 + added)
-    return xp.where(at.loss, 100.0 * (1.0 - left), sound * left)
-
-
-def healthy_stiffness(scene: Scene, at: Conditions) -> np.ndarray | jax.Array:
-    """Of the prepared scene without spalls, of every condition [N/mm], by `ENTRIES`, shape (size, entries)."""
-    return xp.value(rings_of_rows.of_numbers(_of((), scene), np.zeros(0), at, sound=True))
+    return xp.where(at.loss, 100.0 * (1.0 - left), healthy * left)
 
 
 def healthy_rows(problem: Problem) -> np.ndarray:
     """What rows would read of a bearing without spalls, shape (rows,): no loss; of a problem whose parameters leave the
     healthy bearing as it is, or that has losses alone."""
-    at, sound = problem.conditions, problem.sound
-    return np.where(at.loss, 0.0, 0.0 if sound is None else np.asarray(sound)[at.place, at.entry])
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Problem:
-    """Measurements against the model.
-
-    Attributes:
-      parameters: what is sought, within `bounds`. scene: prepared. conditions: of the rows. rough: the same with means
-        of few phases, to look for minima.
-      measured, sigma: values and their standard deviations [% or N/mm], shape (rows,).
-      sound: `healthy_stiffness` unless a parameter changes it.
-      common: the model's own relative error, which all losses share, and all stiffnesses.
-      robust: how deviations count: the number of a name in `ROBUST`.
-    """
-
-    parameters: tuple[Parameter, ...] = dataclasses.field(metadata={"static": True})
-    bounds: Bounds
-    scene: Scene
-    conditions: Conditions
-    rough: Conditions | None
-    measured: Real
-    sigma: Real
-    sound: Real | None
-    common: Real
-    robust: int | jax.Array
-
-    @property
-    def by_squares(self) -> Any:
-        """Whether deviations count by their squares, all alike."""
-        return self.robust == ROBUST.index("squares")
-
-    @property
-    def prior(self) -> np.ndarray:
-        """How uncertain parameters are before any measurement, in coordinates, shape (parameters,)."""
-        return np.array([parameter.prior for parameter in self.parameters])
-
-
-def with_more(problem: Problem, more: Sequence[Parameter], rows: Sequence[Measurement]) -> Problem:
-    """The problem with these parameters sought, too, behind its own."""
-    parameters = (*problem.parameters, *more)
-    own = fit_parameters.bounds(more, problem.scene, rows) if more else None
-    changed = any(parameter.changes_healthy for parameter in more)
-    return dataclasses.replace(
-        problem, parameters=parameters, sound=None if changed else problem.sound,
-        bounds=problem.bounds if own is None else problem.bounds.beside(own),
-    )  # fmt: skip
+    at, healthy = problem.conditions, problem.healthy
+    return np.where(at.loss, 0.0, 0.0 if healthy is None else np.asarray(healthy)[at.condition, at.entry])
 
 
 def residual(problem: Problem, u: jax.Array) -> jax.Array:
-    """What least squares is made of, shape (rows,), at coordinates u: see `counted`."""
-    return counted(problem, predictions(problem, u)[0])
+    """What least squares is made of, shape (rows,), at coordinates u: see `weighted_residuals`."""
+    return weighted_residuals(problem, predictions(problem, u)[0])
 
 
 def predictions(problem: Problem, u: jax.Array, solve: Solve = stiffness) -> tuple[jax.Array, jax.Array]:
     """See `predicted`: at coordinates u."""
     values = problem.bounds.values(u)
-    return predicted(problem.parameters, problem.scene, problem.conditions, values, problem.sound, solve)
+    return predicted(problem.parameters, problem.scene, problem.conditions, values, problem.healthy, solve)
 
 
 def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
@@ -162,7 +108,7 @@ def _without_common(r: jax.Array, along: jax.Array, common: Real) -> jax.Array:
     return r - share * jnp.vdot(along, r) * along
 
 
-def counted(problem: Problem, values: jax.Array) -> jax.Array:
+def weighted_residuals(problem: Problem, values: jax.Array) -> jax.Array:
     """Predicted `values` minus measured ones in sigma, shape (rows,), weighted so that half the sum of their squares is
     the negative log likelihood up to a constant."""
     known, counts = jnp.isfinite(values), jnp.isfinite(problem.sigma)
@@ -184,23 +130,17 @@ def counted(problem: Problem, values: jax.Array) -> jax.Array:
     return jnp.select([problem.robust == k for k in range(len(ROBUST))], [ways[name] for name in ROBUST], r)
 
 
-def scales(problem: Problem) -> np.ndarray:
-    """How far basins lie apart, in coordinates in the middle of the range, shape (parameters,)."""
-    low, high = problem.bounds.ends()
-    return 4.0 * np.array([parameter.apart(problem.scene) for parameter in problem.parameters]) / (high - low)
-
-
-def other_rows_at(problem: Problem, rows: Sequence[Measurement], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the model says of other rows at `places`, shape (cases, rows), and its slopes by coordinates, shape
+def other_rows_at(problem: Problem, rows: Sequence[Measurement], points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the model says of other rows at `points`, shape (cases, rows), and its slopes by coordinates, shape
     (cases, rows, parameters): by numbers, for they are few."""
     at = conditions.conditions(problem.scene, rows)
-    sound = None if problem.sound is None else healthy_stiffness(problem.scene, at)
-    values, slopes = np.empty((len(places), len(rows))), np.zeros((*places.shape, len(rows)))
-    for k, place in enumerate(places):
-        expanded = problem.bounds.values(Taylor(place, by=np.eye(len(place))))
-        told = _by_numbers(problem.parameters, problem.scene, at, expanded, sound)
-        values[k] = xp.value(told)
-        if (by := xp.by(told)) is not None:
+    healthy = None if problem.healthy is None else stiffness_of_rows.healthy_stiffness(problem.scene, at)
+    values, slopes = np.empty((len(points), len(rows))), np.zeros((*points.shape, len(rows)))
+    for k, point in enumerate(points):
+        expanded = problem.bounds.values(Taylor(point, by=np.eye(len(point))))
+        read = _by_numbers(problem.parameters, problem.scene, at, expanded, healthy)
+        values[k] = xp.value(read)
+        if (by := xp.by(read)) is not None:
             slopes[k] = by
     return values, np.moveaxis(slopes, 1, 2)
 
@@ -213,10 +153,12 @@ def rows_of(
 
 
 @np.errstate(all="ignore")
-def _by_numbers(parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: Any, sound: Any) -> Any:
+def _by_numbers(parameters: Sequence[Parameter], scene: Scene, at: Conditions, values: Any, healthy: Any) -> Any:
     """`predicted` of numbers, or of their expansion, shape (rows,)."""
     of = _of(parameters, scene)
-    at = conditions.of_changing(at) if sound is None else at
-    spalled = rings_of_rows.of_numbers(of, values, at)
-    sound = rings_of_rows.of_numbers(of, values, at, sound=True) if sound is None else np.asarray(sound)
-    return _read(parameters, at, values, spalled, sound)
+    at = conditions.of_changing(at) if healthy is None else at
+    spalled = stiffness_of_rows.of_numbers(of, values, at)
+    healthy = (
+        stiffness_of_rows.of_numbers(of, values, at, without_spalls=True) if healthy is None else np.asarray(healthy)
+    )
+    return _read(parameters, at, values, spalled, healthy)

@@ -8,26 +8,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from difftrb.fits import edges_at_rollers, evaluations, predicted
+from difftrb.fits import batched_misfit, edges_at_rollers
+from difftrb.fits.fit_problem import Problem, basin_spacings
 from difftrb.fits.least_squares import AT_BOUND, FARTHEST, Enough
-from difftrb.fits.predicted import Problem
 from difftrb.fits.search import SAME
 
 NEAR = np.array([0.75, 1.5, 2.25, 3.25])
-"""Places of a profile on either side, in standard errors."""
+"""Points of a profile on either side, in standard errors."""
 FAR = np.array([0.15, 0.45, 1.0])
 """More of them, as shares of the way from the last one to the bound."""
 FACTOR = 6.0
 """Between the last near and the first far one each is at most so many times as far as the one before: where a minimum
 is far narrower than the range, another one that is wide may lie close behind it."""
 WITHIN = 3
-"""Places between the two that an end of an interval lies between: to 1e-3 of a standard error then."""
+"""Points between the two that an end of an interval lies between: to 1e-3 of a standard error then."""
 ROUNDS = 5
-"""Times that places are put between those, at most."""
+"""Times that points are put between those, at most."""
 STEEP = 3.0
 """Where the root of the rise is this many times what it is at an end, it is not told by its neighbours."""
 CLOSE = 0.01
-"""Places this close, as a share of how far they are, tell an end well enough, whatever is between them."""
+"""Points this close, as a share of how far they are, tell an end well enough, whatever is between them."""
 STEPS = 25
 ENOUGH = 1e-5
 """Gain of half χ² that is not worth a step of a profile, whose ends are where χ² has risen by 4 or so."""
@@ -35,13 +35,13 @@ BEHIND, MARGIN = 0.05, 20.0
 """A case whose half χ² is more than the margin above the least one, and whose step is expected to gain less than this
 share of what it is more, will not come near it."""
 FLAT = 0.25
-"""Places that have risen by less than this share of the limit are not tried again from others."""
+"""Points that have risen by less than this share of the limit are not tried again from others."""
 MEET = 0.01
 """Cases that come this close to each other, of what parts basins, go on as one."""
 INSIDE = 2.0
 """Coordinate from which a parameter starts that is at a bound."""
 BESIDE = 0.5
-"""A profile's place starts from the lowest known point that lies closer than this, in coordinates, too."""
+"""A profile's point starts from the lowest known point that lies closer than this, in coordinates, too."""
 CONFIDENCE, SURE = 0.95, 0.9973
 """Of intervals: how often they hold what is sought; and of where they end if χ² levels off behind that, for then a
 little noise decides."""
@@ -53,20 +53,20 @@ LEVELS_OFF = 3.0
 
 
 class KnownCosts(NamedTuple):
-    """Places where the cost was computed, shape (places, parameters), and the costs, shape (places,)."""
+    """Points where the cost was computed, shape (points, parameters), and the costs, shape (points,)."""
 
-    place: np.ndarray
+    points: np.ndarray
     cost: np.ndarray
 
 
 class Profiles(NamedTuple):
-    """Profile of every parameter: what is the least sum of squares with it held at a place, all others free.
+    """Profile of every parameter: what is the least sum of squares with it held at a point, all others free.
 
     Attributes:
-      coordinates: places, rising, shape (parameters, places). rise: of twice the cost over its least, same shape.
+      coordinates: points, rising, shape (parameters, points). rise: of twice the cost over its least, same shape.
       ends: of the interval, in coordinates, shape (parameters, 2); see `SURE`. open: whether an end is the bound, not
         the data's.
-      lowest: the best place seen, shape (parameters,); lowest_cost: its cost, below the fit's if it was not least.
+      lowest: the best point seen, shape (parameters,); lowest_cost: its cost, below the fit's if it was not least.
     """
 
     coordinates: np.ndarray
@@ -78,7 +78,7 @@ class Profiles(NamedTuple):
 
 
 def covariance(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Of coordinates at the place u, from the normal matrix JᵀJ there, both of shape (parameters, parameters).
+    """Of coordinates at the point u, from the normal matrix JᵀJ there, both of shape (parameters, parameters).
 
     0 for parameters at a bound; huge but finite for what the normal matrix does not know.
     """
@@ -102,51 +102,51 @@ def correlation(normal: np.ndarray, u: np.ndarray) -> np.ndarray:
 def standard_errors(
     problem: Problem, u: np.ndarray, normal: np.ndarray, profiles: Profiles, limits: Limits
 ) -> np.ndarray:
-    """Of the parameters by the covariance at the place u [unit], shape (parameters,).
+    """Of the parameters by the covariance at the point u [unit], shape (parameters,).
 
     NaN where it tells none: at a bound, or as uncertain as before any measurement, and where the profile has a cliff or
     another slope close by, so that an end of the interval is `BENT` times nearer or farther than by the covariance.
     """
     spread = np.sqrt(np.maximum(np.diag(covariance(normal, u)), 0.0))
     known = (spread > 0.0) & (spread < problem.prior)
-    told = np.abs(profiles.ends - u[:, None]) / np.where(known, spread * np.sqrt(limits.end), 1.0)[:, None]
-    normal_like = known & np.all(profiles.open | ((told > 1.0 / BENT) & (told < BENT)), axis=1)
+    ratio = np.abs(profiles.ends - u[:, None]) / np.where(known, spread * np.sqrt(limits.end), 1.0)[:, None]
+    normal_like = known & np.all(profiles.open | ((ratio > 1.0 / BENT) & (ratio < BENT)), axis=1)
     return np.where(normal_like, spread * np.abs(problem.bounds.rate(u)), np.nan)
 
 
 def held(
     problem: Problem, free: np.ndarray, starts: Sequence[Sequence[np.ndarray]], at: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Least costs, shape (cases,), and their places, shape (cases, parameters), moving those parameters that are
+    """Least costs, shape (cases,), and their points, shape (cases, parameters), moving those parameters that are
     `free`, same shape, from the best of several `starts` of each case, shape (parameters,) each; the others are where
     `at`, same shape, has them."""
     if not free.any():  # then all starts are one
         starts = [own[:1] for own in starts]
     of = np.repeat(np.arange(len(free)), [len(own) for own in starts])
-    places = np.where(free[of], np.concatenate([np.stack(own) for own in starts]), at[of])
-    enough = Enough(ENOUGH, BEHIND, MARGIN, MEET * predicted.scales(problem))
-    found = evaluations.solved(problem, places, free[of], 0, STEPS if free.any() else 0, enough)
+    points = np.where(free[of], np.concatenate([np.stack(own) for own in starts]), at[of])
+    enough = Enough(ENOUGH, BEHIND, MARGIN, MEET * basin_spacings(problem))
+    found = batched_misfit.solved(problem, points, free[of], 0, STEPS if free.any() else 0, enough)
     cost = np.where(np.isfinite(found.cost), found.cost, np.inf)
     order = np.lexsort((cost, of))
     best = order[np.searchsorted(of[order], np.arange(len(free)))]
-    return cost[best], found.place[best]
+    return cost[best], found.points[best]
 
 
 def starts_of(u: np.ndarray, normal: np.ndarray, known: KnownCosts, free: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Where to start with the parameters that are not `free`, shape (cases, parameters), where `at`, same shape, has
     them, shape (2 or 3, cases, parameters): where the quadratic about u expects the others, and at the lowest known
-    place near by, for another basin may be deeper there. Of u at a bound, from where no slope leads away, inside, too.
+    point near by, for another basin may be deeper there. Of u at a bound, from where no slope leads away, inside, too.
     """
     starts = np.stack([at, at])
-    for case, (moves, place) in enumerate(zip(free, at, strict=True)):
+    for case, (moves, point) in enumerate(zip(free, at, strict=True)):
         if moves.any():
             within = normal[np.ix_(moves, moves)]
             damped = within + np.diag(1e-9 * np.diag(within) + 1e-300)
-            follow = -np.linalg.solve(damped, normal[np.ix_(moves, ~moves)] @ (place - u)[~moves])
+            follow = -np.linalg.solve(damped, normal[np.ix_(moves, ~moves)] @ (point - u)[~moves])
             starts[0, case, moves] = np.clip(u[moves] + np.clip(follow, -3.0, 3.0), -AT_BOUND, AT_BOUND)
-        away = np.max(np.abs(known.place - place)[:, ~moves], axis=1, initial=0.0)
+        away = np.max(np.abs(known.points - point)[:, ~moves], axis=1, initial=0.0)
         nearest = np.argmin(np.where(away < BESIDE, known.cost, np.max(known.cost) + away))
-        starts[1, case, moves] = known.place[nearest, moves]
+        starts[1, case, moves] = known.points[nearest, moves]
     if not (np.abs(u) >= AT_BOUND).any():
         return starts
     inside = np.where(free & (np.abs(starts[0]) >= AT_BOUND), np.copysign(INSIDE, starts[0]), starts[0])
@@ -162,7 +162,7 @@ class Held(NamedTuple):
 
 
 class Side(list[Held]):
-    """One side of a profile, from the least place outwards; places within `reach` of that are in one basin."""
+    """One side of a profile, from the least point outwards; points within `reach` of that are in one basin."""
 
     def __init__(self, least: Held, reach: float) -> None:
         super().__init__([least])
@@ -179,16 +179,16 @@ class Limits(NamedTuple):
 def profiles(
     problem: Problem, u: np.ndarray, cost: float, normal: np.ndarray, limits: Limits, known: KnownCosts
 ) -> Profiles:
-    """Profiles about the least place u, shape (parameters,), with its cost and normal matrix, and where they have risen
-    to their limits: first over the whole range, then between the places that an interval's ends lie between, until the
+    """Profiles about the least point u, shape (parameters,), with its cost and normal matrix, and where they have risen
+    to their limits: first over the whole range, then between the points that an interval's ends lie between, until the
     rise behind an end is no cliff."""
     limit = limits.end
     own = np.repeat(np.arange(len(u)), 2)
     # minima this close are one answer: an interval goes on over what rises above its limit between them
-    reach, tried = SAME * predicted.scales(problem), set[tuple[float, ...]]()
+    reach, tried = SAME * basin_spacings(problem), set[tuple[float, ...]]()
     sides = [Side(Held(u[i], 0.0, u), reach[i]) for i in own]
-    places = _places(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
-    of, at = np.repeat(np.arange(len(own)), [len(each) for each in places]), np.concatenate(places)
+    points = _points(u, np.sqrt(np.diag(covariance(normal, u)) * limit) / 2.0)
+    of, at = np.repeat(np.arange(len(own)), [len(each) for each in points]), np.concatenate(points)
     free = own[of][:, None] != np.arange(len(u))
     starts = starts_of(u, normal, known, free, np.where(free, u, at[:, None])).swapaxes(0, 1)
     wanted: list[Any] = [(number, value, u, two) for number, value, two in zip(of, at, starts, strict=True)]
@@ -199,8 +199,8 @@ def profiles(
         starts = [(*ways, *edges_at_rollers.kept(problem, edges, low, int(own[number]), value))
                   for number, value, low, ways in wanted]  # fmt: skip
         costs, where = held(problem, free, starts, np.where(free, u, at[:, None]))
-        for number, value, rise, place in zip(of, at, 2.0 * (costs - cost), where, strict=True):
-            _put(sides[number], Held(value, rise, place))
+        for number, value, rise, point in zip(of, at, 2.0 * (costs - cost), where, strict=True):
+            _put(sides[number], Held(value, rise, point))
         wanted = [
             (number, *one)
             for number, side in enumerate(sides)
@@ -213,11 +213,11 @@ def profiles(
     ends = np.array([_end(side, limits) for side in sides]).reshape(-1, 2)
     both = [[*before[:0:-1], *behind] for before, behind in zip(sides[::2], sides[1::2], strict=True)]
     longest = max(map(len, both))
-    # the last place, as often as it fills the rest
-    told = np.array([[(one.at, one.rise) for one in (*each, *each[-1:] * (longest - len(each)))] for each in both])
+    # the last point, as often as it fills the rest
+    shown = np.array([[(one.at, one.rise) for one in (*each, *each[-1:] * (longest - len(each)))] for each in both])
     return Profiles(
-        coordinates=told[..., 0],
-        rise=told[..., 1],
+        coordinates=shown[..., 0],
+        rise=shown[..., 1],
         ends=np.clip(ends, -FARTHEST, FARTHEST),
         open=np.isinf(ends),
         lowest=lowest.where,
@@ -236,12 +236,12 @@ def _put(side: Side, new: Held) -> None:
 
 
 Wanted = Iterator[tuple[float, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]]
-"""At which coordinates to hold a parameter, each with a place that is known to be low, whose edges of the spall may be
-kept, and three places to start from."""
+"""At which coordinates to hold a parameter, each with a point that is known to be low, whose edges of the spall may be
+kept, and three points to start from."""
 
 
 def _again(side: Side, limit: float, tried: set[tuple[float, ...]]) -> Wanted:
-    """Where a place farther out has risen less, its basin may be lower here, too: from there, unless it was `tried`."""
+    """Where a point farther out has risen less, its basin may be lower here, too: from there, unless it was `tried`."""
     for k, one in enumerate(side[:-1]):
         lower = min(side[k + 1 :], key=lambda other: other.rise)
         attempt = one.at, lower.at, lower.rise
@@ -251,7 +251,7 @@ def _again(side: Side, limit: float, tried: set[tuple[float, ...]]) -> Wanted:
 
 
 def _between(side: Side, limit: float, k: int) -> Wanted:
-    """Between the places that the k-th look for an interval's end has found it between, unless they tell it."""
+    """Between the points that the k-th look for an interval's end has found it between, unless they tell it."""
     root, behind = _roots(side, limit)
     if behind == len(side):
         return
@@ -265,7 +265,7 @@ def _between(side: Side, limit: float, k: int) -> Wanted:
 
 def _levelling(side: Side, limits: Limits, k: int) -> Wanted:
     """As `_between`, of the limit beyond which it is sure, where that may be far behind the interval's end, and not
-    between the same two places."""
+    between the same two points."""
     (_, end), (_, sure) = (_roots(side, limit) for limit in limits)
     if end < sure < len(side) and _is_far(side, side[sure].at, limits.end):
         yield from _between(side, limits.sure, k)
@@ -277,7 +277,7 @@ def _is_far(side: Side, at: float, limit: float) -> bool:
 
 
 def _roots(side: Side, limit: float) -> tuple[np.ndarray, int]:
-    """Roots of the rise, the largest so far, shape (places,), and the first place that is beyond the limit, behind the
+    """Roots of the rise, the largest so far, shape (points,), and the first point that is beyond the limit, behind the
     last one in the basin that is not."""
     rise = np.maximum([one.rise for one in side], 0.0)
     within = [k for k, one in enumerate(side) if one.rise <= limit and abs(one.at - side[0].at) <= side.reach]
@@ -301,12 +301,12 @@ def _reached(side: Side, limit: float) -> float:
     return float(np.interp(np.sqrt(limit), root[pair], [one.at for one in side[pair]]))
 
 
-def _places(u: np.ndarray, spread: np.ndarray) -> list[np.ndarray]:
+def _points(u: np.ndarray, spread: np.ndarray) -> list[np.ndarray]:
     """Where profiles are computed: on either side of u some near, in `spread`s of shape (parameters,), and some as far
     as the bound: of every parameter those below, then those above."""
-    places = []
+    points = []
     for at, each in zip(np.repeat(u, 2), np.repeat(spread, 2), strict=True):
-        side = 1.0 if len(places) % 2 else -1.0
+        side = 1.0 if len(points) % 2 else -1.0
         room, near = max(AT_BOUND - side * at, 1e-3), NEAR * (each or 1.0)
         if near[-1] < 0.7 * room:
             far = near[-1] + (room - near[-1]) * FAR
@@ -314,8 +314,8 @@ def _places(u: np.ndarray, spread: np.ndarray) -> list[np.ndarray]:
             away = np.concatenate([near, np.geomspace(near[-1], far[0], steps + 1)[1:-1], far])
         else:
             away = room * np.arange(1, len(NEAR) + len(FAR) + 1) / (len(NEAR) + len(FAR))
-        places.append(at + side * away)
-    return places
+        points.append(at + side * away)
+    return points
 
 
 def limit_of(freedom: int | None, confidence: float = CONFIDENCE) -> float:

@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.fits import edges_at_rollers, evaluations, least_squares, predicted
+from difftrb.fits import batched_misfit, edges_at_rollers, least_squares
 from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.fit_problem import Problem, basin_spacings
 from difftrb.fits.least_squares import AT_BOUND, Alone, Enough, Least
 from difftrb.fits.parameters import OfSpall, Parameter
-from difftrb.fits.predicted import Problem
 
 SCANNED = 64, 512, 4096, 8192
 """Points that are scanned for one, two, three and more parameters."""
@@ -47,7 +47,7 @@ SPREAD, FACTORS = (0.05, 0.95), (0.6, 0.8)
 ALONE = 2
 """Steps in which those that multiply losses move alone."""
 MOVED = 12, 128
-"""Of how many minima edges are moved, and from how many places least squares then go down."""
+"""Of how many minima edges are moved, and from how many points least squares then go down."""
 ALIKE = 0.02
 """Of those, which are closer than this are one."""
 ELSEWHERE = 512
@@ -64,30 +64,30 @@ class Scan(NamedTuple):
     """Points of the whole range: coordinates, shape (points, parameters); what the model says there of the rows, shape
     (points, rows); the most that deviations change with each coordinate, shape (parameters,)."""
 
-    place: np.ndarray
-    told: np.ndarray
+    points: np.ndarray
+    predicted: np.ndarray
     slope: np.ndarray
 
 
-def scanned(problem: Problem, places: np.ndarray) -> Scan:
-    """The model at these places, roughly."""
+def scanned(problem: Problem, points: np.ndarray) -> Scan:
+    """The model at these points, roughly."""
     rough = _rough(problem)
     with ThreadPoolExecutor(1) as beside:
-        # of many places it is another program, traced while the first one is compiled
-        many = beside.submit(evaluations.rows_at, rough, places) if len(places) > evaluations.MANY else None
-        jacobian = np.nan_to_num(evaluations.evaluated(rough, places[:SLOPES]).jacobian)
-        told = evaluations.rows_at(rough, places) if many is None else many.result()
-    return Scan(places, told, np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
+        # of many points it is another program, traced while the first one is compiled
+        many = beside.submit(batched_misfit.rows_at, rough, points) if len(points) > batched_misfit.MANY else None
+        jacobian = np.nan_to_num(batched_misfit.evaluated(rough, points[:SLOPES]).jacobian)
+        predicted = batched_misfit.rows_at(rough, points) if many is None else many.result()
+    return Scan(points, predicted, np.sqrt(np.max(np.sum(jacobian**2, axis=1), axis=0)))
 
 
-def places(problem: Problem, count: int | None = None) -> np.ndarray:
+def scan_points(problem: Problem, count: int | None = None) -> np.ndarray:
     """Coordinates of the points, shape (count, parameters): the scene's own values, then an even spread of the range,
     of which up to one half have `edges_at_rollers`.
 
     None: as many as so many parameters call for.
     """
     parameters = problem.parameters
-    count = points(len(parameters)) if count is None else count
+    count = scan_size(len(parameters)) if count is None else count
     own = problem.bounds.coordinates(np.array([[parameter.start(problem.scene) for parameter in parameters]], float))
     every = np.concatenate([np.clip(own, -4.0, 4.0), spread(parameters, count - 1)])
     half = slice(1, 1 + count // 2)
@@ -95,7 +95,7 @@ def places(problem: Problem, count: int | None = None) -> np.ndarray:
     return every
 
 
-def points(n: int) -> int:
+def scan_size(n: int) -> int:
     """How many are scanned for n parameters."""
     return SCANNED[min(n, len(SCANNED)) - 1]
 
@@ -115,55 +115,60 @@ def spread(parameters: Sequence[Parameter], count: int, behind: int = 0) -> np.n
 
 def thorough(problem: Problem, scan: Scan) -> tuple[Scan, Least]:
     """As `minima`, of `MORE` points besides and by more steps: a larger scan, and where least squares end."""
-    more = spread(problem.parameters, MORE * len(scan.place), len(scan.place))
-    told = evaluations.rows_at(_rough(problem), more)
-    scan = Scan(np.concatenate([scan.place, more]), np.concatenate([scan.told, told]), scan.slope)
+    more = spread(problem.parameters, MORE * len(scan.points), len(scan.points))
+    predicted = batched_misfit.rows_at(_rough(problem), more)
+    scan = Scan(np.concatenate([scan.points, more]), np.concatenate([scan.predicted, predicted]), scan.slope)
     return scan, minima(problem, scan, rounds=THOROUGH)
 
 
 def minima(
-    problem: Problem, scan: Scan, free: np.ndarray | None = None, rounds: tuple[int, ...] = ROUNDS,
+    problem: Problem, scan: Scan, free: np.ndarray | bool = True, rounds: tuple[int, ...] = ROUNDS,
     lowest: tuple[int, int] = LOWEST,
 ) -> Least:  # fmt: skip
     """Where least squares end that go down from the points of a scan: all some steps, the lower ones farther, all of
     it roughly and by ratios; at last exactly from what is left.
 
-    `free`: which parameters move, shape (parameters,). None: all. `lowest`: as `LOWEST`.
+    `free`: which parameters move, shape (parameters,), or all. `lowest`: as `LOWEST`.
     """
     most, fewest = lowest
-    place, cost, scale, rough = scan.place, _alike(problem, scan.told), predicted.scales(problem), _rough(problem)
-    enough, room = _enough(problem), edges_at_rollers.room(problem)
-    multiply = np.array([parameter.multiplies for parameter in problem.parameters]) & (True if free is None else free)
+    points, cost, scale, rough = (
+        scan.points,
+        _costs_at_best_factor(problem, scan.predicted),
+        basin_spacings(problem),
+        _rough(problem),
+    )
+    enough, room = Enough(behind=BEHIND, meet=MEET * scale), edges_at_rollers.room(problem)
+    multiply = np.array([parameter.multiplies for parameter in problem.parameters]) & free
     alone = Alone(multiply, ALONE) if multiply.any() and not multiply.all() else None
     for k, steps in enumerate(rounds):
-        place = place[_lower(place / scale, cost, np.clip(len(place) // KEPT, fewest, most))]
+        points = points[_lowest_apart(points / scale, cost, np.clip(len(points) // KEPT, fewest, most))]
         first = alone if k == 0 else None
-        found = evaluations.solved(
-            rough, place, _moving(place, free), 0, steps, enough, ratios=True, alone=first, room=room
-        )
-        place, cost = found.place, found.cost
+        found = batched_misfit.solved(rough, points, free, 0, steps, enough, ratios=True, alone=first, room=room)
+        points, cost = found.points, found.cost
     # the scene's own, too
-    return minima_from(problem, np.concatenate([place[_lower(place / scale, cost, fewest)], scan.place[:1]]), free)
+    return minima_from(
+        problem, np.concatenate([points[_lowest_apart(points / scale, cost, fewest)], scan.points[:1]]), free
+    )
 
 
-def minima_from(problem: Problem, place: np.ndarray, free: np.ndarray | None = None) -> Least:
-    """Where least squares end that go down from these places, roughly, and then exactly from what is left of them;
+def minima_from(problem: Problem, points: np.ndarray, free: np.ndarray | bool = True) -> Least:
+    """Where least squares end that go down from these points, roughly, and then exactly from what is left of them;
     `free` as in `minima`."""
-    enough = _enough(problem)
-    found = evaluations.solved(_rough(problem), place, _moving(place, free), ADAM_STEPS, least_squares.STEPS, enough)
-    place = found.place[distinct(problem, found) or [0]]
-    return once_round(problem, evaluations.solved(problem, place, _moving(place, free), 0, least_squares.STEPS, enough))
+    enough = Enough(behind=BEHIND, meet=MEET * basin_spacings(problem))
+    found = batched_misfit.solved(_rough(problem), points, free, ADAM_STEPS, least_squares.STEPS, enough)
+    points = found.points[distinct(problem, found) or [0]]
+    return once_round(problem, batched_misfit.solved(problem, points, free, 0, least_squares.STEPS, enough))
 
 
 def once_round(problem: Problem, found: Least) -> Least:
     """The same minima, those beyond half a period of a parameter at what is the same within it, and two spalls that are
     alike named as the scene names those nearest to them."""
     bounds = problem.bounds
-    values = bounds.values(found.place)
+    values = bounds.values(found.points)
     turned = fit_parameters.turned(problem.parameters, values)
-    place = np.where(turned == values, found.place, bounds.coordinates(turned))
-    rate = bounds.slope(place) / np.maximum(bounds.slope(found.place), 1e-300)
-    found = found._replace(place=place, normal=found.normal * rate[:, :, None] * rate[:, None, :])
+    points = np.where(turned == values, found.points, bounds.coordinates(turned))
+    rate = bounds.slope(points) / np.maximum(bounds.slope(found.points), 1e-300)
+    found = found._replace(points=points, normal=found.normal * rate[:, :, None] * rate[:, None, :])
     other = exchange(problem)
     return found if other is None else _named(problem, found, turned, other)
 
@@ -179,7 +184,7 @@ def _named(problem: Problem, found: Least, values: np.ndarray, other: list[int])
 
     nearer = away(values[:, other]) < away(values)
     return found._replace(
-        place=np.where(nearer[:, None], found.place[:, other], found.place),
+        points=np.where(nearer[:, None], found.points[:, other], found.points),
         normal=np.where(nearer[:, None, None], found.normal[:, other][:, :, other], found.normal),
     )
 
@@ -204,18 +209,18 @@ def exchange(problem: Problem) -> list[int] | None:
 def with_edges_moved(problem: Problem, found: Least) -> Least:
     """What was found, and where least squares end from the lowest of these with edges moved (`edges_at_rollers`) and,
     of several spalls, one of them elsewhere, as long as that comes lower."""
-    rough, room, told = _rough(problem), edges_at_rollers.room(problem), set[int]()
+    rough, room, moved_already = _rough(problem), edges_at_rollers.room(problem), set[int]()
     for _ in range(MOVES):
-        from_here = [k for k in distinct(problem, found)[: MOVED[0]] if k not in told]
-        told.update(from_here)
-        moved = edges_at_rollers.beside(problem, found.place[from_here])
-        more = np.concatenate([moved, _with_one_elsewhere(problem, found.place[from_here])])
+        from_here = [k for k in distinct(problem, found)[: MOVED[0]] if k not in moved_already]
+        moved_already.update(from_here)
+        moved = edges_at_rollers.beside(problem, found.points[from_here])
+        more = np.concatenate([moved, _with_one_elsewhere(problem, found.points[from_here])])
         if not len(more):
             break
-        cost = _alike(problem, evaluations.rows_at(rough, more))
-        more = more[_lower(more / predicted.scales(problem), cost, MOVED[1], ALIKE)]
-        near = evaluations.solved(rough, more, _moving(more, None), 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
-        ended = minima_from(problem, near.place[distinct(problem, near)[: LOWEST[1]]])
+        cost = _costs_at_best_factor(problem, batched_misfit.rows_at(rough, more))
+        more = more[_lowest_apart(more / basin_spacings(problem), cost, MOVED[1], ALIKE)]
+        near = batched_misfit.solved(rough, more, True, 0, ROUNDS[1], Enough(behind=BEHIND), room=room)
+        ended = minima_from(problem, near.points[distinct(problem, near)[: LOWEST[1]]])
         lower = np.nanmin(ended.cost) < np.nanmin(found.cost) - GAIN
         found = least_squares.both(found, ended)
         if not lower:
@@ -223,37 +228,28 @@ def with_edges_moved(problem: Problem, found: Least) -> Least:
     return found
 
 
-def _with_one_elsewhere(problem: Problem, places_found: np.ndarray) -> np.ndarray:
-    """These places, coordinates of shape (places, parameters), with one of several spalls as in points of the range,
-    shape (more places, parameters): of two spalls each may be right where the other one is not. None of a single
+def _with_one_elsewhere(problem: Problem, found_points: np.ndarray) -> np.ndarray:
+    """These points, coordinates of shape (points, parameters), with one of several spalls as in points of the range,
+    shape (more points, parameters): of two spalls each may be right where the other one is not. None of a single
     spall."""
     numbers = np.array([p.number if isinstance(p, OfSpall) else -1 for p in problem.parameters])
     spalls = [k for k in np.unique(numbers) if k >= 0]
     if len(spalls) < 2:
         return np.zeros((0, len(numbers)))
-    points = places(problem, ELSEWHERE)
-    found = [np.where(numbers == k, points, place) for place in places_found for k in spalls]
+    elsewhere = scan_points(problem, ELSEWHERE)
+    found = [np.where(numbers == k, elsewhere, point) for point in found_points for k in spalls]
     return np.concatenate(found)
 
 
-def _enough(problem: Problem) -> Enough:
-    return Enough(behind=BEHIND, meet=MEET * predicted.scales(problem))
-
-
-def _moving(place: np.ndarray, free: np.ndarray | None) -> np.ndarray:
-    """Which coordinates move, of every case."""
-    return np.ones_like(place, bool) if free is None else np.tile(free, (len(place), 1))
-
-
-def _alike(problem: Problem, told: np.ndarray) -> np.ndarray:
-    """What costs would be with the best factor on all losses, shape (points,), of what the model has `told` of the
+def _costs_at_best_factor(problem: Problem, predicted: np.ndarray) -> np.ndarray:
+    """What costs would be with the best factor on all losses, shape (points,), of what is `predicted` of the
     rows, shape (points, rows): about what a longer or shorter spall at the same place would have, which least squares
-    find from far away. Other places they do not."""
+    find from far away. Other ones they do not."""
     loss, sigma, rows = (np.asarray(x) for x in (problem.conditions.loss, problem.sigma, problem.measured))
-    told, seen = told / sigma, rows / sigma
-    own = np.nan_to_num(told * loss)
+    predicted, seen = predicted / sigma, rows / sigma
+    own = np.nan_to_num(predicted * loss)
     factor = np.clip((own @ seen) / np.maximum(np.sum(own**2, axis=1), 1e-300), 1.0 / FACTOR, FACTOR)
-    return 0.5 * np.sum((np.where(loss, factor[:, None], 1.0) * told - seen) ** 2, axis=1)
+    return 0.5 * np.sum((np.where(loss, factor[:, None], 1.0) * predicted - seen) ** 2, axis=1)
 
 
 def _rough(problem: Problem) -> Problem:
@@ -261,28 +257,28 @@ def _rough(problem: Problem) -> Problem:
     return problem if problem.rough is None else dataclasses.replace(problem, conditions=problem.rough)
 
 
-def _lower(place: np.ndarray, cost: np.ndarray, most: int, near: float = NEAR) -> list[int]:
-    """The lowest places of which no two are one: closer than `near`."""
+def _lowest_apart(points: np.ndarray, cost: np.ndarray, most: int, near: float = NEAR) -> list[int]:
+    """The lowest points of which no two are one: closer than `near`."""
     kept: list[int] = []
     for k in np.argsort(cost, kind="stable"):
         if len(kept) == most or not np.isfinite(cost[k]):
             break
-        if not kept or np.min(np.max(np.abs(place[kept] - place[k]), axis=1)) >= near:
+        if not kept or np.min(np.max(np.abs(points[kept] - points[k]), axis=1)) >= near:
             kept.append(int(k))
     return kept
 
 
 def distinct(problem: Problem, found: Least) -> list[int]:
     """Which of the cases are minima of their own, the least first."""
-    scales, kept = predicted.scales(problem), list[int]()
-    place, values = np.clip(found.place, -AT_BOUND, AT_BOUND) / scales, problem.bounds.values(found.place)
+    spacings, kept = basin_spacings(problem), list[int]()
+    points, values = np.clip(found.points, -AT_BOUND, AT_BOUND) / spacings, problem.bounds.values(found.points)
     low, high = problem.bounds.ends()
     round_trip = np.array([parameter.period is not None for parameter in problem.parameters])
     for k in np.argsort(found.cost, kind="stable"):
-        apart = np.abs(place[kept] - place[k])
+        apart = np.abs(points[kept] - points[k])
         if round_trip.any():
             ways = fit_parameters.turned(problem.parameters, values[kept] - values[k])
-            apart = np.where(round_trip, np.abs(ways) * 4.0 / (high - low) / scales, apart)
+            apart = np.where(round_trip, np.abs(ways) * 4.0 / (high - low) / spacings, apart)
         if np.isfinite(found.cost[k]) and not np.any(np.max(apart, axis=1) < SAME):
             kept.append(int(k))
     return kept

@@ -121,10 +121,12 @@ def check(scene: Scene, rows: Sequence[Measurement], counts: Sequence[int], para
             raise MeasuredError(f"parameters: {name!r}: to count spalls, name some of {known}")
     if max(counts) > 1 and "angle" not in parameters:
         raise MeasuredError("parameters: angle is missing: two spalls are told apart by it; name it, too")
-    if any(row.sigma is None for row in rows):
-        raise MeasuredError(
-            "measurements: sigma is missing: how many spalls rows need depends on it; give it in all rows"
-        )
+    for k, row in enumerate(rows, 1):
+        if row.sigma is None:
+            raise MeasuredError(
+                f"{measured.where(row, k)}: {measured.column('sigma', row.origin)} is empty: how many spalls rows need "
+                "depends on it; give it in all rows"
+            )
 
 
 def _spalls(scene: Scene) -> tuple:

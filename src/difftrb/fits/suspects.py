@@ -15,13 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import special
 
-from difftrb.fits import evaluations, fit_result, predicted, search
+from difftrb.fits import batched_misfit, fit_result, search
 from difftrb.fits import parameters as fit_parameters
+from difftrb.fits.fit_problem import Problem, basin_spacings, with_more
 from difftrb.fits.fit_result import UNLIKELY, Fit
-from difftrb.fits.least_squares import AT_BOUND, Least, at_shares
+from difftrb.fits.least_squares import AT_BOUND, Least, at_shares, best
 from difftrb.fits.measured import MeasuredError
 from difftrb.fits.parameters import PARAMETERS, Parameter
-from difftrb.fits.predicted import Problem
 from difftrb.fits.search import Scan
 
 UNWEIGHED = 1e4
@@ -63,9 +63,9 @@ class Suspect(NamedTuple):
 
 def named(fit: Fit, scan: Scan) -> list[Suspect]:
     """Those that explain much more than the fit, the best first."""
-    found = [*_rows(fit, scan), *_fractions(fit, scan)]
+    found = [*_rows_left_aside(fit, scan), *_fractions(fit, scan)]
     if not any(one.gains and one.explains for one in found):  # else what takes programs of its own need not be tried
-        found += _parameters(fit, scan)
+        found += _other_parameters(fit, scan)
     better = sorted((one for one in found if one.gains), key=lambda one: one.chi2)
     return [one for one in better if one.chi2 <= NEARLY * max(better[0].chi2, float(fit.freedom))][:NAMED]
 
@@ -98,14 +98,14 @@ def _explains(fit: Fit, chi2: float) -> bool:
 
 def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, chance: float = ALONE) -> Suspect:
     """From the lowest case."""
-    k = int(np.nanargmin(found.cost))
-    values = problem.bounds.values(found.place[k])
-    told = [p.told(v) for p, v in zip(problem.parameters, values, strict=True)]
-    chi2, answer = 2.0 * float(found.cost[k]), ", ".join(told[: len(fit.parameters)])
+    k = best(found)
+    values = problem.bounds.values(found.points[k])
+    answer = [p.in_words(v) for p, v in zip(problem.parameters, values, strict=True)]
+    chi2 = 2.0 * float(found.cost[k])
     other = bool(fit_result.outside(values[: len(fit.parameters)], fit.values, fit.own_intervals).any())
     return Suspect(
         what,
-        answer,
+        ", ".join(answer[: len(fit.parameters)]),
         chi2,
         (other or not fit.sigma_estimated) and _gains(fit, chi2, chance),
         _explains(fit, chi2),
@@ -113,27 +113,29 @@ def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, c
     )
 
 
-def _down(fit: Fit, problem: Problem, scan: Scan) -> Least:
-    """Least squares of another problem of the fit's parameters, from the fit's place, what else fitted well, and the
+def _descended(fit: Fit, problem: Problem, scan: Scan) -> Least:
+    """Least squares of another problem of the fit's parameters, from the fit's point, what else fitted well, and the
     lowest points of that problem."""
-    low = np.argsort(evaluations.costs(problem, scan.told), kind="stable")[:STARTS]
-    return search.minima_from(problem, np.concatenate([fit.place[None], scan.place[low], _lowest(fit)]))
+    low = np.argsort(batched_misfit.costs(problem, scan.predicted), kind="stable")[:STARTS]
+    return search.minima_from(problem, np.concatenate([fit.point[None], scan.points[low], _best_points(fit)]))
 
 
-def _lowest(fit: Fit) -> np.ndarray:
+def _best_points(fit: Fit) -> np.ndarray:
     """Places that fit best, shape (STARTS, parameters)."""
-    return fit.known.place[np.argsort(fit.known.cost, kind="stable")[:STARTS]]
+    return fit.known.points[np.argsort(fit.known.cost, kind="stable")[:STARTS]]
 
 
-def _rows(fit: Fit, scan: Scan) -> Iterator[Suspect]:
+def _rows_left_aside(fit: Fit, scan: Scan) -> Iterator[Suspect]:
     """Each row left aside."""
     for k, row in enumerate(fit.rows):
         sigma = np.array(fit.sigma)
         sigma[k] *= UNWEIGHED
         problem = dataclasses.replace(fit.problem, sigma=jnp.asarray(sigma))
-        found = _down(fit, problem, scan)
-        told = float(found.beside[0][int(np.nanargmin(found.cost))][k])
-        off = f"row {k + 1} is off: {row.quantity} = {row.value:g} {row.unit}, where the others let expect {told:.4g}"
+        found = _descended(fit, problem, scan)
+        expected = float(found.beside[0][best(found)][k])
+        off = (
+            f"row {k + 1} is off: {row.quantity} = {row.value:g} {row.unit}, where the others let expect {expected:.4g}"
+        )
         one = _suspect(fit, problem, found, off, "check that row, or fit with --robust student")
         yield one if one.explains else one._replace(advice="check that row")
 
@@ -147,39 +149,39 @@ def _fractions(fit: Fit, scan: Scan) -> Iterator[Suspect]:
     factor = np.where(losses, 100.0, 1.0)
     problem = dataclasses.replace(fit.problem, measured=jnp.asarray(factor * values),
                                   sigma=jnp.asarray(factor * fit.sigma))  # fmt: skip
-    found = _down(fit, problem, scan)
+    found = _descended(fit, problem, scan)
     yield _suspect(fit, problem, found, "losses are given as fractions", "give them in percent")
 
 
-def _parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
+def _other_parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
     """Each parameter that is a suspect and was not fitted, by one program for all of them."""
-    more = list(_usable(fit))
+    more = list(_suspect_parameters(fit))
     if not more:
         return
-    own, problem = len(fit.parameters), predicted.with_more(fit.problem, more, fit.rows)
+    own, problem = len(fit.parameters), with_more(fit.problem, more, fit.rows)
     parameters, bounds = problem.parameters, problem.bounds
     still = bounds.coordinates(np.array([parameter.start(fit.problem.scene) for parameter in parameters], float))
-    low, points = _lowest(fit), POINTS * len(scan.place) // search.points(own)
+    low, count = _best_points(fit), POINTS * len(scan.points) // search.scan_size(own)
     for i, parameter in enumerate(more, own):
         free = np.arange(len(parameters)) < own
         free[i] = True
-        many = predicted.scales(problem)[i] < TURNING
-        at = np.tile(still, (points if many else FEW * len(low), 1))
+        many = basin_spacings(problem)[i] < TURNING
+        at = np.tile(still, (count if many else FEW * len(low), 1))
         if many:
             at[:, free] = search.spread([*parameters[:own], parameter], len(at))
         else:
             shares = np.linspace(*search.SPREAD, FEW)
             at[:, :own], at[:, i] = np.repeat(low, FEW, axis=0), np.tile(at_shares(shares), len(low))
-        at[0, :own] = fit.place
+        at[0, :own] = fit.point
         found = search.minima(problem, search.scanned(problem, at), free, lowest=LOWEST)
-        k = int(np.nanargmin(found.cost))
-        value = float(bounds.values(found.place[k])[i])
-        end = ", the end of its range" if abs(found.place[k, i]) >= AT_BOUND else ""
-        what = f"{parameter.suspect} ({parameter.told(value)}{end})"
+        k = best(found)
+        value = float(bounds.values(found.points[k])[i])
+        end = ", the end of its range" if abs(found.points[k, i]) >= AT_BOUND else ""
+        what = f"{parameter.suspect} ({parameter.in_words(value)}{end})"
         yield _suspect(fit, problem, found, what, f"fit {parameter.name}, too, or measure it", ADDED)
 
 
-def _usable(fit: Fit) -> Iterator[Parameter]:
+def _suspect_parameters(fit: Fit) -> Iterator[Parameter]:
     for name, parameter in PARAMETERS.items():
         if parameter.suspect and name not in fit.parameters:
             try:

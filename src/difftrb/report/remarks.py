@@ -66,7 +66,8 @@ def odd_measured_load(bearing: TaperedBearing, rows: Sequence[Any]) -> str | Non
     k = int(np.argmax(shares))
     if shares[k] <= 1.0:
         k = int(np.argmin(np.where(np.array(shares) > 0.0, shares, np.inf)))
-    return _odd(f"row {k + 1}: radial = {rows[k].radial:g} N, axial = {rows[k].axial:g} N", shares[k])
+    where = f"row {k + 1}" if rows[k].origin is None else f"line {rows[k].origin.line}"
+    return _odd(f"{where}: radial = {rows[k].radial:g} N, axial = {rows[k].axial:g} N", shares[k])
 
 
 def all_in_kn(bearing: TaperedBearing, rows: Sequence[Any]) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from difftrb.core.geometry import TaperedBearing
-from difftrb.fits import evaluations, predicted
+from difftrb.fits import batched_misfit, predicted
 from difftrb.fits.fit_result import Fit
 from difftrb.scene.scene_laws import with_any_width
 
@@ -20,8 +20,8 @@ def moves(fit: Fit) -> Callable[[TaperedBearing, float], np.ndarray]:
     the opposite change of the measurements would.
     """
     plain = dataclasses.replace(with_any_width(fit.scene) or fit.scene, effects=())
-    step = np.linalg.pinv(evaluations.evaluated(fit.problem, fit.place[None]).jacobian[0])  # of deviations in sigma
-    slope = fit.problem.bounds.rate(fit.place)
+    step = np.linalg.pinv(batched_misfit.evaluated(fit.problem, fit.point[None]).jacobian[0])  # of deviations in sigma
+    slope = fit.problem.bounds.rate(fit.point)
     own = predicted.rows_of(fit.problem.parameters, plain, fit.rows, fit.values)
 
     def moved(bearing: TaperedBearing, design_load: float) -> np.ndarray:
@@ -42,10 +42,10 @@ def sentence(fit: Fit, about: np.ndarray) -> str:
             "these bearings under all these loads"
         )
     every = zip(fit.parameters, about, fit.units, fit.determined_each, strict=True)
-    told = ", ".join(f"{name} ± {value:.2g} {unit}".rstrip() for name, value, unit, known in every if known)
-    if not told:
+    left = ", ".join(f"{name} ± {value:.2g} {unit}".rstrip() for name, value, unit, known in every if known)
+    if not left:
         return "the bearing is estimated from its catalogue: that leaves more, beside what the rows leave"
-    text = f"the bearing is estimated from its catalogue: beside what the rows leave, that alone leaves {told} (k = 2)"
+    text = f"the bearing is estimated from its catalogue: beside what the rows leave, that alone leaves {left} (k = 2)"
     lost = [p.name for p, value, own in zip(fit.problem.parameters, about, fit.values, strict=True)
             if p.logarithmic and value > own]  # fmt: skip
     if not lost:

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 import difftrb as trb
-from difftrb.fits import estimated_bearing, fit_report
+from difftrb.fits import bearing_uncertainty, fit_report
 
 LOADS = ((4000.0, 2000.0), (8000.0, 4000.0))
 
@@ -36,7 +36,7 @@ def test_values_move_as_a_fit_to_other_rows_does(made: trb.CatalogueBearing) -> 
     own = trb.fit(scene, rows(made.bearing, made.design_load), ["length"])
     other = made.design_load - 0.25 * made.estimates["design_load"].uncertainty
     refitted = trb.fit(scene, rows(made.bearing, other), ["length"])
-    moved = estimated_bearing.moves(own)(made.bearing, other)
+    moved = bearing_uncertainty.moves(own)(made.bearing, other)
     assert abs(moved[0]) > 0.003
     np.testing.assert_allclose(refitted.values - own.values, -moved, rtol=0.1)
 
@@ -44,13 +44,13 @@ def test_values_move_as_a_fit_to_other_rows_does(made: trb.CatalogueBearing) -> 
 def test_all_that_is_not_known_is_told(made: trb.CatalogueBearing) -> None:
     scene = trb.Scene(made.bearing, trb.Load(*LOADS[0]), trb.Spall(3.0, 5.0), law="table", design_load=made.design_load)
     own = trb.fit(scene, rows(made.bearing, made.design_load), ["length"])
-    about = made.uncertainty(estimated_bearing.moves(own))
+    about = made.uncertainty(bearing_uncertainty.moves(own))
     crown = made.estimates["design_load"].uncertainty
-    low, high = (estimated_bearing.moves(own)(made.bearing, made.design_load + k * crown) for k in (-0.5, 0.5))
+    low, high = (bearing_uncertainty.moves(own)(made.bearing, made.design_load + k * crown) for k in (-0.5, 0.5))
     assert abs(high - low)[0] / 2.0 < about[0] < 1.0
-    assert "is not known" in estimated_bearing.sentence(own, np.full(1, np.nan))
-    assert estimated_bearing.sentence(own, about).endswith(f"leaves length ± {about[0]:.2g} mm (k = 2)")
-    assert "so that nothing is known of length: measure losses" in estimated_bearing.sentence(own, np.full(1, 14.0))
+    assert "is not known" in bearing_uncertainty.sentence(own, np.full(1, np.nan))
+    assert bearing_uncertainty.sentence(own, about).endswith(f"leaves length ± {about[0]:.2g} mm (k = 2)")
+    assert "so that nothing is known of length: measure losses" in bearing_uncertainty.sentence(own, np.full(1, 14.0))
 
 
 def test_stiffnesses_are_told_in_full(made: trb.CatalogueBearing) -> None:

@@ -1,6 +1,6 @@
 """Stiffness at the conditions of rows: of what is traced, with its slopes if they are wanted, and of healthy numbers.
 
-A loop goes over the blocks of rings; what it adds to every condition is told by value, or by value and slopes.
+A loop goes over the blocks of rings; what it adds to every condition is a value, or a value with slopes.
 """
 
 from __future__ import annotations
@@ -32,36 +32,43 @@ Parts = tuple[Any, ...]
 """What a function of the values is: its value, or that and its slopes by them, shape (…, parameters)."""
 
 
-def stiffness(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
-    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), and the worst status; `sound`: without
-    the scene's spalls, which say where the phases of means are anyway."""
-    (found,), code = _summed(of, at, sound, ValueOrSlopes(values, slopes=False))
+def stiffness(of: Of, values: jax.Array, at: Conditions, without_spalls: bool = False) -> tuple[jax.Array, jax.Array]:
+    """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), and the worst status.
+
+    `without_spalls`: of the healthy bearing; the scene's spalls say where the phases of means are all the same.
+    """
+    (found,), code = _summed(of, at, without_spalls, ValueOrSlopes(values, slopes=False))
     return found, code
 
 
-def with_slopes(of: Of, values: jax.Array, at: Conditions, sound: bool = False) -> tuple[jax.Array, jax.Array]:
+def with_slopes(of: Of, values: jax.Array, at: Conditions, without_spalls: bool = False) -> tuple[jax.Array, jax.Array]:
     """`stiffness` that is differentiable by `values` alone, and once: its slopes are solved beside it, block by block,
     for to differentiate a loop takes several times as long to trace."""
     here = jax.lax.stop_gradient(values)
-    (found, slopes), code = _summed(of, at, sound, ValueOrSlopes(here, slopes=True))
+    (found, slopes), code = _summed(of, at, without_spalls, ValueOrSlopes(here, slopes=True))
     return found + slopes @ (values - here), code
 
 
 @np.errstate(all="ignore")
-def of_numbers(of: Of, values: Values, at: Conditions, sound: bool = False) -> Any:
+def of_numbers(of: Of, values: Values, at: Conditions, without_spalls: bool = False) -> Any:
     """Stiffness of every condition [N/mm], by `ENTRIES`, shape (size, entries), of numbers at values that
     are numbers, or an expansion by themselves: all rings at once, and means by a rule of more points."""
     found: list[Any] = [np.full(len(ENTRIES), np.nan)] * at.size
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
         scene, loaded = of(values)
-        scene = dataclasses.replace(xp.numbers(healthy(scene) if sound else scene), definition=definition)
-        places = _distinct(at, blocks)
-        told = _together(scene, loaded, blocks, list(places.values()))
-        if not all(np.isfinite(xp.value(one)).any() for one in told):  # of what has no solution all are told together
-            told = [_together(scene, loaded, blocks, [one])[0] for one in places.values()]
-        for place, one in zip(places, told, strict=True):
-            found[place] = one
+        scene = dataclasses.replace(xp.numbers(healthy(scene) if without_spalls else scene), definition=definition)
+        rings = _distinct(at, blocks)
+        each = _together(scene, loaded, blocks, list(rings.values()))
+        if not all(np.isfinite(xp.value(one)).any() for one in each):  # one without a solution leaves none of any
+            each = [_together(scene, loaded, blocks, [one])[0] for one in rings.values()]
+        for number, one in zip(rings, each, strict=True):
+            found[number] = one
     return xp.stack(found)
+
+
+def healthy_stiffness(scene: Scene, at: Conditions) -> np.ndarray | jax.Array:
+    """`of_numbers` of the prepared scene without spalls, shape (size, entries)."""
+    return xp.value(of_numbers(lambda _: (scene, lambda load: load), np.zeros(0), at, without_spalls=True))
 
 
 def _together(
@@ -93,15 +100,15 @@ def _distinct(at: Conditions, blocks: Blocks) -> dict[int, tuple[int, int]]:
     """Block and ring of every condition, the first of those that count to it."""
     found: dict[int, tuple[int, int]] = {}
     for k in range(int(blocks.count)):
-        for ring, place in enumerate(np.asarray(blocks.of)[k]):
-            if place < at.size:
-                found.setdefault(int(place), (k, ring))
+        for ring, number in enumerate(np.asarray(blocks.of)[k]):
+            if number < at.size:
+                found.setdefault(int(number), (k, ring))
     return found
 
 
 class ValueOrSlopes(NamedTuple):
-    """How functions of `values`, shape (parameters,), are told: by what they are there, or by that and their slopes, of
-    one expansion."""
+    """How functions of `values`, shape (parameters,), are computed: their value there, or that and its slopes, of one
+    expansion."""
 
     values: jax.Array
     slopes: bool
@@ -122,12 +129,12 @@ class ValueOrSlopes(NamedTuple):
         return (jnp.zeros(shape), jnp.zeros((*shape, len(self.values))))[: 2 if self.slopes else 1]
 
 
-def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[Parts, jax.Array]:
-    """What the rings of all blocks add to the conditions to which they count, as it is told, and the worst status."""
-    found, code = told.zeros(at.size + 1, len(ENTRIES)), jnp.asarray(status.CONVERGED)
+def _summed(of: Of, at: Conditions, without_spalls: bool, parted: ValueOrSlopes) -> tuple[Parts, jax.Array]:
+    """What the rings of all blocks add to the conditions to which they count, and the worst status."""
+    found, code = parted.zeros(at.size + 1, len(ENTRIES)), jnp.asarray(status.CONVERGED)
     for definition, blocks in zip(at.definitions, at.blocks, strict=True):
         every: Blocks = jax.tree.map(jnp.asarray, blocks)
-        borders = _borders(of, every, told)
+        borders = _borders(of, every, parted)
 
         def more(
             k: jax.Array, state: tuple[Parts, jax.Array], definition: Definition = definition, every: Blocks = every,
@@ -135,13 +142,13 @@ def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[P
         ) -> tuple[Parts, jax.Array]:  # fmt: skip
             def block(values: Values, *turn: Any) -> tuple[Any, Any]:
                 scene, loaded = of(values)
-                scene = dataclasses.replace(healthy(scene) if sound else scene, definition=definition)
+                scene = dataclasses.replace(healthy(scene) if without_spalls else scene, definition=definition)
                 turned, share = _turned(every, k, *turn)
                 each, code = _at_once(scene, turned, loaded(Load(*every.loads[:, k])))
                 return share[:, None] * each, xp.module_of(code).max(code)
 
             turn = [tuple(part[every.mean[k]] for part in borders)] if borders else []
-            each, code = told.parts(block, *turn)
+            each, code = parted.parts(block, *turn)
             added = tuple(s.at[every.of[k]].add(e) for s, e in zip(state[0], each, strict=True))
             return added, status.worst(state[1], code)
 
@@ -149,8 +156,8 @@ def _summed(of: Of, at: Conditions, sound: bool, told: ValueOrSlopes) -> tuple[P
     return tuple(part[:-1] for part in found), code
 
 
-def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> Parts:
-    """Between which phases [rad] there is no kink, of every mean, shape (means, borders), as it is told; nothing where
+def _borders(of: Of, every: Blocks, parted: ValueOrSlopes) -> Parts:
+    """Between which phases [rad] there is no kink, of every mean, shape (means, borders); nothing where
     there are none, for it is a third of a program."""
     if not len(every.means):
         return ()
@@ -161,10 +168,10 @@ def _borders(of: Of, every: Blocks, told: ValueOrSlopes) -> Parts:
             scene = dataclasses.replace(scene, load=loaded(Load(*every.means[k])), phase=PitchMean())
             return pitch_borders(scene, jax.tree.map(lambda part: part[k], every.still)), None
 
-        own, _ = told.parts(borders)
+        own, _ = parted.parts(borders)
         return tuple(whole.at[k].set(part) for whole, part in zip(found, own, strict=True))
 
-    blank = told.zeros(len(every.means), every.phases.shape[1] + 1)
+    blank = parted.zeros(len(every.means), every.phases.shape[1] + 1)
     return jax.lax.fori_loop(0, every.turns, one, blank)
 
 
@@ -175,7 +182,7 @@ def _turned(every: Blocks, k: jax.Array, borders: Any = None) -> tuple[Any, Any]
         return every.phases[k], jnp.ones(every.phases.shape[1])
     mean = every.mean[k] >= 0
     blank = jnp.linspace(0.0, 1.0, len(borders))  # without a mean there may be no borders
-    turned, share = phase_quadrature.between(xp.where(mean, borders, blank), (every.places[k], every.weights[k]))
+    turned, share = phase_quadrature.between(xp.where(mean, borders, blank), (every.nodes[k], every.weights[k]))
     return xp.where(mean, turned, every.phases[k]), xp.where(mean, share, 1.0)
 
 
