@@ -570,6 +570,23 @@ def test_an_interval_that_ends_with_the_range_does_not_determine(rig: trb.Scene,
     assert any("mm and more" in sentence for sentence in found.remarks)
 
 
+def test_a_width_that_the_range_of_lengths_holds_is_not_determined(bearing: trb.TaperedBearing) -> None:
+    """Losses in the mean alone tell a product of length and width. Where lengths end at what the law knows, widths do:
+    1.61 … 2.25 mm were called determined for 4.37, at 11.4 mm for 6.03."""
+    scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(7.5, 2.0),), law="liu2018", phase="mean")
+    rows = []
+    for load in LOADS:
+        for name, loss in zip(("radial_loss", "axial_loss"), trb.assess(scene.replace(load=trb.Load(*load))).loss,
+                              strict=True):  # fmt: skip
+            rows.append(Measurement(*load, name, float(loss), 0.01 * float(loss), None, "mean"))
+    found = fit(scene.replace(spalls=(trb.Spall(5.0, 4.0),)), rows, starts=FEW)
+    low, high = found.intervals[1]
+    assert found.open[0, 1]
+    assert high / low < 1.5
+    assert not found.determined_each.any()
+    assert any("fit as well with length in the range that is searched" in sentence for sentence in found.remarks)
+
+
 def test_where_the_bearing_lies_beyond_what_is_searched_nothing_is_determined() -> None:
     """A preload of 2500 N, searched up to 1000, was called determined (> 560 N), and a length 20 % too short with it;
     what to measure next was said to tell it to 4 mN."""

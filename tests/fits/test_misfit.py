@@ -190,7 +190,7 @@ def test_two_spalls_each_elsewhere(bearing: trb.TaperedBearing) -> None:
 def test_a_cliff_has_no_standard_error() -> None:
     """Beside intervals of 0.09 rad some said 4 rad, or 2e-5: the slope at the optimum is not that on the way."""
     ends = np.array([[-2.1, 1.9], [-20.0, 2.0], [-0.1, 2.0], [-np.inf, 2.0], [-np.inf, 20.0]])
-    profiles = Profiles(ends, ends, ends, np.isinf(ends), ends[:, 0], 0.0)
+    profiles = Profiles(ends, ends, ends, np.isinf(ends), ends[..., None], ends[:, 0], 0.0)
     problem: Any = SimpleNamespace(prior=np.full(5, 9.0), bounds=SimpleNamespace(rate=lambda u: -2.0 + 0.0 * u))
     told = profile_intervals.standard_errors(problem, np.zeros(5), np.eye(5), profiles, Limits(4.0, 9.0))
     np.testing.assert_array_equal(told, [2.0, np.nan, np.nan, 2.0, np.nan])

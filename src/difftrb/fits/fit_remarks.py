@@ -93,18 +93,32 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
 
 def _is_open(fit: Fit, i: int) -> bool:
     (low, high), beyond, parameter = fit.own_intervals[i], fit.own_open[i], fit.problem.parameters[i]
+    if _held_by(fit, i):
+        return True
     if parameter.logarithmic:
         return bool(beyond.any()) or bool(high / low > parameter.wide)
     return bool(beyond.all() | (beyond & ~np.array(parameter.natural)).any()) or high - low > parameter.wide
 
 
 def _out_of_range(fit: Fit) -> list[int]:
-    """What of the bearing and its loads, not of spalls, may lie beyond the range that is searched: its interval is open
-    there, and its value within `NEAR_END` of that end."""
-    far = at_shares(np.array(1.0 - NEAR_END))
-    at_end = np.column_stack([fit.point < -far, fit.point > far]) & fit.own_open
+    """What of the bearing and its loads, not of spalls, may lie beyond the range that is searched."""
     every = enumerate(fit.problem.parameters)
-    return [i for i, one in every if not isinstance(one, OfSpall) and (at_end[i] & ~np.array(one.natural)).any()]
+    return [i for i, one in every if not isinstance(one, OfSpall) and _at_searched_end(fit, i, fit.point)]
+
+
+def _held_by(fit: Fit, i: int) -> list[int]:
+    """Which other sizes of spalls, at the end of the range that is searched and not of what the data allow, end the
+    interval of this one: beyond, it would go on."""
+    ends = fit.profiles.at_ends[i]
+    sizes = [j for j, one in enumerate(fit.problem.parameters) if isinstance(one, OfSpall) and one.logarithmic]
+    return [j for j in sizes if i in sizes and j != i and any(_at_searched_end(fit, j, point) for point in ends)]
+
+
+def _at_searched_end(fit: Fit, j: int, point: np.ndarray) -> bool:
+    """Whether the interval of a parameter is open at an end of its range that is not nature's, and a point, shape
+    (parameters,), within `NEAR_END` of that."""
+    far, natural = float(at_shares(np.array(1.0 - NEAR_END))), np.array(fit.problem.parameters[j].natural)
+    return bool((np.array([point[j] < -far, point[j] > far]) & fit.own_open[j] & ~natural).any())
 
 
 def _about_rows(fit: Fit) -> list[str]:
@@ -260,7 +274,9 @@ def _fits_as_well(fit: Fit, i: int) -> str:
         return "(any value fits as well)"
     if no_low != no_high:
         return f"({low:.3g}{unit} and more)" if no_high else f"({high:.3g}{unit} and less)"
-    return f"({low:.3g} … {high:.3g}{unit} fit as well)"
+    held = " and ".join(fit.parameters[j] for j in _held_by(fit, i))
+    within = f" with {held} in the range that is searched" if held else ""
+    return f"({low:.3g} … {high:.3g}{unit} fit as well{within})"
 
 
 def _best_determined(fit: Fit, sizes: list[int]) -> tuple[dict[str, float], float]:

@@ -61,7 +61,8 @@ class Fit(status.Judged):
       chi2: sum of squared residuals (of how they count, if robust). freedom: rows less parameters.
       remarks: what is worth knowing, in sentences. doubts: those of them that name what may be wrong with the data.
       determined_each: whether a parameter has a closed interval of one piece, less than a factor of 1.5 wide (angle:
-        0.5 rad), that holds it in all `alternatives`, too, while the model explains the data; shape (parameters,).
+        0.5 rad), that holds it in all `alternatives`, too, while the model explains the data, and that is not a
+        spall's size whose interval ends where another size leaves the range that is searched; shape (parameters,).
         `determined`: all.
       alternatives: other answers that fit about as well, the best first.
       robust: how deviations counted. scene: prepared, with the fitted spall. history: of all starts.

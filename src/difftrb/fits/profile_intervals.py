@@ -66,6 +66,7 @@ class Profiles(NamedTuple):
       coordinates: points, rising, shape (parameters, points). rise: of twice the cost over its least, same shape.
       ends: of the interval, in coordinates, shape (parameters, 2); see `SURE`. open: whether an end is the bound, not
         the data's.
+      at_ends: the last places within these, of all parameters, shape (parameters, 2, parameters).
       lowest: the best point seen, shape (parameters,); lowest_cost: its cost, below the fit's if it was not least.
     """
 
@@ -73,6 +74,7 @@ class Profiles(NamedTuple):
     rise: np.ndarray
     ends: np.ndarray
     open: np.ndarray
+    at_ends: np.ndarray
     lowest: np.ndarray
     lowest_cost: float
 
@@ -220,6 +222,9 @@ def profiles(
         rise=shown[..., 1],
         ends=np.clip(ends, -FARTHEST, FARTHEST),
         open=np.isinf(ends),
+        at_ends=np.array([_last_within(side, end) for side, end in zip(sides, ends.ravel(), strict=True)]).reshape(
+            *ends.shape, len(u)
+        ),
         lowest=lowest.where,
         lowest_cost=cost + 0.5 * lowest.rise,
     )
@@ -290,6 +295,12 @@ def _end(side: Side, limits: Limits) -> float:
     """The interval's end."""
     end, sure = _reached(side, limits.end), _reached(side, limits.sure)
     return sure if _is_far(side, sure, limits.end) else end
+
+
+def _last_within(side: Side, end: float) -> np.ndarray:
+    """The place of all parameters farthest out that is within an interval's end."""
+    within = [one for one in side if abs(one.at - side[0].at) <= abs(end - side[0].at)]
+    return max(within, key=lambda one: abs(one.at - side[0].at)).where
 
 
 def _reached(side: Side, limit: float) -> float:
