@@ -10,9 +10,7 @@ import importlib
 import io
 import os
 import sys
-import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +18,7 @@ import difftrb
 from difftrb.core import bad_input, jax_config
 from difftrb.core.status import DifftrbError
 from difftrb.report import console
-from difftrb.report.console import EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_NO_SOLUTION, EXIT_OK, EXIT_PIPE, Figures
+from difftrb.report.console import EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_OK, EXIT_PIPE
 
 
 def _source(options: Any) -> tuple[str, str]:
@@ -50,84 +48,9 @@ def _by(module: str, read: bool = True) -> Callable[[Any], int]:
 
 
 def _run(options: Any) -> int:
-    import jax
+    from difftrb.report import run_report
 
-    from difftrb.report import catalogue_uncertainty, remarks, run_text
-    from difftrb.ring.effect_base import differ
-    from difftrb.scene import scene_file, solving
-
-    source, path = _source(options)
-    file = scene_file.parse(source, path)
-    scene_file.check_ring(file, path)
-    console.remark(path, *remarks.of_ring(file))
-    started = time.perf_counter()
-    with console.bar("solving contacts for the roller law") as progress:
-        scene = jax.block_until_ready(difftrb.prepare(file.scene(), progress))
-    with console.busy("solving the ring"):
-        result = jax.device_get(difftrb.assess(scene))
-        edges = difftrb.edge_stresses(scene, result.spalled)
-    mean = None
-    if (options.mean or not differ(scene.effects)) and bool(result.spalled.converged):
-        with (console.bar if options.mean else console.busy)("solving the ring at all phases") as progress:
-            mean = jax.device_get(solving.assess_mean(scene, file.scene() if options.mean else None, progress))
-    if mean is not None and not bool(mean.spalled.converged):
-        console.remark(path, f"no mean over the cage's turn: {mean.spalled.status}")
-    elif mean is None and options.mean and any(spall.surface == "roller" for spall in scene.spalls):
-        console.remark(path, "no mean over the cage's turn: a spall on a roller belongs to that one")
-    checked = None
-    if options.verify and bool(result.spalled.converged):
-        with console.bar("solving the rollers' contacts afresh") as progress:
-            checked = difftrb.verify(scene, result.spalled, progress)
-    known = None
-    if file.catalogue is not None:
-        with console.busy("asking other bearings of this catalogue line"):
-            stiffness = result.spalled.both_stiffnesses
-            known = catalogue_uncertainty.estimated(scene, file.scene(), file.catalogue, stiffness)
-    record = run_text.run_json(scene, result, time.perf_counter() - started, edges, checked, mean, known)
-
-    missing: list[str] = []
-
-    def figures() -> Figures:
-        from difftrb.report import run_figures
-
-        yield from run_figures.figures(scene, result, mean, missing)
-        for sentence in set(missing).difference(run_figures.BY_DESIGN):
-            console.say(f"{path}: {sentence}")
-
-    def page(figures: dict[str, str]) -> str:
-        from difftrb.report.html_report import Run
-        from difftrb.report.html_report import page as written
-
-        return written(Run(path, source, scene, record, result, mean, edges, checked, known), figures, missing)
-
-    text = partial(run_text.run_text, scene, result, edges, checked, mean, known)
-    code = console.deliver(options, path, record, text, figures, page)
-    if code == EXIT_OK and checked is not None and not checked.kept:
-        return console.refuse(f"{path}: the audit does not confirm what is promised", EXIT_NO_SOLUTION)
-    return code
-
-
-def _contact(options: Any) -> int:
-    import jax
-
-    from difftrb.contact.solver import approach_and_slopes, pressure_patches
-    from difftrb.report import remarks, run_text
-    from difftrb.scene import scene_file
-
-    file, path = _read(options)
-    scene_file.check_contact(file, path)
-    console.remark(path, remarks.odd_contact_load(file))
-    started = time.perf_counter()
-    with console.busy("solving the contact"):
-        solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
-    record = run_text.contact_json(solution, slopes, time.perf_counter() - started)
-
-    def figures() -> Figures:
-        from difftrb.report import pressure_figure
-
-        yield "pressure", pressure_figure.pressure_map(solution, patches=pressure_patches(**file.single_contact())[1])
-
-    return console.deliver(options, path, record, partial(run_text.contact_text, solution, slopes), figures)
+    return run_report.deliver(options, *_source(options))
 
 
 def _explore(options: Any) -> int:
@@ -214,8 +137,8 @@ COMMANDS = (
         _option("--verify", action="store_true",
                 help="solve the rollers' contacts afresh, and say how far off the law is"),
     )),
-    Command("contact", _contact, "One roller on its raceway: approach, pressure and derivatives (no SCENE: 32008J).",
-            (SCENE, *OUTPUT)),
+    Command("contact", _by("report.contact_report"),
+            "One roller on its raceway: approach, pressure and derivatives (no SCENE: 32008J).", (SCENE, *OUTPUT)),
     Command("accuracy", _by("accuracy.accuracy_report"),
             "What accuracy costs in time, here and for this scene (no SCENE: that of run).", (
         SCENE, *OUTPUT,

@@ -12,7 +12,6 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import packaged_bearings, status
 from difftrb.report import law_text, remarks
@@ -27,7 +26,6 @@ from difftrb.scene.solution import AXES, Assessment, Solution
 BAR = 28
 DIRECTIONS = {"radial": 0, "axial": 2}
 """With their places among the axes of stiffness."""
-CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
 def run_json(
@@ -99,25 +97,6 @@ def _stiffness_record(scene: Scene, result: Assessment) -> dict[str, dict[str, A
         "loss": dict(zip(("radial", "axial"), result.loss, strict=True)),
         "sensitivity": {"radial": slope(0), "axial": slope(1)},
     }
-
-
-def contact_json(solution: ContactSolution, slopes: dict[str, Any], seconds: float) -> dict[str, Any]:
-    """A single contact's result; `slopes` are derivatives of the approach [mm per unit of the input], by the sizes of
-    several spalls one each."""
-    return plain({
-        "status": solution.status,
-        "converged": bool(solution.converged),
-        "approach": solution.approach,
-        "peak_pressure": solution.peak_pressure,
-        "contact_width": solution.contact_width,
-        "loaded_fraction": solution.loaded_fraction,
-        "residual": solution.residual,
-        "iterations": solution.iterations,
-        "unknowns": solution.unknowns,
-        "sensitivity": slopes,
-        "accuracy": solution.accuracy,
-        "seconds": seconds,
-    })  # fmt: skip
 
 
 def run_text(
@@ -259,27 +238,3 @@ def _column(name: str) -> str:
     """What heads a column of an effect's result for every roller."""
     words = name.removesuffix("_loads").replace("_", " ")
     return f"on {words}" if name.endswith("_loads") else words
-
-
-def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> RenderableType:
-    """A single contact's result for people."""
-    table = house_table("Contact")
-    table.show_header = False
-    table.add_row("load", f"{solution.load:,.1f} N (contact.load, of one roller; not load.radial)")
-    table.add_row("approach", f"{1e3 * solution.approach:.4f} µm")
-    table.add_row("peak pressure", f"{solution.peak_pressure:,.0f} MPa (a cell's mean; singular at a sharp edge)")
-    table.add_row("contact width", f"{solution.contact_width:.4f} mm")
-    table.add_row("loaded length", f"{100.0 * solution.loaded_fraction:.1f} % of the roller")
-    units = {"load": "N"} | dict.fromkeys(CONTACT_INPUTS[1:5], "mm") | {"design_load": "N"}
-    derivatives = house_table("Derivative of the approach")
-    derivatives.add_column("by")
-    derivatives.add_column("", justify="right")
-    for name, value in slopes.items():
-        each = "–" if value is None else ", ".join(number(1e3 * v, "+.5g") for v in np.atleast_1d(np.asarray(value)))
-        derivatives.add_row(name, each if each == "–" else f"{each} µm/{units[name]}")
-    rows, columns = solution.force.shape
-    last = (
-        f"{solution.status}; {rows} × {columns} cells, settled to {solution.residual:.1e} of the approach after "
-        f"{solution.iterations} steps; accuracy asked for {solution.accuracy:g}"
-    )
-    return Group(table, derivatives, Text(last))
