@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import implicit, loops, numeric, series
+from difftrb.core import implicit, loops, series
 from difftrb.core.geometry import Real
 from difftrb.core.taylor import Taylor
 
@@ -102,7 +102,7 @@ def _interpolant(z: Any, values: Any) -> Any:
     found = _interpolant(places, xp.value(values))
     change = None if not isinstance(values, Taylor) else values.by
     if isinstance(z, Taylor) and z.by is not None:
-        moved = numeric.polynomial(found[:, None], places, 1)[None] * z.by
+        moved = series.derivative(found[:, None], places, 1)[None] * z.by
         change = -moved if change is None else change - moved
     if change is None:
         return found
