@@ -1,4 +1,4 @@
-"""Chebyshev's nodes, Gauss's rule, bisection, and least squares: written once."""
+"""Chebyshev's nodes, Gauss's rule, slopes, bisection, and least squares: written once."""
 
 from __future__ import annotations
 
@@ -34,6 +34,12 @@ def chebyshev_roots(count: int) -> np.ndarray:
 def gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Places in −1 … 1 and weights, which add up to 2."""
     return np.polynomial.legendre.leggauss(count)
+
+
+def value_and_slope(function: Callable[[Any], Any], x: Any) -> tuple[Any, Any]:
+    """`function(x)` and its derivative by `x`, entry by entry, from one expansion."""
+    found = function(xp.variable(x))
+    return found.value, found.by[0]
 
 
 def bisected(holds: Callable[[Number], Any], inside: Number, outside: Number, steps: int = 60) -> tuple[Number, Number]:
