@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from difftrb.core import numeric
+from difftrb.core import numeric, series
 
 pytestmark = pytest.mark.exact
 
@@ -15,24 +15,25 @@ def test_nodes_and_polynomials_of_chebyshev() -> None:
     np.testing.assert_allclose(nodes, [2.0, 3.0 - np.sqrt(0.5), 3.0, 3.0 + np.sqrt(0.5), 4.0], rtol=1e-15)
     x = jnp.linspace(-1.0, 1.0, 7)
     for degree in (0, 1, 6):
-        found = np.stack(numeric.chebyshev(x, degree), axis=-1)
+        found = np.stack(series.chebyshev_by_recurrence(x, degree), axis=-1)
         np.testing.assert_allclose(found, np.polynomial.chebyshev.chebvander(x, degree), atol=1e-14)
-    np.testing.assert_allclose(numeric.chebyshev(jnp.asarray(numeric.chebyshev_roots(6)), 6)[-1], 0.0, atol=1e-14)
+    roots = jnp.asarray(numeric.chebyshev_roots(6))
+    np.testing.assert_allclose(series.chebyshev_by_recurrence(roots, 6)[-1], 0.0, atol=1e-14)
 
 
 def test_horner() -> None:
     x, coefficients = jnp.linspace(-2.0, 3.0, 11), np.array([0.5, -1.0, 2.0, 0.25])
     power = np.polynomial.Polynomial(coefficients)
-    np.testing.assert_allclose(numeric.horner(coefficients, x), power(np.asarray(x)), rtol=1e-14)
+    np.testing.assert_allclose(series.horner(coefficients, x), power(np.asarray(x)), rtol=1e-14)
     columns = jnp.asarray(np.tile(coefficients[:, None], 11))
-    value, slope = numeric.with_slope(columns, x)
+    value, slope = series.with_slope(columns, x)
     np.testing.assert_allclose(value, power(np.asarray(x)), rtol=1e-14)
     np.testing.assert_allclose(slope, power.deriv()(np.asarray(x)), rtol=1e-13)
-    alone = jax.jvp(numeric.with_slope, (columns[:1], x), (columns[1:2], x))  # once a slope without the value's shape
+    alone = jax.jvp(series.with_slope, (columns[:1], x), (columns[1:2], x))  # once a slope without the value's shape
     np.testing.assert_allclose(alone[0], [columns[0], np.zeros(11)])
     np.testing.assert_allclose(alone[1], [columns[1], np.zeros(11)])
     for order in range(6):
-        found = numeric.polynomial(np.asarray(columns), np.asarray(x), order)
+        found = series.derivative(np.asarray(columns), np.asarray(x), order)
         np.testing.assert_allclose(found, power.deriv(order)(np.asarray(x)), rtol=1e-13)
 
 

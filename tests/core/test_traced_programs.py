@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from difftrb.core import jax_config, numeric
+from difftrb.core import jax_config, series
 from difftrb.core import user_cache as things
 from difftrb.core.traced_programs import kept
 from difftrb.fits import batched_misfit
@@ -141,27 +141,27 @@ def test_errors_are_those_of_the_function(keeping: Path) -> None:
 @pytest.fixture
 def polynomial(keeping: Path) -> Any:
     """A function of the package whose programs are kept within others, too."""
-    return jax_config.jit_quickly(static_argnames=("order",), within=True)(numeric.polynomial)
+    return jax_config.jit_quickly(static_argnames=("order",), within=True)(series.derivative)
 
 
 def test_within_another_program_it_is_read(polynomial: Any, keeping: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     c, x = np.array([1.0, -2.0, 0.5]), np.array(0.7)
-    first = jax.jit(lambda x: 3.0 * polynomial(c, x))(x)
+    first = jax.jit(lambda x: 3.0 * polynomial(c, x, order=0))(x)
     assert len(files(keeping)) == 1
     polynomial.clear_cache()
     monkeypatch.setattr(jax.export, "export", None)  # nothing is traced again
-    assert float(jax.jit(lambda x: 3.0 * polynomial(c, x))(x)) == float(first) == pytest.approx(-0.465)
+    assert float(jax.jit(lambda x: 3.0 * polynomial(c, x, order=0))(x)) == float(first) == pytest.approx(-0.465)
     assert len(files(keeping)) == 1
 
 
 @pytest.mark.gradient
 def test_within_another_program_it_is_differentiated_and_mapped_as_ever(polynomial: Any, keeping: Path) -> None:
     c, x = np.array([1.0, -2.0, 0.5, 2.0]), np.linspace(-1.0, 1.0, 5)
-    within = jax.jit(lambda x: polynomial(c, x))
+    within = jax.jit(lambda x: polynomial(c, x, order=0))
     for order, found in enumerate((within, jax.grad(within), jax.hessian(within))):
-        exact = numeric.polynomial(c, x, order)
+        exact = series.derivative(c, x, order)
         np.testing.assert_allclose(jax.vmap(found)(x), exact, rtol=1e-14)
         np.testing.assert_allclose(jax.jit(jax.vmap(found))(x), exact, rtol=1e-14)
-    one = jax.jit(lambda c: polynomial(c, x[0]))
+    one = jax.jit(lambda c: polynomial(c, x[0], order=0))
     np.testing.assert_allclose(jax.vmap(jax.grad(one))(np.stack([c, 2.0 * c])), np.tile(x[0] ** np.arange(4.0), (2, 1)))
     assert len(files(keeping)) == 1

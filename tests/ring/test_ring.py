@@ -114,9 +114,8 @@ def test_hard_window_counts_rollers(bearing) -> None:
     angles = roller_places.roller_angles(bearing, 0.0)
     for width, inside in zip((7, 14, 21, 28, 35, 42, 49), (1, 1, 3, 3, 5, 5, 7), strict=True):
         spalls = (trb.Spall(4.0, float(width)),)
-        assert (
-            int(jnp.sum(roller_curves.spalls_under(spalls, roller_places.distances(bearing, spalls, angles)))) == inside
-        )
+        away = roller_places.distances(bearing, spalls, angles)
+        assert int(jnp.sum(roller_curves.spalls_under(spalls, away))) == inside
 
 
 def test_of_two_spalls_under_a_roller_the_longer_counts(bearing) -> None:

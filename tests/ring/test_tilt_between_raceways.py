@@ -27,9 +27,8 @@ def contacts(bearing):
 
 def at_rest(contacts, pressed=1500.0, tilt=3e-4, outer=OUTER, loads=None):
     roller = RollerContacts(contacts, ((outer,), ()), ((0.5,), ()), tilt)
-    return tilt_equilibrium.at_rest(
-        roller, BETWEEN.loads(pressed) if loads is None else loads, 1e-3, tilt_response=True
-    )
+    loads = BETWEEN.loads(pressed) if loads is None else loads
+    return tilt_equilibrium.at_rest(roller, loads, 1e-3, tilt_response=True)
 
 
 def whole(rest):
@@ -100,9 +99,8 @@ def test_the_table_of_both_is_a_roller_between_them(contacts, table, pressed, tu
 @pytest.fixture(scope="module")
 def table(contacts):
     bases = (direct_curves.without_edges(contact, 2500.0, (), 1e-2) for contact in contacts)
-    return healthy_tilt_table.between_rings(
-        tuple(healthy_tilt_table.of_contact(base, None) for base in bases), BETWEEN, 1e-2
-    )
+    tables = tuple(healthy_tilt_table.of_contact(base, None) for base in bases)
+    return healthy_tilt_table.between_rings(tables, BETWEEN, 1e-2)
 
 
 def scene(bearing, *acting, spalls=(OUTER,), speed=8000.0, moment=1e4, **changes):

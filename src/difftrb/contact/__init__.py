@@ -1,7 +1,10 @@
 """One roller on one raceway: an elastic half-space, a crown, and spalls in reach. Enter by `solver.solve_contact`.
 
-Inputs and results are in `contact_solution`; `gap` and `halfspace` are the physics. There are three discretisations.
-Cells and a uniform lattice, which takes height maps (`contact_cells`), are solved by `projected_gradient`. Strips are
-rows (`strip_rows`, `strip_plan`) that see one another (`strip_kernel`), of which `strip_bands` chooses the loaded ones
-and `strip_settling` finds pressure and boundaries. The atlas of `law` is made of such solves.
+What is asked and what comes back is `contact_solution`; how fine a solve is, `grids`; how far it reaches,
+`contact_extent`. The physics is `gap`, `crown`, `height_map` and `halfspace`. There are three discretisations. Cells
+and a uniform lattice, which takes height maps, are laid by `contact_cells` and solved by `cell_solve`, which asks
+`projected_gradient`. Strips (`strip_model`) reach as far as `strip_reach` says. They are rows (`strip_rows`,
+`strip_plan`) that see one another (`strip_kernel`, over frequencies of `strip_waves`); `strip_bands` chooses the loaded
+ones by an active set (`strip_active_set`), and `strip_settling` finds pressure and boundaries. `stress_intensity` is
+what spalls' ends feel. The atlas of `law` is made of such solves.
 """

@@ -17,7 +17,8 @@ from difftrb.contact.strip_rows import Rows
 from difftrb.contact.strip_waves import Frequencies
 from difftrb.core import arrays as xp
 from difftrb.core.arrays import Taylor, value
-from difftrb.core.numeric import chebyshev_roots, horner
+from difftrb.core.numeric import chebyshev_roots
+from difftrb.core.series import horner
 from difftrb.core.taylor import chained
 
 NEAR = 2.0

@@ -14,7 +14,8 @@ import numpy as np
 import scipy.special
 
 from difftrb.core import arrays as xp
-from difftrb.core.numeric import chebyshev_roots, gauss_legendre, horner
+from difftrb.core.numeric import chebyshev_roots, gauss_legendre
+from difftrb.core.series import horner
 
 FADING = 0.6  # share of the highest frequency from which weights fade
 SPLIT = 6.0  # power series of the Bessel functions below, amplitude and phase above

@@ -1,5 +1,5 @@
-"""Derivative rules of the package, and nothing else; those of two functions stand beside them
-(`contact.halfspace`, `law.narrow_spall`).
+"""Derivative rules of the package, and nothing else; those of some functions stand beside them (`series`,
+`contact.halfspace`, `law.narrow_spall`).
 
 A solve is differentiated at its solution, not through its iterations: the conditions that hold there are linearised
 (implicit function theorem), in forward and, by transposition, in reverse mode.
@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
 from difftrb.core import arrays as xp
-from difftrb.core import numeric, taylor
+from difftrb.core import series, taylor
 from difftrb.core.taylor import Taylor
 
 Pytree = Any
@@ -91,62 +91,8 @@ def _pointwise_jvp(function: Callable, primals: tuple, tangents: tuple):
 pointwise.defjvp(_pointwise_jvp, symbolic_zeros=True)
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def polynomial(order: int, coefficients: jax.Array, x: jax.Array) -> jax.Array:
-    """See `numeric.polynomial`. Its derivative by `x` is the one of the next order, and so are all further ones: of a
-    few operations, where differentiating these takes many."""
-    return numeric.polynomial(coefficients, x, order)
-
-
-def _polynomial_jvp(order: int, primals: tuple, tangents: tuple):
-    (coefficients, x), (change, x_change) = primals, tangents
-    found = polynomial(order, coefficients, x)
-    moved = jnp.zeros_like(found)
-    if not isinstance(change, SymbolicZero):
-        moved = moved + numeric.polynomial(change, x, order)
-    if not isinstance(x_change, SymbolicZero):
-        moved = moved + polynomial(order + 1, coefficients, x) * x_change
-    return found, moved
-
-
-polynomial.defjvp(_polynomial_jvp, symbolic_zeros=True)
-
-
 def _rates(function: Callable, parameters: Pytree, x: jax.Array) -> Pytree:
     return jax.jvp(lambda at: function(parameters, at), (x,), (jnp.ones_like(x),))[1]
-
-
-@jax.custom_jvp
-def with_slope(coefficients: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """See `numeric.with_slope`; differentiated as `polynomial`."""
-    return numeric.with_slope(coefficients, x)
-
-
-def _with_slope_jvp(primals: tuple, tangents: tuple):
-    (coefficients, x), (change, x_change) = primals, tangents
-    value, slope = with_slope(coefficients, x)
-    moved, turned = jnp.zeros_like(value), jnp.zeros_like(slope)
-    if not isinstance(change, SymbolicZero):
-        moved, turned = with_slope(change, x)
-    if not isinstance(x_change, SymbolicZero):
-        moved, turned = moved + slope * x_change, turned + polynomial(2, coefficients, x) * x_change
-    return (value, slope), (moved, turned)
-
-
-with_slope.defjvp(_with_slope_jvp, symbolic_zeros=True)
-
-
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def chebyshev(count: int, x: jax.Array) -> jax.Array:
-    """See `numeric.chebyshev_row`: cosines, whose derivatives are sums of them, also at the ends."""
-    return numeric.chebyshev_row(count, x)
-
-
-@chebyshev.defjvp
-def _chebyshev_jvp(count: int, primals: tuple[jax.Array], tangents: tuple[jax.Array]):
-    rows = chebyshev(count, primals[0])
-    rates = jnp.matmul(numeric.chebyshev_rates(count), rows, precision=jax.lax.Precision.HIGHEST)
-    return rows, rates * tangents[0]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -312,7 +258,7 @@ def _interpolant_jvp(fit: Callable, primals: tuple, tangents: tuple):
     places, values = primals
     places_change, values_change = tangents
     coefficients = interpolant(fit, places, values)
-    rate = numeric.polynomial(coefficients[:, None], places, 1)
+    rate = series.derivative(coefficients[:, None], places, 1)
     return coefficients, interpolant(fit, places, values_change - rate * places_change)
 
 

@@ -1,10 +1,10 @@
-"""Polynomials by Chebyshev's nodes and by powers, Gauss's rule, bisection, and least squares: written once."""
+"""Chebyshev's nodes, Gauss's rule, slopes, bisection, and least squares: written once."""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import jax
@@ -36,55 +36,10 @@ def gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.polynomial.legendre.leggauss(count)
 
 
-def chebyshev(x: Any, degree: int) -> list[Any]:
-    """Chebyshev polynomials T₀ … of `x`, an array of any shape or an expansion, up to `degree`."""
-    rows = [0.0 * x + 1.0, x]
-    for _ in range(degree - 1):
-        rows.append(2.0 * x * rows[-1] - rows[-2])
-    return rows[: degree + 1]
-
-
-def chebyshev_row(count: int, x: Any) -> Any:
-    """The first `count` Chebyshev polynomials of one `x` in −1…1, shape (count,)."""
-    of = jnp if isinstance(x, jax.Array) else np
-    return of.cos(np.arange(count) * of.arccos(of.clip(x, -1.0, 1.0)))
-
-
-@functools.cache
-def chebyshev_rates(count: int) -> np.ndarray:
-    """The derivative of every Chebyshev polynomial, by what it has of the others, shape (count, count)."""
-    rows = [np.polynomial.chebyshev.chebder(row) for row in np.eye(count)]
-    return np.array([np.pad(row, (0, count))[:count] for row in rows])
-
-
-def horner(coefficients: Sequence[Any] | np.ndarray | jax.Array, x: Any) -> Any:
-    """Σ cₖ xᵏ of two or more coefficients; each a number, or of the shape of `x`."""
-    value = coefficients[-1]
-    for k in range(len(coefficients) - 2, -1, -1):
-        value = value * x + coefficients[k]
-    return value
-
-
-def polynomial(coefficients: Any, x: Any, order: int = 0) -> Any:
-    """The derivative of this order of Σ cₖ xᵏ, coefficients of shape (degree + 1, …), `x` of the shape behind."""
-    count = len(coefficients)
-    if order:
-        factors = np.array([math.perm(k, order) for k in range(order, count)], float)
-        if not factors.size:
-            return 0.0 * coefficients[0] * x
-        coefficients = factors.reshape(-1, *[1] * (coefficients.ndim - 1)) * coefficients[order:]
-    return horner(coefficients, x)
-
-
-def with_slope(coefficients: Any, x: Any) -> tuple[Any, Any]:
-    """Σ cₖ xᵏ, as in `polynomial`, and its derivative by `x`."""
-    if len(coefficients) < 2:
-        none = 0.0 * (coefficients[0] * x)
-        return coefficients[0] + none, none
-    value, slope = coefficients[-1], 0.0
-    for k in range(len(coefficients) - 2, -1, -1):
-        value, slope = value * x + coefficients[k], slope * x + value
-    return value, slope
+def value_and_slope(function: Callable[[Any], Any], x: Any) -> tuple[Any, Any]:
+    """`function(x)` and its derivative by `x`, entry by entry, from one expansion."""
+    found = function(xp.variable(x))
+    return found.value, found.by[0]
 
 
 def bisected(holds: Callable[[Number], Any], inside: Number, outside: Number, steps: int = 60) -> tuple[Number, Number]:

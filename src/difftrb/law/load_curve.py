@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -16,8 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import implicit, loops, numeric, series
+from difftrb.core import implicit, loops, series
 from difftrb.core.geometry import Real
+from difftrb.core.numeric import value_and_slope
 from difftrb.core.taylor import Taylor
 
 
@@ -102,7 +104,7 @@ def _interpolant(z: Any, values: Any) -> Any:
     found = _interpolant(places, xp.value(values))
     change = None if not isinstance(values, Taylor) else values.by
     if isinstance(z, Taylor) and z.by is not None:
-        moved = numeric.polynomial(found[:, None], places, 1)[None] * z.by
+        moved = series.derivative(found[:, None], places, 1)[None] * z.by
         change = -moved if change is None else change - moved
     if change is None:
         return found
@@ -141,8 +143,7 @@ def _leja_order(count: int) -> list[int]:
 
 def load(curve: Curve, approach: Any) -> tuple[Any, Any]:
     """Q [N] and dQ/dδ [N/mm] at an approach δ [mm], in the shape of the curves."""
-    found = carried(curve, xp.variable(approach))
-    return found.value, found.by[0]
+    return value_and_slope(partial(carried, curve), approach)
 
 
 def carried(curve: Curve, approach: Any) -> Any:
@@ -180,8 +181,8 @@ def approach_and_exponent(curve: Curve, loads: Any) -> tuple[Any, Any]:
     goal = xp.log(loads)
 
     def step(state: tuple[Any, Any]) -> tuple[Any, Any]:
-        found = _log_load(curve, xp.variable(state[0]))
-        return state[0] + (goal - found.value) / found.by[0], found.by[0]
+        found, rate = value_and_slope(partial(_log_load, curve), state[0])
+        return state[0] + (goal - found) / rate, rate
 
     z, rate = loops.repeated(6, step, (xp.zeros_like(curve.middle + goal),) * 2)
     return xp.exp(curve.middle + curve.reach * z) + curve.shift, rate / curve.reach

@@ -24,7 +24,7 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import loops, series
-from difftrb.core.numeric import bisected, chebyshev_roots, gauss_legendre, polynomial, with_slope
+from difftrb.core.numeric import bisected, chebyshev_roots, gauss_legendre
 from difftrb.law import edge_share
 
 MIDDLE = 1.0 / 8.0
@@ -81,7 +81,7 @@ def sinking(near: Any, width: Any, half_width: Any) -> Any:
 def reaches_far_land(near: Any, width: Any, half_width: Any) -> Any:
     """Whether the far land carries, too; arguments as of `sinking`, which is that of one edge where it does not."""
     x = xp.maximum(width / xp.maximum(half_width, width / WIDEST), NARROWEST)
-    end = polynomial(_polynomials()[:, 0], _variable(x))
+    end = series.horner(_polynomials()[:, 0], _variable(x))
     return 0.5 * x - near * (x / xp.maximum(width, NARROWEST * half_width)) < _farthest(x, end)
 
 
@@ -94,7 +94,7 @@ def _of_width(x: Any) -> tuple[Any, Any, Any]:
     """The rows of `_polynomials` and their first two derivatives by a width in half-widths, of shape (1, …)."""
     every = _polynomials()
     every, w = every.reshape(*every.shape, *[1] * (x.ndim - 1)), _variable(x)
-    (value, rate), bend = with_slope(every, w), polynomial(every, w, 2)
+    (value, rate), bend = series.with_slope(every, w), series.derivative(every, w, 2)
     rise = 2.0 * HALF * ((WIDEST + HALF) / WIDEST) / ((x + HALF) * (x + HALF))
     return value, rate * rise, (bend * rise - 2.0 * rate / (x + HALF)) * rise
 

@@ -11,7 +11,8 @@ import numpy as np
 from difftrb.contact import crown
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.core.numeric import chebyshev, least_squares
+from difftrb.core.numeric import least_squares
+from difftrb.core.series import chebyshev_by_recurrence
 from difftrb.law import edge_ramp, edge_share, load_curve
 from difftrb.law.edge_ramp import Ramp
 from difftrb.law.load_curve import Curve
@@ -111,5 +112,5 @@ def asked(ramp: Ramp, approach: Any, load: Any) -> tuple[Any, Any]:
     t, loss = edge_share.place(ramp.edge, low, high), healthy - full
     first, weight = edge_share.usual(t), xp.fixed(loss / healthy)
     u = edge_share.beyond(t)
-    terms = u[..., None] * xp.stack(chebyshev(2.0 * u - 1.0, edge_ramp.TERMS - 1), axis=-1)
+    terms = u[..., None] * xp.stack(chebyshev_by_recurrence(2.0 * u - 1.0, edge_ramp.TERMS - 1), axis=-1)
     return (weight * first)[..., None] * terms, weight * ((load - full) / loss - first)

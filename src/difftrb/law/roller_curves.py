@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,6 +16,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import series
 from difftrb.core.geometry import Spall
+from difftrb.core.numeric import value_and_slope
 from difftrb.core.taylor import Taylor
 from difftrb.law import edge_ramp, load_curve
 from difftrb.law.edge_ramp import Ramp
@@ -53,8 +55,7 @@ class RollerCurves(NamedTuple):
 
 def roller_loads(curves: RollerCurves, approach: Any) -> tuple[Any, Any]:
     """Load [N] and its slope [N/mm] of every roller at its approach [mm], all of shape (rollers,)."""
-    found = carried_loads(curves, xp.variable(approach))
-    return found.value, found.by[0]
+    return value_and_slope(partial(carried_loads, curves), approach)
 
 
 def carried_loads(curves: RollerCurves, approach: Any) -> Any:

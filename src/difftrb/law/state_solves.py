@@ -81,9 +81,8 @@ def around(
         turned = np.array([curve.tilt(row) for curve, row in zip(curves, logs, strict=True)])
         slopes = [_slopes(*each) for each in zip(solved, logs, curves, strict=True)]
         states = stacked(base, spalls, reached, rollers, logs, turned, solved, slopes)
-    return DirectByStates(
-        dataclasses.replace(base, status_code=code), states, settling=True, free_to_tilt=tilts is not None
-    )
+    base = dataclasses.replace(base, status_code=code)
+    return DirectByStates(base, states, settling=True, free_to_tilt=tilts is not None)
 
 
 def spread_of(found: bool, count: int | None = None) -> tuple[float, np.ndarray]:

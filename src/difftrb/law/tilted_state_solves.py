@@ -18,7 +18,7 @@ from difftrb.core.series import polynomial
 from difftrb.law import healthy_tilt_table, samples, tilt_energy, tilt_equilibrium
 from difftrb.law.direct_curves import DirectByCurves, accuracy_at_edges
 from difftrb.law.direct_states import NARROWER, SPREAD, DirectByStates
-from difftrb.law.healthy_tilt_table import TiltTable, Turned
+from difftrb.law.healthy_tilt_table import Between, TiltTable, Turned
 from difftrb.law.samples import Node, Progress
 from difftrb.law.state_solves import BENDS, SEARCHED, Reached, stacked
 from difftrb.law.tilt_equilibrium import RollerContacts
@@ -64,10 +64,7 @@ class Rollers:
 
 
 def between_rings(
-    bases: Mapping[Raceway, DirectByCurves],
-    spalls: Spalls,
-    between: healthy_tilt_table.Between,
-    progress: Progress | None,
+    bases: Mapping[Raceway, DirectByCurves], spalls: Spalls, between: Between, progress: Progress | None
 ) -> Rollers:
     """Rollers whose healthy contacts have the laws `bases`."""
     tables = tuple(healthy_tilt_table.of_contact(base, progress) for base in bases.values())
@@ -98,9 +95,8 @@ def around(
     solved = at(range(len(met)))
     if found:
         bent = [k for k, own in enumerate(solved) if _bend(table, logs[k], leaning[k], own) > BENDS]
-        logs[bent], leaning[bent] = _loads_and_tilts(
-            table, pressed[bent], centres[bent], NARROWER * SPREAD, NARROWER * TURNED
-        )
+        narrower = NARROWER * SPREAD, NARROWER * TURNED
+        logs[bent], leaning[bent] = _loads_and_tilts(table, pressed[bent], centres[bent], *narrower)
         for k, own in zip(bent, at(bent), strict=True):
             solved[k] = own
     worst = samples.worst_status([node for own in solved for each in own for node in each.nodes])
@@ -108,7 +104,7 @@ def around(
     shares = np.where(clear, NOTHING, 1.0)
     loads = table.between.loads(shares[:, None] * np.exp(logs))
     own_tilts = np.array([[each.tilt for each in own] for own in solved])
-    laws: dict[Raceway, DirectByStates] = {}
+    laws, free = {}, len(of.bases) > 1
     for k, (raceway, base) in enumerate(of.bases.items()):
         base = dataclasses.replace(base, status_code=max(float(base.status_code), code))
         states = None
@@ -120,9 +116,7 @@ def around(
             states = stacked(base, of.spalls[raceway], reached[raceway], rollers, np.log(loads[k]), leaning, nodes,
                              slopes, own_tilts if k == 0 else None, leaning=True)  # fmt: skip
         # a healthy scene asks for the states without spalls, and while they are looked for these are they
-        laws[raceway] = DirectByStates(
-            base, states, healthy_states=states, settling=True, free_to_tilt=len(of.bases) > 1
-        )
+        laws[raceway] = DirectByStates(base, states, healthy_states=states, settling=True, free_to_tilt=free)
     return laws
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from difftrb.core import arrays as xp
-from difftrb.core import numeric
+from difftrb.core import series
 from difftrb.law import load_curve
 from difftrb.law.load_curve import Curve
 from difftrb.law.roller_curves import RollerCurves
@@ -56,7 +56,7 @@ def load_zone(ratio: Any, exponent: Any) -> tuple[Any, Any]:
     shape, both to some per cent."""
     ratio = xp.within(ratio, 0.0, NARROWEST)
     way = xp.within((exponent - EXPONENTS[0]) / (EXPONENTS[1] - EXPONENTS[0]), 0.0, 2.0)
-    ends = [[numeric.horner(one, ratio) for one in fits] for fits in _FITS]
+    ends = [[series.horner(one, ratio) for one in fits] for fits in _FITS]
     narrow, wide = (low + way * (high - low) for low, high in zip(*ends, strict=True))
     return narrow * ratio / (1.0 - ratio), xp.sqrt(wide / (1.0 - ratio))
 

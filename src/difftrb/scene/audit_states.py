@@ -170,9 +170,8 @@ def solve_contacts(states: Sequence[State], accuracy: float, progress: Progress 
     for raceway in ("outer", "inner"):
         upright = [each for each in wanted.values() if each.raceway == raceway]
         if upright:
-            tilt_response = any(each.case.tilt for each in upright)
-            nodes = samples.all_solved(
-                upright[0].contact, [each.case for each in upright], accuracy, progress, tilt_response
-            )
+            cases = [each.case for each in upright]
+            tilted = any(case.tilt for case in cases)
+            nodes = samples.all_solved(upright[0].contact, cases, accuracy, progress, tilted)
             solved |= {each.key: node for each, node in zip(upright, nodes, strict=True)}
     return solved
