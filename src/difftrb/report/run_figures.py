@@ -48,7 +48,7 @@ def figures(scene: Scene, result: Assessment, mean: Assessment | None, missing: 
     if turn is None:
         missing.append(NO_TURN)
     else:
-        yield "stiffness", over_turn(turn, scene)
+        yield "stiffness", stiffness_over_turn(turn, scene)
     if not scene.spalls:
         return
     mean = result if mean is None and turn is not None and isinstance(scene.phase, PitchMean) else mean
@@ -59,17 +59,17 @@ def figures(scene: Scene, result: Assessment, mean: Assessment | None, missing: 
         yield "loss", loss_over_sizes(found, scene, mean)
 
 
-def over_turn(turn: Turn, scene: Scene) -> Figure:
+def stiffness_over_turn(turn: Turn, scene: Scene) -> Figure:
     """Radial and axial stiffness over one roller pitch, healthy and with spalls; dashed where the scene's phase is."""
     figure, axes = plt.subplots(1, 2, figsize=(10.5, 3.5))
     figure.subplots_adjust(left=0.07, right=0.98, bottom=0.27, top=0.82, wspace=0.14)  # to lay it out takes longer
     pitch = turn.phases[-1]
     for ax, (name, k) in zip(axes, DIRECTIONS.items(), strict=True):
-        sound, spalled = turn.healthy[:, k, k] / 1e3, turn.stiffness[:, k, k] / 1e3
-        ax.plot(turn.phases, sound, color=HEALTHY, lw=1.8, label="healthy")
+        healthy, spalled = turn.healthy[:, k, k] / 1e3, turn.stiffness[:, k, k] / 1e3
+        ax.plot(turn.phases, healthy, color=HEALTHY, lw=1.8, label="healthy")
         if scene.spalls:
             ax.plot(turn.phases, spalled, color=SPALLED, lw=1.8, label="with spall")
-            ax.fill_between(turn.phases, spalled, sound, color=SPALLED, alpha=0.12, lw=0)
+            ax.fill_between(turn.phases, spalled, healthy, color=SPALLED, alpha=0.12, lw=0)
         if not isinstance(scene.phase, PitchMean):
             ax.axvline(
                 float(scene.phase) % pitch,
@@ -100,8 +100,8 @@ def loss_over_sizes(found: LossMap, scene: Scene, mean: Assessment) -> Figure:
     which, beside = ("this spall", "") if one else ("spall 0", ", with all spalls, over the size of spall 0")
     for row, (ax, (name, _)) in enumerate(zip(axes, DIRECTIONS.items(), strict=True)):
         _map(found, row, ax)
-        spall, sound = scene.spalls[0], float(np.asarray(mean.healthy.both_stiffnesses)[row])
-        slopes = [-100.0 * float(np.asarray(by)[row, 0]) / sound for by in (mean.by_length, mean.by_width)]
+        spall, healthy = scene.spalls[0], float(np.asarray(mean.healthy.both_stiffnesses)[row])
+        slopes = [-100.0 * float(np.asarray(by)[row, 0]) / healthy for by in (mean.by_length, mean.by_width)]
         _arrow(ax, found, (float(spall.length), float(spall.width)), slopes, which)
         by = f"{slopes[0]:+.2g} %/mm by length, {slopes[1]:+.2g} by width"
         ax.set_title(f"{name}: {float(mean.loss[row]):.2f} %, {by}", fontsize=10)

@@ -41,14 +41,14 @@ def run_json(
     healthy, loss and sensitivity. With a bearing that was `estimated` from its catalogue there is a key of that
     name: values and expanded uncertainties. `remarks` are what has to be known before the numbers.
     """
-    spalled, sound = result.spalled, result.healthy
-    verdict = status.describe(status.worst(spalled.status_code, sound.status_code))
+    spalled, healthy = result.spalled, result.healthy
+    verdict = status.describe(status.worst(spalled.status_code, healthy.status_code))
     stiffness = _stiffness_record(scene, result)
     place = {"definition": scene.definition, "phase": "mean" if isinstance(scene.phase, PitchMean) else scene.phase}
     return plain({
         "scene": _scene_record(scene, spalled),
         "status": verdict,
-        "converged": bool(spalled.converged & sound.converged),
+        "converged": bool(spalled.converged & healthy.converged),
         "angles": spalled.angles,
         "loads": spalled.loads,
         "displacement": dict(zip(AXES, spalled.displacement, strict=False)),

@@ -86,9 +86,9 @@ def start(rollers: Rollers, healthy: RollerCurves, force: Any, terms: Terms) -> 
     without a loaded roller Newton's method knows no way. All of these are numbers, or of one ring."""
     rollers, healthy, force, terms = xp.fixed((rollers, healthy, force, terms))
     count, axial = rollers.normals.shape[-2], rollers.normals.reshape(-1, 3)[0, 2]
-    sound = load_curve.one_of(healthy.each, 0)
-    while sound.middle.ndim:  # the same at all phases
-        sound = load_curve.one_of(sound, 0)
+    curve = load_curve.one_of(healthy.each, 0)
+    while curve.middle.ndim:  # the same at all phases
+        curve = load_curve.one_of(curve, 0)
     shift = rollers.curves.each.shift
     if terms.slices is not None:  # by the one that is touched first
         shift = terms.slices.each.shift
@@ -96,16 +96,16 @@ def start(rollers: Rollers, healthy: RollerCurves, force: Any, terms: Terms) -> 
     clear = shift if rollers.interference is None else shift - rollers.interference
     least = 0.0 if terms.seat is None else terms.seat.least_outer_load
     if terms.axial is not None:
-        return held_axially(sound, rollers.normals, force, clear, least, terms.axial)
+        return held_axially(curve, rollers.normals, force, clear, least, terms.axial)
     if terms.pair is None:
-        largest, narrow = in_load_zone(sound, force, count, axial)
+        largest, narrow = in_load_zone(curve, force, count, axial)
     else:
         total = norm(force)
         if terms.tilting is not None:  # moments may be all that presses
             total = total + norm(terms.tilting.moments / terms.tilting.longest)
         largest, narrow = least + xp.maximum(total, LEAST) / (count * axial), 0.0
     of = xp.module_of(clear)
-    deep = load_curve.approach(sound, largest)
+    deep = load_curve.approach(curve, largest)
     u = pressed(deep + xp.maximum(of.min(clear, axis=-1), 0.0), narrow, axial)
     if terms.pair is not None:  # the first row pressed by the load, or both by the preload
         return xp.stack([u[..., 0], u[..., 1], xp.maximum(u[..., 2] - 0.5 * terms.pair.preload, 0.0)], axis=-1)

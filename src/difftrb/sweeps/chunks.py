@@ -203,7 +203,7 @@ def compute_chunk(
 
     Args:
       plan: from `plan_sweep` or `load_plan`. chunk: number, in 0 … `plan.chunks` − 1.
-      out: folder or URL. A chunk that is sound there is read, another one is computed and written there. Default: it is
+      out: folder or URL. A chunk that is whole there is read, another one is computed and written there. Default: it is
         computed.
       devices: as in `sweep`.
 
