@@ -83,52 +83,73 @@ def borders(
     `still`: the healthy one, if it is known and the same at all phases: then none is solved, and kinks are about where
     spalls put them.
     """
-    whole = geometry.roller_pitch(bearing)
-
-    def known(kinks: Any) -> Any:
-        # a law that does not know its ramps says so itself
-        return xp.where(xp.module_of(kinks).isfinite(xp.value(kinks)), kinks, 0.0)
-
-    def within(kinks: Any) -> Any:
-        """In the pitch that begins at 0; ends of load zones of rollers that differ, no farther than to its ends."""
-        if not differ:
-            return xp.mod(kinks, whole)
-        return xp.concatenate([xp.clip(kinks[..., :zone], 0.0, whole), xp.mod(kinks[..., zone:], whole)], axis=-1)
-
-    zone, differ = load_zone_ends.count(terms) * (1 if terms.pair is None else 2), load_zone_ends.are_different(terms)
-    inside = sum(spall.walls.size - 2 for one in met for spall in one.spalls)
-    count = zone + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met) + inside
-    shape = (*np.shape(xp.value(load.radial)), count)
-    period = np.where(np.arange(count) < zone, load_zone_ends.TURN, whole) if differ else whole
+    shape = (*np.shape(xp.value(load.radial)), _count(met, terms))
     if still is None:
-        of = xp.module_of(jax.tree.leaves((bearing, load, met, terms)))
-
-        def moved(k: Any, state: tuple[Any, Search]) -> tuple[Any, Search]:
-            at, before = state
-            rest = at_rest(at)
-            each = shares(met, rest, terms)
-            of_kinks = known(_kinks(bearing, met, at, rest.displacement, terms, each, before.rollers))
-            kinks, search = _nearer(of_kinks, at, before, period)
-            first = load_zone_ends.nearest(*xp.fixed((at, rest.displacement, bearing, terms)))
-            start, way = (
-                of.where(k == 0, of.concatenate([part, own[..., zone:]], axis=-1), own)
-                for part, own in zip(first[:2], (search.at, search.off), strict=True)
-            )
-            rollers = of.where(k == 0, first.rollers, before.rollers) if differ else None
-            return within(xp.where(k == 0, start + way, kinks)), Search(start, way, search.slope, rollers)
-
-        even = of.broadcast_to(whole * np.arange(count) / count, shape)
-        passing = of.zeros((*shape[:-1], zone)) if differ else None
-        kinks, _ = loops.counted(ROUNDS, moved, (even, Search(even, of.zeros(shape), -of.ones(shape), passing)))
+        kinks = _by_rings(bearing, shape, (load, met, terms), at_rest)
     else:
         rings = xp.broadcast_to(still.displacement[..., None, :], (*shape, 3))
         own = (xp.broadcast_to(share[..., None], shape) for share in xp.moveaxis(still.shares, -1, 0))
         each = [WHOLE for _ in met] if terms.seat is None else list(own)
-        kinks = within(known(_kinks(bearing, met, np.zeros(shape), rings, terms, each)))
+        kinks = _within_pitch(bearing, terms, _known(_kinks(bearing, met, np.zeros(shape), rings, terms, each)))
     order = xp.module_of(kinks).argsort(xp.value(kinks), axis=-1)
     kinks = kinks[order] if order.ndim == 1 else xp.stack([own[k] for own, k in zip(kinks, order, strict=True)])
     none = 0.0 * kinks[..., :1]
-    return xp.concatenate([none, kinks, none + whole], axis=-1)
+    return xp.concatenate([none, kinks, none + geometry.roller_pitch(bearing)], axis=-1)
+
+
+def _by_rings(
+    bearing: TaperedBearing, shape: tuple[int, ...], at: tuple[Load, tuple[Met, ...], Terms],
+    at_rest: Callable[[Any], ring.Equilibrium],
+) -> Any:  # fmt: skip
+    """Kinks in the pitch, of this shape, each where its own ring has it: in rounds, by rings at the kinks known so far."""
+    load, met, terms = at
+    zone, differ, pitch = _zone_ends(terms), load_zone_ends.are_different(terms), geometry.roller_pitch(bearing)
+    period = np.where(np.arange(shape[-1]) < zone, load_zone_ends.TURN, pitch) if differ else pitch
+    of = xp.module_of(jax.tree.leaves((bearing, load, met, terms)))
+
+    def moved(k: Any, state: tuple[Any, Search]) -> tuple[Any, Search]:
+        at, before = state
+        rest = at_rest(at)
+        each = shares(met, rest, terms)
+        kinks = _known(_kinks(bearing, met, at, rest.displacement, terms, each, before.rollers))
+        kinks, search = _nearer(kinks, at, before, period)
+        first = load_zone_ends.nearest(*xp.fixed((at, rest.displacement, bearing, terms)))
+        start, way = (
+            of.where(k == 0, of.concatenate([part, own[..., zone:]], axis=-1), own)
+            for part, own in zip(first[:2], (search.at, search.off), strict=True)
+        )
+        rollers = of.where(k == 0, first.rollers, before.rollers) if differ else None
+        kinks = xp.where(k == 0, start + way, kinks)
+        return _within_pitch(bearing, terms, kinks), Search(start, way, search.slope, rollers)
+
+    even = of.broadcast_to(pitch * np.arange(shape[-1]) / shape[-1], shape)
+    passing = of.zeros((*shape[:-1], zone)) if differ else None
+    return loops.counted(ROUNDS, moved, (even, Search(even, of.zeros(shape), -of.ones(shape), passing)))[0]
+
+
+def _within_pitch(bearing: TaperedBearing, terms: Terms, kinks: Any) -> Any:
+    """In the pitch that begins at 0; ends of load zones of rollers that differ, no farther than to its ends."""
+    zone, pitch = _zone_ends(terms), geometry.roller_pitch(bearing)
+    if not load_zone_ends.are_different(terms):
+        return xp.mod(kinks, pitch)
+    return xp.concatenate([xp.clip(kinks[..., :zone], 0.0, pitch), xp.mod(kinks[..., zone:], pitch)], axis=-1)
+
+
+def _zone_ends(terms: Terms) -> int:
+    """How many ends of load zones there are, of all rows."""
+    return load_zone_ends.count(terms) * (1 if terms.pair is None else 2)
+
+
+def _count(met: tuple[Met, ...], terms: Terms) -> int:
+    """How many kinks there are: ends of load zones, then of every spall where rollers begin to meet its edges and where
+    they have met them, then its further walls."""
+    inside = sum(spall.walls.size - 2 for one in met for spall in one.spalls)
+    return _zone_ends(terms) + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met) + inside
+
+
+def _known(kinks: Any) -> Any:
+    """0 in place of what a law does not know; it says so itself."""
+    return xp.where(xp.module_of(kinks).isfinite(xp.value(kinks)), kinks, 0.0)
 
 
 def between(borders: Any, rule: Rule | None = None) -> tuple[Any, Any]:
