@@ -1,14 +1,16 @@
 """What does not fit is not determined: with no row to spare, and beside rows that count for little."""
 
 import dataclasses
+import io
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import difftrb as trb
-from difftrb.fits import fit_problem, fit_remarks, fit_result, fitting, profile_intervals, search, suspects
+from difftrb.fits import fit_problem, fit_remarks, fit_report, fit_result, fitting, profile_intervals, search, suspects
 from difftrb.fits.fit_problem import Problem
 from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
@@ -269,3 +271,28 @@ def test_good_rows_get_no_suspect(guess: trb.Scene, count: int, seed: int) -> No
     found = trb.fit(guess, [dataclasses.replace(row, sigma=None) for row in rows], starts=128)
     assert found.sigma_estimated
     assert found.doubts == ()
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize(
+    ("names", "known"),
+    [
+        (("length", "width"), "near this answer length × width^"),
+        (("length", "width", "angle"), "only which of their values go together is known"),
+    ],
+)
+def test_one_row_and_several_parameters_are_one_sentence(guess: trb.Scene, names: tuple[str, ...], known: str) -> None:
+    """Each was said to be open, that no row checks the fit, how parameters are correlated (-0.5, all of them), and the
+    angle's interval, of more than a turn, to be "< 3.562"."""
+    found = trb.fit(guess, _rows((9000.0, "radial_loss", 2.8, 0.05)), names, starts=64, model_error=0.0)
+    (sentence,) = found.remarks
+    assert sentence.startswith(f"1 measured value cannot give {len(names)} parameters: {known}")
+    assert sentence.endswith(f"measure at least {len(names) - 1} more")
+    assert not found.determined_each.any()
+    console = Console(width=200, file=io.StringIO())
+    console.print(fit_report.fit_text(found, ()))
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "correlation" not in shown
+    assert "-0.00" not in shown
+    if "angle" in names:
+        assert found.interval_in_words(2) == "any"

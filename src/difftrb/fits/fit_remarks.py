@@ -52,17 +52,20 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
             f"{names} may lie beyond the range that is searched, and all others would move: nothing is determined"
         )
     healthy = _no_spall_needed(fit)
+    too_few = fit.freedom < 0 and fit.explained
     if healthy:
         remarks.append(healthy)
+    elif too_few:
+        remarks.append(undetermined.of_too_few_rows(fit))
     elif unclear.any():
         remarks.append(undetermined.sentence(fit, np.nonzero(unclear)[0].tolist()))
-    remarks += undetermined.of_alternatives(fit)
-    if len(fit.parameters) > MANY and fit.explained:
+    remarks += [] if too_few else undetermined.of_alternatives(fit)
+    if len(fit.parameters) > MANY and fit.explained and not too_few:
         remarks.append(
             f"the range of more than {MANY} parameters is scanned thinly: an answer that fits as well may be missed; "
             f"difftrb.fit(…, starts={4 * search.scan_size(len(fit.parameters))}) looks closer"
         )
-    if fit.freedom <= 0:
+    if fit.freedom <= 0 and (healthy or not too_few):
         remarks.append("there are no more rows than parameters, so none checks the fit")
     if fit.sigma_estimated:
         kind = "losses" if all(row.is_loss for row in fit.rows) else "values"

@@ -7,7 +7,7 @@ import numpy as np
 from difftrb.fits import fit_result, optimal_design, profile_intervals
 from difftrb.fits.fit_result import UNLIKELY, Alternative, Fit
 from difftrb.fits.least_squares import AT_BOUND, at_shares
-from difftrb.fits.measured import Measurement
+from difftrb.fits.measured import Measurement, so_many
 from difftrb.fits.parameters import OfSpall
 
 TOLD_APART = 2.0
@@ -48,16 +48,31 @@ def sentence(fit: Fit, unclear: list[int]) -> str:
 
     suggestion = optimal_design.next_measurements(fit, count=1, parameter=names[0])[0]
     advice = f"measure {optimal_design.in_words(suggestion.row)}"
-    sizes = [i for i, parameter in enumerate(fit.problem.parameters)
-             if parameter.logarithmic and parameter.in_products and abs(fit.point[i]) < AT_BOUND]  # fmt: skip
-    if len(sizes) > 1:
-        powers, error = _best_determined(fit, sizes)
-        percent = 100.0 * error * float(np.sqrt(fit.limit))
-        product = _product(powers)
-        if percent < 30.0 and TIMES in product:  # one alone is said to be open or is known
-            return f"near this answer {product} is determined to {percent:.2g} %, {each_with('is not')}: {advice}"
+    if known := _known_product(fit):
+        return f"near this answer {known}, {each_with('is not')}: {advice}"
     open_ones = each_with("is not determined")
     return f"{open_ones[:1].upper()}{open_ones[1:]}: {advice}"
+
+
+def of_too_few_rows(fit: Fit) -> str:
+    """What fewer rows than parameters tell, and what they do not."""
+    known = _known_product(fit)
+    known = f"near this answer {known}" if known else "only which of their values go together is known"
+    return (
+        f"{so_many(len(fit.rows), 'measured value')} cannot give {so_many(len(fit.values), 'parameter')}: {known}, and "
+        f"the table shows one of many answers, which nothing checks; measure at least {-fit.freedom} more"
+    )
+
+
+def _known_product(fit: Fit) -> str:
+    """Which product of sizes the data determine, and how well; nothing where none, or one size alone."""
+    sizes = [i for i, parameter in enumerate(fit.problem.parameters)
+             if parameter.logarithmic and parameter.in_products and abs(fit.point[i]) < AT_BOUND]  # fmt: skip
+    if len(sizes) < 2:
+        return ""
+    powers, error = _best_determined(fit, sizes)
+    percent, product = 100.0 * error * float(np.sqrt(fit.limit)), _product(powers)
+    return f"{product} is determined to {percent:.2g} %" if percent < 30.0 and TIMES in product else ""
 
 
 def _fits_as_well(fit: Fit, i: int) -> str:
