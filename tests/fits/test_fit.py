@@ -15,7 +15,6 @@ from difftrb.core import status
 from difftrb.fits import (
     batched_misfit,
     fit_record,
-    fit_remarks,
     fit_report,
     fit_result,
     least_squares,
@@ -24,6 +23,7 @@ from difftrb.fits import (
     profile_intervals,
     search,
     suspects,
+    undetermined,
 )
 from difftrb.fits.batched_misfit import evaluated, solved
 from difftrb.fits.conditions import conditions
@@ -807,13 +807,13 @@ def test_mirror_images_are_alternatives(bearing: trb.TaperedBearing) -> None:
     assert any("another answer fits nearly as well" in remark and "sigma" in remark for remark in found.remarks)
     # the lowest χ² of a narrow basin may be less likely than the others
     wider = dataclasses.replace(found, alternatives=(other._replace(weight=0.3), other._replace(weight=0.6)))
-    first, second = fit_remarks._of_alternatives(wider)
+    first, second = undetermined.of_alternatives(wider)
     assert "likelier than the one in the table" in first
     assert "weight 60 %" in first
     assert "weight 30 %" in second
     # mirror images are as likely as each other but for rounding; and where none explains the data none fits well
-    (alike,) = fit_remarks._of_alternatives(dataclasses.replace(found, alternatives=(other._replace(weight=0.501),)))
+    (alike,) = undetermined.of_alternatives(dataclasses.replace(found, alternatives=(other._replace(weight=0.501),)))
     assert "likelier" not in alike
     off = dataclasses.replace(found, chi2=445.0, limit=300.0, alternatives=(other._replace(weight=0.9, chi2=554.0),))
-    (missed,) = fit_remarks._of_alternatives(off)
+    (missed,) = undetermined.of_alternatives(off)
     assert "another answer is not ruled out: " in missed

@@ -1,14 +1,16 @@
 """What does not fit is not determined: with no row to spare, and beside rows that count for little."""
 
 import dataclasses
+import io
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import difftrb as trb
-from difftrb.fits import fit_problem, fit_remarks, fit_result, fitting, profile_intervals, search
+from difftrb.fits import fit_problem, fit_remarks, fit_report, fit_result, fitting, profile_intervals, search, suspects
 from difftrb.fits.fit_problem import Problem
 from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
@@ -230,3 +232,67 @@ def test_one_degree_of_freedom_is_one() -> None:
     for freedom, words in ((1, "of 1 degree of freedom"), (2, "of 2 degrees of freedom")):
         (sentence,) = fit_remarks._about_misfit(_missed(freedom))
         assert words in sentence
+
+
+@pytest.mark.parametrize("count", [4, 6, 12])
+def test_few_sets_of_good_rows_get_a_suspect(count: int) -> None:
+    """Where sigma was estimated: of so many rows of two parameters with normal errors. Each row is left aside, and each
+    of five more parameters is fitted by the better of two directions, as in two basins: two thirds of all had one."""
+    rng, cried, sets = np.random.default_rng(count), 0, 300
+    for _ in range(sets):
+        own, errors = rng.standard_normal((count, 2)), rng.standard_normal(count)
+        fit: Any = SimpleNamespace(sigma_estimated=True, freedom=count - 2, chi2=_left(own, errors))
+        directions = rng.standard_normal((5, 2, count))
+        rows = [_left(np.column_stack([own, one]), errors) for one in np.eye(count)]
+        more = [min(_left(np.column_stack([own, one]), errors) for one in both) for both in directions]
+        cried += any(suspects._gains(fit, chi2, suspects.ALONE) for chi2 in rows) or any(
+            suspects._gains(fit, chi2, suspects.ADDED / len(more), suspects.SEARCHED) for chi2 in more
+        )
+    assert cried <= 0.05 * sets
+
+
+def _left(columns: np.ndarray, errors: np.ndarray) -> float:
+    """Sum of squares of errors that no combination of columns takes away."""
+    return float(np.sum((errors - columns @ np.linalg.lstsq(columns, errors)[0]) ** 2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("count", "seed"), [(4, 114), (6, 107)])
+def test_good_rows_get_no_suspect(guess: trb.Scene, count: int, seed: int) -> None:
+    """Of a healthy bearing that was stiffer, "perhaps", each."""
+    rng, rows = np.random.default_rng(seed), []
+    truth = guess.replace(spall=0, length=float(rng.uniform(2.0, 7.0)), width=float(rng.uniform(4.0, 11.0)))
+    grid = [(radial, phase, k) for radial in (9000.0, 3000.0, 6000.0) for phase in (0.0, "mean", 0.1) for k in (0, 1)]
+    for number in rng.permutation(len(grid))[:count]:
+        radial, phase, k = grid[number]
+        loss = float(trb.assess(truth.replace(load=trb.Load(radial, 4500.0), phase=phase)).loss[k])
+        value = loss * (1.0 + 0.02 * rng.standard_normal()) + 0.005 * rng.standard_normal()
+        rows += _rows((radial, ("radial_loss", "axial_loss")[k], value, 1.0), phase=phase)
+    found = trb.fit(guess, [dataclasses.replace(row, sigma=None) for row in rows], starts=128)
+    assert found.sigma_estimated
+    assert found.doubts == ()
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize(
+    ("names", "known"),
+    [
+        (("length", "width"), "near this answer length × width^"),
+        (("length", "width", "angle"), "only which of their values go together is known"),
+    ],
+)
+def test_one_row_and_several_parameters_are_one_sentence(guess: trb.Scene, names: tuple[str, ...], known: str) -> None:
+    """Each was said to be open, that no row checks the fit, how parameters are correlated (-0.5, all of them), and the
+    angle's interval, of more than a turn, to be "< 3.562"."""
+    found = trb.fit(guess, _rows((9000.0, "radial_loss", 2.8, 0.05)), names, starts=64, model_error=0.0)
+    (sentence,) = found.remarks
+    assert sentence.startswith(f"1 measured value cannot give {len(names)} parameters: {known}")
+    assert sentence.endswith(f"measure at least {len(names) - 1} more")
+    assert not found.determined_each.any()
+    console = Console(width=200, file=io.StringIO())
+    console.print(fit_report.fit_text(found, ()))
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "correlation" not in shown
+    assert "-0.00" not in shown
+    if "angle" in names:
+        assert found.interval_in_words(2) == "any"

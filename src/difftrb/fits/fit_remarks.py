@@ -1,4 +1,4 @@
-"""Remarks on a fit, in sentences: what the data leave open, and what in them looks wrong."""
+"""Remarks on a fit, in sentences: what in the data looks wrong, and what they leave open (`undetermined`)."""
 
 from __future__ import annotations
 
@@ -10,16 +10,14 @@ from difftrb.fits import (
     batched_misfit,
     conditions,
     fit_result,
-    optimal_design,
     predicted,
-    profile_intervals,
     search,
     suspects,
+    undetermined,
 )
-from difftrb.fits.fit_result import UNLIKELY, Alternative, Fit
-from difftrb.fits.least_squares import AT_BOUND, at_shares
-from difftrb.fits.measured import Measurement, so_many
-from difftrb.fits.parameters import OfSpall
+from difftrb.fits.fit_result import Fit
+from difftrb.fits.least_squares import AT_BOUND
+from difftrb.fits.measured import so_many
 from difftrb.fits.profile_intervals import CONFIDENCE
 from difftrb.fits.search import Scan
 from difftrb.ring import effects
@@ -28,19 +26,10 @@ FAR = 4.0
 """Deviation [sigma] at which one row is named."""
 REPEAT = 4.0
 """Difference [sigma] between two rows of the same condition at which both are named."""
-TOLD_APART = 2.0
-"""Difference [sigma] of two answers' predictions below which a measurement does not decide between them."""
 HEALTHY = 0.05
 """Chance of what a spall gains over none, above which none is needed."""
-TIMES = " × "
 MANY = 3
 """Parameters whose range is scanned closely enough to find the answer."""
-NEAR_END = 0.1
-"""Share of a range within which a value is at its end."""
-ALIKE = 0.05
-"""By how much an answer's weight has to be more than another's for it to be called likelier."""
-MOST_SHOWN = 3
-"""Most other answers that are described."""
 
 
 def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
@@ -55,28 +44,28 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
     wrong = suspects.named(fit, scan) if suspects.wanted(fit) else []
     doubts = tuple(_of_suspect(fit, one) for one in wrong)
     remarks += doubts
-    unclear = np.array([_is_open(fit, i) for i in range(len(fit.parameters))])
-    beyond = [fit.parameters[i] for i in _out_of_range(fit)]
+    unclear = np.array([undetermined.is_open(fit, i) for i in range(len(fit.parameters))])
+    beyond = [fit.parameters[i] for i in undetermined.out_of_range(fit)]
     if beyond:
         names = " and ".join(beyond)
         remarks.append(
             f"{names} may lie beyond the range that is searched, and all others would move: nothing is determined"
         )
     healthy = _no_spall_needed(fit)
+    too_few = fit.freedom < 0 and fit.explained
     if healthy:
         remarks.append(healthy)
+    elif too_few:
+        remarks.append(undetermined.of_too_few_rows(fit))
     elif unclear.any():
-        remarks.append(_undetermined(fit, np.nonzero(unclear)[0].tolist()))
-    remarks += _of_alternatives(fit)
-    if len(fit.alternatives) > MOST_SHOWN:
-        more = len(fit.alternatives) - MOST_SHOWN
-        remarks.append(f"{more} more answers are not ruled out" if more > 1 else "one more answer is not ruled out")
-    if len(fit.parameters) > MANY and fit.explained:
+        remarks.append(undetermined.sentence(fit, np.nonzero(unclear)[0].tolist()))
+    remarks += [] if too_few else undetermined.of_alternatives(fit)
+    if len(fit.parameters) > MANY and fit.explained and not too_few:
         remarks.append(
             f"the range of more than {MANY} parameters is scanned thinly: an answer that fits as well may be missed; "
             f"difftrb.fit(…, starts={4 * search.scan_size(len(fit.parameters))}) looks closer"
         )
-    if fit.freedom <= 0:
+    if fit.freedom <= 0 and (healthy or not too_few):
         remarks.append("there are no more rows than parameters, so none checks the fit")
     if fit.sigma_estimated:
         kind = "losses" if all(row.is_loss for row in fit.rows) else "values"
@@ -89,36 +78,6 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
     for other in fit.alternatives:
         clear &= ~fit_result.outside(other.values, fit.values, fit.own_intervals)
     return {"remarks": tuple(remarks), "doubts": doubts, "determined_each": clear}
-
-
-def _is_open(fit: Fit, i: int) -> bool:
-    (low, high), beyond, parameter = fit.own_intervals[i], fit.own_open[i], fit.problem.parameters[i]
-    if _held_by(fit, i):
-        return True
-    if parameter.logarithmic:
-        return bool(beyond.any()) or bool(high / low > parameter.wide)
-    return bool(beyond.all() | (beyond & ~np.array(parameter.natural)).any()) or high - low > parameter.wide
-
-
-def _out_of_range(fit: Fit) -> list[int]:
-    """What of the bearing and its loads, not of spalls, may lie beyond the range that is searched."""
-    every = enumerate(fit.problem.parameters)
-    return [i for i, one in every if not isinstance(one, OfSpall) and _at_searched_end(fit, i, fit.point)]
-
-
-def _held_by(fit: Fit, i: int) -> list[int]:
-    """Which other sizes of spalls, at the end of the range that is searched and not of what the data allow, end the
-    interval of this one: beyond, it would go on."""
-    ends = fit.profiles.at_ends[i]
-    sizes = [j for j, one in enumerate(fit.problem.parameters) if isinstance(one, OfSpall) and one.logarithmic]
-    return [j for j in sizes if i in sizes and j != i and any(_at_searched_end(fit, j, point) for point in ends)]
-
-
-def _at_searched_end(fit: Fit, j: int, point: np.ndarray) -> bool:
-    """Whether the interval of a parameter is open at an end of its range that is not nature's, and a point, shape
-    (parameters,), within `NEAR_END` of that."""
-    far, natural = float(at_shares(np.array(1.0 - NEAR_END))), np.array(fit.problem.parameters[j].natural)
-    return bool((np.array([point[j] < -far, point[j] > far]) & fit.own_open[j] & ~natural).any())
 
 
 def _about_rows(fit: Fit) -> list[str]:
@@ -241,94 +200,3 @@ def _at_bounds(fit: Fit) -> list[str]:
             value = fit.problem.parameters[i].in_words(fit.values[i], 4).removeprefix(f"{name} ")
             found.append(f"{name} ends at the {side} value that is searched, {value}")
     return found
-
-
-def _undetermined(fit: Fit, unclear: list[int]) -> str:
-    """Which parameters the data leave open, which product of sizes they determine, and what to measure."""
-    names = [fit.parameters[i] for i in unclear]
-    ranges = [_fits_as_well(fit, i) for i in unclear]
-
-    def each_with(words: str) -> str:
-        return " and ".join(f"{name} {words} {own}" for name, own in zip(names, ranges, strict=True))
-
-    suggestion = optimal_design.next_measurements(fit, count=1, parameter=names[0])[0]
-    advice = f"measure {optimal_design.in_words(suggestion.row)}"
-    sizes = [i for i, parameter in enumerate(fit.problem.parameters)
-             if parameter.logarithmic and parameter.in_products and abs(fit.point[i]) < AT_BOUND]  # fmt: skip
-    if len(sizes) > 1:
-        powers, error = _best_determined(fit, sizes)
-        percent = 100.0 * error * float(np.sqrt(fit.limit))
-        product = _product(powers)
-        if percent < 30.0 and TIMES in product:  # one alone is said to be open or is known
-            return f"near this answer {product} is determined to {percent:.2g} %, {each_with('is not')}: {advice}"
-    open_ones = each_with("is not determined")
-    return f"{open_ones[:1].upper()}{open_ones[1:]}: {advice}"
-
-
-def _fits_as_well(fit: Fit, i: int) -> str:
-    """An interval in brackets: what lies beyond an end of the range that is searched may fit, too."""
-    period = fit.problem.parameters[i].period
-    (low, high), (no_low, no_high) = fit.own_intervals[i], fit.own_open[i]
-    unit = f" {fit.units[i]}".removesuffix(" –")
-    if period is not None and high - low >= period:
-        return "(any value fits as well)"
-    if no_low != no_high:
-        return f"({low:.3g}{unit} and more)" if no_high else f"({high:.3g}{unit} and less)"
-    held = " and ".join(fit.parameters[j] for j in _held_by(fit, i))
-    within = f" with {held} in the range that is searched" if held else ""
-    return f"({low:.3g} … {high:.3g}{unit} fit as well{within})"
-
-
-def _best_determined(fit: Fit, sizes: list[int]) -> tuple[dict[str, float], float]:
-    """The product of powers of these parameters that is known best: exponents by name, standard error of its
-    logarithm."""
-    slope = fit.problem.bounds.slope(fit.point)
-    covariance = (profile_intervals.covariance(fit.normal, fit.point) * np.outer(slope, slope))[np.ix_(sizes, sizes)]
-    _, directions = np.linalg.eigh(covariance)
-    powers = directions[:, 0] / directions[np.argmax(np.abs(directions[:, 0])), 0]
-    names = [fit.parameters[i] for i in sizes]
-    return dict(zip(names, powers.tolist(), strict=True)), float(np.sqrt(powers @ covariance @ powers))
-
-
-def _product(powers: dict[str, float]) -> str:
-    """A product of powers in words; factors that hardly count are left out."""
-    factors = []
-    for name, power in sorted(powers.items(), key=lambda pair: -abs(pair[1])):
-        if abs(power) > 0.15:
-            factors.append(name if abs(power - 1.0) < 0.1 else f"{name}^{power:.1f}")
-    return TIMES.join(factors)
-
-
-def _of_alternatives(fit: Fit) -> list[str]:
-    """The first other answers, and which measurement would tell each from the fit's."""
-    shown = sorted(fit.alternatives, key=lambda other: -other.weight)[:MOST_SHOWN]
-    if not shown:
-        return []
-    telling = optimal_design.telling(fit, np.array([other.values for other in shown]))
-    return [_of_alternative(fit, other, *best) for other, best in zip(shown, telling, strict=True)]
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.{0 if share > 0.1 else 1}f} %" if share > 1e-3 else "below 0.1 %"
-
-
-def _chi2(value: float) -> str:
-    """To three digits; what is met exactly but for rounding, 0."""
-    return f"{value:.3g}" if value > 1e-6 else "0"
-
-
-def _of_alternative(fit: Fit, other: Alternative, row: Measurement, apart: float) -> str:
-    answer = ", ".join(p.in_words(v, 4) for p, v in zip(fit.problem.parameters, other.values, strict=True))
-    advice = f"measure {optimal_design.in_words(row)}, where they differ by {apart:.2g} sigma"
-    if apart < TOLD_APART:
-        advice = "no load and phase like those measured tells them apart"
-    # limits grow with the misfit of a fit: others may not pass, and where none passes none fits well
-    missed = fit.robust == "squares" and fit_result.tail(other.chi2, fit.freedom) < UNLIKELY
-    near = other.chi2 - fit.chi2 <= fit.limit and not missed
-    how = "fits nearly as well" if near else "is not ruled out"
-    if not missed and other.weight > 1.0 - sum(each.weight for each in fit.alternatives) + ALIKE:
-        how += ", over a wider range, and is likelier than the one in the table"
-    return (
-        f"another answer {how}: {answer} (χ² {_chi2(other.chi2)}, here {_chi2(fit.chi2)}; weight "
-        f"{_percent(other.weight)}): {advice}"
-    )

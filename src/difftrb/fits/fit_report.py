@@ -142,10 +142,11 @@ def _table_of_rows(fit: Fit) -> Table:
         rows.add_column(heading, justify="left" if words else "right", no_wrap=heading in ("measured", "model"),
                         min_width=len(heading) if words else None)  # fmt: skip
     for k, row in enumerate(fit.rows):
+        off = round(float(fit.residuals[k]), 2) + 0.0  # no -0
         quantity = row.quantity.removesuffix("_stiffness").replace("_", " ")  # the unit says what it is
         rows.add_row(
             str(k + 1), f"{quantity} [{row.unit}]", f"{row.radial:g}", f"{row.axial:g}",
-            _phase(row.phase), _amount(row.value), _amount(fit.predicted[k]), f"{fit.residuals[k]:+.2f}",
+            _phase(row.phase), _amount(row.value), _amount(fit.predicted[k]), f"{off:+.2f}",
         )  # fmt: skip
     return rows
 
@@ -156,7 +157,7 @@ def _lines(fit: Fit, suggestions: tuple[Suggestion, ...]) -> list[str]:
     if fit.alternatives:
         lines.insert(0, "other answers are possible, see below; intervals hold those that fit as well, standard errors "
                      "are of the one in the table alone")  # fmt: skip
-    if len(fit.parameters) > 1:
+    if len(fit.parameters) > 1 and fit.freedom >= 0:  # else it is none of the data
         pairs = [
             f"{a} and {b} {fit.correlation[i, j]:+.2f}"
             for i, a in enumerate(fit.parameters)

@@ -140,7 +140,8 @@ class Fit(status.Judged):
         pieces, (no_low, no_high) = self.pieces[i], self.open[i]
         if len(pieces) > MOST_SHOWN:
             pieces = self.intervals[i : i + 1]
-        if len(pieces) == 1 and no_low and no_high:
+        period = self.problem.parameters[i].period or np.inf
+        if len(pieces) == 1 and ((no_low and no_high) or np.ptp(pieces) >= period):
             return "any"
         ends = [(f"{low:.4g}", f"{high:.4g}") for low, high in pieces]
         words = [low if low == high else f"{low} … {high}" for low, high in ends]

@@ -42,9 +42,11 @@ SCATTER = 0.005
 """Estimated relative error of measurements from which on suspects are tried without a sigma, too."""
 ALONE = UNLIKELY
 """Chance of its gain below which a row is named that is left aside."""
-ADDED = 0.1
-"""The same of a parameter, where sigma was estimated: then few rows have to tell both."""
-
+ADDED = 0.04
+"""The same of all parameters that are tried together, where sigma was estimated: by so many of them each has a chance.
+With the rows' it is about one good set of data in twenty."""
+SEARCHED = 2
+"""Freedoms that a parameter brings whose whole range is searched: where on that it is may meet one more row."""
 PART = 0.2
 """The same of any suspect, where sigma is given and the data are far from explained."""
 
@@ -80,12 +82,15 @@ def wanted(fit: Fit) -> bool:
     return float(np.median(fit.sigma / np.maximum(size, 1e-300))) > SCATTER
 
 
-def _gains(fit: Fit, chi2: float, chance: float) -> bool:
-    """Whether one more freedom brings more than chance, by Fisher's F. With sigma given by χ²; then F says whether it
-    takes away a good part of what is missed."""
-    gain, left = max(fit.chi2 - chi2, 0.0), fit.freedom - 1
-    share = gain / (chi2 / left) if chi2 > 0.0 else np.inf
-    likely = float(special.fdtrc(1, left, share))
+def _gains(fit: Fit, chi2: float, chance: float, more: int = 1) -> bool:
+    """Whether as many more freedoms bring more than chance, by Fisher's F; nothing tells where no freedom is left. With
+    sigma given by χ²; then F says whether one takes away a good part of what is missed."""
+    more = more if fit.sigma_estimated else 1
+    gain, left = max(fit.chi2 - chi2, 0.0), fit.freedom - more
+    if left < 1:
+        return False
+    share = gain / more / (chi2 / left) if chi2 > 0.0 else np.inf
+    likely = float(special.fdtrc(more, left, share))
     if fit.sigma_estimated:
         return likely < chance
     return likely < PART and fit_result.tail(gain, 1) < UNLIKELY
@@ -96,8 +101,10 @@ def _explains(fit: Fit, chi2: float) -> bool:
     return fit.sigma_estimated or fit_result.tail(chi2, fit.freedom - 1) > UNLIKELY
 
 
-def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, chance: float = ALONE) -> Suspect:
-    """From the lowest case."""
+def _suspect(
+    fit: Fit, problem: Problem, found: Least, what: str, advice: str, chance: float = ALONE, more: int = 1
+) -> Suspect:
+    """From the lowest case; `chance` and `more` as in `_gains`."""
     k = best(found)
     values = problem.bounds.values(found.points[k])
     answer = [p.in_words(v) for p, v in zip(problem.parameters, values, strict=True)]
@@ -107,7 +114,7 @@ def _suspect(fit: Fit, problem: Problem, found: Least, what: str, advice: str, c
         what,
         ", ".join(answer[: len(fit.parameters)]),
         chi2,
-        (other or not fit.sigma_estimated) and _gains(fit, chi2, chance),
+        (other or not fit.sigma_estimated) and _gains(fit, chi2, chance, more),
         _explains(fit, chi2),
         advice,
     )
@@ -156,7 +163,7 @@ def _fractions(fit: Fit, scan: Scan) -> Iterator[Suspect]:
 def _other_parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
     """Each parameter that is a suspect and was not fitted, by one program for all of them."""
     more = list(_suspect_parameters(fit))
-    if not more:
+    if not more or (fit.sigma_estimated and fit.freedom <= SEARCHED):  # nothing would tell
         return
     own, problem = len(fit.parameters), with_more(fit.problem, more, fit.rows)
     parameters, bounds = problem.parameters, problem.bounds
@@ -178,7 +185,9 @@ def _other_parameters(fit: Fit, scan: Scan) -> Iterator[Suspect]:
         value = float(bounds.values(found.points[k])[i])
         end = ", the end of its range" if abs(found.points[k, i]) >= AT_BOUND else ""
         what = f"{parameter.suspect} ({parameter.in_words(value)}{end})"
-        yield _suspect(fit, problem, found, what, f"fit {parameter.name}, too, or measure it", ADDED)
+        yield _suspect(
+            fit, problem, found, what, f"fit {parameter.name}, too, or measure it", ADDED / len(more), SEARCHED
+        )
 
 
 def _suspect_parameters(fit: Fit) -> Iterator[Parameter]:

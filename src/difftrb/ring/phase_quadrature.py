@@ -101,7 +101,7 @@ def _by_rings(
     bearing: TaperedBearing, shape: tuple[int, ...], at: tuple[Load, tuple[Met, ...], Terms],
     at_rest: Callable[[Any], ring.Equilibrium],
 ) -> Any:  # fmt: skip
-    """Kinks in the pitch, of this shape, each where its own ring has it, by rounds of rings at the kinks known so far."""
+    """Kinks in the pitch, of this shape, each where its own ring has it: rings are solved at those known, in rounds."""
     load, met, terms = at
     zone, differ, pitch = _zone_ends(terms), load_zone_ends.are_different(terms), geometry.roller_pitch(bearing)
     period = np.where(np.arange(shape[-1]) < zone, load_zone_ends.TURN, pitch) if differ else pitch
