@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from difftrb.core import bad_input
+from difftrb.core import input_errors
 from difftrb.core.geometry import Spall, TaperedBearing
 from difftrb.fits.parameters import PARAMETERS
 from difftrb.law.base import LAWS
@@ -73,8 +73,8 @@ def _takes(kind: type, name: str) -> str:
     if (kind, name) == (ContactTable, "law"):
         return "a law's name"
     if (kind, name) == (StiffnessTable, "phase"):
-        return f"{bad_input.allowed(kind, [name]).replace(' or one of', ', or')}"
-    return bad_input.allowed(kind, [name]).replace("a number in ", "")
+        return f"{input_errors.allowed(kind, [name]).replace(' or one of', ', or')}"
+    return input_errors.allowed(kind, [name]).replace("a number in ", "")
 
 
 def _shown(default: Any) -> str:

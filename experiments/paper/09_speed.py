@@ -29,8 +29,8 @@ def solved(load: trb.Load, speed: float, control: str) -> trb.Solution:
 
 def draw(ax: Axes, every: list[trb.Solution], from_rest: bool) -> None:
     """Loads of outer (solid) and inner raceway (dotted) at all speeds, or what they have more than at rest."""
-    order = np.argsort(np.asarray(geometry.turned(every[0].angles)))
-    degrees = np.degrees(np.asarray(geometry.turned(every[0].angles)))[order]
+    order = np.argsort(np.asarray(geometry.wrapped(every[0].angles)))
+    degrees = np.degrees(np.asarray(geometry.wrapped(every[0].angles)))[order]
     for colour, speed, r in zip(common.COLOURS, SPEEDS, every, strict=False):
         if not bool(r.converged):
             ax.plot([], [], color=colour)

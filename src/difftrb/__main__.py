@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import difftrb
-from difftrb.core import bad_input, jax_config
+from difftrb.core import input_errors, jax_config
 from difftrb.core.status import DifftrbError
 from difftrb.report import console
 from difftrb.report.console import EXIT_BAD_FILE, EXIT_INTERRUPTED, EXIT_OK, EXIT_PIPE
@@ -92,12 +92,12 @@ def _check(options: Any) -> int:
 
 
 def _example(options: Any) -> int:
-    texts = bad_input.packaged(".toml") | bad_input.packaged(".csv")
+    texts = input_errors.packaged(".toml") | input_errors.packaged(".csv")
     if options.name is None:
         for name, text in texts.items():
             print(f"{name:16s} {text.splitlines()[0].removeprefix('# ')}")
     elif options.name not in texts:
-        name = bad_input.shown(options.name)
+        name = input_errors.shown(options.name)
         return console.refuse(f"no example named {name}; there are {', '.join(texts)}", EXIT_BAD_FILE)
     else:
         print(texts[options.name], end="")

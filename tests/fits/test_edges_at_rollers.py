@@ -50,7 +50,7 @@ def ends(values: np.ndarray, edges: edges_at_rollers.Edges) -> np.ndarray:
 
 def away(angles: np.ndarray, rollers: np.ndarray) -> np.ndarray:
     """From the nearest roller [rad], the shape of `angles`."""
-    return np.min(np.abs(geometry.turned(angles[..., None] - rollers)), axis=-1)
+    return np.min(np.abs(geometry.wrapped(angles[..., None] - rollers)), axis=-1)
 
 
 def test_edges_are_moved_to_rollers_and_gaps(of_all: Problem) -> None:

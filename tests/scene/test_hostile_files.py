@@ -14,7 +14,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.__main__ import main
-from difftrb.core import bad_input
+from difftrb.core import input_errors
 from difftrb.fits import measured_table
 from difftrb.fits.measured import MeasuredError
 from difftrb.scene import scene_file
@@ -75,9 +75,9 @@ def test_a_file_too_large_is_not_read(kind: str, tmp_path: Path) -> None:
 def test_a_file_that_lies_about_its_size_is_read_so_far(tmp_path: Path, monkeypatch) -> None:
     path = tmp_path / "s.toml"
     path.write_text("#" * 3000)
-    monkeypatch.setattr(bad_input, "_refusal", lambda *_: "")
+    monkeypatch.setattr(input_errors, "_refusal", lambda *_: "")
     with pytest.raises(ValueError, match=r"more than 0\.001 MB"):
-        bad_input.text_of(path, "a scene file", ValueError, 1000)
+        input_errors.text_of(path, "a scene file", ValueError, 1000)
 
 
 def test_keys_of_very_many_parts(tmp_path: Path) -> None:

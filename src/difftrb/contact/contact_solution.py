@@ -16,8 +16,8 @@ from difftrb.contact.gap import Cells
 from difftrb.contact.height_map import HeightMap, height_map_is_valid
 from difftrb.core import arrays as xp
 from difftrb.core import status
-from difftrb.core.bad_input import number_in, shown
 from difftrb.core.geometry import LineContact, Real, Spall, as_floats, contact_is_valid, spall_is_valid
+from difftrb.core.input_errors import number_in, shown
 
 if TYPE_CHECKING:
     from jax import Array

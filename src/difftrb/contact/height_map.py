@@ -17,8 +17,8 @@ from annotated_types import Interval, Unit
 
 from difftrb.core import arrays as xp
 from difftrb.core import status
-from difftrb.core.bad_input import named, opened, shown, text_of
 from difftrb.core.geometry import Real, Spall
+from difftrb.core.input_errors import named, opened, shown, text_of
 
 PITCH = (1e-5, 10.0)
 """Least and largest distance of a map's points [mm]."""

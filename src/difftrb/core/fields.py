@@ -22,7 +22,7 @@ from annotated_types import Interval, Unit
 from jax.tree_util import GetAttrKey, register_pytree_with_keys
 
 from difftrb.core import arrays as xp
-from difftrb.core.bad_input import allowed, is_whole, must_be, number_in, shown
+from difftrb.core.input_errors import allowed, is_whole, must_be, number_in, shown
 
 Class = TypeVar("Class", bound=type)
 

@@ -280,7 +280,7 @@ def roller_mass(bearing: TaperedBearing) -> Real:
     return bearing.density * volume
 
 
-def turned(angle: Any, whole: float = 2.0 * np.pi) -> Any:
+def wrapped(angle: Any, whole: float = 2.0 * np.pi) -> Any:
     """The same angle within half of a `whole` turn of 0 [rad], any shape; of rollers a pitch may be one."""
     return xp.mod(angle + 0.5 * whole, whole) - 0.5 * whole
 

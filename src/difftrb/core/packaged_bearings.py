@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from difftrb.core.bad_input import shown
 from difftrb.core.geometry import TaperedBearing
+from difftrb.core.input_errors import shown
 from difftrb.core.status import SceneError
 
 BEARINGS = {

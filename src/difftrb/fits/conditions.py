@@ -16,7 +16,7 @@ import numpy as np
 from difftrb.core.numeric import gauss_legendre
 from difftrb.fits.measured import ENTRIES, Measurement
 from difftrb.ring import phase_quadrature
-from difftrb.ring.phase_quadrature import Still
+from difftrb.ring.phase_quadrature import HealthyRing
 from difftrb.scene import cage_phases
 from difftrb.scene.scene import Definition, PitchMean, Scene
 
@@ -43,7 +43,7 @@ class Blocks(NamedTuple):
 
     means: np.ndarray | jax.Array
     turns: np.ndarray | jax.Array
-    still: Still | None
+    still: HealthyRing | None
     loads: np.ndarray | jax.Array
     phases: np.ndarray | jax.Array
     mean: np.ndarray | jax.Array
@@ -155,12 +155,12 @@ def _blocks(numbers: dict[Condition, int], kinks: int, size: int, points: int) -
     return Blocks(means, np.array(len(turning)), None, loads, phases, mean, at, weight, of, np.array(len(found)))
 
 
-def _still(scene: Scene, means: np.ndarray, count: int) -> Still | None:
+def _still(scene: Scene, means: np.ndarray, count: int) -> HealthyRing | None:
     """See `Blocks.still`, of the first `count` of these means."""
     found = cage_phases.still(scene, means[:count]) if count else None
     if found is None:
         return None
-    return Still(*(np.concatenate([part, np.zeros((len(means) - count, part.shape[-1]))]) for part in found))
+    return HealthyRing(*(np.concatenate([part, np.zeros((len(means) - count, part.shape[-1]))]) for part in found))
 
 
 def of_changing(at: Conditions) -> Conditions:

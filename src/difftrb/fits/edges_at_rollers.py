@@ -174,11 +174,11 @@ def _cases(edges: Edges) -> np.ndarray:
         angle = np.concatenate([begins + half, ends - half])
         width = np.full(len(angle), edges.width)
     else:
-        away = [side * geometry.turned(angles - edges.angle) for side, angles in ((-1.0, begins), (1.0, ends))]
+        away = [side * geometry.wrapped(angles - edges.angle) for side, angles in ((-1.0, begins), (1.0, ends))]
         width = 2.0 * edges.radius * np.concatenate(away)
         width = width[(width > 0.0) & (width <= WIDEST * edges.pitch * edges.radius)]
         angle = np.full(len(width), edges.angle)
-    angle = geometry.turned(angle)
+    angle = geometry.wrapped(angle)
     return np.stack([width, angle], axis=1)[np.argsort(np.abs(angle), kind="stable")]
 
 
@@ -193,7 +193,7 @@ def _moves(edges: Edges, width: float, angle: float) -> np.ndarray:
     half, found = 0.5 * width / edges.radius, list[np.ndarray]()
     for side in (-1.0, 1.0):
         angles = _edge_angles(edges, side, ON_RAMP)
-        step = geometry.turned(angles - (angle + side * half))
+        step = geometry.wrapped(angles - (angle + side * half))
         step = step[np.abs(step) <= AWAY * edges.pitch]
         if len(edges.own) == 2:
             found.append(np.stack([width + side * step * edges.radius, angle + 0.5 * step], axis=1))
@@ -202,7 +202,7 @@ def _moves(edges: Edges, width: float, angle: float) -> np.ndarray:
         else:
             found.append(np.stack([width + 2.0 * side * step * edges.radius, np.full(len(step), angle)], axis=1))
     every = np.concatenate(found)
-    return np.stack([every[:, 0], geometry.turned(every[:, 1])], axis=1)[every[:, 0] > 0.0]
+    return np.stack([every[:, 0], geometry.wrapped(every[:, 1])], axis=1)[every[:, 0] > 0.0]
 
 
 def _edge_angles(edges: Edges, side: float, shares: np.ndarray) -> np.ndarray:

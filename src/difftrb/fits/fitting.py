@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.core import status
-from difftrb.core.bad_input import is_whole
+from difftrb.core.input_errors import is_whole
 from difftrb.fits import (
     batched_misfit,
     fit_remarks,

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple, get_args
 
 from pydantic import TypeAdapter, ValidationError
 
-from difftrb.core import bad_input
-from difftrb.core.bad_input import allowed, did_you_mean, shown
+from difftrb.core import input_errors
+from difftrb.core.input_errors import allowed, did_you_mean, shown
 from difftrb.fits.measured import ADVICE, SIGMA, MeasuredError, Measurement, Origin, Quantity, check, so_many
 from difftrb.fits.measured import column as heading
 
@@ -57,12 +57,12 @@ def load_measured(path: str | Path) -> tuple[Measurement, ...]:
     [kN], [N/µm] and other usual ones, [deg], [1] for a loss that is no percentage. Columns are separated by commas, or
     by semicolons or tabs with decimals as 1.5 or 1,5. Lines that begin with # are comments. At most 1 MB.
     """
-    return parse(bad_input.text_of(path, "a table of measurements", MeasuredError), path)
+    return parse(input_errors.text_of(path, "a table of measurements", MeasuredError), path)
 
 
 def example() -> str:
     """The text of the packaged measurements."""
-    return bad_input.packaged(".csv")["measured"]
+    return input_errors.packaged(".csv")["measured"]
 
 
 def parse(text: str, path: str | Path = "measured") -> tuple[Measurement, ...]:

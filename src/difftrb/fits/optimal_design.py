@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from difftrb.core import geometry
-from difftrb.core.bad_input import is_whole
+from difftrb.core.input_errors import is_whole
 from difftrb.fits import measured, predicted
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.least_squares import AT_BOUND
@@ -46,7 +46,7 @@ def candidates(fit: Fit) -> tuple[Measurement, ...]:
     half = 0.5 * float(geometry.roller_pitch(scene.bearing))
     first = scene.spalls[0]
     # a roller's own stays with roller 0, which bears most at the load line
-    centred = 0.0 if first.surface == "roller" else float(geometry.turned(float(first.angle)))
+    centred = 0.0 if first.surface == "roller" else float(geometry.wrapped(float(first.angle)))
     turns_along = any(spall.surface == "roller" for spall in scene.spalls)  # it has no mean
     kinds = [kind for kind in ("loss", "stiffness") if any(row.quantity.endswith(kind) for row in fit.rows)]
     definition = fit.rows[0].definition

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from difftrb.core import geometry, status
-from difftrb.core.bad_input import did_you_mean
 from difftrb.core.geometry import LineContact, Real
+from difftrb.core.input_errors import did_you_mean
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.numeric import bisected
 from difftrb.fits.least_squares import Bounds

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from difftrb.core.bad_input import is_whole, number_in, shown
+from difftrb.core.input_errors import is_whole, number_in, shown
 from difftrb.fits import batched_misfit, nested_sampling
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_problem import Problem, with_more

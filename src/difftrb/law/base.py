@@ -18,8 +18,8 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import packaged_bearings, status
-from difftrb.core.bad_input import shown
 from difftrb.core.geometry import LineContact, Real, Spall, TaperedBearing
+from difftrb.core.input_errors import shown
 from difftrb.law import load_curve, roller_curves
 from difftrb.law.load_curve import Curve
 from difftrb.law.roller_curves import RollerCurves

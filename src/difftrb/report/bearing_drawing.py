@@ -128,11 +128,11 @@ def unrolled_view(scene: Scene, solution: Solution, ax: Axes) -> None:
     reach = min(reach, np.pi * radius)
     ax.add_patch(Rectangle((-reach, -half), 2.0 * reach, 2.0 * half, fc=STEEL, ec="none"))
     for spall in spalls:
-        x = radius * float(geometry.turned(spall.angle - middle))
+        x = radius * float(geometry.wrapped(spall.angle - middle))
         corner = (x - 0.5 * float(spall.width), float(spall.axial_offset) - 0.5 * float(spall.length))
         ax.add_patch(Rectangle(corner, float(spall.width), float(spall.length), fc=SPALLED, alpha=0.75, ec=SPALLED))
     for j, (angle, load) in enumerate(zip(np.asarray(solution.angles), loads, strict=True)):
-        x = radius * float(geometry.turned(angle - middle))
+        x = radius * float(geometry.wrapped(angle - middle))
         if abs(x) > 0.98 * reach:
             continue
         ax.plot([x, x], [-half, half], color=HEALTHY if load > 0.0 else ACCENT, lw=1.6)

@@ -43,7 +43,7 @@ class Rings:
     def show(self, scene: Scene, turn: Turn, k: int) -> None:
         """The ring of a scene at the `k`-th phase of its cage's turn."""
         of = scene.bearing
-        places = np.asarray(geometry.turned(turn.phases[k] + float(geometry.roller_pitch(of)) * np.arange(of.rollers)))
+        places = np.asarray(geometry.wrapped(turn.phases[k] + float(geometry.roller_pitch(of)) * np.arange(of.rollers)))
         order = np.argsort(places)  # so that lines go from one to the next
         angle, radius = places[order], float(geometry.pitch_radius(of))
         spalled, healthy = turn.loads[k][order] / 1e3, turn.healthy_loads[k][order] / 1e3

@@ -48,7 +48,7 @@ def contacts_at_spall(scene: Scene, solution: Solution) -> list[DrawnContact]:
     row = max(every, key=lambda row: (float(np.max(_loads_at(solution, row, every[row]))), -row))
     at_spalls = _loads_at(solution, row, every[row])
     rollers = [int(j) for j in np.argsort(-at_spalls, kind="stable")[:MOST] if at_spalls[j] > 0.0]
-    rollers.sort(key=lambda j: float(geometry.turned(solution.angles[j])))
+    rollers.sort(key=lambda j: float(geometry.wrapped(solution.angles[j])))
     accuracy = min(scene.accuracy, FINE)
     found = []
     for j, raceway in itertools.product(rollers or [int(np.argmax(solution.loads_of(row)))], every[row]):

@@ -13,7 +13,7 @@ import numpy as np
 from rich.table import Table
 
 from difftrb.core import storage
-from difftrb.core.bad_input import named
+from difftrb.core.input_errors import named
 from difftrb.core.status import SceneError
 from difftrb.report import catalogue_uncertainty, console, remarks, tables
 from difftrb.scene import scene_file, solution

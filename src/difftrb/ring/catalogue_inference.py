@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from difftrb.core.bad_input import did_you_mean
 from difftrb.core.geometry import TaperedBearing
+from difftrb.core.input_errors import did_you_mean
 from difftrb.core.status import SceneError
 from difftrb.ring import catalogue_relations
 from difftrb.ring.catalogue_relations import (  # fmt: skip

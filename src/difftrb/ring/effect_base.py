@@ -16,8 +16,8 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 import jax
 
 from difftrb.core import fields, geometry
-from difftrb.core.bad_input import shown
 from difftrb.core.geometry import FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.core.input_errors import shown
 from difftrb.core.status import SceneError
 from difftrb.core.taylor import goes_through
 from difftrb.law.base import Law

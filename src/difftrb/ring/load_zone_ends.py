@@ -61,7 +61,7 @@ def nearest(phases: Any, displacement: Any, bearing: TaperedBearing, terms: Term
     of = xp.module_of(phases, displacement)
     for u, more in zip(rows_of(displacement, bearing, terms), thicker(bearing, terms), strict=True):
         ends, some = _ends(bearing, u, xp.total(more) / np.size(more) if np.ndim(more) else more)
-        off = of.where(some[..., None], geometry.turned(ends - phases[..., None], pitch), 0.0)  # (…, phases, sides)
+        off = of.where(some[..., None], geometry.wrapped(ends - phases[..., None], pitch), 0.0)  # (…, phases, sides)
         best = of.argmin(of.where(some[..., None], of.abs(off), np.inf), axis=-2)
         start, way = of.take_along_axis(phases, best, -1), of.take_along_axis(off, best[..., None, :], -2)[..., 0, :]
         if not are_different(terms):
@@ -88,7 +88,7 @@ def of_rings(bearing: TaperedBearing, terms: Terms, at: Any, rows: tuple[Any, ..
         own = xp.stack([ends[..., k, k % SIDES] for k in range(each)], axis=-1)
         if rollers is not None:
             away = own - geometry.roller_pitch(bearing) * rollers[..., mine] - at[..., mine]
-            own = at[..., mine] + geometry.turned(away, TURN)
+            own = at[..., mine] + geometry.wrapped(away, TURN)
         found.append(xp.where(some, own, at[..., mine]))
     return xp.concatenate(found, axis=-1)
 

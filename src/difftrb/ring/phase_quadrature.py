@@ -63,7 +63,7 @@ class Met(NamedTuple):
     law: Law
 
 
-class Still(NamedTuple):
+class HealthyRing(NamedTuple):
     """A healthy ring that lies alike at all phases: its displacement [mm], shape (…, 3); and of the approach of ring to
     rollers the share of the contact with every raceway met, shape (…, raceways)."""
 
@@ -73,7 +73,7 @@ class Still(NamedTuple):
 
 def borders(
     bearing: TaperedBearing, load: Load, met: tuple[Met, ...], at_rest: Callable[[Any], ring.Equilibrium],
-    terms: Terms = PLAIN, still: Still | None = None,
+    terms: Terms = PLAIN, still: HealthyRing | None = None,
 ) -> Any:  # fmt: skip
     """Angles of roller 0 [rad] between which nothing has a kink, over the pitch that begins at 0, rising from there to
     its end; shape (kinks + 2,). If there are several loads, of parts of shape (loads,), so are these in front.
@@ -185,10 +185,10 @@ class Search(NamedTuple):
 def _nearer(of_kinks: Any, at: Any, before: Search, period: Any) -> tuple[Any, Search]:
     """Where kinks are that are at `of_kinks` by rings at the phases `at` [rad], by a secant through what was `before`:
     where rollers lie in spalls a kink moves nearly as the cage turns. They are the same after a `period` [rad]."""
-    off = geometry.turned(of_kinks - at, period)
+    off = geometry.wrapped(of_kinks - at, period)
     now = before._replace(at=xp.fixed(at), off=xp.fixed(off))
     of = xp.module_of(now.at, before.at)
-    way = geometry.turned(now.at - before.at, period)
+    way = geometry.wrapped(now.at - before.at, period)
     far = of.abs(way) > LEAST_WAY * period
     slope = (now.off - before.off) / of.where(far, way, 1.0)
     slope = of.where(far & (slope > STEEPEST) & (slope < FLATTEST), slope, before.slope)

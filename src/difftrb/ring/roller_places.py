@@ -43,9 +43,9 @@ def distances(bearing: TaperedBearing, spalls: tuple[Spall, ...], angles: Any, r
 
     def away(spall: Spall) -> Any:
         if spall.surface != "roller":
-            return radius * geometry.turned(angles - spall.angle)
+            return radius * geometry.wrapped(angles - spall.angle)
         # on the roller's other side an angle about its axis leads the other way along the cage's turn
-        own = geometry.mean_roller_radius(bearing) * geometry.turned(
+        own = geometry.mean_roller_radius(bearing) * geometry.wrapped(
             spall.angle - np.pi if raceway == "inner" else -spall.angle
         )
         return xp.where(first, own, np.pi * radius) + 0.0 * angles

@@ -19,7 +19,7 @@ from difftrb.law.base import Law
 from difftrb.law.direct_states import DirectByStates
 from difftrb.ring import phase_quadrature, ring, roller_places
 from difftrb.ring.load import Load
-from difftrb.ring.phase_quadrature import Still
+from difftrb.ring.phase_quadrature import HealthyRing
 from difftrb.scene.scene import (
     PitchMean,
     Scene,
@@ -32,7 +32,7 @@ from difftrb.scene.scene import (
 )
 
 
-def phases(scene: Scene, still: Still | None = None) -> tuple[Any, Any]:
+def phases(scene: Scene, still: HealthyRing | None = None) -> tuple[Any, Any]:
     """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each;
     `still` as in `pitch_borders`."""
     if not isinstance(scene.phase, PitchMean):
@@ -45,7 +45,7 @@ def phases(scene: Scene, still: Still | None = None) -> tuple[Any, Any]:
 def nearest_phase(scene: Scene, angle: float) -> Scene:
     """A prepared scene at the phase of its mean at which roller 0, or another, stands nearest to an angle [rad]."""
     pitch, each = float(geometry.roller_pitch(scene.bearing)), np.asarray(phases(scene)[0])
-    k = int(np.argmin(np.abs(geometry.turned(each - angle, pitch))))
+    k = int(np.argmin(np.abs(geometry.wrapped(each - angle, pitch))))
     return at_phase_numbered(scene, k, float(each[k]))
 
 
@@ -66,7 +66,7 @@ def _of_laws(scene: Scene, change: Callable[[DirectByStates], Any]) -> Scene:
 
 
 @np.errstate(all="ignore")
-def pitch_borders(scene: Scene, still: Still | None = None) -> Any:
+def pitch_borders(scene: Scene, still: HealthyRing | None = None) -> Any:
     """Between which phases a prepared scene has no kink [rad]; `still` as in `phase_quadrature.borders`. Loads may be
     several. Laws of one scene know its rollers at the phases alone: then kinks are where rings by the table have them,
     and of rollers that this does not know where healthy rings do."""
@@ -101,7 +101,7 @@ def _met(scene: Scene) -> tuple[phase_quadrature.Met, ...]:
 
 
 @np.errstate(all="ignore")
-def still(scene: Scene, loads: np.ndarray) -> Still | None:
+def still(scene: Scene, loads: np.ndarray) -> HealthyRing | None:
     """A prepared scene's healthy ring under radial and axial `loads` [N], shape (loads, 2), which no size of a spall
     changes. None where rings are not `ALIKE` at other phases, or tilt."""
     scene = xp.numbers(healthy(scene))
@@ -115,4 +115,4 @@ def still(scene: Scene, loads: np.ndarray) -> Still | None:
     if found.shape[-1] != 3 or not np.all(apart <= phase_quadrature.ALIKE * np.abs(found).max(axis=(1, 2))):
         return None
     shares = [np.broadcast_to(share, each.radial.shape) for share in phase_quadrature.shares(met, rest, terms)]
-    return Still(found[:, 0], np.stack(shares, axis=-1)[:: len(turned)])
+    return HealthyRing(found[:, 0], np.stack(shares, axis=-1)[:: len(turned)])

@@ -18,9 +18,9 @@ import numpy as np
 from difftrb.contact.height_map import HIGHEST, HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, packaged_bearings, status
-from difftrb.core.bad_input import number_in, shown
 from difftrb.core.bearing_checks import across, as_numbers, first, fit_together
 from difftrb.core.geometry import LineContact, Spall, TaperedBearing
+from difftrb.core.input_errors import number_in, shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law.base import Law

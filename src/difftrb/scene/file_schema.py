@@ -13,8 +13,8 @@ from annotated_types import Interval, Unit
 from pydantic import TypeAdapter, ValidationError
 
 from difftrb.core import geometry, packaged_bearings
-from difftrb.core.bad_input import UNKNOWN_KEY, in_one_sentence
 from difftrb.core.geometry import DESIGN_LOAD, FILE_RULES, LineContact, Real, Spall, TaperedBearing
+from difftrb.core.input_errors import UNKNOWN_KEY, in_one_sentence
 from difftrb.core.status import SceneError
 from difftrb.ring import effect_base
 from difftrb.ring.catalogue_inference import CatalogueBearing, estimated

@@ -13,8 +13,8 @@ from annotated_types import Interval, Unit
 from difftrb.contact.height_map import HeightMap
 from difftrb.core import arrays as xp
 from difftrb.core import fields, packaged_bearings
-from difftrb.core.bad_input import did_you_mean, is_whole, shown
 from difftrb.core.geometry import DESIGN_LOAD, LineContact, Raceway, Real, Spall, TaperedBearing
+from difftrb.core.input_errors import did_you_mean, is_whole, shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.law import direct_states, power, table

@@ -10,10 +10,10 @@ from typing import Any
 
 from difftrb.contact import height_map
 from difftrb.contact.height_map import HeightMap
-from difftrb.core import bad_input
-from difftrb.core.bad_input import shown
+from difftrb.core import input_errors
 from difftrb.core.bearing_checks import across
 from difftrb.core.geometry import Spall
+from difftrb.core.input_errors import shown
 from difftrb.core.status import SceneError
 from difftrb.law import base as laws
 from difftrb.ring import effects
@@ -41,7 +41,7 @@ def load_scene(path: str | Path) -> Scene:
 
 def example(name: str = "spall") -> str:
     """The text of a packaged scene; `SceneError` lists the names there are."""
-    texts = bad_input.packaged(".toml")
+    texts = input_errors.packaged(".toml")
     if name not in texts:
         raise SceneError(f"no example named {name!r}; there are {', '.join(texts)}")
     return texts[name]
@@ -49,7 +49,7 @@ def example(name: str = "spall") -> str:
 
 def example_names() -> list[str]:
     """Names of the packaged scenes."""
-    return list(bad_input.packaged(".toml"))
+    return list(input_errors.packaged(".toml"))
 
 
 def read(path: str | Path) -> SceneFile:
@@ -59,7 +59,7 @@ def read(path: str | Path) -> SceneFile:
 
 def text_of(path: str | Path) -> str:
     """The text of a scene file, at most 1 MB; raises `SceneError`."""
-    return bad_input.text_of(path, "a scene file", SceneError)
+    return input_errors.text_of(path, "a scene file", SceneError)
 
 
 def parse(text: str, path: str | Path = "scene") -> SceneFile:

@@ -16,7 +16,7 @@ import jax
 import numpy as np
 from annotated_types import Interval, Unit
 
-from difftrb.core.bad_input import did_you_mean, dotted, number_in, shown
+from difftrb.core.input_errors import did_you_mean, dotted, number_in, shown
 from difftrb.core.status import SweepError
 from difftrb.scene.scene import Scene
 

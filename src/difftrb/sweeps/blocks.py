@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core.bad_input import is_whole
+from difftrb.core.input_errors import is_whole
 from difftrb.core.machine import accelerator
 from difftrb.core.status import SweepError
 from difftrb.sweeps.axes import Axis

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.core import status
-from difftrb.core.bad_input import shown
+from difftrb.core.input_errors import shown
 from difftrb.core.status import SweepError
 from difftrb.scene.scene import healthy
 from difftrb.scene.solution import Solution, stiffness_loss

@@ -26,7 +26,7 @@ import numpy as np
 from jax.sharding import SingleDeviceSharding
 
 from difftrb.core import jax_config, status, traced_programs
-from difftrb.core.bad_input import shown
+from difftrb.core.input_errors import shown
 from difftrb.core.status import SweepError
 from difftrb.sweeps import blocks
 from difftrb.sweeps.axes import Axis, number_at, replaced

@@ -14,8 +14,8 @@ import numpy as np
 
 from difftrb.contact.contact_solution import ContactSolution
 from difftrb.contact.solver import solve_contact
-from difftrb.core.bad_input import did_you_mean, dotted, shown
 from difftrb.core.bearing_checks import across
+from difftrb.core.input_errors import did_you_mean, dotted, shown
 from difftrb.core.status import SceneError, SweepError
 from difftrb.law.samples import Progress
 from difftrb.report import console, remarks

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from difftrb.core import status
-from difftrb.core.bad_input import shown
+from difftrb.core.input_errors import shown
 from difftrb.core.status import SweepError
 from difftrb.law.base import Law
 from difftrb.scene.scene import PitchMean, Scene

@@ -17,8 +17,8 @@ import numpy as np
 
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, implicit, status
-from difftrb.core.bad_input import is_whole
 from difftrb.core.geometry import Real, TaperedBearing
+from difftrb.core.input_errors import is_whole
 from difftrb.core.jax_config import jit_quickly
 from difftrb.core.status import SceneError
 from difftrb.law import base
@@ -303,7 +303,7 @@ def _turned(scene: Scene, cage: Any) -> Scene:
     ways = {"inner": 1.0 / geometry.cage_share(scene.bearing), "roller": -geometry.spin_share(scene.bearing)}
     spalls = tuple(
         spall if spall.surface == "outer"
-        else dataclasses.replace(spall, angle=geometry.turned(spall.angle + ways[spall.surface] * turn))
+        else dataclasses.replace(spall, angle=geometry.wrapped(spall.angle + ways[spall.surface] * turn))
         for spall in scene.spalls
     )  # fmt: skip
     return dataclasses.replace(scene, phase=cage, spalls=spalls)

@@ -9,8 +9,8 @@ from annotated_types import Interval, Unit
 
 from difftrb.core import arrays as xp
 from difftrb.core import fields, geometry, packaged_bearings
-from difftrb.core.bad_input import shown
 from difftrb.core.geometry import Real, TaperedBearing
+from difftrb.core.input_errors import shown
 from difftrb.core.status import SceneError
 
 if TYPE_CHECKING:

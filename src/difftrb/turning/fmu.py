@@ -19,7 +19,7 @@ from importlib import resources
 from pathlib import Path
 
 from difftrb.core import geometry, storage
-from difftrb.core.bad_input import named
+from difftrb.core.input_errors import named
 from difftrb.core.status import SceneError
 from difftrb.turning.cage_turn import CageTurn
 from difftrb.turning.ross import DOWN, RPM, Axial, over_axes

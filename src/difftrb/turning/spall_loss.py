@@ -14,7 +14,7 @@ from difftrb.core.taylor import Taylor
 from difftrb.law import base
 from difftrb.law.base import Law
 from difftrb.ring import effect_base
-from difftrb.ring.phase_quadrature import Still
+from difftrb.ring.phase_quadrature import HealthyRing
 from difftrb.scene.cage_phases import phases as phases_of
 from difftrb.scene.cage_phases import still
 from difftrb.scene.prepared_scene import as_defined, at_phases, solve_prepared
@@ -92,7 +92,7 @@ def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap |
     whole = xp.numbers(mean).both_stiffnesses
     values = np.full((3, 2, len(lengths), len(widths)), np.nan)
     known = still(scene, np.array([[scene.load.radial, scene.load.axial]], float))
-    at_rest = None if known is None else Still(*(part[0] for part in known))
+    at_rest = None if known is None else HealthyRing(*(part[0] for part in known))
     with np.errstate(all="ignore"):
         for i, length in enumerate(lengths):
             rows = _losses(scene, whole, float(length), widths, at_rest)
@@ -132,7 +132,9 @@ def _is_for_all_phases(scene: Scene) -> bool:
     return stays and not base.kind(cast(Law, scene.law).name).one_scene
 
 
-def _losses(scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray, at_rest: Still | None) -> np.ndarray:
+def _losses(
+    scene: Scene, whole: np.ndarray, length: float, widths: np.ndarray, at_rest: HealthyRing | None
+) -> np.ndarray:
     """Loss [%] and its derivatives by length and width [% per mm] of spalls of one length and several widths, shape (3,
     2, widths), all their phases at once; NaN without a solution. `at_rest`: the healthy ring, if all phases have the
     same."""
