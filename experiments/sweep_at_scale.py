@@ -45,7 +45,7 @@ from difftrb.core import jax_config
 from difftrb.core.machine import lanes_of
 from difftrb.report import figure_style
 from difftrb.scene import scene_file
-from difftrb.sweeps import chunks, sweep_plot, sweeping
+from difftrb.sweeps import chunk_sharing, sweep_plot, sweeping
 from difftrb.sweeps.blocks import LARGEST_CHUNK
 from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.store import done_in, store_of
@@ -93,7 +93,7 @@ def plan(members: int, law: str, batch: int | None = None, over: str = "loads") 
 
 
 def child(members: int, law: str, devices: int, over: str = "loads") -> dict[str, float]:
-    """Measured in this process: seconds of `chunks.run` in all and since the first chunk was there, megabytes."""
+    """Measured in this process: seconds of `chunk_sharing.run`, all and since the first chunk was there; megabytes."""
     jax_config.set_up_jax(cache=True)
     made = plan(members, law, over=over)
     marks: list[tuple[float, float, int]] = []
@@ -104,7 +104,7 @@ def child(members: int, law: str, devices: int, over: str = "loads") -> dict[str
     with tempfile.TemporaryDirectory() as folder:
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         started = time.perf_counter()
-        ended = chunks.run(made, Path(folder), devices=devices, progress=mark)
+        ended = chunk_sharing.run(made, Path(folder), devices=devices, progress=mark)
         seconds = time.perf_counter() - started
         disk = sum(file.stat().st_size for file in Path(folder).rglob("*") if file.is_file())
     (first, worked, had), (last, worked_at_last, done) = marks[1], marks[-1]

@@ -26,7 +26,7 @@ import numpy as np
 
 from difftrb.core import status
 from difftrb.core.machine import accelerator
-from difftrb.sweeps import chunks
+from difftrb.sweeps import chunk_sharing
 from difftrb.sweeps.outputs import STATUS
 from difftrb.sweeps.plan import Plan, Program
 from experiments.sweep_at_scale import plan
@@ -94,7 +94,7 @@ def whole(law: str, members: int) -> None:
     for _ in range(2):
         with tempfile.TemporaryDirectory() as folder:
             began = time.perf_counter()
-            ended = chunks.run(made, Path(folder))
+            ended = chunk_sharing.run(made, Path(folder))
             seconds = time.perf_counter() - began
             disk = sum(file.stat().st_size for file in Path(folder).rglob("*") if file.is_file())
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from difftrb.scene.scene_file import load_scene
     from difftrb.scene.solution import Assessment, Solution
     from difftrb.scene.solving import assess, prepare, solve
-    from difftrb.sweeps.chunks import compute_chunk, write_sweep
+    from difftrb.sweeps.chunk_sharing import compute_chunk, write_sweep
     from difftrb.sweeps.store import load_sweep
     from difftrb.sweeps.sweep_file import load_plan
     from difftrb.sweeps.sweeping import plan_sweep, sweep
@@ -74,7 +74,7 @@ _HOMES = {
     "scene.solution": ("Assessment", "Solution"),
     "scene.solving": ("assess", "prepare", "solve"),
     "core.status": ("DifftrbError", "SceneError", "SolveError", "SweepError"),
-    "sweeps.chunks": ("compute_chunk", "write_sweep"),
+    "sweeps.chunk_sharing": ("compute_chunk", "write_sweep"),
     "sweeps.store": ("load_sweep",),
     "sweeps.sweep_file": ("load_plan",),
     "sweeps.sweeping": ("plan_sweep", "sweep"),

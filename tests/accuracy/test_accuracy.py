@@ -17,7 +17,7 @@ from difftrb.accuracy import accuracy_report, ladder, timing
 from difftrb.accuracy.ladder import Measured, Row, Rung
 from difftrb.core import machine
 from difftrb.law.base import LAWS
-from difftrb.report import figure_style
+from difftrb.report import figure_style, tables
 from difftrb.scene import scene_file
 
 ROW_KEYS = {
@@ -255,3 +255,12 @@ def test_every_law_that_is_registered_is_measured(monkeypatch) -> None:
 def test_an_accuracy_out_of_range_is_refused(capsys) -> None:
     assert cli.main(["--no-cache", "accuracy", "--accuracy", "2"]) == 2
     assert "--accuracy = 2: must be a number in 1e-06 … 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.0, "0 s"), (3e-7, "0.3 µs"), (0.0471, "47 ms"), (0.996, "1 s"), (99.6, "100 s"), (149.0, "2.5 min"),
+     (5990.0, "1.7 h"), (math.nan, "–")],
+)  # fmt: skip
+def test_durations_have_two_digits(seconds: float, text: str) -> None:
+    assert tables.duration(seconds) == text

@@ -11,7 +11,7 @@ import pytest
 import difftrb as trb
 from difftrb.core import arrays as xp
 from difftrb.core import geometry
-from difftrb.scene import cage_phases, expected_loads, prepared_scene
+from difftrb.scene import cage_phases, largest_roller_load, prepared_scene
 
 pytestmark = pytest.mark.exact
 
@@ -263,7 +263,7 @@ def test_laws_by_contact_solves_reach_the_load_of_a_narrow_zone(bearing, rollers
         scene = fewer(bearing, rollers, ratio * least, law="liu2018")
         at = 0.0 if ratio < 1.5 else 0.1
         loads = np.asarray(trb.solve(dataclasses.replace(scene, phase=at)).check().loads)
-        assert 0.95 * loads.max() < expected_loads.largest_for_curves(scene) < 1.6 * loads.max()
+        assert 0.95 * loads.max() < largest_roller_load.largest_for_curves(scene) < 1.6 * loads.max()
 
 
 @pytest.mark.parametrize("effect", [trb.effects.Mounting(-0.02), trb.effects.DoubleRow(0.02)])
@@ -271,7 +271,7 @@ def test_what_holds_a_ring_without_axial_load_is_no_narrow_zone(bearing, effect)
     """The load alone holds no ring here: a roller that carries all of it made ranges four and fourteen times as far."""
     scene = trb.Scene(bearing, trb.Load(9000.0, 0.0), law="liu2018", effects=(effect,))
     top = float(trb.solve(scene).check().loads.max())
-    assert top < expected_loads.largest_for_curves(scene) < 4.0 * top
+    assert top < largest_roller_load.largest_for_curves(scene) < 4.0 * top
 
 
 def test_another_word_for_the_mean_is_refused(scene) -> None:

@@ -25,7 +25,7 @@ from difftrb.law import power
 from difftrb.report import figure_style
 from difftrb.ring.load import largest_load
 from difftrb.scene import scene_file
-from difftrb.sweeps import axes, blocks, chunks, shared_law, store, sweep_file, sweep_plot, sweeping
+from difftrb.sweeps import axes, blocks, chunk_sharing, shared_law, store, sweep_file, sweep_plot, sweeping
 from difftrb.sweeps.plan import Plan, Program
 from difftrb.sweeps.swept import front, manifest_of
 
@@ -57,7 +57,7 @@ def plan() -> Plan:
 def whole(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep into files that nothing interrupted."""
     folder = tmp_path_factory.mktemp("whole") / "out"
-    ended = chunks.run(plan, folder, devices=1)
+    ended = chunk_sharing.run(plan, folder, devices=1)
     assert (ended.computed, ended.failed) == (plan.chunks, sum(ended.counts.values()) - ended.counts["converged"])
     return folder
 
@@ -193,9 +193,9 @@ def test_a_sweep_that_is_there_but_for_a_chunk_needs_room_for_that(
     needed = plan.members * sweeping.bytes_of_member(plan) // plan.chunks
     monkeypatch.setattr(sweeping, "free_disk", lambda _: needed - 1)
     with pytest.raises(trb.SweepError, match="bytes still take"):
-        chunks.run(plan, out, resume=True)
+        chunk_sharing.run(plan, out, resume=True)
     monkeypatch.setattr(sweeping, "free_disk", lambda _: needed + 1)
-    assert chunks.run(plan, out, resume=True).computed == 1
+    assert chunk_sharing.run(plan, out, resume=True).computed == 1
 
 
 # ------------------------------------------------------------------------------------------------ numbers
@@ -362,10 +362,10 @@ def test_what_is_damaged_is_found_and_made_again(
     with pytest.raises(trb.SweepError, match="not finished" if gone else "chunk 1 is missing or damaged; go on with"):
         trb.load_sweep(out)
     said: list[str] = []
-    assert chunks.run(plan, out, resume=True, say=said.append).computed == 1
+    assert chunk_sharing.run(plan, out, resume=True, say=said.append).computed == 1
     assert said == ([] if gone else [f"{out}/sweep.zarr: chunk 1 is damaged: computed again"])
     assert bytes_of(out) == before
-    assert chunks.run(plan, out, resume=True).computed == 0
+    assert chunk_sharing.run(plan, out, resume=True).computed == 0
 
 
 @needs_zarr
@@ -374,7 +374,7 @@ def test_what_is_damaged_is_found_and_made_again(
 def test_descriptions_are_made_again(plan: Plan, whole: Path, tmp_path: Path, file: str, damage: str) -> None:
     before, out = bytes_of(whole), copied(whole, tmp_path)
     damages()[damage](out / "sweep.zarr" / file)
-    assert chunks.run(plan, out, resume=True).computed == 0
+    assert chunk_sharing.run(plan, out, resume=True).computed == 0
     assert bytes_of(out) == before
     (out / "sweep.zarr" / "zarr.json").unlink()
     with pytest.raises(trb.SweepError, match="there is no sweep here"):
@@ -388,7 +388,7 @@ def test_what_killed_processes_left_is_removed_after_an_hour(plan: Plan, whole: 
     for path in (old, new):
         path.write_bytes(b"half")
     os.utime(old, (0, 0))
-    assert chunks.run(plan, out, resume=True).computed == 0
+    assert chunk_sharing.run(plan, out, resume=True).computed == 0
     assert (old.exists(), new.exists()) == (False, True)
 
 
@@ -398,11 +398,11 @@ def test_without_zarr_chunks_are_npz(plan: Plan, whole: Path, tmp_path: Path, mo
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
         patch.setattr(store, "has_zarr", lambda: False)
-        assert chunks.run(plan, out, devices=1).computed == plan.chunks
+        assert chunk_sharing.run(plan, out, devices=1).computed == plan.chunks
         with pytest.raises(trb.SweepError, match=r"sweep.zarr: is read and written by zarr, .* pip install '\."):
             trb.load_sweep(whole)
         with pytest.raises(trb.SweepError, match=r"sweep\.zarr: is read and written by zarr"):
-            chunks.run(plan, "memory://bucket")
+            chunk_sharing.run(plan, "memory://bucket")
     before = bytes_of(out)
     assert sorted(before) == ["axes.npz", *(f"chunk_00000{i}.npz" for i in range(5)), "manifest.json"]
     swept, other = trb.load_sweep(out), trb.load_sweep(whole)
@@ -415,12 +415,12 @@ def test_without_zarr_chunks_are_npz(plan: Plan, whole: Path, tmp_path: Path, mo
         (out / name).write_bytes(b"half")
     os.utime(out / "chunk_000000.npz-abc.part", (0, 0))
     said: list[str] = []
-    ended = chunks.run(plan, out, resume=True, say=said.append)
+    ended = chunk_sharing.run(plan, out, resume=True, say=said.append)
     assert ended.computed == 3
     assert sorted(said) == [f"{out}: chunk {chunk} is damaged: computed again" for chunk in (1, 2)]
     (out / "own-download.part").unlink()
     assert bytes_of(out) == before
-    assert chunks.run(plan, out, resume=True).computed == 0
+    assert chunk_sharing.run(plan, out, resume=True).computed == 0
 
 
 @needs_zarr
@@ -446,8 +446,8 @@ def test_a_full_disk_leaves_what_is_written(
             patch.setattr(store.Zarr if kind == "zarr" else store.Npz, "write", full)
             patch.setattr("difftrb.sweeps.blocks.CHUNKS_AT_ONCE", 1)
             with pytest.raises(trb.SweepError, match=r"File too large: 2 of 5 chunks are written and stay good; make"):
-                chunks.run(plan, out, resume=True, devices=1)
-    assert chunks.run(plan, out, resume=True).computed == plan.chunks - 2
+                chunk_sharing.run(plan, out, resume=True, devices=1)
+    assert chunk_sharing.run(plan, out, resume=True).computed == plan.chunks - 2
     monkeypatch.undo()
     if kind == "zarr":
         assert bytes_of(out) == bytes_of(whole)
@@ -460,7 +460,7 @@ def test_a_folder_that_cannot_be_written(plan: Plan, tmp_path: Path, monkeypatch
 
     monkeypatch.setattr(Path, "mkdir", denied)
     with pytest.raises(trb.SweepError, match=r"out: Permission denied: nothing is written$"):
-        chunks.run(plan, tmp_path / "out")
+        chunk_sharing.run(plan, tmp_path / "out")
 
 
 # ------------------------------------------------------------------------------------------------ other places
@@ -501,7 +501,7 @@ def test_a_sweep_in_a_bucket(plan: Plan, whole: Path, bucket: type) -> None:
     bucket.refuse = staticmethod(refuse)  # type: ignore[attr-defined]
     words = r"^failing://bucket/run/sweep.zarr: 503 slow down: \d of 5 chunks are written and stay good; make room or"
     with pytest.raises(trb.SweepError, match=words):
-        chunks.run(plan, "failing://bucket/run", devices=1)
+        chunk_sharing.run(plan, "failing://bucket/run", devices=1)
 
     def refuse_reads(what: str, path: str) -> None:
         if what == "read":
@@ -511,13 +511,13 @@ def test_a_sweep_in_a_bucket(plan: Plan, whole: Path, bucket: type) -> None:
     with pytest.raises(trb.SweepError, match="the token has expired"):
         trb.load_sweep("failing://bucket/run")
     with pytest.raises(trb.SweepError, match="the token has expired"):
-        chunks.run(plan, "failing://bucket/run", resume=True)
+        chunk_sharing.run(plan, "failing://bucket/run", resume=True)
     bucket.refuse = staticmethod(lambda _, __: None)  # type: ignore[attr-defined]
     path = next(path for path in MemoryFileSystem.store if path.endswith("axial_stiffness/c/1/0"))
     MemoryFileSystem.store[path].seek(0)
     MemoryFileSystem.store[path].write(b"noise")
     said: list[str] = []
-    chunks.run(plan, "failing://bucket/run", resume=True, say=said.append)
+    chunk_sharing.run(plan, "failing://bucket/run", resume=True, say=said.append)
     assert said == ["failing://bucket/run/sweep.zarr: chunk 1 is damaged: computed again"]
     there = trb.load_sweep("failing://bucket/run").to_xarray()
     assert there.identical(trb.load_sweep(whole).to_xarray())
@@ -526,7 +526,7 @@ def test_a_sweep_in_a_bucket(plan: Plan, whole: Path, bucket: type) -> None:
 @needs_zarr
 def test_a_url_that_cannot_be_opened(plan: Plan) -> None:
     with pytest.raises(trb.SweepError, match=r"^nowhere://bucket/run/sweep\.zarr: Protocol not known: nowhere$"):
-        chunks.run(plan, "nowhere://bucket/run")
+        chunk_sharing.run(plan, "nowhere://bucket/run")
 
 
 def test_xarray_opens_it_half_way(plan: Plan, whole: Path, tmp_path: Path) -> None:
@@ -585,18 +585,18 @@ def test_a_sweep_by_the_table_goes_on_in_another_process(tmp_path: Path) -> None
 
 def test_folders_that_are_refused(plan: Plan, whole: Path, tmp_path: Path) -> None:
     with pytest.raises(trb.SweepError, match="holds a sweep already; go on with --resume"):
-        chunks.run(plan, whole)
+        chunk_sharing.run(plan, whole)
     changed = FILE.replace("radial = 9000.0", "radial = 9001.0")
     with pytest.raises(trb.SweepError, match="of another scene file; undo the change"):
-        chunks.run(made(changed), whole, resume=True)
+        chunk_sharing.run(made(changed), whole, resume=True)
     other = dataclasses.replace(plan, base=dataclasses.replace(plan.base, definition="secant"))
     with pytest.raises(trb.SweepError, match="of a scene with other numbers"):
-        chunks.run(other, whole, resume=True)
+        chunk_sharing.run(other, whole, resume=True)
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(trb.SweepError, match="is a file; name a folder"):
-        chunks.run(plan, tmp_path / "file")
+        chunk_sharing.run(plan, tmp_path / "file")
     with pytest.raises(trb.SweepError, match="Not a directory: nothing is written"):
-        chunks.run(plan, tmp_path / "file" / "out")
+        chunk_sharing.run(plan, tmp_path / "file" / "out")
     with pytest.raises(trb.SweepError, match="there is no sweep here"):
         trb.load_sweep(tmp_path)
 
@@ -774,7 +774,7 @@ def test_shares() -> None:
 def test_shares_that_are_none_write_nothing(plan: Plan, tmp_path: Path, share: tuple[int, int]) -> None:
     """(3, 2) wrote chunks that no sweep has."""
     with pytest.raises(trb.SweepError, match=r"^share = \(\d, \d\): must be \(i, n\)"):
-        chunks.run(plan, tmp_path / "out", share=share)
+        chunk_sharing.run(plan, tmp_path / "out", share=share)
     assert not (tmp_path / "out").exists()
 
 
@@ -809,10 +809,10 @@ def test_two_devices_make_the_same_files(whole: Path, tmp_path: Path) -> None:
         "from pathlib import Path; import difftrb\n"
         "from difftrb.core import jax_config\n"
         f"jax_config.OPTIONS.update({jax_config.OPTIONS})\n"  # other options, other bytes
-        "from difftrb.sweeps import shared_law, chunks, sweep_file\n"
+        "from difftrb.sweeps import shared_law, chunk_sharing, sweep_file\n"
         "text = Path(sys.argv[2]).read_text()\n"
         "assert len(jax.local_devices()) == 2\n"
-        "chunks.run(sweep_file.parse(text).plan(3), Path(sys.argv[3]))\n"
+        "chunk_sharing.run(sweep_file.parse(text).plan(3), Path(sys.argv[3]))\n"
     )
     file = tmp_path / "scene.toml"
     file.write_text(FILE, encoding="utf-8")
@@ -831,8 +831,8 @@ def test_workers_of_dask_make_the_same_files(whole: Path, plan: Plan, tmp_path: 
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0"
     ) as cluster:
-        ended = chunks.run(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
-        store, _ = chunks._begun(plan, tmp_path / "gone", False)
+        ended = chunk_sharing.run(plan, tmp_path / "out", scheduler=cluster.scheduler_address)
+        store, _ = chunk_sharing._begun(plan, tmp_path / "gone", False)
         for lost in (distributed.comm.CommClosedError("in <TCP>: Stream is closed"), CancelledError("a chunk")):
 
             def order(lost: BaseException = lost) -> Iterator[int]:
@@ -840,10 +840,10 @@ def test_workers_of_dask_make_the_same_files(whole: Path, plan: Plan, tmp_path: 
                 yield
 
             with (
-                pytest.raises(trb.SweepError, match=f"{chunks.GONE}: nothing is written"),
-                chunks._stays_good(store, plan),
+                pytest.raises(trb.SweepError, match=f"{chunk_sharing.GONE}: nothing is written"),
+                chunk_sharing._stays_good(store, plan),
             ):
-                list(chunks._by_workers(cluster.scheduler_address, plan, store, 1, order()))
+                list(chunk_sharing._by_workers(cluster.scheduler_address, plan, store, 1, order()))
     assert ended.computed == plan.chunks
     assert bytes_of(tmp_path / "out") == bytes_of(whole)
 

@@ -8,7 +8,7 @@ import pytest
 
 import difftrb as trb
 from difftrb.scene import scene_file
-from difftrb.sweeps import chunks, outputs, sweep_file, sweep_plot
+from difftrb.sweeps import chunk_sharing, outputs, sweep_file, sweep_plot
 from difftrb.sweeps.outputs import Output
 
 TOYS = (
@@ -55,7 +55,7 @@ def test_a_sweep_knows_it(scene: trb.Scene) -> None:
 
 def test_a_sweep_file_knows_it(tmp_path: Path) -> None:
     plan = sweep_file.parse(FILE).plan()
-    assert chunks.run(plan, tmp_path / "out").failed == 0
+    assert chunk_sharing.run(plan, tmp_path / "out").failed == 0
     swept = trb.load_sweep(tmp_path / "out")
     assert set(swept.values) == {"peak_load", *NAMES}
     assert swept.units["loaded_rollers"] == "rollers"

@@ -1,7 +1,8 @@
 """Series of powers and of Chebyshev polynomials, of arrays and of their expansions.
 
-`polynomial` takes all; `horner`, `derivative` and `with_slope` take numbers and arrays. What is traced has rules of its
-own for further derivatives: few operations, where differentiating these takes many.
+`polynomial` takes all; `horner`, `derivative` and `with_slope` take numbers and arrays. `chebyshev`
+takes one number in −1 … 1, `chebyshev_by_recurrence` any, of any shape. What is traced has rules of its own for further
+derivatives: few operations, where differentiating these takes many.
 """
 
 from __future__ import annotations

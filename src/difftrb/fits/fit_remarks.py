@@ -52,7 +52,7 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
             f"{names} may lie beyond the range that is searched, and all others would move: nothing is determined"
         )
     healthy = _no_spall_needed(fit)
-    too_few = fit.freedom < 0 and fit.explained
+    too_few = undetermined.by_too_few_rows(fit) and not healthy
     if healthy:
         remarks.append(healthy)
     elif too_few:
@@ -65,7 +65,7 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
             f"the range of more than {MANY} parameters is scanned thinly: an answer that fits as well may be missed; "
             f"difftrb.fit(…, starts={4 * search.scan_size(len(fit.parameters))}) looks closer"
         )
-    if fit.freedom <= 0 and (healthy or not too_few):
+    if fit.freedom <= 0 and not too_few:
         remarks.append("there are no more rows than parameters, so none checks the fit")
     if fit.sigma_estimated:
         kind = "losses" if all(row.is_loss for row in fit.rows) else "values"

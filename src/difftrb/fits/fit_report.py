@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from difftrb.core import status
-from difftrb.fits import bearing_uncertainty, measured, measured_table, spall_count
+from difftrb.fits import bearing_uncertainty, measured, measured_table, spall_count, undetermined
 from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.conditions import Condition, row_conditions
 from difftrb.fits.fit_figure import PERCENT, corner, fit_panels
@@ -154,7 +154,7 @@ def _table_of_rows(fit: Fit) -> Table:
 def _lines(fit: Fit, suggestions: tuple[Suggestion, ...]) -> list[str]:
     """What is to say beside the tables: remarks, what to measure next, what the fit rests on."""
     lines = [*fit.remarks]
-    if fit.alternatives:
+    if fit.alternatives and not undetermined.by_too_few_rows(fit):
         lines.insert(0, "other answers are possible, see below; intervals hold those that fit as well, standard errors "
                      "are of the one in the table alone")  # fmt: skip
     if len(fit.parameters) > 1 and fit.freedom >= 0:  # else it is none of the data

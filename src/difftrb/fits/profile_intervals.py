@@ -66,7 +66,7 @@ class Profiles(NamedTuple):
       coordinates: points, rising, shape (parameters, points). rise: of twice the cost over its least, same shape.
       ends: of the interval, in coordinates, shape (parameters, 2); see `SURE`. open: whether an end is the bound, not
         the data's.
-      at_ends: the last places within these, of all parameters, shape (parameters, 2, parameters).
+      at_ends: the last points within these, of all parameters, shape (parameters, 2, parameters).
       lowest: the best point seen, shape (parameters,); lowest_cost: its cost, below the fit's if it was not least.
     """
 
@@ -298,7 +298,7 @@ def _end(side: Side, limits: Limits) -> float:
 
 
 def _last_within(side: Side, end: float) -> np.ndarray:
-    """The place of all parameters farthest out that is within an interval's end."""
+    """The point of all parameters farthest out that is within an interval's end."""
     within = [one for one in side if abs(one.at - side[0].at) <= abs(end - side[0].at)]
     return max(within, key=lambda one: abs(one.at - side[0].at)).where
 

@@ -244,7 +244,7 @@ def _with_one_elsewhere(problem: Problem, found_points: np.ndarray) -> np.ndarra
 def _costs_at_best_factor(problem: Problem, predicted: np.ndarray) -> np.ndarray:
     """What costs would be with the best factor on all losses, shape (points,), of what is `predicted` of the
     rows, shape (points, rows): about what a longer or shorter spall at the same place would have, which least squares
-    find from far away. Other ones they do not."""
+    find from far away. Another place they do not find."""
     loss, sigma, rows = (np.asarray(x) for x in (problem.conditions.loss, problem.sigma, problem.measured))
     predicted, seen = predicted / sigma, rows / sigma
     own = np.nan_to_num(predicted * loss)

@@ -27,7 +27,7 @@ from difftrb.fits.search import Scan
 UNWEIGHED = 1e4
 """By what factor sigma grows of a row that is left aside."""
 STARTS = 8
-"""Places of the fit's own parameters from which each suspect is tried."""
+"""Points of the fit's own parameters from which each suspect is tried."""
 TURNING = 0.2
 """Parameters whose basins lie closer, in coordinates, are scanned; others are tried at `FEW` values."""
 FEW = 3
@@ -48,7 +48,7 @@ With the rows' it is about one good set of data in twenty."""
 SEARCHED = 2
 """Freedoms that a parameter brings whose whole range is searched: where on that it is may meet one more row."""
 PART = 0.2
-"""The same of any suspect, where sigma is given and the data are far from explained."""
+"""Chance of its gain below which any suspect is named, where sigma is given and the data are far from explained."""
 
 
 class Suspect(NamedTuple):
@@ -128,7 +128,7 @@ def _descended(fit: Fit, problem: Problem, scan: Scan) -> Least:
 
 
 def _best_points(fit: Fit) -> np.ndarray:
-    """Places that fit best, shape (STARTS, parameters)."""
+    """Points that fit best, shape (STARTS, parameters)."""
     return fit.known.points[np.argsort(fit.known.cost, kind="stable")[:STARTS]]
 
 

@@ -68,13 +68,18 @@ def sentence(fit: Fit, unclear: list[int]) -> str:
     return f"{open_ones[:1].upper()}{open_ones[1:]}: {advice}"
 
 
+def by_too_few_rows(fit: Fit) -> bool:
+    """Whether fewer rows than parameters are met, as they are by many answers."""
+    return fit.freedom < 0 and fit.explained
+
+
 def of_too_few_rows(fit: Fit) -> str:
     """What fewer rows than parameters tell, and what they do not."""
     known = _known_product(fit)
     known = f"near this answer {known}" if known else "only which of their values go together is known"
     return (
         f"{so_many(len(fit.rows), 'measured value')} cannot give {so_many(len(fit.values), 'parameter')}: {known}, and "
-        f"the table shows one of many answers, which nothing checks; measure at least {-fit.freedom} more"
+        f"the table shows one of many answers, which nothing checks; measure at least {1 - fit.freedom} more"
     )
 
 

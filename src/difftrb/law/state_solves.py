@@ -41,7 +41,7 @@ class Reached(NamedTuple):
 
 
 SolvedContacts = dict[tuple[bool, tuple[int, ...], tuple[float, ...], float, float], Node]
-"""Contacts that were solved on one raceway: whether with `TiltResponse`, spalls, distances [mm], load [N], tilt."""
+"""Contacts solved on one raceway: whether with `TiltResponse`, spalls, distances [mm], load [N], tilt [rad]."""
 
 
 def around(

@@ -1,4 +1,4 @@
-"""What `difftrb run` does: it solves a scene, its mean, audit other bearings where wanted, and reports all of it."""
+"""What `difftrb run` does: a scene and, where wanted, its mean, an audit and other bearings of its catalogue."""
 
 from __future__ import annotations
 

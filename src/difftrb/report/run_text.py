@@ -1,4 +1,4 @@
-"""Results for people (text) and for machines (JSON)."""
+"""The result of a run for people (text) and for machines (JSON)."""
 
 from __future__ import annotations
 

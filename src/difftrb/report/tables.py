@@ -22,11 +22,8 @@ def duration(seconds: float, /) -> str:
     """Two digits and a unit."""
     if not math.isfinite(seconds):
         return "–"
-    if seconds >= 100.0:
-        return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
-    unit, scale = next(
-        ((unit, scale) for unit, scale in (("s", 1.0), ("ms", 1e-3)) if seconds >= 0.995 * scale), ("µs", 1e-6)
-    )
+    units = ("h", 3600.0, 1.0), ("min", 60.0, 2.0), ("s", 1.0, 0.995), ("ms", 1e-3, 0.995), ("µs", 1e-6, 0.0)
+    unit, scale, _ = next(each for each in units if seconds >= each[1] * each[2]) if seconds else units[2]
     return f"{float(f'{seconds / scale:.2g}'):g} {unit}"
 
 

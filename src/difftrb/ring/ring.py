@@ -224,11 +224,11 @@ def status_of_laws(
     code = roller_law.judge(spalls, away, state)
     if terms.laws_status is not None:
         code = status.worst(code, terms.laws_status)
-    facing, seat = terms.inner_raceway, terms.seat
-    if facing is None or seat is None:
+    raceway, seat = terms.inner_raceway, terms.seat
+    if raceway is None or seat is None:
         return code
     inner = state._replace(loads=roller_balance.inner_load(seat, loads))
-    return status.worst(code, facing.tilts(roller_law, spalls, away, state), facing.judge(inner))
+    return status.worst(code, raceway.tilts(roller_law, spalls, away, state), raceway.judge(inner))
 
 
 def judged(

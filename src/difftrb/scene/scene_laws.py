@@ -31,7 +31,7 @@ from difftrb.law.samples import Progress
 from difftrb.law.table import TableLaw
 from difftrb.ring import effect_base, effects, roller_places
 from difftrb.ring.effects import Raceways, SeriesRaceways, Through, Tilt
-from difftrb.scene import expected_loads
+from difftrb.scene import largest_roller_load
 from difftrb.scene.cage_phases import phases
 from difftrb.scene.prepared_scene import solve_prepared
 from difftrb.scene.scene import (
@@ -75,7 +75,7 @@ def with_laws(scene: Scene, progress: Progress | None = None, least: Real | None
     """
     known = False
     if isinstance(scene.law, LawName) and scene.law.name == "direct" and xp.are_numbers(scene):
-        if not expected_loads.largest_for_curves(scene) > 0.0:
+        if not largest_roller_load.largest_for_curves(scene) > 0.0:
             raise SceneError(NOTHING_PRESSES)
         if effect_base.among(scene.effects, Tilt) is not None:
             if effect_base.among(scene.effects, SeriesRaceways) is not None:
@@ -128,7 +128,7 @@ def with_any_width(scene: Scene) -> Scene | None:
 
 def _healthy_laws(scene: Scene, progress: Progress | None) -> dict[Raceway, DirectByCurves]:
     """The curves of healthy rollers on every raceway, by contact solves."""
-    largest = expected_loads.largest_for_curves(scene)
+    largest = largest_roller_load.largest_for_curves(scene)
     return {
         raceway: direct_curves.without_edges(raceway_contact(scene, raceway), largest, (), scene.accuracy, progress)
         for raceway in _lacking(scene)
@@ -165,7 +165,9 @@ def _law(scene: Scene, raceway: Raceway, progress: Progress | None, least: Real 
     if laws.kind(given.name).of_all_loads:
         largest = np.nan
     else:
-        largest = expected_loads.largest_for_curves(scene) if by_samples else expected_loads.largest_load(scene)
+        largest = (
+            largest_roller_load.largest_for_curves(scene) if by_samples else largest_roller_load.largest_load(scene)
+        )
     request = laws.Request(contact, largest if least is None else least, largest, spalls, scene.accuracy, progress)
     return laws.made(given.name, request)
 
@@ -193,7 +195,7 @@ def _with_edges(scene: Scene, made: Mapping[Raceway, Law], progress: Progress | 
 def _at_edges(scene: Scene, raceway: Raceway, law: DirectByCurves, every: Any) -> list[list[tuple[float, float]]]:
     """For every spall the distances [mm] at which rollers stand on its ramps, in any of these phases [rad], and their
     approaches [mm] on the healthy ring."""
-    distances, approaches = map(np.asarray, _healthy_approaches(expected_loads.single(scene, law), raceway, every))
+    distances, approaches = map(np.asarray, _healthy_approaches(largest_roller_load.single(scene, law), raceway, every))
     if np.isnan(approaches).any():  # no equilibrium, as the ring's status will say
         return [[] for _ in law.spalls]
     return [
@@ -210,7 +212,7 @@ def _healthy_approaches(scene: Scene, raceway: Raceway, phases: Any) -> tuple[An
     ring [mm], shape (rows, phases, rollers)."""
     bearing, law = scene.bearing, cast(DirectByCurves, scene.law)
     away = roller_places.distances(bearing, law.spalls, roller_places.roller_angles(bearing, phases), raceway)
-    every = np.asarray(expected_loads.rings(healthy(scene), law, phases).all_approaches)
+    every = np.asarray(largest_roller_load.rings(healthy(scene), law, phases).all_approaches)
     return away, np.moveaxis(every.reshape(len(every), -1, scene.bearing.rollers), 1, 0)
 
 
@@ -219,7 +221,7 @@ def _may_meet_more(scene: Scene) -> bool:
     under rollers that may tilt."""
     if len(scene.spalls) > 1 or _leans(scene) or has_map(scene):
         return True
-    largest = expected_loads.largest_for_curves(scene)
+    largest = largest_roller_load.largest_for_curves(scene)
     deep = DEEP * float(gap.palmgren_approach(largest, float(scene.bearing.roller_length)))
     return any(float(spall.depth) < deep for spall in scene.spalls)
 

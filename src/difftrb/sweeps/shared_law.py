@@ -14,7 +14,7 @@ from difftrb.core.status import SweepError
 from difftrb.law.base import LAWS, LawKind
 from difftrb.law.samples import Progress
 from difftrb.law.table import TableLaw
-from difftrb.scene import expected_loads
+from difftrb.scene import largest_roller_load
 from difftrb.scene.auto_law import by_table
 from difftrb.scene.checks import of_one_shape
 from difftrb.scene.scene import LawName, PitchMean, Scene, is_auto, outer_law, raceway_laws
@@ -55,7 +55,7 @@ def with_shared_law(
         if law.one_shape and not of_one_shape(scene.spalls):
             raise SweepError(f"contact.{law.one_shape}")
     low, high = (_with_ends(scene, ends, side) for side in (0, 1))
-    made = prepare(high, progress, expected_loads.largest_load(low))
+    made = prepare(high, progress, largest_roller_load.largest_load(low))
     ready = prepare(dataclasses.replace(scene, law=made.law, effects=made.effects))
     for key in ends:
         _refuse_other(ready, key, ends[key])

@@ -22,7 +22,7 @@ from difftrb.report import console, remarks
 from difftrb.scene import scene_file
 from difftrb.scene.file_schema import SceneFile
 from difftrb.sweeps import axes as axes_
-from difftrb.sweeps import chunks, outputs, sweeping
+from difftrb.sweeps import chunk_sharing, outputs, sweeping
 from difftrb.sweeps.axes import RANGE_KEYS
 from difftrb.sweeps.plan import Plan
 from difftrb.sweeps.store import RESUME
@@ -97,7 +97,7 @@ def deliver(options: Any) -> int:
             print("compiled  and kept: the sweep itself need not wait for that")
         return console.EXIT_OK
     with console.members("sweeping") as progress:
-        ended = chunks.run(
+        ended = chunk_sharing.run(
             plan, str(out), options.resume, options.devices, progress, console.say, share, options.scheduler
         )
     shown: Any = ended.shown
@@ -108,7 +108,7 @@ def deliver(options: Any) -> int:
             names = [name for name in shown.values if not shown.own_dims[name]]
             console.draw(Path(str(out)), lambda: ((name, sweep_plot.swept(shown, name)) for name in names))
         except OSError as error:
-            left = f"{ended.where} is whole, figures are missing; {chunks.MEND}, and {RESUME}"
+            left = f"{ended.where} is whole, figures are missing; {chunk_sharing.MEND}, and {RESUME}"
             return console.refuse(f"{error.filename}: {error.strerror or error}: {left}", console.EXIT_BAD_FILE)
     print(ended.sentence())
     return console.EXIT_OK if ended.failed == 0 else console.EXIT_NO_SOLUTION
