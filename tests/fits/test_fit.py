@@ -114,6 +114,11 @@ def test_a_fit_prints_on_a_few_lines(noisy_fit: trb.Fit) -> None:
     assert len(lines) == 2 + len(noisy_fit.remarks)
 
 
+def test_a_name_of_old_still_serves(noisy_fit: trb.Fit) -> None:
+    with pytest.warns(DeprecationWarning, match="Fit.place is called Fit.point"):
+        assert noisy_fit.place is noisy_fit.point
+
+
 def test_it_is_the_least_squares_of_scipy(noisy_fit: trb.Fit) -> None:
     problem = noisy_fit.problem
     starts = search.scan_points(problem, 16)

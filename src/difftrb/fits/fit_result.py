@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from typing import NamedTuple
 
 import jax
@@ -118,6 +119,12 @@ class Fit(status.Judged):
     def intervals(self) -> np.ndarray:
         """95 %, shape (parameters, 2): the least range that holds all `pieces`."""
         return np.array([(own[0, 0], own[-1, 1]) for own in self.pieces])
+
+    @property
+    def place(self) -> np.ndarray:
+        """`point` by its name in 0.1; goes with the release after this one."""
+        warnings.warn("Fit.place is called Fit.point", DeprecationWarning, stacklevel=2)
+        return self.point
 
     @property
     def own_intervals(self) -> np.ndarray:
