@@ -167,7 +167,7 @@ def test_kinks_are_placed_by_one_ring_where_all_phases_have_that(rig: trb.Scene,
     """In a narrow load zone rings lie differently: placed by the one at phase 0, a loss in the mean was 4 % off."""
     rows = [Measurement(9000.0, axial, "radial_loss", 1.0, 0.1, None, "mean")]
     (blocks,) = conditions(dataclasses.replace(rig, load=trb.Load(9000.0, axial)), rows).blocks
-    assert (blocks.still is not None) == alike
+    assert (blocks.healthy_ring is not None) == alike
 
 
 @pytest.mark.parametrize(
@@ -187,7 +187,7 @@ def test_effects_that_leave_rings_alike_have_kinks_placed_by_one(effect: trb.eff
     )
     ready, rows = trb.prepare(scene), [Measurement(9000.0, 4500.0, "radial_loss", 1.0, 0.1, None, "mean")]
     (blocks,) = conditions(ready, rows).blocks
-    assert (blocks.still is not None) == alike
+    assert (blocks.healthy_ring is not None) == alike
     (told,) = rows_of((), ready, rows, np.zeros(0))
     assert told == pytest.approx(float(trb.assess(ready).loss[0]), rel=1e-3)
 

@@ -131,7 +131,7 @@ def test_a_loss_map_is_the_mean_over_the_turn(law: str, definition, monkeypatch:
     assert mean is not None
     sizes = np.array([3.999, 4.0, 4.001]), np.array([6.999, 7.0, 7.001])
     quickly = spall_loss.loss_map(scene, *sizes)
-    monkeypatch.setattr(spall_loss, "still", lambda *_: None)
+    monkeypatch.setattr(spall_loss, "healthy_ring", lambda *_: None)
     found = spall_loss.loss_map(scene, *sizes)
     assert found is not None
     assert quickly is not None

@@ -140,10 +140,10 @@ _compiled: set[Any] = set()
 """Programs by what they were compiled for: two threads would compile the same one twice."""
 
 
-def costs(problem: Problem, rows: np.ndarray) -> np.ndarray:
-    """Half the sums of squares of what the model says of the `rows`, shape (cases, rows); shape (cases,)."""
+def costs(problem: Problem, predicted: np.ndarray) -> np.ndarray:
+    """Half the sums of squares of what is `predicted` of the rows, shape (cases, rows); shape (cases,)."""
     count = len(problem.measured)
-    longer = np.pad(rows, ((0, 0), (0, whole(count) - count)))
+    longer = np.pad(predicted, ((0, 0), (0, whole(count) - count)))
     return np.asarray(_costs(_laid_out(problem), longer))
 
 

@@ -31,8 +31,8 @@ class Blocks(NamedTuple):
 
     Attributes:
       means: radial and axial load [N] of the means over phases, shape (means, 2). turns: how many there are.
-      still: the healthy rings there, parts of shape (means, …); None: rings are solved where they are asked for, for
-        they lie differently at other phases, or tilt.
+      healthy_ring: those there, parts of shape (means, …); None: rings are solved where they are asked for, for they
+        lie differently at other phases, or tilt.
       loads: radial and axial load [N] of every ring, shape (2, blocks, rings). phases: of every ring [rad], shape
         (blocks, rings); not used in a mean.
       mean: of which mean over phases a block is; −1: of none. nodes, weights: its point of a rule, shape (blocks, 1);
@@ -43,7 +43,7 @@ class Blocks(NamedTuple):
 
     means: np.ndarray | jax.Array
     turns: np.ndarray | jax.Array
-    still: HealthyRing | None
+    healthy_ring: HealthyRing | None
     loads: np.ndarray | jax.Array
     phases: np.ndarray | jax.Array
     mean: np.ndarray | jax.Array
@@ -84,7 +84,10 @@ class Condition(NamedTuple):
 def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_quadrature.POINTS_IN_FITS) -> Conditions:
     """Those of `rows`; what they leave open is the scene's."""
     at = _laid_out(scene, rows, points)
-    known = (blocks._replace(still=_still(scene, np.asarray(blocks.means), int(blocks.turns))) for blocks in at.blocks)
+    known = (
+        blocks._replace(healthy_ring=_healthy_ring(scene, np.asarray(blocks.means), int(blocks.turns)))
+        for blocks in at.blocks
+    )
     return dataclasses.replace(at, blocks=tuple(known))
 
 
@@ -155,9 +158,9 @@ def _blocks(numbers: dict[Condition, int], kinks: int, size: int, points: int) -
     return Blocks(means, np.array(len(turning)), None, loads, phases, mean, at, weight, of, np.array(len(found)))
 
 
-def _still(scene: Scene, means: np.ndarray, count: int) -> HealthyRing | None:
-    """See `Blocks.still`, of the first `count` of these means."""
-    found = cage_phases.still(scene, means[:count]) if count else None
+def _healthy_ring(scene: Scene, means: np.ndarray, count: int) -> HealthyRing | None:
+    """See `Blocks.healthy_ring`, of the first `count` of these means."""
+    found = cage_phases.healthy_ring(scene, means[:count]) if count else None
     if found is None:
         return None
     return HealthyRing(*(np.concatenate([part, np.zeros((len(means) - count, part.shape[-1]))]) for part in found))
@@ -165,4 +168,4 @@ def _still(scene: Scene, means: np.ndarray, count: int) -> HealthyRing | None:
 
 def of_changing(at: Conditions) -> Conditions:
     """The same of healthy rings that values of parameters change."""
-    return dataclasses.replace(at, blocks=tuple(blocks._replace(still=None) for blocks in at.blocks))
+    return dataclasses.replace(at, blocks=tuple(blocks._replace(healthy_ring=None) for blocks in at.blocks))

@@ -268,7 +268,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
 def _alternatives(problem: Problem, tried: Tried, values: np.ndarray) -> list[int]:
     """Minima that it is not sure to be without, and that the best one's intervals do not hold; `values` of all."""
     found, best, intervals = tried.found, tried.best, problem.bounds.values(tried.profiles.ends.T).T
-    near = fit_parameters.turned(problem.parameters, values, values[best])
+    near = fit_parameters.wrapped(problem.parameters, values, values[best])
     outside = np.any(fit_result.outside(near, values[best], intervals), axis=1)
     within = 2.0 * (found.cost - found.cost[best]) < tried.limits.sure
     cases: list[int] = []
@@ -298,7 +298,7 @@ def _pieces(problem: Problem, tried: Tried, others: list[int], values: np.ndarra
             own = np.diag(profile_intervals.covariance(found.normal[k], found.points[k]))
             away = np.minimum(np.sqrt(left * np.maximum(own, 0.0)), basin_spacings(problem))
             both = np.stack([found.points[k] - away, found.points[k] + away])
-            turn = fit_parameters.turned(problem.parameters, values[k], values[best]) - values[k]
+            turn = fit_parameters.wrapped(problem.parameters, values[k], values[best]) - values[k]
             ends.append(np.column_stack([(bounds.values(both) + turn).T, (np.abs(both) > AT_BOUND).T]))
     return [_united(own) for own in np.stack(ends, axis=1)]
 

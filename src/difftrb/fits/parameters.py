@@ -205,7 +205,7 @@ class Angle(OfSpall):
         return 0.25 * float(geometry.roller_pitch(scene.bearing))
 
 
-def turned(parameters: Sequence[Parameter], values: np.ndarray, about: np.ndarray | float = 0.0) -> np.ndarray:
+def wrapped(parameters: Sequence[Parameter], values: np.ndarray, about: np.ndarray | float = 0.0) -> np.ndarray:
     """The same values, shape (…, parameters), of what has a period within half of it about others, shape
     (parameters,)."""
     goes_round = np.array([parameter.period is not None for parameter in parameters])

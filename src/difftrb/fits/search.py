@@ -165,7 +165,7 @@ def once_round(problem: Problem, found: Least) -> Least:
     alike named as the scene names those nearest to them."""
     bounds = problem.bounds
     values = bounds.values(found.points)
-    turned = fit_parameters.turned(problem.parameters, values)
+    turned = fit_parameters.wrapped(problem.parameters, values)
     points = np.where(turned == values, found.points, bounds.coordinates(turned))
     rate = bounds.slope(points) / np.maximum(bounds.slope(found.points), 1e-300)
     found = found._replace(points=points, normal=found.normal * rate[:, :, None] * rate[:, None, :])
@@ -180,7 +180,7 @@ def _named(problem: Problem, found: Least, values: np.ndarray, other: list[int])
     angles = [i for i, p in enumerate(problem.parameters) if isinstance(p, OfSpall) and p.field == "angle"]
 
     def away(of: np.ndarray) -> np.ndarray:
-        return np.sum(np.abs(fit_parameters.turned(problem.parameters, of - own))[:, angles], axis=1)
+        return np.sum(np.abs(fit_parameters.wrapped(problem.parameters, of - own))[:, angles], axis=1)
 
     nearer = away(values[:, other]) < away(values)
     return found._replace(
@@ -277,7 +277,7 @@ def distinct(problem: Problem, found: Least) -> list[int]:
     for k in np.argsort(found.cost, kind="stable"):
         apart = np.abs(points[kept] - points[k])
         if round_trip.any():
-            ways = fit_parameters.turned(problem.parameters, values[kept] - values[k])
+            ways = fit_parameters.wrapped(problem.parameters, values[kept] - values[k])
             apart = np.where(round_trip, np.abs(ways) * 4.0 / (high - low) / spacings, apart)
         if np.isfinite(found.cost[k]) and not np.any(np.max(apart, axis=1) < SAME):
             kept.append(int(k))

@@ -81,8 +81,8 @@ def _together(
     turning = [n for n, mean in enumerate(means) if mean >= 0]
     if turning:
         here = dataclasses.replace(scene, load=loaded(Load(*loads[:, turning])), phase=PitchMean())
-        still = jax.tree.map(lambda part: np.asarray(part)[[means[n] for n in turning]], blocks.still)
-        for n, borders in zip(turning, pitch_borders(here, still), strict=True):
+        healthy_ring = jax.tree.map(lambda part: np.asarray(part)[[means[n] for n in turning]], blocks.healthy_ring)
+        for n, borders in zip(turning, pitch_borders(here, healthy_ring), strict=True):
             turned[n] = phase_quadrature.between(borders)
     ends = np.cumsum([0, *(len(weights) for _, weights in turned)])
     load = loaded(Load(*np.repeat(loads, np.diff(ends), axis=1)))
@@ -166,7 +166,7 @@ def _borders(of: Of, every: Blocks, parted: ValueOrSlopes) -> Parts:
         def borders(values: Values) -> tuple[Any, None]:
             scene, loaded = of(values)
             scene = dataclasses.replace(scene, load=loaded(Load(*every.means[k])), phase=PitchMean())
-            return pitch_borders(scene, jax.tree.map(lambda part: part[k], every.still)), None
+            return pitch_borders(scene, jax.tree.map(lambda part: part[k], every.healthy_ring)), None
 
         own, _ = parted.parts(borders)
         return tuple(whole.at[k].set(part) for whole, part in zip(found, own, strict=True))

@@ -139,13 +139,13 @@ class TiltTable(NamedTuple):
         """One roller."""
         x = (2.0 * np.log(pressed) - self.low - self.high) / (self.high - self.low)
         loads, reach = self.between.loads(pressed), float(self.reach(pressed))
-        told = chebval2d(x, tilt / (MOST_TURNED * reach), self.coefficients)
-        rows = told[:-1].reshape(len(self.contacts), TELLS)
+        values = chebval2d(x, tilt / (MOST_TURNED * reach), self.coefficients)
+        rows = values[:-1].reshape(len(self.contacts), TELLS)
         nodes = tuple(
             _node_of_row(row, float(load), contact, reach, self.status_code)
             for row, load, contact in zip(rows, loads, self.contacts, strict=False)
         )
-        return Turned(reach * float(told[-1]), nodes)
+        return Turned(reach * float(values[-1]), nodes)
 
 
 def _logs(low: float, high: float) -> np.ndarray:
@@ -170,10 +170,10 @@ def _relative_row(node: Node, load: float, contact: LineContact, reach: float) -
     return np.concatenate([first, turned, sizes * node.slopes / long, sizes * tilt_response.moment_slopes / arm])
 
 
-def _node_of_row(told: np.ndarray, load: float, contact: LineContact, reach: float, code: int) -> Node:
+def _node_of_row(values: np.ndarray, load: float, contact: LineContact, reach: float, code: int) -> Node:
     """The contact whose `_relative_row` it is."""
     long, arm, sizes = reach * float(contact.length), load * float(contact.length), _sizes(contact)
-    approach, moment, compliance, by_tilt, moment_by_tilt, *rest = told
+    approach, moment, compliance, by_tilt, moment_by_tilt, *rest = values
     slopes, moment_slopes = (np.array(part) / sizes for part in (rest[: samples.INPUTS], rest[samples.INPUTS :]))
     tilt_response = TiltResponse(by_tilt * long / reach, moment_by_tilt * arm / reach, arm * moment_slopes)
     return Node(approach * long, compliance * long / load, long * slopes, code, 0.0, 0.0, moment * arm, tilt_response)
@@ -252,12 +252,12 @@ def _through(table: TiltTable, solved: Callable[[Sequence[tuple[float, float]]],
             for node, load, contact in zip(each.nodes, loads, table.contacts, strict=False)
         ]
         rows.append([*np.concatenate(of_contacts), each.tilt / reach])
-    told = np.array(rows).reshape(len(every), len(leaning), -1)
+    values = np.array(rows).reshape(len(every), len(leaning), -1)
     odd = np.array([*np.tile(ODD, len(table.contacts)), -1.0])
-    told = np.concatenate([odd * told[:, :0:-1], told], axis=1)
+    values = np.concatenate([odd * values[:, :0:-1], values], axis=1)
     level = (2.0 * np.log(every) - table.low - table.high) / (table.high - table.low)
     along, across = (np.linalg.inv(chebvander(x, len(x) - 1)) for x in (level, turned))
-    coefficients = np.einsum("ai,bj,ijv->abv", along, across, told)
+    coefficients = np.einsum("ai,bj,ijv->abv", along, across, values)
     worst = int(samples.worst_status([node for each in found for node in each.nodes]))
     return table._replace(coefficients=coefficients, status_code=max(table.status_code, worst))
 

@@ -63,8 +63,8 @@ def healthy_curve(log_loads: Any, approaches: Any, share: Any) -> Curve:
 def extents(log_loads: np.ndarray, half_widths: np.ndarray) -> np.ndarray:
     """Coefficients of `Ramp.half_width`, shape (EXTENT_DEGREE + 1, …), of half-widths of shape (loads, …)."""
     x = (2.0 * log_loads - log_loads[-1] - log_loads[0]) / (log_loads[-1] - log_loads[0])
-    told = np.where(half_widths > 0.0, half_widths, np.nan)  # without a solution there is none, as its status says
-    return np.polynomial.polynomial.polyfit(x, np.log(told), EXTENT_DEGREE)
+    known = np.where(half_widths > 0.0, half_widths, np.nan)  # without a solution there is none, as its status says
+    return np.polynomial.polynomial.polyfit(x, np.log(known), EXTENT_DEGREE)
 
 
 def sunk(contact: LineContact, spall: Spall, solved: Sequence[Node], log_loads: np.ndarray) -> np.ndarray:

@@ -56,8 +56,8 @@ def fitted_slices(loads: Any, tilts: Any, approaches: Any, moments: Any, length:
     by_approach = xp.stack([i * deeper[max(i - 1, 0)] * leaning[j] for i, j in POWERS], axis=-1)
     by_tilt = xp.stack([j * deeper[i] * leaning[max(j - 1, 0)] for i, j in POWERS], axis=-1)
     asked = xp.concatenate([by_approach, by_tilt], axis=-2)
-    told = xp.concatenate([loads / size[..., None] + 0.0 * seen, moments / (arm * size)[..., None]], axis=-1)
-    energy = least_squares(asked, told, NOTHING)
+    rows = xp.concatenate([loads / size[..., None] + 0.0 * seen, moments / (arm * size)[..., None]], axis=-1)
+    energy = least_squares(asked, rows, NOTHING)
     coefficients = xp.stack([
         size[..., None] * xp.einsum("...a,sa->...s", energy[..., own], spread)
         for own, spread in zip(_OF_DEGREE, _LOADS_OF_TERMS, strict=True)

@@ -19,7 +19,7 @@ from difftrb.report.tables import house_table, number, plain
 from difftrb.scene import scene_file
 from difftrb.scene.file_schema import SceneFile
 
-INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
+CONTACT_INPUTS = ("load", "length", "width", "offset", "radius", "design_load")
 
 
 def deliver(options: Any, file: SceneFile, path: str) -> int:
@@ -29,17 +29,17 @@ def deliver(options: Any, file: SceneFile, path: str) -> int:
     started = time.perf_counter()
     with console.busy("solving the contact"):
         solution, slopes = jax.block_until_ready(approach_and_slopes(**file.single_contact()))
-    record = record_of(solution, slopes, time.perf_counter() - started)
+    record = contact_json(solution, slopes, time.perf_counter() - started)
 
     def figures() -> Figures:
         from difftrb.report import pressure_figure
 
         yield "pressure", pressure_figure.pressure_map(solution, patches=pressure_patches(**file.single_contact())[1])
 
-    return console.deliver(options, path, record, partial(text_of, solution, slopes), figures)
+    return console.deliver(options, path, record, partial(contact_text, solution, slopes), figures)
 
 
-def record_of(solution: ContactSolution, slopes: dict[str, Any], seconds: float) -> dict[str, Any]:
+def contact_json(solution: ContactSolution, slopes: dict[str, Any], seconds: float) -> dict[str, Any]:
     """A single contact's result; `slopes` are derivatives of the approach [mm per unit of the input], by the sizes of
     several spalls one each."""
     return plain({
@@ -58,7 +58,7 @@ def record_of(solution: ContactSolution, slopes: dict[str, Any], seconds: float)
     })  # fmt: skip
 
 
-def text_of(solution: ContactSolution, slopes: dict[str, Any]) -> RenderableType:
+def contact_text(solution: ContactSolution, slopes: dict[str, Any]) -> RenderableType:
     """A single contact's result for people."""
     table = house_table("Contact")
     table.show_header = False
@@ -67,7 +67,7 @@ def text_of(solution: ContactSolution, slopes: dict[str, Any]) -> RenderableType
     table.add_row("peak pressure", f"{solution.peak_pressure:,.0f} MPa (a cell's mean; singular at a sharp edge)")
     table.add_row("contact width", f"{solution.contact_width:.4f} mm")
     table.add_row("loaded length", f"{100.0 * solution.loaded_fraction:.1f} % of the roller")
-    units = {"load": "N"} | dict.fromkeys(INPUTS[1:5], "mm") | {"design_load": "N"}
+    units = {"load": "N"} | dict.fromkeys(CONTACT_INPUTS[1:5], "mm") | {"design_load": "N"}
     derivatives = house_table("Derivative of the approach")
     derivatives.add_column("by")
     derivatives.add_column("", justify="right")

@@ -1,7 +1,7 @@
 """A bearing's inside from one line of a catalogue, with the uncertainty of all that was not printed.
 
 The logarithms of four ratios and of the contact angle's tangent are Gaussian as published bearings scatter, and are
-conditioned on what is told (`catalogue_relations.told`): the most likely inside by Gauss and Newton, its covariance
+conditioned on what is given (`catalogue_relations.given`): the most likely inside by Gauss and Newton, its covariance
 from the same linearisation. The number of rollers is then rounded, and all else moved to where that makes it.
 """
 
@@ -25,13 +25,13 @@ from difftrb.ring.catalogue_relations import (  # fmt: skip
     LEAN,
     LEAN_SPREAD,
     Catalogue,
+    GivenValue,
     Inside,
-    Told,
     tapered,
 )
 
 COVERED = 2.0
-"""Coverage factor k of all uncertainties that are told: about 95 of 100 (GUM)."""
+"""Coverage factor k of all uncertainties that are given: about 95 of 100 (GUM)."""
 ROUNDS = 12
 STEP = 1e-5
 RATINGS = "C", "C0"
@@ -52,7 +52,7 @@ class Estimate:
 
     @property
     def given(self) -> bool:
-        """Whether it was told, and not estimated."""
+        """Whether it was given, and not estimated."""
         return self.uncertainty == 0.0
 
     def __str__(self) -> str:
@@ -80,7 +80,7 @@ class CatalogueBearing:
     """A bearing estimated from its catalogue line.
 
     Attributes:
-      catalogue: what was told. bearing: for `Scene`. design_load: of ISO/TS 16281's crown [N], for `Scene`, too.
+      catalogue: what was given. bearing: for `Scene`. design_load: of ISO/TS 16281's crown [N], for `Scene`, too.
       estimates: by name, value and expanded uncertainty (k = 2) of the bearing's numbers, of pitch and mean roller
         diameter and of the design load; uncertainty 0 where the value was given.
     """
@@ -134,7 +134,7 @@ def estimated(known: Catalogue) -> CatalogueBearing:
     wrong = catalogue_relations.check_rings(known, bearing)
     unusual = _usual(known, *catalogue_relations.prior(known), belief.mean)
     if unusual is not None and (wrong is None or getattr(known, wrong.key, None) is None):
-        raise SceneError(unusual)  # what was not told cannot be blamed
+        raise SceneError(unusual)  # what was not given cannot be blamed
     if wrong is not None:
         raise SceneError(wrong.sentence)
 
@@ -170,12 +170,12 @@ def _inside(known: Catalogue, x: np.ndarray) -> Inside:
 
 
 def _believed(known: Catalogue) -> _Belief:
-    """What is believed of a bearing after all that was told; raises `SceneError` for what cannot be together."""
+    """What is believed of a bearing after all that was given; raises `SceneError` for what cannot be together."""
     prior, spread = catalogue_relations.prior(known)
-    every = list(catalogue_relations.told(known))
+    every = list(catalogue_relations.given(known))
 
     def apart(x: np.ndarray) -> np.ndarray:
-        """From the prior, and from what was told, in standard deviations."""
+        """From the prior, and from what was given, in standard deviations."""
         inside = _inside(known, x)
         off = [math.log(each.relation(inside) / each.value) / each.spread for each in every]
         return np.array([*((x - prior) / spread), *off])
@@ -215,8 +215,8 @@ def _slopes(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.n
     return np.stack([(function(x + step) - function(x - step)) / (2.0 * STEP) for step in steps], axis=1)
 
 
-def _agree(known: Catalogue, every: list[Told], prior: np.ndarray, x: np.ndarray) -> None:
-    """Refuse what is told if the most likely inside is far from it."""
+def _agree(known: Catalogue, every: list[GivenValue], prior: np.ndarray, x: np.ndarray) -> None:
+    """Refuse what is given if the most likely inside is far from it."""
     for each in every:
         value = float(each.relation(_inside(known, x)))
         if abs(math.log(value / each.value)) <= ALIKE * each.spread:
@@ -225,12 +225,12 @@ def _agree(known: Catalogue, every: list[Told], prior: np.ndarray, x: np.ndarray
             raise _wrong_rating(known, each, prior)
         large = known.roller_large_diameter or 0.0
         raise SceneError(
-            f"bearing.{each.key} = {large:g}: has no common apex with the raceways; with all else told it would "
+            f"bearing.{each.key} = {large:g}: has no common apex with the raceways; with all else given it would "
             f"have to be {large - each.value + value:.4g} mm"
         )
 
 
-def _right_size(known: Catalogue, every: list[Told], prior: np.ndarray) -> None:
+def _right_size(known: Catalogue, every: list[GivenValue], prior: np.ndarray) -> None:
     """Refuse a rating that is far from those of bearings of this size, for it is in another unit, say: there may be no
     bearing with what is sought for both."""
     for each in every:
@@ -240,7 +240,7 @@ def _right_size(known: Catalogue, every: list[Told], prior: np.ndarray) -> None:
                 raise _wrong_rating(known, each, prior)
 
 
-def _wrong_rating(known: Catalogue, rating: Told, prior: np.ndarray) -> SceneError:
+def _wrong_rating(known: Catalogue, rating: GivenValue, prior: np.ndarray) -> SceneError:
     usual = float(rating.relation(_inside(known, prior)))
     cup = ", or leave it out: the cup's width has no place here" if rating.key == "C" and rating.value < known.D else ""
     return SceneError(
@@ -257,7 +257,7 @@ def _usual(known: Catalogue, prior: np.ndarray, spread: np.ndarray, x: np.ndarra
         return None
     value, usual = (getattr(_inside(known, at), names[worst]) for at in (x, prior))
     return (
-        f"bearing.{names[worst]} = {value:.4g}: follows from what is told, but bearings of this size have about "
+        f"bearing.{names[worst]} = {value:.4g}: follows from what is given, but bearings of this size have about "
         f"{usual:.3g}; check d, D, T, the ratings' unit [N] and the rollers"
     )
 

@@ -107,13 +107,13 @@ pitch circle the rollers' diameters fill. Of 32008J (Liu et al. 2018, Table 1): 
 RATING = 0.12
 """Relative standard deviation of a maker's C and C0 from ISO 281 and ISO 76; C0 of 32208 and 32216: −10 and +17 %."""
 TAPER = 0.02
-"""Of a taper told by two diameters, which are rounded."""
+"""Of a taper given by two diameters, which are rounded."""
 CROWN_SPREAD = 0.5 * math.log(2.0)
 """Standard deviation of ln Q_d, which nothing tells: a factor of 2 either way at k = 2."""
 LEAN_SPREAD = 0.25
 """Of `Inside.lean`: the flange touches rollers between the raceway and their axis."""
 ALIKE = 4.0
-"""Standard deviations that two things told of one bearing may be apart."""
+"""Standard deviations that two things given of one bearing may be apart."""
 
 
 # ------------------------------------------------------------------------------------------------ geometry
@@ -193,12 +193,12 @@ def check_rings(known: Catalogue, bearing: TaperedBearing) -> Wrong | None:
     )
 
 
-# ------------------------------------------------------------------------------------------------ what is told
+# ------------------------------------------------------------------------------------------------ what is given
 
 
-class Told(NamedTuple):
-    """Something told of a bearing: `relation(inside)` is what it would be, `value` what was told, `spread` the standard
-    deviation of the logarithm of their ratio."""
+class GivenValue(NamedTuple):
+    """Something given of a bearing: `relation(inside)` is what it would be, `value` what was given, `spread` the
+    standard deviation of the logarithm of their ratio."""
 
     key: str
     relation: Any
@@ -206,16 +206,16 @@ class Told(NamedTuple):
     spread: float
 
 
-def told(known: Catalogue) -> Iterator[Told]:
+def given(known: Catalogue) -> Iterator[GivenValue]:
     """All that a catalogue tells of the inside, exact sizes included."""
     exact = {"pitch_diameter": known.pitch_diameter, "roller_diameter": known.mean_diameter,
              "roller_length": known.roller_length, "rollers": known.rollers}  # fmt: skip
     for key, value in exact.items():
         if value is not None:
-            yield Told(key, lambda inside, key=key: getattr(inside, key), value, 1e-7)
+            yield GivenValue(key, lambda inside, key=key: getattr(inside, key), value, 1e-7)
     for key, value, rating in (("C", known.C, life.load_rating), ("C0", known.C0, life.static_rating)):
         if value is not None:
-            yield Told(key, lambda inside, rating=rating: rating(tapered(inside)), value, RATING)
+            yield GivenValue(key, lambda inside, rating=rating: rating(tapered(inside)), value, RATING)
     if known.roller_small_diameter is not None and known.roller_large_diameter is not None:
         taper = known.roller_large_diameter - known.roller_small_diameter
 
@@ -223,11 +223,11 @@ def told(known: Catalogue) -> Iterator[Told]:
             bearing = tapered(inside)
             return bearing.roller_large_diameter - bearing.roller_small_diameter
 
-        yield Told("roller_large_diameter", opening, taper, TAPER)
+        yield GivenValue("roller_large_diameter", opening, taper, TAPER)
 
 
 def contact_angle(known: Catalogue) -> tuple[float, float]:
-    """The contact angle [rad], and how exactly its tangent is told (relative standard deviation).
+    """The contact angle [rad], and how exactly its tangent is given (relative standard deviation).
 
     Raises `SceneError` if nothing tells it, or two things tell different ones.
     """
@@ -262,7 +262,7 @@ def contact_angle(known: Catalogue) -> tuple[float, float]:
 
 
 def prior(known: Catalogue) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithms of the ratios and of tan α, and their standard deviations, before sizes and ratings are told."""
+    """Logarithms of the ratios and of tan α, and their standard deviations, before sizes and ratings are given."""
     angle, exactly = contact_angle(known)
     means = [*(math.log(ratio.mean) for ratio in RATIOS.values()), math.log(math.tan(angle))]
     return np.array(means), np.array([*(ratio.spread for ratio in RATIOS.values()), exactly])
@@ -280,6 +280,6 @@ def check(known: Catalogue) -> None:
     if sentence is None and small is not None and large is not None and large <= small:
         sentence = f"bearing.roller_large_diameter = {large:g} must be larger than roller_small_diameter = {small:g} mm"
     if sentence is None and small is not None and known.roller_diameter is not None:
-        sentence = "bearing.roller_diameter: is told by roller_small_diameter and roller_large_diameter; leave it out"
+        sentence = "bearing.roller_diameter: is given by roller_small_diameter and roller_large_diameter; leave it out"
     if sentence is not None:
         raise SceneError(sentence)

@@ -73,22 +73,22 @@ class HealthyRing(NamedTuple):
 
 def borders(
     bearing: TaperedBearing, load: Load, met: tuple[Met, ...], at_rest: Callable[[Any], ring.Equilibrium],
-    terms: Terms = PLAIN, still: HealthyRing | None = None,
+    terms: Terms = PLAIN, healthy_ring: HealthyRing | None = None,
 ) -> Any:  # fmt: skip
     """Angles of roller 0 [rad] between which nothing has a kink, over the pitch that begins at 0, rising from there to
     its end; shape (kinks + 2,). If there are several loads, of parts of shape (loads,), so are these in front.
 
     The laws met, the outer raceway's first, say how far their edges reach. `at_rest`: rings under the `load` with
     `terms`, at phases of shape (…, kinks): over spalls, or with few rollers, a ring lies differently at every phase.
-    `still`: the healthy one, if it is known and the same at all phases: then none is solved, and kinks are about where
-    spalls put them.
+    `healthy_ring`: if it is known and the same at all phases: then none is solved, and kinks are about where spalls put
+    them.
     """
     shape = (*np.shape(xp.value(load.radial)), _count(met, terms))
-    if still is None:
+    if healthy_ring is None:
         kinks = _by_rings(bearing, shape, (load, met, terms), at_rest)
     else:
-        rings = xp.broadcast_to(still.displacement[..., None, :], (*shape, 3))
-        own = (xp.broadcast_to(share[..., None], shape) for share in xp.moveaxis(still.shares, -1, 0))
+        rings = xp.broadcast_to(healthy_ring.displacement[..., None, :], (*shape, 3))
+        own = (xp.broadcast_to(share[..., None], shape) for share in xp.moveaxis(healthy_ring.shares, -1, 0))
         each = [WHOLE for _ in met] if terms.seat is None else list(own)
         kinks = _within_pitch(bearing, terms, _known(_kinks(bearing, met, np.zeros(shape), rings, terms, each)))
     order = xp.module_of(kinks).argsort(xp.value(kinks), axis=-1)

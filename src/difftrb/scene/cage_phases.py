@@ -32,13 +32,13 @@ from difftrb.scene.scene import (
 )
 
 
-def phases(scene: Scene, still: HealthyRing | None = None) -> tuple[Any, Any]:
+def phases(scene: Scene, healthy_ring: HealthyRing | None = None) -> tuple[Any, Any]:
     """Cage phases at which a prepared scene is solved [rad] and their weights in its mean, shape (phases,) each;
-    `still` as in `pitch_borders`."""
+    `healthy_ring` as in `pitch_borders`."""
     if not isinstance(scene.phase, PitchMean):
         return xp.asarray(scene.phase)[None], np.ones(1)
     rule = gauss_legendre(phase_quadrature.POINTS_BY_CONTACTS) if isinstance(scene.law, DirectByStates) else None
-    found = phase_quadrature.between(pitch_borders(scene, still), rule)
+    found = phase_quadrature.between(pitch_borders(scene, healthy_ring), rule)
     return found if xp.expands(scene) else xp.values(found)
 
 
@@ -66,10 +66,10 @@ def _of_laws(scene: Scene, change: Callable[[DirectByStates], Any]) -> Scene:
 
 
 @np.errstate(all="ignore")
-def pitch_borders(scene: Scene, still: HealthyRing | None = None) -> Any:
-    """Between which phases a prepared scene has no kink [rad]; `still` as in `phase_quadrature.borders`. Loads may be
-    several. Laws of one scene know its rollers at the phases alone: then kinks are where rings by the table have them,
-    and of rollers that this does not know where healthy rings do."""
+def pitch_borders(scene: Scene, healthy_ring: HealthyRing | None = None) -> Any:
+    """Between which phases a prepared scene has no kink [rad]; `healthy_ring` as in `phase_quadrature.borders`. Loads
+    may be several. Laws of one scene know its rollers at the phases alone: then kinks are where rings by the table have
+    them, and of rollers that this does not know where healthy rings do."""
     if xp.are_numbers(scene):
         scene = xp.numbers(scene)
     if getattr(scene.law, "kinks_by_table", False):
@@ -87,7 +87,7 @@ def pitch_borders(scene: Scene, still: HealthyRing | None = None) -> Any:
         here, own = ring_at(dataclasses.replace(rings, load=load), acting, each)
         return here.equilibrium(own)
 
-    return phase_quadrature.borders(scene.bearing, scene.load, met, at_rest, terms, still)
+    return phase_quadrature.borders(scene.bearing, scene.load, met, at_rest, terms, healthy_ring)
 
 
 def _met(scene: Scene) -> tuple[phase_quadrature.Met, ...]:
@@ -101,7 +101,7 @@ def _met(scene: Scene) -> tuple[phase_quadrature.Met, ...]:
 
 
 @np.errstate(all="ignore")
-def still(scene: Scene, loads: np.ndarray) -> HealthyRing | None:
+def healthy_ring(scene: Scene, loads: np.ndarray) -> HealthyRing | None:
     """A prepared scene's healthy ring under radial and axial `loads` [N], shape (loads, 2), which no size of a spall
     changes. None where rings are not `ALIKE` at other phases, or tilt."""
     scene = xp.numbers(healthy(scene))

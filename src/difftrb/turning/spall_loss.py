@@ -15,8 +15,8 @@ from difftrb.law import base
 from difftrb.law.base import Law
 from difftrb.ring import effect_base
 from difftrb.ring.phase_quadrature import HealthyRing
+from difftrb.scene.cage_phases import healthy_ring
 from difftrb.scene.cage_phases import phases as phases_of
-from difftrb.scene.cage_phases import still
 from difftrb.scene.prepared_scene import as_defined, at_phases, solve_prepared
 from difftrb.scene.scene import PitchMean, Scene, healthy, outer_law
 from difftrb.scene.solution import stiffness_loss
@@ -91,7 +91,7 @@ def loss_map(scene: Scene, lengths: np.ndarray, widths: np.ndarray) -> LossMap |
     mean = solve_prepared(dataclasses.replace(healthy(scene), phase=PitchMean()))
     whole = xp.numbers(mean).both_stiffnesses
     values = np.full((3, 2, len(lengths), len(widths)), np.nan)
-    known = still(scene, np.array([[scene.load.radial, scene.load.axial]], float))
+    known = healthy_ring(scene, np.array([[scene.load.radial, scene.load.axial]], float))
     at_rest = None if known is None else HealthyRing(*(part[0] for part in known))
     with np.errstate(all="ignore"):
         for i, length in enumerate(lengths):
