@@ -85,12 +85,12 @@ def borders(
     """
     shape = (*np.shape(xp.value(load.radial)), _count(met, terms))
     if healthy_ring is None:
-        kinks = _by_rings(bearing, shape, (load, met, terms), at_rest)
+        kinks = _by_rings(bearing, load, met, terms, at_rest, shape)
     else:
         rings = xp.broadcast_to(healthy_ring.displacement[..., None, :], (*shape, 3))
         own = (xp.broadcast_to(share[..., None], shape) for share in xp.moveaxis(healthy_ring.shares, -1, 0))
         each = [WHOLE for _ in met] if terms.seat is None else list(own)
-        kinks = _within_pitch(bearing, terms, _known(_kinks(bearing, met, np.zeros(shape), rings, terms, each)))
+        kinks = _within_pitch(bearing, terms, _kinks(bearing, met, np.zeros(shape), rings, terms, each))
     order = xp.module_of(kinks).argsort(xp.value(kinks), axis=-1)
     kinks = kinks[order] if order.ndim == 1 else xp.stack([own[k] for own, k in zip(kinks, order, strict=True)])
     none = 0.0 * kinks[..., :1]
@@ -98,11 +98,10 @@ def borders(
 
 
 def _by_rings(
-    bearing: TaperedBearing, shape: tuple[int, ...], at: tuple[Load, tuple[Met, ...], Terms],
-    at_rest: Callable[[Any], ring.Equilibrium],
+    bearing: TaperedBearing, load: Load, met: tuple[Met, ...], terms: Terms,
+    at_rest: Callable[[Any], ring.Equilibrium], shape: tuple[int, ...],
 ) -> Any:  # fmt: skip
     """Kinks in the pitch, of this shape, each where its own ring has it: rings are solved at those known, in rounds."""
-    load, met, terms = at
     zone, differ, pitch = _zone_ends(terms), load_zone_ends.are_different(terms), geometry.roller_pitch(bearing)
     period = np.where(np.arange(shape[-1]) < zone, load_zone_ends.TURN, pitch) if differ else pitch
     of = xp.module_of(jax.tree.leaves((bearing, load, met, terms)))
@@ -111,7 +110,7 @@ def _by_rings(
         at, before = state
         rest = at_rest(at)
         each = shares(met, rest, terms)
-        kinks = _known(_kinks(bearing, met, at, rest.displacement, terms, each, before.rollers))
+        kinks = _kinks(bearing, met, at, rest.displacement, terms, each, before.rollers)
         kinks, search = _nearer(kinks, at, before, period)
         first = load_zone_ends.nearest(*xp.fixed((at, rest.displacement, bearing, terms)))
         start, way = (
@@ -145,11 +144,6 @@ def _count(met: tuple[Met, ...], terms: Terms) -> int:
     they have met them, then its further walls."""
     inside = sum(spall.walls.size - 2 for one in met for spall in one.spalls)
     return _zone_ends(terms) + sum((2 if one.law.hard else 4) * len(one.spalls) for one in met) + inside
-
-
-def _known(kinks: Any) -> Any:
-    """0 in place of what a law does not know; it says so itself."""
-    return xp.where(xp.module_of(kinks).isfinite(xp.value(kinks)), kinks, 0.0)
 
 
 def between(borders: Any, rule: Rule | None = None) -> tuple[Any, Any]:
@@ -232,7 +226,9 @@ def _kinks(
                 approach = approach * own / (own + (1.0 - own) * land)
             begins, ends = (xp.broadcast_to(place, approach.shape) for place in law.ramp(i, spall, approach))
             found += [edges - sides * begins[..., :2] / radius, edges - sides * ends[..., 2:] / radius]
-    return xp.concatenate([_of_each(part, rows[0].shape[:-2]) for part in (*found, *inside)], axis=-1)
+    kinks = xp.concatenate([_of_each(part, rows[0].shape[:-2]) for part in (*found, *inside)], axis=-1)
+    # a law that does not know its ramps says so itself
+    return xp.where(xp.module_of(kinks).isfinite(xp.value(kinks)), kinks, 0.0)
 
 
 def _of_each(part: Any, loads: tuple[int, ...]) -> Any:
