@@ -16,7 +16,7 @@ from difftrb.contact.strip_rows import Rows
 from difftrb.core import arrays as xp
 
 REACHED = 2.75  # where the raceway may still be touched, in the unit of length: strips end at FARTHEST
-LEAST_LAND = 20.0  # loaded length in Hertz half-widths: below, it is no line contact, and rows are no longer than wide
+LEAST_LAND = 4.0  # loaded length in Hertz half-widths that was compared with lattices: rows no longer than wide
 ABOVE = 1.1  # by its estimate, so large an approach may be
 MARGIN = 0.15  # by which rows go on beyond slices, by what is left of the approach there
 NEARLY = 0.5 * (1.0 - 1e-9)  # of the roller's length from its middle to its end, where its crown is infinite
