@@ -201,7 +201,7 @@ def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSoluti
     counts = range(1 if inputs.spall is None else 3)
     branches = [partial(_by_strips, mirrored=mirrored, edges=count, accuracy=accuracy) for count in counts]
     first = jax.lax.switch(edges, branches, inputs)
-    cells = grid_for(accuracy).cells
+    cells = grid_for(accuracy).cells_over(inputs.spall)
     return jax.lax.cond(
         first.status_code == status.CONVERGED,
         lambda first, _: first,
@@ -219,7 +219,7 @@ def _by(method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: fl
         return _by_strips(inputs, mirrored, edges, accuracy)
     grid = grid_for(accuracy)
     if method == "cells":
-        return cell_solve.solve(inputs, grid.cells, mirrored, accuracy)
+        return cell_solve.solve(inputs, grid.cells_over(inputs.spall), mirrored, accuracy)
     return cell_solve.solve(inputs, grid.lattice, False, accuracy)
 
 
@@ -232,7 +232,8 @@ def _of_numbers(
         solution, found, way = _strips_of_numbers(inputs, mirrored, edges, accuracy)
         return solution, *(strip_model.gradients(found, inputs, way, gradients) if gradients else ())
     if method == "cells":
-        solution, every = cell_solve.solve_numbers(inputs, grid_for(accuracy).cells, mirrored, accuracy, gradients)
+        cells = grid_for(accuracy).cells_over(inputs.spall)
+        solution, every = cell_solve.solve_numbers(inputs, cells, mirrored, accuracy, gradients)
         return solution, *every
     return _lattice_slopes(inputs, accuracy, gradients) if gradients else (_by(method, inputs, False, 0, accuracy),)
 
