@@ -17,11 +17,9 @@ from difftrb.core.geometry import TaperedBearing
 from difftrb.ring import roller_places
 from difftrb.ring.terms import Terms
 
-MOST = 4
-"""Of one row of rollers that are alike: two more than of rings that lie alike. Of 900 rings of 7 or 17 rollers with one
-spall none had more."""
-MOST_OF_DIFFERENT = 6
-"""The same of rollers that differ."""
+MOST = 6
+"""Of one row: four more than of rings that lie alike. Of 185 rings of 7 or 17 rollers with one spall 19 had four and 8
+had six, none more."""
 FEWEST = 2
 """Of rings that lie alike."""
 LEFT = 1e-5
@@ -53,8 +51,7 @@ def are_different(terms: Terms) -> bool:
 
 def count(terms: Terms, few: bool = False) -> int:
     """How many ends are looked for, of all rows; `few`: as of rings that lie alike."""
-    each = MOST_OF_DIFFERENT if are_different(terms) else FEWEST if few else MOST
-    return each * rows(terms)
+    return (FEWEST if few and not are_different(terms) else MOST) * rows(terms)
 
 
 def approaches(bearing: TaperedBearing, terms: Terms, at: Any, displacements: tuple[Any, ...]) -> Any:

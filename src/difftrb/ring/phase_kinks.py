@@ -100,7 +100,7 @@ def borders(turning: Callable[[Any], Turning], scene: Any, few: bool = False) ->
     if xp.expands(scene):
         at, wide = xp.with_one_more(kinks, scene)
         by = _off(turning(wide), at, rollers, there).by
-        kinks = Taylor(kinks, -by[:-1] / by[-1])
+        kinks = Taylor(kinks, -by[:-1] / by[-1:])
     pitch = geometry.roller_pitch(turning(scene).bearing)
     kinks = xp.mod(kinks, pitch)
     of, none = xp.module_of(kinks), 0.0 * kinks[..., :1]
