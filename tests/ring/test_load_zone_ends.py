@@ -27,12 +27,13 @@ SCENES = {
         "table", design_load=673.363, phase="mean"),
     "aside": trb.Scene(
         SHORT, trb.Load(34606.2, 20227.5),
-        (trb.Spall(21.9077, 9.4372, depth=0.4, angle=-0.1991, axial_offset=7.36568),), "table", design_load=30872.2, phase="mean"),
+        (trb.Spall(21.9077, 9.4372, depth=0.4, angle=-0.1991, axial_offset=7.36568),),
+        "table", design_load=30872.2, phase="mean"),
     "of a packaged bearing": trb.Scene(
         "32008J", trb.Load(9000.0, 2500.0), (trb.Spall(10.0, 9.0, angle=0.1),), "table", phase="mean"),
 }  # fmt: skip
-WAYS = {"radial": 1e-3, "length": 1e-3, "width": 1e-3, "angle": 1e-3}
-"""Steps of differences, of the values."""
+STEP = 1e-3
+"""Of differences, of the values."""
 
 
 def diagonal(scene: trb.Scene) -> jax.Array:
@@ -55,11 +56,11 @@ def test_derivatives_are_those_of_differences(name: str) -> None:
     """They were up to a factor of two off, some with the wrong sign: slopes were those of secants across the kink."""
     scene = SCENES[name]
     slopes = jax.jacrev(diagonal)(scene)
-    for field, step in WAYS.items():
+    for field in ("radial", "length", "width", "angle"):
         part = slopes.load if field == "radial" else slopes.spalls[0]
         value = float(getattr(scene.load if field == "radial" else scene.spalls[0], field))
-        more, less = (np.asarray(diagonal(scene.replace(**{field: value * (1.0 + s * step)}))) for s in (1.0, -1.0))
-        wanted = (more - less) / (2.0 * step * value)
+        more, less = (np.asarray(diagonal(scene.replace(**{field: value * (1.0 + s * STEP)}))) for s in (1.0, -1.0))
+        wanted = (more - less) / (2.0 * STEP * value)
         size = 5e-3 * np.abs(wanted).max()
         np.testing.assert_allclose(getattr(part, field), wanted, rtol=5e-3, atol=size, err_msg=field)
 
