@@ -12,8 +12,8 @@ from typing import Any
 from difftrb.core.numeric import gauss_legendre
 
 POINTS_BETWEEN_KINKS = 8
-"""Of `crowded`, between two kinks: 56 phases with one spall of soft edges and two ends of the load zone. Stiffness in the
-mean is within 1e-6 of that of many phases, and within 1e-5 of seven rollers over a long spall."""
+"""Of `crowded`, between two kinks: 56 phases with one spall of soft edges and two ends of a load zone. Stiffness in the
+mean is within 1e-6 of that of many phases, of seven rollers over a long spall within 1e-5."""
 POINTS_IN_FITS = 4
 """The same of fits: by the table 3e-4 and 5e-4 of 30 random spalls, as with 6 and 10 points, whose kinks are as they
 are here; a tenth of the noise of good measurements."""
