@@ -68,6 +68,26 @@ def _of_jaxopt() -> Callable[..., Any]:
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
+def settled(residual: Callable, x: jax.Array, parameters: Pytree) -> jax.Array:
+    """`x`, where `residual(x, parameters)` is 0 entry by entry, as it moves with the parameters."""
+    return x
+
+
+def _settled_jvp(residual: Callable, primals: tuple, tangents: tuple):
+    x, parameters = primals
+    moving, changes, among = _moving(parameters, tangents[1])
+    at = settled(residual, x, parameters)
+    if not moving:
+        return at, jnp.zeros_like(at)
+    _, by_parameters = jax.jvp(lambda p: residual(at, among(p)), (moving,), (changes,))
+    _, slope = jax.jvp(lambda x: residual(x, parameters), (at,), (jnp.ones_like(at),))
+    return at, -by_parameters / slope
+
+
+settled.defjvp(_settled_jvp, symbolic_zeros=True)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
 def pointwise(function: Callable, parameters: Pytree, x: jax.Array) -> Pytree:
     """y = `function(parameters, x)`, a pytree whose leaves have the shape of x and know x entry by entry.
 

@@ -180,8 +180,14 @@ def variable(x: Any) -> Taylor:
 
 
 def with_variable(x: Any, others: Any) -> tuple[Taylor, Any]:
-    """An array or expansion `x` as one more parameter, the last, to second derivatives; and a pytree whose expansions
-    have it, too, and do not change by it. All may be expanded by the same parameters, or by none."""
+    """As `with_one_more`, to second derivatives."""
+    at, others = with_one_more(x, others)
+    return dataclasses.replace(at, mixed=_of(at.by).zeros_like(at.by)), others
+
+
+def with_one_more(x: Any, others: Any) -> tuple[Taylor, Any]:
+    """An array or expansion `x` as one more parameter, the last; and a pytree whose expansions have it, too, and do not
+    change by it. All may be expanded by the same parameters, or by none."""
     count = parameters_of((x, others))
 
     def widened(leaf: Any) -> Any:
@@ -193,7 +199,7 @@ def with_variable(x: Any, others: Any) -> tuple[Taylor, Any]:
     last = of.ones_like(at)[None]
     before = of.zeros((count, *np.shape(at))) if own is None else own
     by = of.concatenate([before, last]) if count else last
-    return Taylor(at, by, of.zeros_like(by)), jax.tree.map(widened, others, is_leaf=_is_taylor)
+    return Taylor(at, by), jax.tree.map(widened, others, is_leaf=_is_taylor)
 
 
 def parameters_of(tree: Any) -> int:

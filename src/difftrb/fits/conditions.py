@@ -16,7 +16,7 @@ import numpy as np
 from difftrb.core.numeric import gauss_legendre
 from difftrb.fits.measured import ENTRIES, Measurement
 from difftrb.ring import phase_quadrature
-from difftrb.ring.phase_quadrature import HealthyRing
+from difftrb.ring.phase_kinks import HealthyRing
 from difftrb.scene import cage_phases
 from difftrb.scene.scene import Definition, PitchMean, Scene
 

@@ -107,15 +107,17 @@ def _of_phases(
         return found.reshape(*value.shape[1:]) if value.ndim > 1 else found[0]
 
     def span(value: Any) -> Any:
-        of = xp.module_of(value)
+        of, value = xp.module_of(value), value if counting is None else value[counting]
         return xp.stack([xp.taken(value, pick(xp.value(value), axis=0)) for pick in (of.argmin, of.argmax)])
 
     if isinstance(scene.phase, PitchMean):
         middle: Any = 0.5 * geometry.roller_pitch(scene.bearing)
         of_every, stiffness = mean, without_poles(scene, every.displacement, stiffness)
+        share = xp.value(weights)  # 0 where a program has phases to make up their number
+        counting = xp.where(share > 0.0, np.arange(len(share)), xp.module_of(share).argmax(share))
     else:
         middle = scene.phase
-        of_every = operator.itemgetter(0)
+        of_every, counting = operator.itemgetter(0), None
     of = xp.module_of(every.residual)
     return Solution(
         angles=roller_places.roller_angles(scene.bearing, middle),

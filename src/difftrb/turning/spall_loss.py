@@ -14,7 +14,7 @@ from difftrb.core.taylor import Taylor
 from difftrb.law import base
 from difftrb.law.base import Law
 from difftrb.ring import effect_base
-from difftrb.ring.phase_quadrature import HealthyRing
+from difftrb.ring.phase_kinks import HealthyRing
 from difftrb.scene.cage_phases import healthy_ring
 from difftrb.scene.cage_phases import phases as phases_of
 from difftrb.scene.prepared_scene import as_defined, at_phases, solve_prepared
