@@ -35,7 +35,7 @@ from difftrb.core.geometry import as_floats
 from difftrb.law import samples
 from difftrb.law.direct_curves import wide
 
-FINEST = Fineness(36, 12, 3, 2, 30, Frequencies(6, 18, 32, 32.0), Frequencies(6, 18, 180, 320.0), 20)
+FINEST = Fineness(44, 14, 3, 2, 30, Frequencies(6, 18, 40, 40.0), Frequencies(6, 18, 440, 440.0), 22)
 KINDS = {"edge": (0.0, 1.0), "sliver": (0.6, 0.985), "both": (0.1, 1.0)}
 """Where the edge stands on its ramp; of `both`, how wide a spall is, by twice the ramp's end."""
 WIDTH = 4.0

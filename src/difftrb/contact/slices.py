@@ -6,30 +6,27 @@ half-space's kernel along the line. That is right to some thousandths where no r
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from difftrb.contact import crown, strip_active_set, strip_rows
 from difftrb.contact import gap as gaps
+from difftrb.contact import strip_active_set, strip_rows
 from difftrb.contact.strip_active_set import Quadratic
 from difftrb.core import arrays as xp
 from difftrb.core import loops
 from difftrb.core.arrays import Taylor
 from difftrb.core.geometry import LineContact
 
-LAND, HOLLOW = 24, 10  # slices of each land and of the hollow
-AT_TIP, AT_SPALL = 2.5, 1.5  # powers with which they grow from there
+LAND, HOLLOW = 28, 10  # slices of each land and of the hollow
+AT_TIP, AT_SPALL = 3.0, 1.5  # powers with which they grow from there
 BLUNT = 0.5 * np.exp(-0.5)
 """A semi-ellipse's pressure sinks its own middle as a line at this distance does, by the half-width."""
 NARROWEST, MOST = 0.05, 2.0  # line load by the mean: with less or more, slices count as such
 WIDE = 2.0
 """By how much blunter than their own middle slices are for others. What is missing on themselves is added: short slices
 beside a spall's end would else be as good as one, and the solution ill-conditioned."""
-OPEN = 0.05  # gap that is left where rows end, by the approach
-BEYOND = 1.05  # by the approach that was found between the roller's ends
-TURNS, ROUNDS = 2, 12  # half-widths that are tried, and steps of the active set for each
+TURNS, ROUNDS = 3, 12  # half-widths that are tried, and steps of the active set for each
 
 
 class Slices(NamedTuple):
@@ -38,7 +35,7 @@ class Slices(NamedTuple):
     Attributes:
       middle, length: of the slices [mm], (slices,). load: line load by πE' [mm], and whether it is `active`.
       blunt_by: the line loads that tell how blunt they are [mm].
-      approach: [mm]. left: the gap that is left between slices [mm]. level: undeformed gap at which they end [mm].
+      approach: [mm].
     """
 
     middle: Any
@@ -47,8 +44,6 @@ class Slices(NamedTuple):
     active: Any
     blunt_by: Any
     approach: Any
-    left: Any
-    level: Any
 
     @property
     def mean(self) -> Any:
@@ -61,59 +56,36 @@ def pressed(contact: LineContact, needed: Any, low: Any, high: Any, edge: Any, t
     """The slices under a load of `needed` πE' [mm²]; those between `low` and `high` stand on land that ends `edge` [mm]
     beside the roller's middle, or beyond it, if that is negative."""
 
-    def between(ends: tuple[Any, Any], load_at: Callable[[Any], Any]) -> Slices:
-        middle, length = _lines(ends, low, high)
+    def turn(state: tuple) -> tuple:
+        active, last, _, _ = state
+        sunk, own, rest = _terms(contact, low, high, edge, tilt, last)
+        problem = Quadratic(_symmetric(sunk) + xp.diag(own), rest, length, needed)
+        found, active, _ = strip_active_set.solve(problem, active, ROUNDS)
+        return active, found.loads, last, found.approach
 
-        def turn(state: tuple) -> tuple:
-            active, last, _, _ = state
-            sunk, own, rest = _terms(contact, ends, low, high, edge, tilt, last)
-            problem = Quadratic(_symmetric(sunk) + xp.diag(own), rest, length, needed)
-            found, active, _ = strip_active_set.solve(problem, active, ROUNDS)
-            return active, found.loads, last, found.approach
-
-        first = load_at(middle)
-        begun = length > 1e-9 * contact.length, first, first, 0.0 * needed
-        active, load, before, approach = loops.repeated(TURNS, turn, begun)
-        left = _left(length, *_terms(contact, ends, low, high, edge, tilt, before), load, approach)
-        return Slices(middle, length, load, active, before, approach, left, 0.0 * needed)
-
-    half = 0.5 * contact.length
-    first = between((-half, half), lambda middle: needed / contact.length + 0.0 * middle)
-    level = BEYOND * first.approach
-    found = between(_ends(contact, level, low, high, tilt), lambda middle: xp.interp(middle, first.middle, first.load))
-    return found._replace(level=level)
-
-
-def _ends(contact: LineContact, level: Any, low: Any, high: Any, tilt: Any | None) -> tuple[Any, Any]:
-    """Where slices begin and end: no slice is loaded where the gap exceeds the approach."""
-    bottom, top = (crown.reached(contact, level, tilt, side) for side in (-1.0, 1.0))
-    return xp.minimum(bottom, low), xp.maximum(top, high)
+    middle, length = _lines(contact, low, high)
+    even = needed / contact.length + 0.0 * length
+    active, load, before, approach = loops.repeated(
+        TURNS, turn, (length > 1e-9 * contact.length, even, even, 0.0 * needed)
+    )
+    return Slices(middle, length, load, active, before, approach)
 
 
 def near(found: Slices, contact: LineContact, needed: Any, low: Any, high: Any, edge: Any, tilt: Any | None) -> Slices:
-    """The slices to about first order in a change of what was `pressed`; where they end grows like the approach."""
-    about = found
-    for _ in range(TURNS):
-        ends = _ends(contact, about.approach * (found.level / found.approach), low, high, tilt)
-        middle, length = _lines(ends, low, high)
-        sunk, own, rest = _terms(contact, ends, low, high, edge, tilt, about.blunt_by)
+    """The slices to about first order in a change of what was `pressed`."""
+    middle, length = _lines(contact, low, high)
+    lacking = needed - xp.total(length * found.load)
+    blunt_by, approach, load = found.blunt_by, found.approach, found.load
+    for _ in range(TURNS - 1):
+        sunk, own, rest = _terms(contact, low, high, edge, tilt, blunt_by)
         pushed = 0.5 * (xp.einsum("ij,j->i", sunk, found.load) + xp.einsum("i,ij->j", found.load, sunk))
         residual = pushed + own * found.load + rest - found.approach * length
         if xp.by(residual) is None:
-            return found
+            break
         matrix = _symmetric(xp.value(sunk)) + xp.diag(xp.value(own))
-        lacking = needed - xp.total(length * found.load)
         approach, load = _followed(found, matrix, xp.by(residual), xp.by(lacking))
-        left = _left(length, sunk, own, rest, load, approach)
-        about = found._replace(
-            middle=middle,
-            length=length,
-            load=load,
-            approach=approach,
-            left=left,
-            blunt_by=Taylor(found.blunt_by, load.by),
-        )
-    return about
+        blunt_by = Taylor(found.blunt_by, load.by)
+    return found._replace(middle=middle, length=length, load=load, approach=approach)
 
 
 def _followed(found: Slices, matrix: Any, residual: Any, lacking: Any) -> tuple[Taylor, Taylor]:
@@ -132,27 +104,25 @@ def _symmetric(matrix: Any) -> Any:
     return 0.5 * (matrix + matrix.T)
 
 
-def _lines(ends: tuple[Any, Any], low: Any, high: Any) -> tuple[Any, Any]:
+def _lines(contact: LineContact, low: Any, high: Any) -> tuple[Any, Any]:
     """Middles and lengths of the slices [mm]."""
-    lines = _borders(ends, low, high)
+    lines = _borders(contact, low, high)
     return 0.5 * (lines[1:] + lines[:-1]), lines[1:] - lines[:-1]
 
 
-def _borders(ends: tuple[Any, Any], low: Any, high: Any) -> Any:
-    bottom, top = ends
-    lower = -strip_rows.graded(-low, -bottom, LAND, AT_SPALL, AT_TIP)[::-1]
+def _borders(contact: LineContact, low: Any, high: Any) -> Any:
+    half = 0.5 * contact.length
+    lower = -strip_rows.graded(-low, half, LAND, AT_SPALL, AT_TIP)[::-1]
     hollow = strip_rows.graded(low, high, HOLLOW, AT_SPALL, AT_SPALL)
-    return xp.concatenate([lower, hollow[1:], strip_rows.graded(high, top, LAND, AT_SPALL, AT_TIP)[1:]])
+    return xp.concatenate([lower, hollow[1:], strip_rows.graded(high, half, LAND, AT_SPALL, AT_TIP)[1:]])
 
 
-def _terms(
-    contact: LineContact, ends: tuple[Any, Any], low: Any, high: Any, edge: Any, tilt: Any | None, load: Any
-) -> tuple[Any, Any, Any]:
+def _terms(contact: LineContact, low: Any, high: Any, edge: Any, tilt: Any | None, load: Any) -> tuple[Any, Any, Any]:
     """How deep slices sink by the line load of others and of themselves, and their gap, all times their lengths. How
     blunt they are is from a first `load`."""
     edge = edge / xp.sqrt(4.0 * contact.radius)  # the gap is 2x², a half-width squared a line load
-    lines = _borders(ends, low, high)
-    middle, length = _lines(ends, low, high)
+    lines = _borders(contact, low, high)
+    middle, length = _lines(contact, low, high)
     over = np.repeat([0.0, 1.0, 0.0], [LAND, HOLLOW, LAND])
     most = 0.5 * contact.length * (1.0 - 1e-9)  # the crown is infinite at the roller's ends
     rest = gaps.rest_at(xp.clip(middle, -most, most), contact, tilt) + over * 2.0 * xp.maximum(edge, 0.0) ** 2
@@ -177,19 +147,12 @@ def _cut(load: Any, edge: Any) -> Any:
     return (farther - 2.0 * xp.maximum(edge, 0.0) ** 2) / load
 
 
-def _left(length: Any, sunk: Any, own: Any, rest: Any, load: Any, approach: Any) -> Any:
-    """The gap that is left between slices [mm], (slices,)."""
-    pushed = 0.5 * (xp.einsum("ij,j->i", sunk, load) + xp.einsum("j,ji->i", load, sunk))
-    there = xp.value(length) > 0.0
-    return (pushed + own * load + rest) / xp.where(there, length, 1.0) - approach
-
-
-def reached(slices: Slices, side: float) -> Any:
-    """How far on one `side` slices are nearer than `OPEN` of the approach [mm]: between two of them linearly."""
-    y, left = side * slices.middle, slices.left - OPEN * slices.approach
+def tip(slices: Slices, side: float) -> Any:
+    """Where contact ends on one `side` [mm]: where line load, continued, vanishes; at most in the next slice."""
+    y, load = side * slices.middle, slices.load
     if side < 0.0:
-        y, left = y[::-1], left[::-1]
-    closed = xp.value(left) < 0.0
-    last = xp.minimum(xp.max(xp.where(closed, np.arange(len(y)), 0)), len(y) - 2)
-    share = left[last] / (left[last] - left[last + 1])
-    return side * (y[last] + xp.clip(share, 0.0, 1.0) * (y[last + 1] - y[last]))
+        y, load = y[::-1], load[::-1]
+    last = xp.maximum(xp.max(xp.where(xp.value(load) > 0.0, np.arange(len(y)), 0)), 1)
+    falling = xp.maximum(load[last - 1] - load[last], 1e-3 * load[last])
+    end = y[last] + load[last] * (y[last] - y[last - 1]) / falling
+    return side * xp.minimum(end, y[xp.minimum(last + 1, len(y) - 1)])

@@ -18,7 +18,7 @@ from difftrb.core import arrays as xp
 REACHED = 2.75  # where the raceway may still be touched, in the unit of length: strips end at FARTHEST
 LEAST_LAND = 4.0  # loaded length in Hertz half-widths that was compared with lattices: rows no longer than wide
 ABOVE = 1.1  # by its estimate, so large an approach may be
-MARGIN = 0.15  # gap by which rows go past a spall's end, by what is left of the approach there
+MARGIN = 0.15  # by which rows go on beyond slices, by what is left of the approach there
 NEARLY = 0.5 * (1.0 - 1e-9)  # of the roller's length from its middle to its end, where its crown is infinite
 FAR = 10.0  # by the roller's length: where an edge is that does not count
 CLEAR = 100.0  # by the approach, the gap of rows on land that a spall leaves none of
@@ -83,18 +83,18 @@ def reach_near(reach: Reach, inputs: Inputs, edges: int) -> Reach:
 
 
 def _reach(inputs: Inputs, edges: int, found: Slices) -> Reach:
-    """Rows go on to where slices leave a gap, and to land beyond a spall that may touch with its corner alone."""
+    """Rows go on beyond slices by a part of what is left of the approach there. They go on to land beyond a spall that
+    slices do not load, too, for it may touch with its corner."""
     contact = inputs.contact
     unit = gaps.line_half_width(np.pi * contact.modulus * found.mean, contact.radius, contact.modulus)
     if edges:  # a light load sinks a roller over a long spall through its crown: edges far beyond the half-width count
         unit = xp.maximum(unit, gaps.certain_reach(contact.radius, found.approach) / REACHED)
     line_load = gaps.line_load_at(unit, contact.radius, contact.modulus)
-    low, high = ends_along(contact, inputs.spall)
-    tips = [slices.reached(found, side) for side in (-1.0, 1.0)]
-    bottom = xp.minimum(tips[0], _past(inputs, found.approach, low, -1.0))
-    top = xp.maximum(tips[1], _past(inputs, found.approach, high, 1.0))
-    covered = xp.clip(high, *tips) - xp.clip(low, *tips)
-    return Reach(bottom, top, line_load, unit, found.approach, tips[1] - tips[0] - covered, found)
+    spall = ends_along(contact, inputs.spall)
+    tips = [slices.tip(found, side) for side in (-1.0, 1.0)]
+    bottom, top = (_row_end(inputs, found.approach, *side) for side in zip(tips, spall, (-1.0, 1.0), strict=True))
+    low, high = (xp.clip(end, *tips) for end in spall)
+    return Reach(bottom, top, line_load, unit, found.approach, tips[1] - tips[0] - (high - low), found)
 
 
 def _on_land(inputs: Inputs, edges: int) -> tuple[Any, ...]:
@@ -105,12 +105,21 @@ def _on_land(inputs: Inputs, edges: int) -> tuple[Any, ...]:
     return contact, load / (np.pi * contact.modulus), *ends_along(contact, inputs.spall), edge, tilt
 
 
-def _past(inputs: Inputs, approach: Any, end: Any, side: float) -> Any:
-    """A little past a spall's `end` on one `side`, if land there may touch; else where no land does [mm]."""
+def _row_end(inputs: Inputs, approach: Any, tip: Any, end: Any, side: float) -> Any:
+    """Where rows end on one `side` [mm], where slices do at `tip` and the spall at `end`."""
     contact, tilt = inputs.contact, inputs.tilt
     most = NEARLY * contact.length
-    level = gaps.rest_at(xp.clip(end, -most, most), contact, tilt)
-    return crown.reached(contact, level + MARGIN * xp.maximum(approach - level, 0.0), tilt, side)
+    reached = side * xp.clip(xp.maximum(side * tip, side * end), -most, most)
+    level = gaps.rest_at(reached, contact, tilt)
+    beyond = level + MARGIN * (approach - level)
+    if tilt is not None:
+        farther = crown.crossing(contact, beyond, tilt, side)
+    else:
+        scale = crown.scale(contact)
+        crowned = scale > 0.0
+        steepness = xp.where(crowned, beyond / xp.where(crowned, scale, 1.0), 100.0)
+        farther = side * crown.half_length(steepness, contact)
+    return xp.where(level < approach, farther, tip)
 
 
 def missing_land_clearance(groups: tuple[Rows, ...], ends: tuple[Any, ...]) -> Any:
