@@ -11,6 +11,32 @@ Their errors are by themselves or, if that is more, by a tenth of what a derivat
 Milliseconds are medians of single calls by numpy.
 """
 
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from typing import Any, NamedTuple
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+import difftrb as trb
+from difftrb.contact import cell_solve, solver, strip_model, strip_reach
+from difftrb.contact.contact_cells import Resolution
+from difftrb.contact.contact_solution import Inputs, given
+from difftrb.contact.strip_model import Way
+from difftrb.core import arrays as xp
+from difftrb.core import status
+from difftrb.core.geometry import LineContact, as_floats
+from experiments.accuracy_of_strips import FINEST
+
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5)
 KINDS = {"edge": 20, "narrow": 10, "sliver": 10, "wide": 12, "none": 3, "two spalls": 5}
 FINEST_CELLS = Resolution(96, 64, 8)
