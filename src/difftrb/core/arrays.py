@@ -16,21 +16,10 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core.taylor import (
-    Taylor,
-    chained,
-    rest,
-    summed,
-    value,
-    values,
-    variable,
-    whole,
-    with_one_more,
-    with_variable,
-)
+from difftrb.core.taylor import Taylor, chained, rest, summed, value, values, variable, whole, with_variable
 from difftrb.core.taylor import by_of as by
 
-__all__ = ["Taylor", "by", "value", "values", "variable", "with_one_more", "with_variable"]
+__all__ = ["Taylor", "by", "value", "values", "variable", "with_variable"]
 PRECISE = jax.lax.Precision.HIGHEST
 OF_NUMPY = frozenset({np.ndarray, np.float64, np.bool_, float, int, bool, type(None)})
 LARGE = 2000  # entries from which numpy's sums of products are worth its thinking about how
@@ -73,7 +62,6 @@ log = _function("log", lambda xp, x, f: (1.0 / x, -1.0 / (x * x)))
 expm1 = _function("expm1", lambda xp, x, f: (1.0 + f, 1.0 + f))
 log1p = _function("log1p", lambda xp, x, f: (1.0 / (1.0 + x), -1.0 / ((1.0 + x) * (1.0 + x))))
 sqrt = _function("sqrt", lambda xp, x, f: (0.5 / f, -0.25 / (f * x)))
-arcsinh = _function("arcsinh", lambda xp, x, f: (1.0 / xp.sqrt(1.0 + x * x), -x / (1.0 + x * x) ** 1.5))
 arctan = _function("arctan", lambda xp, x, f: (1.0 / (1.0 + x * x), -2.0 * x / (1.0 + x * x) ** 2))
 arccos = _function("arccos", lambda xp, x, f: (-1.0 / xp.sqrt(1.0 - x * x), -x / (1.0 - x * x) ** 1.5))
 
