@@ -16,10 +16,21 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.core.taylor import Taylor, chained, rest, summed, value, values, variable, whole, with_variable
+from difftrb.core.taylor import (
+    Taylor,
+    chained,
+    rest,
+    summed,
+    value,
+    values,
+    variable,
+    whole,
+    with_one_more,
+    with_variable,
+)
 from difftrb.core.taylor import by_of as by
 
-__all__ = ["Taylor", "by", "value", "values", "variable", "with_variable"]
+__all__ = ["Taylor", "by", "value", "values", "variable", "with_one_more", "with_variable"]
 PRECISE = jax.lax.Precision.HIGHEST
 OF_NUMPY = frozenset({np.ndarray, np.float64, np.bool_, float, int, bool, type(None)})
 LARGE = 2000  # entries from which numpy's sums of products are worth its thinking about how
