@@ -60,7 +60,9 @@ def approaches(bearing: TaperedBearing, terms: Terms, at: Any, displacements: tu
     towards, found = roller_places.directions(bearing, roller_places.roller_angles(bearing, at)), list[Any]()
     for u, more in zip(displacements, thicker(bearing, terms), strict=True):
         own = xp.einsum("...kri,...ki->...kr", towards, u[..., :3])
-        found.append(own if more is None else own + more)
+        if more is not None:
+            own = own + (more[(None,) * (own.ndim - 1)] if np.ndim(more) else more)
+        found.append(own)
     return xp.concatenate(found, axis=-1)
 
 
