@@ -201,7 +201,7 @@ def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSoluti
     counts = range(1 if inputs.spall is None else 3)
     branches = [partial(_by_strips, mirrored=mirrored, edges=count, accuracy=accuracy) for count in counts]
     first = jax.lax.switch(edges, branches, inputs)
-    cells = grid_for(accuracy).cells_over(inputs.spall)
+    cells = grid_for(accuracy).cells  # of several spalls cells are the only way
     return jax.lax.cond(
         first.status_code == status.CONVERGED,
         lambda first, _: first,
