@@ -36,12 +36,12 @@ APART_ACROSS = 0.02
 """By which each spall is wider at either side than the one before, as a part of the pitch."""
 AT_ENDS = 2.0
 """Half-width of the contact at spalls' ends by that of the mean line load."""
+NO_RIDGE = 0.0125
+"""A ridge between two spalls that is narrower than this part of the domain's half width is not there, on cells of any
+number. Such ones, of 2 µm and less, stand for spalls that touch, to the digits of their angles: steel would crush them.
+An elastic one of 2 µm under a roller's middle holds it up by a fifth of its approach."""
 TOUCHING = 0.5
-"""A ridge between two spalls that is narrower than this part of the pitch is not there."""
-NO_RIDGE = 0.1
-"""One wider than this part of the pitch, beyond `APART_ACROSS`, is missed, as the status says. Narrower ones, of 2 µm
-and less, stand for spalls that touch, to the digits of their angles: steel would crush them. An elastic one of 2 µm
-under a roller's middle holds it up by a fifth of its approach."""
+"""A wider one that is narrower than this part of the pitch is missed, as the status says."""
 FULL = 0.06
 """A land or hollow longer than this part of the domain's half length gets all its rows."""
 AWAY = 1e3
@@ -249,7 +249,7 @@ def _across(
         at.append(xp.where(inside, k, xp.where(edge < 0.0, 0, columns)))
     low, high = at
     under = [(column >= low) & (column < high)]
-    uneven, spoiled = [], np.asarray(False)
+    uneven, spoiled, near = [], np.asarray(False), xp.maximum(TOUCHING * pitch, NO_RIDGE * reach)
     for i, (a, b) in enumerate(zip(left[1:], right[1:], strict=True), 1):
         at = []
         for edge, into in ((a, 1), (b, -1)):
@@ -266,9 +266,9 @@ def _across(
             wanted = xp.clip(wanted, borders[k - 1] + closest, borders[k + 1] - closest)
             for other, facing, theirs in taken:  # two spalls that touch share one line
                 ridge = into * (edge - theirs)
-                touching = inside & (other >= 0) & (xp.magnitude(ridge) < TOUCHING * pitch) & (facing != into)
+                touching = inside & (other >= 0) & (xp.magnitude(ridge) < near) & (facing != into)
                 k, wanted = xp.where(touching, other, k), xp.where(touching, borders[other], wanted)
-                spoiled = spoiled | (touching & (ridge > NO_RIDGE * pitch))
+                spoiled = spoiled | (touching & (ridge > NO_RIDGE * reach))
             borders = xp.where(inside & (line == k), wanted, borders)
             taken.append((xp.where(inside, k, -1), into, edge))
             at.append(xp.where(inside, k, xp.where(edge < 0.0, 0, columns)))
