@@ -32,9 +32,9 @@ PINNED: dict[str, dict[str, float]] = {
         "by width": -106768.0799431, "load of roller 0": 1584.731804444, "radial stiffness": 3490225.754181,
     },
     "contact": {
-        "approach": 0.008161756184811, "contact width": 0.2093458177945, "load": 2.226036697054e-06,
-        "length": 4.593987117229e-05, "width": 0.0007998021865859, "offset": -0.001599604373172,
-        "radius": -0.0001691334800166, "design_load": 1.339663057773e-07,
+        "approach": 0.008160927186756, "contact width": 0.2093578034158, "load": 2.225930427044e-06,
+        "length": 4.585591306718e-05, "width": 0.0007991230421386, "offset": -0.001598246084277,
+        "radius": -0.000169554610527, "design_load": 1.336530477883e-07,
     },
 }  # fmt: skip
 

@@ -10,7 +10,6 @@ from difftrb.contact import crown
 from difftrb.contact import gap as gaps
 from difftrb.contact.height_map import HeightMap, height_at
 from difftrb.core import arrays as xp
-from difftrb.core import loops
 from difftrb.core.geometry import LineContact, Spall
 
 Defects = tuple[Spall | HeightMap, ...]
@@ -256,37 +255,3 @@ def approach_of_slices(needed: Any, weight: Any, rest: Any) -> Any:
     # slices that begin later would pull: of the first ones, however many, the approach is the least
     least = xp.min((still[0] + xp.cumsum(sizes * begun)) / xp.cumsum(sizes))
     return carried_by(still[2] < least, needed, weight, rest)
-
-
-def reach_of_strips(contact: LineContact, load: Any, low: Any, high: Any) -> tuple[Any, Any, Any, Any]:
-    """Where loaded strips end along the roller [mm], mean line load [N/mm], its Hertz half-width, an approach [mm].
-
-    `low`, `high`: ends of the spall along it [mm] (both 0 without one). Slices again, on the land at either side; the
-    strips need no margin, so each land has the stiffness of a line contact of its own length beside the other one.
-    """
-    half = 0.5 * contact.length
-    scale = xp.maximum(crown.scale(contact), 1e-12 * half)
-
-    nearest = xp.where((low < 0.0) & (high > 0.0), xp.minimum(high, -low), 0.0)  # of the land to the roller's middle
-    lowest = crown.height(xp.minimum(nearest, half * (1.0 - 1e-9)), contact)
-
-    def lands(tip: Any) -> Any:
-        return xp.maximum(xp.stack([tip - high, low + tip]), 1e-3 * half)
-
-    def refine(state: tuple[Any, ...]) -> tuple[Any, ...]:
-        length = lands(state[0])
-        half_width = gaps.line_half_width(load / xp.sum(length), contact.radius, contact.modulus)
-        apart = [high - low, xp.sum(length) + high - low, *(length + high - low)]
-        whole, both, first, second = (crown.xlogx(distance) for distance in apart)
-        shape = 2.0 * xp.log(4.0 * length / half_width) - 1.0 + (whole + both - first - second) / length
-        needed = load / (np.pi * contact.modulus)
-        delta = sinking(contact, needed, low, high, 1.0 / xp.maximum(shape, 1.0))
-        alone = 1.0 - xp.clip(0.5 * (high - low) / xp.maximum(state[0], 1e-3 * half), 0.0, 1.0)
-        # neighbours lift the surface beyond the tip, too: measured on strips four times as fine
-        share = xp.maximum(1.0 - (1.5 + 0.5 * alone**2) / xp.max(shape), 0.2)
-        tip = crown.half_length((lowest + share * xp.maximum(delta - lowest, 0.0)) / scale, contact)
-        return tip, delta
-
-    tip, delta = loops.repeated(3, refine, (half + 0.0 * load, 0.0 * load))
-    line_load = load / xp.sum(lands(tip))
-    return tip, line_load, gaps.line_half_width(line_load, contact.radius, contact.modulus), delta

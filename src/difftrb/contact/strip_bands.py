@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from difftrb.contact import strip_active_set, strip_settling, strip_waves
+from difftrb.contact import strip_active_set, strip_coupling, strip_waves
 from difftrb.contact.strip_active_set import Quadratic
+from difftrb.contact.strip_coupling import Coupling
 from difftrb.contact.strip_kernel import Kernel
 from difftrb.contact.strip_plan import LAND, LEFT, RIGHT, StripPlan
 from difftrb.contact.strip_settling import StripProblem
@@ -35,7 +36,7 @@ def chosen(
     sides, rows = plan.family_sides, plan.family_rows
     edge = xp.where(sides == RIGHT, problem.right, xp.where(sides == LEFT, -problem.left, 0.0))
     nearest = xp.maximum(xp.where(sides == LAND, 0.0, edge), 0.0)
-    table = strip_settling.spread(plan.even, kernel.products, rows)
+    table = strip_coupling.coupling_of(kernel.products, rows, plan.frequencies.rule()[0], plan.even)
     same = (sides[:, None] == sides[None]) & (sides != LAND)[None]
     tail = kernel.mass[rows][:, rows] * same
     weight, gap_of_rows = problem.weight[rows], problem.gap[rows]
@@ -68,8 +69,8 @@ def chosen(
 
 
 def _quadratic(
-    plan: StripPlan, problem: StripProblem, table: Any, tail: Any, low: Any, high: Any, shape: Any, step: Any, gap: Any,
-    weight: Any,
+    plan: StripPlan, problem: StripProblem, table: Coupling, tail: Any, low: Any, high: Any, shape: Any, step: Any,
+    gap: Any, weight: Any,
 ) -> Quadratic:  # fmt: skip
     """The problem of all bands: those of a family are the differences of the contacts of this `shape`, each by the
     load of its own, `step`."""
@@ -87,7 +88,7 @@ def _quadratic(
         rise = xp.concatenate([whole[:, :1], xp.diff(whole, axis=1)], axis=1)
         return rise / step.reshape(*step.shape, *(1,) * (rise.ndim - 2))
 
-    matrix, strength = strip_settling.coupled(table, banded(wave)), banded(strength)
+    matrix, strength = strip_coupling.coupled(table, banded(wave)), banded(strength)
     matrix = matrix + tail[:, None, :, None] * strength[:, :, None, None] * strength[None, None]
     n = families * count
     return Quadratic(

@@ -25,10 +25,10 @@ from difftrb.contact.gap import Cells
 from difftrb.contact.strip_plan import Fineness, StripPlan
 from difftrb.contact.strip_reach import (
     Reach,
-    carried_along,
     ends_within,
     interference,
     missing_land_clearance,
+    reach_near,
     reach_of,
     suited,
 )
@@ -127,6 +127,11 @@ def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, Stri
     ]) / weight  # fmt: skip
     gap = gap + missing_land_clearance(groups, ends) * xp.fixed(push * reach.approach)
     left, right = _rolling_edges(inputs, edges, reach.unit)
+    spall = cast(Any, inputs.spall)
+    land = (
+        contact.length if edges or spall is None else xp.maximum(contact.length - spall.length, 0.02 * contact.length)
+    )
+    wider = xp.sqrt(contact.radius * load / (contact.modulus * land)) / reach.unit
     images = 2.0 if mirrored else 1.0
     problem = StripProblem(
         weight=weight,
@@ -136,6 +141,7 @@ def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, Stri
         right=right,
         load=load / (images * reach.line_load * reach.unit),
         push=push,
+        shrunk=wider / xp.fixed(wider),
     )
     return problem, strip_plan.plan_of(groups, hollow, edges, mirrored, fine), ends
 
@@ -162,7 +168,7 @@ def _shifted(way: Way, found: Strips, settled: Sequence[Settled], inputs: Inputs
 
     Rows and boundaries keep their places in the units, which change: what they are misplaced by does then not enter.
     """
-    reach = carried_along(found.reach, inputs, way.edges)
+    reach = reach_near(found.reach, inputs, way.edges)
     problem, plan, ends = _problem(inputs, way, reach)
     shifts = strip_settling.shifts(plan, problem, partial(_kernel, way, inputs.spall is not None), ends, settled)
     moved = [(found.settled.approach + shifts[0]) / problem.push]

@@ -17,7 +17,7 @@ from difftrb.core import arrays as xp
 LAND, RIGHT, LEFT, MIDDLE = 0, 1, -1, 2
 THIN = 2  # rows of land at a spall's end that share an outline
 BESIDE = 3  # rows of land at a spall's end that are cut by its rolling edges
-NEAR_HOLLOW = 2  # rows of the hollow at a spall's end that share an outline
+NEAR_HOLLOW = 1  # rows of the hollow at a spall's end that share an outline
 GATHERED, HOLLOW = 3.0, 2.0  # powers with which rows of land and of the hollow grow from their ends
 LEAST_ROWS = 1e-3  # length of land or spall by the contact's that there are rows for at least
 

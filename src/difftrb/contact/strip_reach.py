@@ -6,35 +6,36 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from difftrb.contact import contact_extent, crown
+from difftrb.contact import crown, slices
 from difftrb.contact import gap as gaps
 from difftrb.contact.contact_extent import ends_along
 from difftrb.contact.contact_solution import Inputs
+from difftrb.contact.slices import Slices
 from difftrb.contact.strip_plan import LEAST_ROWS
 from difftrb.contact.strip_rows import Rows
 from difftrb.core import arrays as xp
-from difftrb.core.geometry import LineContact
 
 REACHED = 2.75  # where the raceway may still be touched, in the unit of length: strips end at FARTHEST
-LEAST_LAND = 20.0  # loaded length in Hertz half-widths: below, it is no line contact, and rows are no longer than wide
+LEAST_LAND = 4.0  # loaded length in Hertz half-widths that was compared with lattices: rows no longer than wide
 ABOVE = 1.1  # by its estimate, so large an approach may be
-FAR_ENDS = 0.75, 0.95  # of a spall by the contact's tip: from here on strips go farther than that
-FARTHER = 0.05, 0.3  # if it ends there by so much farther from the middle than on the other side, by the tip
-ALONE = 0.15  # and by what share of that on the other side
+MARGIN = 0.15  # by which rows go on beyond slices, by what is left of the approach there
+NEARLY = 0.5 * (1.0 - 1e-9)  # of the roller's length from its middle to its end, where its crown is infinite
+FAR = 10.0  # by the roller's length: where an edge is that does not count
 CLEAR = 100.0  # by the approach, the gap of rows on land that a spall leaves none of
 LEAST_CROWN = 1e-3  # crown's scale by approach: below, a roller's end acts as an edge, which the strips do not have
 
 
 class Reach(NamedTuple):
     """Where rows begin and end along the roller [mm]; mean line load [N/mm] and its Hertz half-width [mm], the units;
-    an estimate of the approach [mm]; and where contact would end without what strips go farther for [mm]."""
+    an estimate of the approach, the length of the loaded land [mm], and the slices that tell all this."""
 
     bottom: Any
     top: Any
     line_load: Any
     unit: Any
     approach: Any
-    tip: Any
+    land: Any
+    slices: Slices
 
 
 def edges_and_suitability(inputs: Inputs) -> tuple[Any, Any, Any]:
@@ -54,11 +55,8 @@ def edges_and_suitability(inputs: Inputs) -> tuple[Any, Any, Any]:
 def suited(inputs: Inputs, reach: Reach, approach: Any) -> Any:
     """Whether strips can describe a contact of so large an approach [mm]."""
     contact, spall = inputs.contact, cast(Any, inputs.spall)
-    low, high = ends_along(inputs.contact, inputs.spall)
-    land = (
-        2.0 * reach.tip - (xp.clip(high, reach.bottom, reach.top) - xp.clip(low, reach.bottom, reach.top))
-    ) / reach.unit
-    fits = (crown.scale(contact) > LEAST_CROWN * interference(inputs, approach)) & (land > LEAST_LAND)
+    fits = crown.scale(contact) > LEAST_CROWN * interference(inputs, approach)
+    fits = fits & (reach.land > LEAST_LAND * reach.unit)
     return fits if spall is None else fits & (spall.depth > interference(inputs, approach))
 
 
@@ -75,89 +73,53 @@ def ends_within(inputs: Inputs, reach: Reach) -> Any:
 
 
 def reach_of(inputs: Inputs, edges: int) -> Reach:
-    """By slices with the stiffness of a line contact of each land's length: see `contact_extent.reach_of_strips`.
-
-    A tilted roller's slices begin to carry where its gap is least.
-    """
-    contact, load, spall, offset, tilt = inputs
-    offset = xp.abs(offset) if edges == 1 else offset
-    low, high = ends_along(inputs.contact, inputs.spall)
-    tip, line_load, unit, approach = _level_reach(contact, load, spall, offset, edges)
-    if tilt is None:
-        ends = [_tip(contact, tip, approach, end, other) for end, other in ((-low, high), (high, -low))]
-        return Reach(-ends[0], ends[1], line_load, unit, approach, tip)
-    half = 0.5 * contact.length
-    stiff = xp.maximum(2.0 * xp.log(4.0 * (2.0 * tip - high + low) / unit) - 1.0, 1.0)
-    needed = load / (np.pi * contact.modulus)
-    sunk = contact_extent.sinking(contact, needed, low, high, np.ones(2) / stiff, tilt)
-    least = crown.least_rest(contact, tilt)
-    share = xp.maximum(1.0 - 1.5 / stiff, 0.2)
-    level = least + share * (sunk - least)
-    bottom, top = (crown.crossing(contact, level, tilt, side) for side in (-1.0, 1.0))
-    line_load = load / xp.maximum(top - bottom - (high - low), 0.05 * half)
-    unit = gaps.line_half_width(line_load, contact.radius, contact.modulus)
-    return Reach(bottom, top, line_load, unit, sunk, 0.5 * (top - bottom))
+    """By slices."""
+    return _reach(inputs, edges, slices.pressed(*_on_land(inputs, edges)))
 
 
-def _level_reach(contact: LineContact, load: Any, spall: Any, offset: Any, edges: int) -> tuple[Any, Any, Any, Any]:
-    """`reach_of_strips`; with rolling edges in reach, between those with and without the spall, by the share of the
-    pressure that it takes."""
-    reach = contact_extent.reach_of_strips(contact, load, *ends_along(contact, spall))
-    if spall is None or not edges:
-        return reach
-    healthy = contact_extent.reach_of_strips(contact, load, 0.0 * load, 0.0 * load)
-    ends = [xp.clip((offset + side * spall.width) / reach[2], -1.0, 1.0) for side in (-0.5, 0.5)]
-    below = [(xp.arcsin(end) + end * xp.sqrt(1.0 - end * end)) / np.pi for end in ends]  # of half an ellipse
-    taken = below[1] - below[0]
-    taken = 0.5 * (taken**2 + taken**8)  # what is left of a strip is nearly as stiff until little is left
-    tip, line_load, _, approach = (taken * a + (1.0 - taken) * b for a, b in zip(reach, healthy, strict=True))
-    # a light load sinks a roller over a long spall through its crown: then edges far beyond the half-width are in reach
-    farthest = gaps.certain_reach(contact.radius, reach[3]) / REACHED
-    unit = xp.maximum(gaps.line_half_width(line_load, contact.radius, contact.modulus), farthest)
-    return tip, gaps.line_load_at(unit, contact.radius, contact.modulus), unit, approach
+def reach_near(reach: Reach, inputs: Inputs, edges: int) -> Reach:
+    """The same to first order in a change of the inputs it was found for."""
+    return _reach(inputs, edges, slices.near(reach.slices, *_on_land(inputs, edges)))
 
 
-def _tip(contact: LineContact, tip: Any, estimate: Any, end: Any, other: Any) -> Any:
-    """Where strips end on one side of the roller [mm], where the spall ends at `end` on this, at `other` on the other
-    side: at the contact's `tip` or, where little or nothing is left before it, where the gap exceeds the approach, for
-    land may touch with its corner alone. The land that then carries alone reaches farther, too.
-    """
-    scale = crown.scale(contact)
-    deepest = ABOVE * estimate / xp.where(scale > 0.0, scale, 1.0)
-    farthest = xp.maximum(crown.half_length(xp.where(scale > 0.0, deepest, 100.0), contact), tip)
-
-    def grown(start: float, full: float, value: Any) -> Any:
-        share = xp.clip((value / tip - start) / (full - start), 0.0, 1.0)
-        return (3.0 - 2.0 * share) * share**2
-
-    here, there = (grown(*FAR_ENDS, one) * grown(*FARTHER, one - two) for one, two in ((end, other), (other, end)))
-    return tip + xp.maximum(here, ALONE * there) * (farthest - tip)
+def _reach(inputs: Inputs, edges: int, found: Slices) -> Reach:
+    """Rows go on beyond slices by a part of what is left of the approach there. They go on to land beyond a spall that
+    slices do not load, too, for it may touch with its corner."""
+    contact = inputs.contact
+    unit = gaps.line_half_width(np.pi * contact.modulus * found.mean, contact.radius, contact.modulus)
+    if edges:  # a light load sinks a roller over a long spall through its crown: edges far beyond the half-width count
+        unit = xp.maximum(unit, gaps.certain_reach(contact.radius, found.approach) / REACHED)
+    line_load = gaps.line_load_at(unit, contact.radius, contact.modulus)
+    spall = ends_along(contact, inputs.spall)
+    tips = [slices.tip(found, side) for side in (-1.0, 1.0)]
+    bottom, top = (_row_end(inputs, found.approach, *side) for side in zip(tips, spall, (-1.0, 1.0), strict=True))
+    low, high = (xp.clip(end, *tips) for end in spall)
+    return Reach(bottom, top, line_load, unit, found.approach, tips[1] - tips[0] - (high - low), found)
 
 
-def carried_along(reach: Reach, inputs: Inputs, edges: int) -> Reach:
-    """The same reach, with about its derivatives by the inputs: half-widths like those of a line contact on the land
-    that there is (of the whole roller, if it may stand beyond a rolling edge), and ends where the gap has grown like
-    the approach."""
-    contact, load, *_, tilt = inputs
-    low, high = (0.0, 0.0) if edges else ends_along(inputs.contact, inputs.spall)
-    land = xp.maximum(reach.top - reach.bottom - (high - low), 0.02 * contact.length)
-    line_load, bent, modulus = (
-        x / xp.fixed(x) for x in (load / (contact.modulus * land), contact.radius, contact.modulus)
-    )  # all of them 1
-    frozen, still = xp.fixed((contact, tilt))
-    most = 0.5 * frozen.length * (1.0 - 1e-9)
+def _on_land(inputs: Inputs, edges: int) -> tuple[Any, ...]:
+    """What `slices.pressed` is asked."""
+    contact, load, _, offset, tilt = inputs
+    spall = cast(Any, inputs.spall)
+    edge = 0.5 * spall.width - xp.magnitude(offset) if spall is not None and edges else FAR * contact.length
+    return contact, load / (np.pi * contact.modulus), *ends_along(contact, inputs.spall), edge, tilt
 
-    def end(y: Any) -> Any:
-        within = xp.clip(y, -most, most)
-        rest, slope = gaps.rest_at(within, frozen, still), gaps.rest_slope(within, frozen, still)
-        return y + (rest * line_load - gaps.rest_at(within, contact, tilt)) / slope
 
-    return reach._replace(
-        bottom=end(reach.bottom),
-        top=end(reach.top),
-        line_load=reach.line_load * modulus * line_load,
-        unit=reach.unit * xp.sqrt(line_load * bent),
-    )
+def _row_end(inputs: Inputs, approach: Any, tip: Any, end: Any, side: float) -> Any:
+    """Where rows end on one `side` [mm], where slices do at `tip` and the spall at `end`."""
+    contact, tilt = inputs.contact, inputs.tilt
+    most = NEARLY * contact.length
+    reached = side * xp.clip(xp.maximum(side * tip, side * end), -most, most)
+    level = gaps.rest_at(reached, contact, tilt)
+    beyond = level + MARGIN * (approach - level)
+    if tilt is not None:
+        farther = crown.crossing(contact, beyond, tilt, side)
+    else:
+        scale = crown.scale(contact)
+        crowned = scale > 0.0
+        steepness = xp.where(crowned, beyond / xp.where(crowned, scale, 1.0), 100.0)
+        farther = side * crown.half_length(steepness, contact)
+    return xp.where(level < approach, farther, tip)
 
 
 def missing_land_clearance(groups: tuple[Rows, ...], ends: tuple[Any, ...]) -> Any:

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from difftrb.contact import strip_active_set, strip_waves
+from difftrb.contact import strip_active_set, strip_coupling, strip_waves
 from difftrb.contact.strip_active_set import Quadratic
+from difftrb.contact.strip_coupling import Coupling
 from difftrb.contact.strip_kernel import Kernel
 from difftrb.contact.strip_plan import LEFT, MIDDLE, RIGHT, StripPlan
 from difftrb.core import arrays as xp
@@ -25,6 +26,7 @@ LEAST = 1e-3  # width of the narrowest interval
 OVERLAP, CALLS = 1e-5, 4  # overlap by the approach at which an outline is loaded again, in the first passes
 NARROW = 2.0  # width of the narrowest interval beyond an edge by 1/κ of the last wave: below, it cannot tell its own
 FAR = 50.0  # stands for no bound
+PARTS = 0.3, 1.5  # of the move that a boundary alone would make, at least and at most
 
 
 class StripProblem(NamedTuple):
@@ -34,6 +36,7 @@ class StripProblem(NamedTuple):
       weight: ∫ hat dy of the rows, (rows,). gap: their mean initial gap beside curvature, (rows,). bend: curvature's
         gap by 2x².
       left, right: the spall's rolling edges. load: Σ weight q. push: takes [mm] to the unit of displacement.
+      shrunk: 1, with how a line contact's half-width changes by the unit.
     """
 
     weight: Any
@@ -43,6 +46,7 @@ class StripProblem(NamedTuple):
     right: Any
     load: Any
     push: Any
+    shrunk: Any
 
 
 class Settled(NamedTuple):
@@ -76,16 +80,16 @@ def settle(
     those with `on` > 0 are loaded."""
     bound = bounds(plan, problem)
     ends = xp.stack([xp.maximum(-size, bound[:, 0]), xp.minimum(size, bound[:, 1])], axis=1)
-    table, mass = spread(plan.even, kernel.products, plan.rows), kernel.mass[plan.rows][:, plan.rows]
+    table, mass = _coupling(plan, kernel), kernel.mass[plan.rows][:, plan.rows]
     none, zero = np.zeros((plan.rows.size, len(plan.orders))), np.zeros(())
     active = (on > 0.0) & (ends[:, 1] - ends[:, 0] > LEAST)
     ends = _waiting(plan, bound, ends, active)
     first = Settled(none, none, zero, zero, ends, ends == bound, active, zero)
 
     def solve(last: tuple) -> tuple:
-        _, ends, held, active, count, _ = last
+        _, ends, held, active, count, _, before = last
         found, overlap = _pressed(plan, problem, table, mass, ends, held, active)
-        new, held_next, active_next, error = _moved(plan, problem, found, bound)
+        new, held_next, active_next, error, moves = _moved(plan, problem, found, bound, before)
         called = (
             ~active
             & (overlap > OVERLAP * _deepest(problem, found))
@@ -96,9 +100,10 @@ def settle(
         new = xp.where((called & plan.sided)[:, None], _overlapping_ends(plan, problem, bound, overlap), new)
         active_next = active_next | called
         done = (error < tolerance) & xp.all(active_next == active)
-        return found._replace(error=error), new, held_next, active_next, count + 1, done
+        return found._replace(error=error), new, held_next, active_next, count + 1, done, moves
 
-    begun = (first, first.ends, first.held, first.active, 0, np.asarray(False))
+    at_first = np.zeros((2, *ends.shape)) + np.array([0.0, 1.0])[:, None, None]
+    begun = (first, first.ends, first.held, first.active, 0, np.asarray(False), at_first)
     found, *_, count, _ = loops.repeated_while(lambda last: ~last[5] & (last[4] < passes), solve, begun)
     return found, count
 
@@ -158,7 +163,7 @@ def _terms(plan: StripPlan, problem: StripProblem, curved: Any) -> tuple[Any, An
 
 
 def _pressed(
-    plan: StripPlan, problem: StripProblem, table: Any, mass: Any, ends: Any, held: Any, active: Any
+    plan: StripPlan, problem: StripProblem, table: Coupling, mass: Any, ends: Any, held: Any, active: Any
 ) -> tuple[Settled, Any]:
     """The pressure for these boundaries, and by how much outlines overlap the other body, on the mean."""
     matrix = _matrix(plan, table, mass, ends, held)
@@ -174,10 +179,11 @@ def _pressed(
     ), overlap  # fmt: skip
 
 
-def _matrix(plan: StripPlan, table: Any, mass: Any, ends: Any, held: Any) -> Any:
+def _matrix(plan: StripPlan, table: Coupling, mass: Any, ends: Any, held: Any) -> Any:
     """What modes push each other down, (strips · modes, strips · modes)."""
     low, high = _intervals(plan, ends)
-    matrix = coupled(table, strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0]))
+    wave = strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0])
+    matrix = strip_coupling.coupled(table, wave)
     strength, tails = _strengths(plan, low, high), mass[None] * xp.moveaxis(_same(plan, held), -1, 0)
     for end in (0, 1):
         at = strength[..., end]
@@ -189,7 +195,7 @@ def _matrix(plan: StripPlan, table: Any, mass: Any, ends: Any, held: Any) -> Any
 def turned(plan: StripPlan, problem: StripProblem, kernel: Kernel, found: Settled) -> Settled:
     """What was found, with the change by the roller's tilt in place of that by its load: of loads and of the approach,
     by a gap that grows by the distance from the middle."""
-    table, mass = spread(plan.even, kernel.products, plan.rows), kernel.mass[plan.rows][:, plan.rows]
+    table, mass = _coupling(plan, kernel), kernel.mass[plan.rows][:, plan.rows]
     matrix = _matrix(plan, table, mass, found.ends, found.held)
     _, weight = _terms(plan, problem, np.zeros((plan.rows.size, len(plan.orders))))
     arm = kernel.arm[plan.rows][:, None] * np.eye(1, len(plan.orders))
@@ -198,18 +204,8 @@ def turned(plan: StripPlan, problem: StripProblem, kernel: Kernel, found: Settle
     return found._replace(by_load=by_tilt.loads.reshape(weight.shape), compliance=by_tilt.approach)
 
 
-def spread(even: bool, products: Any, rows: np.ndarray) -> Any:
-    """The kernel of `rows`, which may repeat, at every entry z of their waves, (rows, z, rows): real parts and, unless
-    `even`, imaginary ones."""
-    table = products[rows][:, rows].transpose(0, 2, 1)
-    return table if even else xp.concatenate([table, table], axis=1)
-
-
-def coupled(table: Any, wave: Any) -> Any:
-    """Σ over z of the `spread` kernel and waves (rows, k, z): shape (rows, k, rows, k)."""
-    n, k, z = wave.shape
-    pushed = (table[..., None] * wave.transpose(2, 0, 1)[None]).reshape(n, z, n * k)
-    return xp.matmul(wave, pushed).reshape(n, k, n, k)
+def _coupling(plan: StripPlan, kernel: Kernel) -> Coupling:
+    return strip_coupling.coupling_of(kernel.products, plan.rows, plan.frequencies.rule()[0], plan.even)
 
 
 def _deepest(problem: StripProblem, found: Settled) -> Any:
@@ -218,8 +214,11 @@ def _deepest(problem: StripProblem, found: Settled) -> Any:
     return found.approach + xp.maximum(-xp.min(problem.gap), 0.0)
 
 
-def _moved(plan: StripPlan, problem: StripProblem, found: Settled, bound: Any) -> tuple[Any, Any, Any, Any]:
-    """New boundaries, which of them are held and which outlines loaded; and about what the move is worth in δ."""
+def _moved(
+    plan: StripPlan, problem: StripProblem, found: Settled, bound: Any, before: Any
+) -> tuple[Any, Any, Any, Any, Any]:
+    """New boundaries, which of them are held and which outlines loaded; about what the move is worth in δ; and by how
+    much every boundary alone would move and which part of that it does, as it was `before`, (2, outlines, 2)."""
     orders, out = np.array(plan.orders), np.array([[-1.0, 1.0]])
     weight = plan.member.T * problem.weight[plan.rows][None]
     load, by_load = weight @ found.loads, weight @ found.by_load
@@ -227,7 +226,13 @@ def _moved(plan: StripPlan, problem: StripProblem, found: Settled, bound: Any) -
     tip, slope = load @ signs.T, (load * orders[None] ** 2) @ signs.T  # P and its outward derivative at the ends
     half = 0.5 * (found.ends[:, 1:] - found.ends[:, :1])
     move = xp.where(slope < 0.0, -2.0 * tip / xp.where(slope < 0.0, slope, -1.0), 0.3 * xp.sign(tip))
-    move = half * xp.clip(move, -0.4, 0.5)
+    alone = half * xp.clip(move, -0.4, 0.5)
+    # neighbours move, too: the secant through this move and the one before tells by how much boundaries overshoot
+    last, part = before
+    less = last - alone
+    part = xp.where((last != 0.0) & (less != 0.0), part * last / xp.where(less != 0.0, less, 1.0), 1.0)
+    part = xp.where(last * less > 0.0, xp.clip(part, *PARTS), 1.0)
+    move = part * alone
     stays = (found.held & (tip >= 0.0)) | ~found.active[:, None]
     new = xp.where(stays, found.ends, found.ends + out * move)
     held = xp.where(stays, found.held, (new - bound) * out >= 0.0)
@@ -238,7 +243,7 @@ def _moved(plan: StripPlan, problem: StripProblem, found: Settled, bound: Any) -
     new = xp.stack([low, high], axis=1)
     active = found.active & (load[:, 0] > 0.0) & (new[:, 1] - new[:, 0] > LEAST)
     worth = 0.5 * tip * (by_load @ signs.T) * (new - found.ends) * out / half
-    return new, held, active, xp.abs(xp.sum(worth)) / _deepest(problem, found)
+    return new, held, active, xp.abs(xp.sum(worth)) / _deepest(problem, found), xp.stack([alone, part])
 
 
 def shifts(
@@ -262,7 +267,8 @@ def shifts(
         own = mass[plan.rows][:, plan.rows]
         return xp.einsum("ijk,ijk->", products, pairs) + xp.einsum("ij,eij->", own, tails)
 
-    still = pairs_of(*xp.fixed((problem.left, problem.right)))
+    places = problem.left, problem.right, problem.shrunk
+    still = pairs_of(*xp.fixed(places))
 
     def as_rows_move(*ends: Any) -> tuple[list[Any], Any, Any]:
         kernel = kernel_of(*ends)
@@ -271,13 +277,13 @@ def shifts(
 
     by_rows, products, mass = xp.in_few(as_rows_move, *ends)
 
-    def as_edges_move(left: Any, right: Any) -> list[tuple[Any, Any]]:
-        return [(work(products, mass, *pairs), curved) for *pairs, curved in pairs_of(left, right)]
+    def as_edges_move(*places: Any) -> list[tuple[Any, Any]]:
+        return [(work(products, mass, *pairs), curved) for *pairs, curved in pairs_of(*places)]
 
     weight = problem.weight[plan.rows]
     lacking = problem.load - xp.total(weight * loads[:, 0])
     changes = []
-    by_edges = xp.in_few(as_edges_move, problem.left, problem.right)
+    by_edges = xp.in_few(as_edges_move, *places)
     for each, by_load, rows, (edges, curved) in zip(every, virtual, by_rows, by_edges, strict=True):
         own = problem.bend * curved + by_load[:, 0] * (problem.gap[plan.rows] - found.approach)
         changes.append(rows + edges - xp.fixed(rows) + xp.total(weight * own) + each.compliance * lacking)
@@ -285,18 +291,28 @@ def shifts(
 
 
 def _pairs(
-    plan: StripPlan, problem: StripProblem, found: Settled, loads: Any, virtual: list[Any], left: Any, right: Any
+    plan: StripPlan,
+    problem: StripProblem,
+    found: Settled,
+    loads: Any,
+    virtual: list[Any],
+    left: Any,
+    right: Any,
+    shrunk: Any,
 ) -> list[tuple[Any, Any, Any]]:
     """Virtual by found loads at the same frequency, of pairs of rows; at the same end, of pairs of strips; ∫ gap of
-    the virtual ones: with rolling edges `left` and `right`."""
+    the virtual ones: with rolling edges `left` and `right`, and what keeps its length `shrunk`."""
     of_row = np.eye(problem.gap.shape[0])[plan.rows].T
     same = xp.moveaxis(_same(plan, found.held), -1, 0)
     bound = bounds(plan, problem._replace(left=left, right=right))
-    at = xp.where(found.held, bound, found.ends)
-    # the narrowest ones beyond an edge are too wide to end where pressure vanishes: they move with it as they are
-    narrowest = found.ends[:, 1] - found.ends[:, 0] <= _narrowest(plan) * (1.0 + 1e-6)
-    at = _waiting(plan, bound, at, ~narrowest)
-    low, high = _intervals(plan, at)
+    # Free ends do not matter as far as waves know them. Where they know slivers only about, these keep their length and
+    # move with their edge; the narrowest, which are too wide to end where pressure vanishes, by the unit.
+    width, moved = found.ends[:, 1] - found.ends[:, 0], bound - xp.fixed(bound) * shrunk
+    kept = xp.where(width < _narrowest(plan) * (1.0 + 1e-6), width, 0.0) * (1.0 - shrunk)
+    lower = xp.where(plan.sides == LEFT, moved[:, 1] - kept, 0.0)
+    upper = xp.where(plan.sides == RIGHT, moved[:, 0] + kept, 0.0)
+    free = found.ends * shrunk + xp.stack([lower, upper], axis=1)
+    low, high = _intervals(plan, xp.where(found.held, bound, free))
     wave = strip_waves.transforms(plan.orders, plan.even, low, high, plan.frequencies.rule()[0])
     strength = _strengths(plan, low, high)
     curved = strip_waves.gap_integrals(plan.orders, low, high)

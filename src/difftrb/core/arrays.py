@@ -73,6 +73,7 @@ log = _function("log", lambda xp, x, f: (1.0 / x, -1.0 / (x * x)))
 expm1 = _function("expm1", lambda xp, x, f: (1.0 + f, 1.0 + f))
 log1p = _function("log1p", lambda xp, x, f: (1.0 / (1.0 + x), -1.0 / ((1.0 + x) * (1.0 + x))))
 sqrt = _function("sqrt", lambda xp, x, f: (0.5 / f, -0.25 / (f * x)))
+arcsinh = _function("arcsinh", lambda xp, x, f: (1.0 / xp.sqrt(1.0 + x * x), -x / (1.0 + x * x) ** 1.5))
 arctan = _function("arctan", lambda xp, x, f: (1.0 / (1.0 + x * x), -2.0 * x / (1.0 + x * x) ** 2))
 arccos = _function("arccos", lambda xp, x, f: (-1.0 / xp.sqrt(1.0 - x * x), -x / (1.0 - x * x) ** 1.5))
 

@@ -27,7 +27,7 @@ MOST_TURNED = 3.0
 """Of a table, by `TiltTable.reach`: a heavily loaded roller presses with a third of its length there."""
 LIFTED = 0.45
 """Of the roller's length from its middle: what the crown has risen there a lightly loaded roller may turn by, too."""
-LOADS, TILTS = 10, 15
+LOADS, TILTS = 12, 21
 LIGHTER = 10.0
 """Factor by which a table reaches to smaller loads than the upright curve: rollers that carry less count as clear."""
 SHARED = 8

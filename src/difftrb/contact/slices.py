@@ -1,0 +1,158 @@
+"""About how a roller is loaded along its line, and where its contact ends: slices that press one another down.
+
+Each slice is a line contact with a semi-elliptic pressure, and sinks as its middle does under all of them: the
+half-space's kernel along the line. That is right to some thousandths where no rolling edge is in the contact.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from difftrb.contact import gap as gaps
+from difftrb.contact import strip_active_set, strip_rows
+from difftrb.contact.strip_active_set import Quadratic
+from difftrb.core import arrays as xp
+from difftrb.core import loops
+from difftrb.core.arrays import Taylor
+from difftrb.core.geometry import LineContact
+
+LAND, HOLLOW = 28, 10  # slices of each land and of the hollow
+AT_TIP, AT_SPALL = 3.0, 1.5  # powers with which they grow from there
+BLUNT = 0.5 * np.exp(-0.5)
+"""A semi-ellipse's pressure sinks its own middle as a line at this distance does, by the half-width."""
+NARROWEST, MOST = 0.05, 2.0  # line load by the mean: with less or more, slices count as such
+WIDE = 2.0
+"""By how much blunter than their own middle slices are for others. What is missing on themselves is added: short slices
+beside a spall's end would else be as good as one, and the solution ill-conditioned."""
+TURNS, ROUNDS = 3, 12  # half-widths that are tried, and steps of the active set for each
+
+
+class Slices(NamedTuple):
+    """Of a loaded roller, all along its line from its lower end to its upper one.
+
+    Attributes:
+      middle, length: of the slices [mm], (slices,). load: line load by πE' [mm], and whether it is `active`.
+      blunt_by: the line loads that tell how blunt they are [mm].
+      approach: [mm].
+    """
+
+    middle: Any
+    length: Any
+    load: Any
+    active: Any
+    blunt_by: Any
+    approach: Any
+
+    @property
+    def mean(self) -> Any:
+        """Of the line loads by πE', by what they carry [mm]."""
+        carried = self.length * self.load
+        return xp.total(carried * self.load) / xp.total(carried)
+
+
+def pressed(contact: LineContact, needed: Any, low: Any, high: Any, edge: Any, tilt: Any | None) -> Slices:
+    """The slices under a load of `needed` πE' [mm²]; those between `low` and `high` stand on land that ends `edge` [mm]
+    beside the roller's middle, or beyond it, if that is negative."""
+
+    def turn(state: tuple) -> tuple:
+        active, last, _, _ = state
+        sunk, own, rest = _terms(contact, low, high, edge, tilt, last)
+        problem = Quadratic(_symmetric(sunk) + xp.diag(own), rest, length, needed)
+        found, active, _ = strip_active_set.solve(problem, active, ROUNDS)
+        return active, found.loads, last, found.approach
+
+    middle, length = _lines(contact, low, high)
+    even = needed / contact.length + 0.0 * length
+    active, load, before, approach = loops.repeated(
+        TURNS, turn, (length > 1e-9 * contact.length, even, even, 0.0 * needed)
+    )
+    return Slices(middle, length, load, active, before, approach)
+
+
+def near(found: Slices, contact: LineContact, needed: Any, low: Any, high: Any, edge: Any, tilt: Any | None) -> Slices:
+    """The slices to about first order in a change of what was `pressed`."""
+    middle, length = _lines(contact, low, high)
+    lacking = needed - xp.total(length * found.load)
+    blunt_by, approach, load = found.blunt_by, found.approach, found.load
+    for _ in range(TURNS - 1):
+        sunk, own, rest = _terms(contact, low, high, edge, tilt, blunt_by)
+        pushed = 0.5 * (xp.einsum("ij,j->i", sunk, found.load) + xp.einsum("i,ij->j", found.load, sunk))
+        residual = pushed + own * found.load + rest - found.approach * length
+        if xp.by(residual) is None:
+            break
+        matrix = _symmetric(xp.value(sunk)) + xp.diag(xp.value(own))
+        approach, load = _followed(found, matrix, xp.by(residual), xp.by(lacking))
+        blunt_by = Taylor(found.blunt_by, load.by)
+    return found._replace(middle=middle, length=length, load=load, approach=approach)
+
+
+def _followed(found: Slices, matrix: Any, residual: Any, lacking: Any) -> tuple[Taylor, Taylor]:
+    """Approach and line loads, expanded so that those that are active follow derivatives of a `residual`, (parameters,
+    slices), and of a load that is `lacking`, (parameters,) or None."""
+    on = found.active
+    masked = xp.where(on[:, None] & on[None], matrix, xp.diag(xp.where(on, 0.0, 1.0)))
+    right = xp.concatenate([found.length[:, None], -residual.T], axis=-1)
+    by_weight, *by_gap = xp.solved(masked, xp.where(on[:, None], right, 0.0)).T
+    by_gap, weight = xp.stack(by_gap), xp.where(on, found.length, 0.0)
+    by_approach = ((0.0 if lacking is None else lacking) - by_gap @ weight) / (weight @ by_weight)
+    return Taylor(found.approach, by_approach), Taylor(found.load, by_gap + by_approach[:, None] * by_weight[None])
+
+
+def _symmetric(matrix: Any) -> Any:
+    return 0.5 * (matrix + matrix.T)
+
+
+def _lines(contact: LineContact, low: Any, high: Any) -> tuple[Any, Any]:
+    """Middles and lengths of the slices [mm]."""
+    lines = _borders(contact, low, high)
+    return 0.5 * (lines[1:] + lines[:-1]), lines[1:] - lines[:-1]
+
+
+def _borders(contact: LineContact, low: Any, high: Any) -> Any:
+    half = 0.5 * contact.length
+    lower = -strip_rows.graded(-low, half, LAND, AT_SPALL, AT_TIP)[::-1]
+    hollow = strip_rows.graded(low, high, HOLLOW, AT_SPALL, AT_SPALL)
+    return xp.concatenate([lower, hollow[1:], strip_rows.graded(high, half, LAND, AT_SPALL, AT_TIP)[1:]])
+
+
+def _terms(contact: LineContact, low: Any, high: Any, edge: Any, tilt: Any | None, load: Any) -> tuple[Any, Any, Any]:
+    """How deep slices sink by the line load of others and of themselves, and their gap, all times their lengths. How
+    blunt they are is from a first `load`."""
+    edge = edge / xp.sqrt(4.0 * contact.radius)  # the gap is 2x², a half-width squared a line load
+    lines = _borders(contact, low, high)
+    middle, length = _lines(contact, low, high)
+    over = np.repeat([0.0, 1.0, 0.0], [LAND, HOLLOW, LAND])
+    most = 0.5 * contact.length * (1.0 - 1e-9)  # the crown is infinite at the roller's ends
+    rest = gaps.rest_at(xp.clip(middle, -most, most), contact, tilt) + over * 2.0 * xp.maximum(edge, 0.0) ** 2
+    known = xp.fixed(length)
+    mean = xp.total(known * load**2) / xp.total(known * load)
+    blunt = 2.0 * BLUNT * WIDE * xp.sqrt(contact.radius * mean)
+    thick = xp.clip(load, NARROWEST * mean, MOST * mean)
+    own = xp.log(WIDE**2 * mean / thick) + over * _cut(thick, edge)
+    away = (middle[:, None] - lines[None]) / blunt
+    from_end = xp.arcsinh(away)
+    sunk = length[:, None] * (from_end[:, :-1] - from_end[:, 1:])
+    return sunk, length * own, length * rest
+
+
+def _cut(load: Any, edge: Any) -> Any:
+    """By how much farther contacts sink that are cut off at `edge`, by their `load` and beyond the gap there, if it is
+    beside the middle: closed form of a cylinder on a half-plane."""
+    outer = xp.where(edge < -xp.sqrt(load), xp.sqrt(load), (edge + 2.0 * xp.sqrt(edge * edge + 3.0 * load)) / 3.0)
+    inner = xp.maximum(edge, -outer)
+    half, middle = 0.5 * (outer - inner), 0.5 * (outer + inner)
+    farther = 2.0 * middle**2 + half**2 - load + load * xp.log(load / half**2)
+    return (farther - 2.0 * xp.maximum(edge, 0.0) ** 2) / load
+
+
+def tip(slices: Slices, side: float) -> Any:
+    """Where contact ends on one `side` [mm]: where line load, continued, vanishes; at most in the next slice."""
+    y, load = side * slices.middle, slices.load
+    if side < 0.0:
+        y, load = y[::-1], load[::-1]
+    last = xp.maximum(xp.max(xp.where(xp.value(load) > 0.0, np.arange(len(y)), 0)), 1)
+    falling = xp.maximum(load[last - 1] - load[last], 1e-3 * load[last])
+    end = y[last] + load[last] * (y[last] - y[last - 1]) / falling
+    return side * xp.minimum(end, y[xp.minimum(last + 1, len(y) - 1)])
