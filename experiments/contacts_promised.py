@@ -28,18 +28,16 @@ from rich.progress import track
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.contact import cell_solve, solver, strip_model, strip_reach
-from difftrb.contact.contact_cells import Resolution
+from difftrb.contact import hollows, solver, strip_model, strip_reach
 from difftrb.contact.contact_solution import Inputs, given
+from difftrb.contact.hollows import Beneath
 from difftrb.contact.strip_model import Way
 from difftrb.core import arrays as xp
-from difftrb.core import status
 from difftrb.core.geometry import LineContact, as_floats
 from experiments.accuracy_of_strips import FINEST
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5)
 KINDS = {"edge": 20, "narrow": 10, "sliver": 10, "wide": 12, "none": 3, "two spalls": 5}
-FINEST_CELLS = Resolution(96, 64, 8)
 SETTLED = 1e-6
 SIZE = 0.1  # derivatives count as at least so much of the value by the input
 
@@ -70,7 +68,7 @@ def _random(rng: np.random.Generator, i: int, kind: str) -> Contact:
         known, radius=radius, length=length, design_load=number * known.modulus * length**3 / radius
     )
     load = float(contact.design_load) * 0.05 * 24.0 ** rng.random()
-    healthy = strip_reach.reach_of(Inputs(contact, load, None, 0.0, None), 0)
+    healthy = _reach(Inputs(contact, load, None, 0.0, None))
     half, depth = float(healthy.unit), 100.0 * float(healthy.approach)
     tilt = float(rng.uniform(-0.7, 0.7) * healthy.approach / length) if i % 4 == 1 else 0.0
     long = length * rng.uniform(0.1, 0.7)
@@ -84,7 +82,7 @@ def _random(rng: np.random.Generator, i: int, kind: str) -> Contact:
         first = trb.Spall(0.2 * length, 30.0 * half, depth, axial_offset=-0.2 * length)
         other = trb.Spall(0.15 * length, 2.0 * half if i % 2 else 30.0 * half, depth, axial_offset=0.15 * length)
         return Contact(kind, contact, load, (first, other), (0.0, 0.3 * half), tilt)
-    sunk = strip_reach.reach_of(Inputs(contact, load, wide, 0.0, tilt or None), 0).approach
+    sunk = _reach(Inputs(contact, load, wide, 0.0, tilt or None)).approach
     reach = float(np.sqrt(2.0 * radius * sunk))
     if kind == "narrow":
         width = 2.0 * reach * rng.uniform(0.1, 1.0)
@@ -94,17 +92,18 @@ def _random(rng: np.random.Generator, i: int, kind: str) -> Contact:
     return Contact(kind, contact, load, wide, offset * rng.choice([-1.0, 1.0]), tilt)
 
 
+def _reach(inputs: Inputs) -> strip_reach.Reach:
+    """With no rolling edge in reach."""
+    return strip_reach.reach_of(inputs, hollows.of_one(inputs, 0))
+
+
 def truth(case: Contact) -> tuple[float, np.ndarray]:
     """Approach [mm] and its derivatives by the logarithms of the inputs, by itself."""
     inputs, mirrored, _ = given(*case[1:5], case.tilt, "auto")
     inputs = xp.numbers(inputs)
-    if isinstance(case.spall, tuple):
-        solution, (by,) = cell_solve.solve_numbers(inputs, FINEST_CELLS, mirrored, 1e-5, 1)
-        assert int(solution.status_code) == status.CONVERGED
-        return float(solution.approach), by_logarithm(case, by, float(solution.approach))
     with np.errstate(all="ignore"):
-        edges, *_ = strip_reach.edges_and_suitability(inputs)
-        way = Way(mirrored, int(edges), FINEST, SETTLED, True)
+        over, edges, *_ = strip_reach.judged(inputs)
+        way = Way(mirrored, Beneath(over, int(edges)), FINEST, SETTLED, True)
         found = strip_model.solve_numbers(inputs, way)
         (by,) = strip_model.gradients(found, inputs, way, 1)
     assert found.still

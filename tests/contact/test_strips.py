@@ -86,7 +86,7 @@ def test_products_of_thin_rows_far_apart(accuracy: float) -> None:
     """Beside a spall's two ends rows may be 1e-4 as long as others are far: differences of K₀'s antiderivatives lost
     all their digits there, and strips converged to states that were off by 1e-3, as rounding fell."""
     fine, ends = GRIDS[accuracy].strips, tuple(map(np.asarray, (-8.0, -1.0, -20.0, 20.0)))
-    groups, _ = strip_plan.groups_of(ends, False, True, 0, fine)
+    groups, _ = strip_plan.groups_of(ends, False, 0, fine)
     kappa = fine.frequencies.rule()[0][::6]
     found = strip_kernel.products(groups, kappa, False)
     rules = []

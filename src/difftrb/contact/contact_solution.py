@@ -78,8 +78,9 @@ def given(
     inputs = Inputs(
         as_floats(contact), xp.asarray(load), as_floats(spall), place, None if straight else xp.asarray(tilt)
     )
-    inputs = xp.numbers(inputs) if xp.are_numbers(inputs) else jax.tree.map(jnp.asarray, inputs)
-    return inputs, straight and is_symmetric(spall), _method_for(spall, method)
+    traced = not xp.are_numbers(inputs)
+    inputs = jax.tree.map(jnp.asarray, inputs) if traced else xp.numbers(inputs)
+    return inputs, straight and is_symmetric(spall), _method_for(spall, method, traced)
 
 
 def _refuse_arrays(**inputs: Any) -> None:
@@ -93,15 +94,15 @@ def _refuse_arrays(**inputs: Any) -> None:
             )
 
 
-def _method_for(spall: Defect, method: Method) -> Method:
+def _method_for(spall: Defect, method: Method, traced: bool) -> Method:
     """`method`, or the only one that takes the case; refuses a named one that does not."""
     if any(isinstance(each, HeightMap) for each in listed(spall)):
         if method not in ("auto", "lattice"):
             raise status.SceneError(f"method = {method!r} does not take height maps; use 'lattice'")
         return "lattice"
-    if isinstance(spall, tuple) and method != "lattice":
+    if isinstance(spall, tuple) and traced and method in ("auto", "strips"):
         if method == "strips":
-            raise status.SceneError("method = 'strips' takes at most one spall; use 'cells'")
+            raise status.SceneError("method = 'strips' takes at most one spall inside jit, grad or vmap; use 'cells'")
         return "cells"
     return method
 

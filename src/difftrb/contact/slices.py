@@ -12,13 +12,14 @@ import numpy as np
 
 from difftrb.contact import gap as gaps
 from difftrb.contact import strip_active_set, strip_rows
+from difftrb.contact.hollows import Hollow
 from difftrb.contact.strip_active_set import Quadratic
 from difftrb.core import arrays as xp
 from difftrb.core import loops
 from difftrb.core.arrays import Taylor
 from difftrb.core.geometry import LineContact
 
-LAND, HOLLOW = 28, 10  # slices of each land and of the hollow
+LAND, HOLLOW, BETWEEN = 28, 10, 16  # slices of land that ends with the roller, of a hollow, of land between two
 AT_TIP, AT_SPALL = 3.0, 1.5  # powers with which they grow from there
 BLUNT = 0.5 * np.exp(-0.5)
 """A semi-ellipse's pressure sinks its own middle as a line at this distance does, by the half-width."""
@@ -57,41 +58,41 @@ class Slices(NamedTuple):
         return xp.total(carried * self.load) / xp.total(carried)
 
 
-def pressed(contact: LineContact, needed: Any, low: Any, high: Any, edge: Any, tilt: Any | None) -> Slices:
-    """The slices under a load of `needed` πE' [mm²]; those between `low` and `high` stand on land that ends `edge` [mm]
-    beside the roller's middle, or beyond it, if that is negative."""
+def pressed(contact: LineContact, needed: Any, hollows: tuple[Hollow, ...], tilt: Any | None) -> Slices:
+    """The slices under a load of `needed` πE' [mm²]; those over `hollows` stand on land that ends with the nearer of
+    these's rolling edges."""
 
     def turn(state: tuple) -> tuple:
         active, last, _, _ = state
-        sunk, own, rest = _terms(contact, low, high, edge, tilt, last)
+        sunk, own, rest = _terms(contact, hollows, tilt, last)
         problem = Quadratic(_symmetric(sunk) + xp.diag(own), rest, length, needed)
         found, active, _ = strip_active_set.solve(problem, active, ROUNDS)
         return active, found.loads, last, found.approach
 
-    middle, length = _lines(contact, low, high)
+    middle, length = _lines(contact, hollows)
     even = needed / contact.length + 0.0 * length
     active, load, before, approach = loops.repeated(
         TURNS, turn, (length > 1e-9 * contact.length, even, even, 0.0 * needed)
     )
     found = Slices(middle, length, load, active, before, 0.0 * load, approach)
-    return found._replace(gap=_gap_left(found, _terms(contact, low, high, edge, tilt, before)))
+    return found._replace(gap=_gap_left(found, _terms(contact, hollows, tilt, before)))
 
 
-def near(found: Slices, contact: LineContact, needed: Any, low: Any, high: Any, edge: Any, tilt: Any | None) -> Slices:
+def near(found: Slices, contact: LineContact, needed: Any, hollows: tuple[Hollow, ...], tilt: Any | None) -> Slices:
     """The slices to about first order in a change of what was `pressed`."""
-    middle, length = _lines(contact, low, high)
+    middle, length = _lines(contact, hollows)
     lacking = needed - xp.total(length * found.load)
     blunt_by, approach, load = found.blunt_by, found.approach, found.load
     for _ in range(TURNS - 1):
-        terms = sunk, own, rest = _terms(contact, low, high, edge, tilt, blunt_by)
-        residual = _residual(found._replace(length=length), terms)
+        sunk, own, rest = _terms(contact, hollows, tilt, blunt_by)
+        residual = _residual(found._replace(length=length), (sunk, own, rest))
         if xp.by(residual) is None:
             break
         matrix = _symmetric(xp.value(sunk)) + xp.diag(xp.value(own))
         approach, load = _followed(found, matrix, xp.by(residual), xp.by(lacking))
         blunt_by = Taylor(found.blunt_by, load.by)
     found = found._replace(middle=middle, length=length, load=load, approach=approach, blunt_by=blunt_by)
-    return found._replace(gap=_gap_left(found, _terms(contact, low, high, edge, tilt, blunt_by)))
+    return found._replace(gap=_gap_left(found, _terms(contact, hollows, tilt, blunt_by)))
 
 
 def _residual(found: Slices, terms: tuple[Any, Any, Any]) -> Any:
@@ -102,7 +103,7 @@ def _residual(found: Slices, terms: tuple[Any, Any, Any]) -> Any:
 
 
 def _gap_left(found: Slices, terms: tuple[Any, Any, Any]) -> Any:
-    size = xp.maximum(found.length, 1e-9 * xp.total(found.length))  # a healthy roller's hollow has none
+    size = xp.maximum(found.length, 1e-9 * xp.total(found.length))  # hollows may have no length
     return xp.where(found.active, 0.0, _residual(found, terms) / size)
 
 
@@ -122,33 +123,49 @@ def _symmetric(matrix: Any) -> Any:
     return 0.5 * (matrix + matrix.T)
 
 
-def _lines(contact: LineContact, low: Any, high: Any) -> tuple[Any, Any]:
+def _lines(contact: LineContact, hollows: tuple[Hollow, ...]) -> tuple[Any, Any]:
     """Middles and lengths of the slices [mm]."""
-    lines = _borders(contact, low, high)
+    lines = _borders(contact, hollows)
     return 0.5 * (lines[1:] + lines[:-1]), lines[1:] - lines[:-1]
 
 
-def _borders(contact: LineContact, low: Any, high: Any) -> Any:
+def _counts(hollows: int) -> list[int]:
+    """Slices of every land and hollow, in their order along the roller."""
+    if not hollows:
+        return [2 * LAND]
+    return [LAND, *[HOLLOW, BETWEEN] * (hollows - 1), HOLLOW, LAND]
+
+
+def _borders(contact: LineContact, hollows: tuple[Hollow, ...]) -> Any:
     half = 0.5 * contact.length
-    lower = -strip_rows.graded(-low, half, LAND, AT_SPALL, AT_TIP)[::-1]
-    hollow = strip_rows.graded(low, high, HOLLOW, AT_SPALL, AT_SPALL)
-    return xp.concatenate([lower, hollow[1:], strip_rows.graded(high, half, LAND, AT_SPALL, AT_TIP)[1:]])
+    ends = [-half, *(end for hollow in hollows for end in (hollow.low, hollow.high)), half]
+    counts = _counts(len(hollows))
+    lines = []
+    for i, count in enumerate(counts):
+        powers = (AT_SPALL if i else AT_TIP, AT_SPALL if i + 1 < len(counts) else AT_TIP)
+        lines.append(strip_rows.graded(ends[i], ends[i + 1], count, *powers))
+    return xp.concatenate([lines[0], *(some[1:] for some in lines[1:])])
 
 
-def _terms(contact: LineContact, low: Any, high: Any, edge: Any, tilt: Any | None, load: Any) -> tuple[Any, Any, Any]:
+def _terms(contact: LineContact, hollows: tuple[Hollow, ...], tilt: Any | None, load: Any) -> tuple[Any, Any, Any]:
     """How deep slices sink by the line load of others and of themselves, and their gap, all times their lengths. How
     blunt they are is from a first `load`."""
-    edge = edge / xp.sqrt(4.0 * contact.radius)  # the gap is 2x², a half-width squared a line load
-    lines = _borders(contact, low, high)
-    middle, length = _lines(contact, low, high)
-    over = np.repeat([0.0, 1.0, 0.0], [LAND, HOLLOW, LAND])
-    most = 0.5 * contact.length * (1.0 - 1e-9)  # the crown is infinite at the roller's ends
-    rest = gaps.rest_at(xp.clip(middle, -most, most), contact, tilt) + over * 2.0 * xp.maximum(edge, 0.0) ** 2
+    lines = _borders(contact, hollows)
+    middle, length = _lines(contact, hollows)
     known = xp.fixed(length)
     mean = xp.total(known * load**2) / xp.total(known * load)
     blunt = 2.0 * BLUNT * WIDE * xp.sqrt(contact.radius * mean)
     thick = xp.clip(load, NARROWEST * mean, MOST * mean)
-    own = xp.log(WIDE**2 * mean / thick) + over * _cut(thick, edge)
+    most = 0.5 * contact.length * (1.0 - 1e-9)  # the crown is infinite at the roller's ends
+    rest = gaps.rest_at(xp.clip(middle, -most, most), contact, tilt)
+    own = xp.log(WIDE**2 * mean / thick)
+    counts = _counts(len(hollows))
+    part = np.repeat(np.arange(len(counts)), counts)
+    for i, hollow in enumerate(hollows):
+        over = (part == 2 * i + 1).astype(float)
+        edge = hollow.edge / xp.sqrt(4.0 * contact.radius)  # the gap is 2x², a half-width squared a line load
+        rest = rest + over * 2.0 * xp.maximum(edge, 0.0) ** 2
+        own = own + over * _cut(thick, edge)
     away = (middle[:, None] - lines[None]) / blunt
     from_end = xp.arcsinh(away)
     sunk = length[:, None] * (from_end[:, :-1] - from_end[:, 1:])
@@ -165,15 +182,16 @@ def _cut(load: Any, edge: Any) -> Any:
     return (farther - 2.0 * xp.maximum(edge, 0.0) ** 2) / load
 
 
-def tip(slices: Slices, side: float) -> Any:
-    """Where contact ends on one `side` [mm]: between the last slice that is loaded and the next, nearer to the one with
-    less load or gap, so that it does not step when the next one is loaded; beyond a spall's end, if that is between
-    the two."""
+def tip(slices: Slices, side: float, hollows: int) -> Any:
+    """Where contact ends on one `side` [mm], over so many hollows: between the last slice that is loaded and the next,
+    nearer to the one with less load or gap, so that it does not step when the next one is loaded; beyond a spall's end,
+    if that is between the two."""
     y, load, gap = side * slices.middle, slices.load, slices.gap
+    counts = _counts(hollows)
     if side < 0.0:
-        y, load, gap = y[::-1], load[::-1], gap[::-1]
+        y, load, gap, counts = y[::-1], load[::-1], gap[::-1], counts[::-1]
     last = xp.max(xp.where(xp.value(load) > 0.0, np.arange(len(y)), 0))
     beyond = xp.minimum(last + 1, len(y) - 1)
     share = load[last] / xp.maximum(load[last] + OPENS * gap[beyond], 1e-12 * slices.approach)
-    share = xp.where((last == LAND - 1) | (last == LAND + HOLLOW - 1), 1.0, share)
+    share = xp.where(xp.any(last == np.cumsum(counts)[:-1] - 1), 1.0, share)
     return side * (y[last] + (y[beyond] - y[last]) * share)

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import cell_solve, contact_cells, strip_model, strip_reach
+from difftrb.contact import cell_solve, contact_cells, hollows, strip_model, strip_reach
 from difftrb.contact.contact_solution import (
     ContactSolution,
     Defect,
@@ -28,6 +28,7 @@ from difftrb.contact.contact_solution import (
     gradient_by_name,
 )  # fmt: skip
 from difftrb.contact.grids import GRIDS, accuracy_met, grid_for
+from difftrb.contact.hollows import Beneath
 from difftrb.contact.strip_model import Patch, Way
 from difftrb.core import arrays as xp
 from difftrb.core import status
@@ -57,8 +58,9 @@ def solve_contact(
         all or one for each.
       accuracy: relative accuracy of the approach, 1e-2…1e-5; a smaller number costs time. Cells end at about 1e-4, and
         where a sliver of contact laps over a rolling edge it is not met: docs/limits.md.
-      method: "strips" are fast and smooth and take one rectangular spall, deeper than the approach, and a crowned
-        roller, tilted or not. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion on
+      method: "strips" are fast and smooth and take a crowned roller, tilted or not, over rectangular spalls deeper than
+        the approach: one or, of numbers, several that do not overlap along the roller where their rolling edges are in
+        reach. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion on
         the others: its error falls with the first power of a cell, so `accuracy` only names its size. "auto" takes
         strips; where they do not converge those of the two next finer accuracies (of the finest, of coarser ones);
         cells where they do not either or cannot describe the contact; the lattice for height maps.
@@ -95,10 +97,10 @@ def pressure_patches(
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, "auto")
     grid_for(accuracy)
 
-    def by(way: Method, edges: int, own: float) -> tuple[ContactSolution, tuple[Patch, ...]]:
-        if way != "strips":
-            return _of_numbers(inputs, mirrored, 0, way, edges, max(own, 1e-3))[0], ()
-        solution, found, strips = _strips_of_numbers(inputs, mirrored, edges, own)
+    def by(way: Method, beneath: Beneath | None, own: float) -> tuple[ContactSolution, tuple[Patch, ...]]:
+        if beneath is None:
+            return _of_numbers(inputs, mirrored, 0, way, beneath, max(own, 1e-3))[0], ()
+        solution, found, strips = _strips_of_numbers(inputs, mirrored, beneath, own)
         return solution, strip_model.patches(found, inputs, strips)
 
     return _first_that_does(method, inputs, accuracy, by)  # type: ignore[return-value]
@@ -157,30 +159,30 @@ def approach_and_gradient(
 
 
 def _first_that_does(
-    method: Method, inputs: Inputs, accuracy: float, by: Callable[[Method, int, float], tuple]
+    method: Method, inputs: Inputs, accuracy: float, by: Callable[[Method, Beneath | None, float], tuple]
 ) -> tuple:
     """What the way named by `method` returns or, for "auto", strips if they do, else strips of another fineness, else
     cells. For numbers only.
 
-    `by` takes a way, how many rolling edges may be in reach of strips, and an accuracy; it returns a `ContactSolution`
-    first.
+    `by` takes a way, what strips have beneath, and an accuracy; it returns a `ContactSolution` first.
     """
     with np.errstate(all="ignore"):  # what comes of bad inputs has a status
         if method in ("cells", "lattice"):
-            return by(method, 0, accuracy)
-        edges, fits, within = strip_reach.edges_and_suitability(inputs)
+            return by(method, None, accuracy)
+        over, edges, fits, within = strip_reach.judged(inputs)
+        beneath = Beneath(over, int(edges))
         if method == "strips":
-            return by("strips", int(edges), accuracy)
+            return by("strips", beneath, accuracy)
         suited = fits and (within or not _is_strict(accuracy))
         for own in (accuracy, *_others(accuracy)) if suited else ():
-            result = by("strips", int(edges), own)
+            result = by("strips", beneath, own)
             code = int(result[0].status_code)
             if code == status.CONVERGED:
                 return result
             if code != status.NOT_CONVERGED:  # finer ones say the same
                 break
         # beside a sliver of land at the roller's end cells are ten times as far off as elsewhere
-        return by("cells", 0, _others(accuracy)[0] if fits and not within else accuracy)
+        return by("cells", None, _others(accuracy)[0] if fits and not within else accuracy)
 
 
 def _is_strict(accuracy: float) -> bool:
@@ -197,7 +199,7 @@ def _others(accuracy: float) -> list[float]:
 @jit_quickly(static_argnames=("mirrored", "accuracy"))
 def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSolution:
     """By strips and, where they do not do, by cells; chosen as it runs."""
-    edges, *_ = strip_reach.edges_and_suitability(inputs)
+    edges = strip_reach.judged(inputs).edges
     counts = range(1 if inputs.spall is None else 3)
     branches = [partial(_by_strips, mirrored=mirrored, edges=count, accuracy=accuracy) for count in counts]
     first = jax.lax.switch(edges, branches, inputs)
@@ -224,12 +226,12 @@ def _by(method: Method, inputs: Inputs, mirrored: bool, edges: int, accuracy: fl
 
 
 def _of_numbers(
-    inputs: Inputs, mirrored: bool, gradients: int, method: Method, edges: int, accuracy: float
+    inputs: Inputs, mirrored: bool, gradients: int, method: Method, beneath: Beneath | None, accuracy: float
 ) -> tuple[Any, ...]:
     """The solved contact and so many gradients by its inputs: of the approach, of the moment. Strips and where cells
     lie are computed by numpy."""
-    if method == "strips":
-        solution, found, way = _strips_of_numbers(inputs, mirrored, edges, accuracy)
+    if beneath is not None:
+        solution, found, way = _strips_of_numbers(inputs, mirrored, beneath, accuracy)
         return solution, *(strip_model.gradients(found, inputs, way, gradients) if gradients else ())
     if method == "cells":
         cells = grid_for(accuracy).cells_over(inputs.spall)
@@ -250,17 +252,16 @@ def _lattice_slopes(inputs: Inputs, accuracy: float, gradients: int) -> tuple:
     return solution, *(back(row)[0] for row in jnp.eye(gradients))
 
 
-def _way(inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> Way:
-    """Of strips, with so many rolling edges in reach."""
-    edges = edges if inputs.spall is not None else 0
+def _way(mirrored: bool, beneath: Beneath, accuracy: float) -> Way:
+    """Of strips, with this beneath."""
     fine = grid_for(accuracy).strips
-    return Way(mirrored, edges, fine, strip_model.SETTLED * accuracy, _is_strict(accuracy))
+    return Way(mirrored, beneath, fine, strip_model.SETTLED * accuracy, _is_strict(accuracy))
 
 
 def _strips_of_numbers(
-    inputs: Inputs, mirrored: bool, edges: int, accuracy: float
+    inputs: Inputs, mirrored: bool, beneath: Beneath, accuracy: float
 ) -> tuple[ContactSolution, strip_model.Strips, Way]:
-    way = _way(inputs, mirrored, edges, accuracy)
+    way = _way(mirrored, beneath, accuracy)
     found = strip_model.solve_numbers(inputs, way)
     return _laid_out(inputs, found, way, accuracy), found, way
 
@@ -268,11 +269,11 @@ def _strips_of_numbers(
 @jit_quickly(static_argnames=("mirrored", "edges", "accuracy"))
 def _by_strips(inputs: Inputs, mirrored: bool, edges: int, accuracy: float) -> ContactSolution:
     """By strips, of tracers; `edges` says how many rolling edges may be in reach."""
-    way = _way(inputs, mirrored, edges, accuracy)
+    way = _way(mirrored, hollows.of_one(inputs, edges), accuracy)
     return _laid_out(inputs, strip_model.solve(inputs, way), way, accuracy)
 
 
 def _laid_out(inputs: Inputs, found: strip_model.Strips, way: Way, accuracy: float) -> ContactSolution:
     """The solution by strips; the pressure is laid on the accuracy's cells."""
-    cells, gap, _ = contact_cells.stage(inputs, grid_for(accuracy).cells, way.mirrored)
+    cells, gap, _ = contact_cells.stage(inputs, grid_for(accuracy).cells_over(inputs.spall), way.mirrored)
     return assembled(inputs, cells, gap, accuracy, strip_model.on_cells(found, inputs, way, cells, accuracy))

@@ -34,14 +34,16 @@ def chosen(
     `estimate` of the approach; `count` of a row's bands; `times` they are solved.
     """
     sides, rows = plan.family_sides, plan.family_rows
-    edge = xp.where(sides == RIGHT, problem.right, xp.where(sides == LEFT, -problem.left, 0.0))
+    left, right = (xp.stack(edges)[plan.family_hollows] for edges in (problem.left, problem.right))
+    edge = xp.where(sides == RIGHT, right, xp.where(sides == LEFT, -left, 0.0))
     nearest = xp.maximum(xp.where(sides == LAND, 0.0, edge), 0.0)
     table = strip_coupling.coupling_of(kernel.products, rows, plan.frequencies.rule()[0], plan.even)
-    same = (sides[:, None] == sides[None]) & (sides != LAND)[None]
+    hollows = plan.family_hollows
+    same = (sides[:, None] == sides[None]) & (sides != LAND)[None] & (hollows[:, None] == hollows[None])
     tail = kernel.mass[rows][:, rows] * same
     weight, gap_of_rows = problem.weight[rows], problem.gap[rows]
     places = np.array([FIRST[count]] + [LATER[count]] * (times - 1))
-    left = np.broadcast_to((sides == LEFT)[:, None], (sides.size, count))
+    turned = np.broadcast_to((sides == LEFT)[:, None], (sides.size, count))
 
     def boundary(load: Any) -> Any:
         """Where a contact cut off by the edge ends if it carries `load`."""
@@ -53,8 +55,8 @@ def chosen(
         k, load, active, _ = state
         t = nearest[:, None] + (boundary(load) - nearest)[:, None] * xp.take(places, k, axis=0)[None]
         low = xp.where((sides == LAND)[:, None], -t, xp.maximum(-t, xp.minimum(edge[:, None], t - 1e-9)))
-        low, high = xp.where(left, -t, low), xp.where(left, -low, t)
-        shape = strip_waves.contact_on(low, high, left)
+        low, high = xp.where(turned, -t, low), xp.where(turned, -low, t)
+        shape = strip_waves.contact_on(low, high, turned)
         step = xp.diff(shape[..., 0], axis=1, prepend=0.0)
         quadratic = _quadratic(plan, problem, table, tail, low, high, shape, step, gap_of_rows, weight)
         found, active, still = strip_active_set.solve(quadratic, active, ROUNDS)

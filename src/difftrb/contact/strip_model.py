@@ -12,16 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from difftrb.contact import gap as gaps
 from difftrb.contact import strip_bands, strip_kernel, strip_plan, strip_rows, strip_settling
-from difftrb.contact.contact_extent import ends_along
 from difftrb.contact.contact_solution import Found, Inputs, verdict
 from difftrb.contact.gap import Cells
+from difftrb.contact.hollows import Beneath, hollows_of
 from difftrb.contact.strip_plan import Fineness, StripPlan
 from difftrb.contact.strip_reach import (
     Reach,
@@ -63,13 +63,12 @@ class Strips(NamedTuple):
 
 
 class Way(NamedTuple):
-    """How a contact is solved: on half the roller, with how many of the spall's rolling edges in reach, 0…2 (if one,
-    the nearer, which is then looked at as if it were the left one), how fine, to which share of the approach
-    boundaries must settle, and whether it is `strict` on spalls with a rolling edge in reach: they end within the
-    loaded part of the roller."""
+    """How a contact is solved: on half the roller, over what, how fine, to which share of the approach boundaries must
+    settle, and whether it is `strict` on spalls with a rolling edge in reach: they end within the loaded part of the
+    roller."""
 
     mirrored: bool
-    edges: int
+    beneath: Beneath
     fine: Fineness
     tolerance: float
     strict: bool
@@ -96,41 +95,43 @@ def gradients(found: Strips, inputs: Inputs, way: Way, count: int) -> list[Input
     settled = [found.settled]
     if count > 1:
         problem, plan, ends = _problem(inputs, way, found.reach)
-        kernel = _kernel(way, inputs.spall is not None, *ends)
+        kernel = _kernel(way, *ends)
         settled.append(strip_settling.turned(plan, problem, kernel, found.settled))
-    leaves, form = jax.tree.flatten(inputs)
+    several = isinstance(inputs.spall, tuple)
+    leaves, form = jax.tree.flatten(inputs._replace(offset=tuple(inputs.offset)) if several else inputs)
 
     def moved(some: list) -> Any:
         return xp.stack(_shifted(way, found, settled, form.unflatten(some)))
 
-    return [form.unflatten(list(row)) for row in implicit.rates(moved, leaves).T]
+    rates = [form.unflatten(list(row)) for row in implicit.rates(moved, leaves).T]
+    return [rate._replace(offset=np.stack(rate.offset)) for rate in rates] if several else rates
 
 
-def _groups(inputs: Inputs, reach: Reach, way: Way) -> tuple[tuple[Rows, ...], int | None, tuple]:
-    """The rows, the number of those over the spall, and what they are made of: the spall's ends and the contact's."""
-    ends = tuple(end / reach.unit for end in (*ends_along(inputs.contact, inputs.spall), reach.bottom, reach.top))
+def _groups(inputs: Inputs, reach: Reach, way: Way) -> tuple[tuple[Rows, ...], tuple[int, ...], tuple]:
+    """The rows, the numbers of those over spalls, and what they are made of: the hollows' ends and the contact's."""
+    borders = [end for hollow in hollows_of(inputs, way.beneath) for end in (hollow.low, hollow.high)]
+    ends = tuple(end / reach.unit for end in (*borders, reach.bottom, reach.top))
     if way.mirrored:
-        ends = tuple(xp.fixed(end) if i in (0, 2) else end for i, end in enumerate(ends))
-    groups, hollow = strip_plan.groups_of(ends, way.mirrored, inputs.spall is not None, way.edges, way.fine)
-    return groups, hollow, ends
+        ends = tuple(end if i % 2 else xp.fixed(end) for i, end in enumerate(ends))
+    return *strip_plan.groups_of(ends, way.mirrored, way.beneath.edges, way.fine), ends
 
 
 def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, StripPlan, tuple[Any, ...]]:
     """The contact without units, its plan, and what its rows are made of."""
     contact, load, _, _, tilt = inputs
-    mirrored, edges, fine, *_ = way
-    groups, hollow, ends = _groups(inputs, reach, way)
+    mirrored, beneath, fine, *_ = way
+    groups, over, ends = _groups(inputs, reach, way)
     push = np.pi * contact.modulus / reach.line_load  # from [mm] to the unit of displacement
     weight = strip_rows.weights(groups)
     gap = xp.concatenate([
         strip_rows.integrals(group, lambda y: push * gaps.rest_at(y * reach.unit, contact, tilt)) for group in groups
     ]) / weight  # fmt: skip
     gap = gap + missing_land_clearance(groups, ends) * xp.fixed(push * reach.approach)
-    left, right = _rolling_edges(inputs, edges, reach.unit)
-    spall = cast(Any, inputs.spall)
-    land = (
-        contact.length if edges or spall is None else xp.maximum(contact.length - spall.length, 0.02 * contact.length)
-    )
+    left, right = _rolling_edges(inputs, beneath, reach.unit)
+    land = contact.length
+    if not beneath.edges:
+        covered = sum(hollow.high - hollow.low for hollow in hollows_of(inputs, beneath))
+        land = xp.maximum(contact.length - covered, 0.02 * contact.length)
     wider = xp.sqrt(contact.radius * load / (contact.modulus * land)) / reach.unit
     images = 2.0 if mirrored else 1.0
     problem = StripProblem(
@@ -143,23 +144,27 @@ def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, Stri
         push=push,
         shrunk=wider / xp.fixed(wider),
     )
-    return problem, strip_plan.plan_of(groups, hollow, edges, mirrored, fine), ends
+    return problem, strip_plan.plan_of(groups, over, beneath.edges, mirrored, fine), ends
 
 
-def _kernel(way: Way, spalled: bool, *ends: Any) -> strip_kernel.Kernel:
-    """Of the rows between these ends of a spall and of the contact."""
-    groups, _ = strip_plan.groups_of(ends, way.mirrored, spalled, way.edges, way.fine)
-    return strip_kernel.kernel_of(groups, way.mirrored, way.fine.frequencies_for(way.edges), way.fine.nodes)
+def _kernel(way: Way, *ends: Any) -> strip_kernel.Kernel:
+    """Of the rows between these ends of hollows and of the contact."""
+    groups, _ = strip_plan.groups_of(ends, way.mirrored, way.beneath.edges, way.fine)
+    return strip_kernel.kernel_of(groups, way.mirrored, way.fine.frequencies_for(way.beneath.edges), way.fine.nodes)
 
 
-def _rolling_edges(inputs: Inputs, edges: int, unit: Any) -> tuple[Any, Any]:
-    """Where the spall's rolling edges are, by `unit`; at most FARTHEST, where those are that do not count."""
-    spall = cast(Any, inputs.spall)
-    if spall is None or not edges:
-        return -FARTHEST, FARTHEST
-    offset = xp.magnitude(inputs.offset) if edges == 1 else inputs.offset
-    left, right = (xp.within((offset + side * spall.width) / unit, -FARTHEST, FARTHEST) for side in (-0.5, 0.5))
-    return left, FARTHEST if edges == 1 else right
+def _rolling_edges(inputs: Inputs, beneath: Beneath, unit: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Where the hollows' rolling edges are, by `unit`; at most FARTHEST, where those are that do not count."""
+    hollows = hollows_of(inputs, beneath)
+    if not beneath.edges:
+        return (np.asarray(-FARTHEST),), (np.asarray(FARTHEST),)
+    if beneath.edges == 1:
+        return (xp.within(-hollows[0].edge / unit, -FARTHEST, FARTHEST),), (np.asarray(FARTHEST),)
+    left, right = (
+        tuple(xp.within(edge / unit, -FARTHEST, FARTHEST) for edge in edges)
+        for edges in zip(*((hollow.left, hollow.right) for hollow in hollows), strict=True)
+    )
+    return left, right
 
 
 def _shifted(way: Way, found: Strips, settled: Sequence[Settled], inputs: Inputs) -> list[Any]:
@@ -168,9 +173,9 @@ def _shifted(way: Way, found: Strips, settled: Sequence[Settled], inputs: Inputs
 
     Rows and boundaries keep their places in the units, which change: what they are misplaced by does then not enter.
     """
-    reach = reach_near(found.reach, inputs, way.edges)
+    reach = reach_near(found.reach, inputs, way.beneath)
     problem, plan, ends = _problem(inputs, way, reach)
-    shifts = strip_settling.shifts(plan, problem, partial(_kernel, way, inputs.spall is not None), ends, settled)
+    shifts = strip_settling.shifts(plan, problem, partial(_kernel, way), ends, settled)
     moved = [(found.settled.approach + shifts[0]) / problem.push]
     if len(settled) > 1:
         groups, *_ = _groups(inputs, reach, way)
@@ -181,9 +186,9 @@ def _shifted(way: Way, found: Strips, settled: Sequence[Settled], inputs: Inputs
 
 
 def _search(way: Way, inputs: Inputs) -> tuple[Any, Strips]:
-    reach = xp.fixed(reach_of(inputs, way.edges))
+    reach = xp.fixed(reach_of(inputs, way.beneath))
     problem, plan, ends = _problem(inputs, way, reach)
-    kernel, fine = _kernel(way, inputs.spall is not None, *ends), way.fine
+    kernel, fine = _kernel(way, *ends), way.fine
     estimate = problem.push * reach.approach
     size, on, still = strip_bands.chosen(plan, problem, kernel, estimate, fine.bands, fine.centred)
     begin = plan.begun_by @ size, plan.begun_by @ on
@@ -212,8 +217,8 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     converged = found.still & (interference(inputs, found.approach) > 0.0)
     code = xp.where(converged, code, status.worst(code, np.asarray(status.NOT_CONVERGED)))
     code = status.worst(code, verdict(found.approach, tension, TENSION * accuracy))
-    fits = suited(inputs, reach, found.approach)
-    fits = fits & ends_within(inputs, reach) if way.edges and way.strict else fits
+    fits = suited(inputs, reach, found.approach, way.beneath)
+    fits = fits & ends_within(inputs, reach, way.beneath) if way.beneath.edges and way.strict else fits
     code = xp.where(fits, code, status.UNSUITED)
     width = reach.unit * _width(plan, on, ends)
     passes = np.asarray(way.fine.centred) + xp.fixed(found.passes)
@@ -224,11 +229,11 @@ def _outlined(found: Strips, inputs: Inputs, way: Way) -> tuple[StripPlan, tuple
     """The plan and the rows; of every strip whether it is loaded, its modes' loads, (strips, modes), and its
     boundaries, (strips, 2), where the inputs say that the spall is."""
     settled = xp.fixed(found.settled)
-    groups, hollow, _ = _groups(inputs, found.reach, way)
-    plan = strip_plan.plan_of(groups, hollow, way.edges, way.mirrored, way.fine)
+    groups, over, _ = _groups(inputs, found.reach, way)
+    plan = strip_plan.plan_of(groups, over, way.beneath.edges, way.mirrored, way.fine)
     on = settled.active[plan.outline_of]
     loads, ends = xp.where(on[:, None], settled.loads, 0.0), settled.ends[plan.outline_of]
-    if way.edges == 1:
+    if way.beneath.edges == 1:
         turned = inputs.offset < 0.0  # the nearer edge was looked at from its left
         ends = xp.where(turned, -ends[:, ::-1], ends)
         loads = xp.where(turned, loads * (-1.0) ** np.array(plan.orders)[None], loads)

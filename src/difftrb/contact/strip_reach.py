@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, cast
+import itertools
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from difftrb.contact import crown, slices
 from difftrb.contact import gap as gaps
-from difftrb.contact.contact_extent import ends_along
 from difftrb.contact.contact_solution import Inputs
+from difftrb.contact.hollows import Beneath, arranged, hollows_of, of_one
 from difftrb.contact.slices import Slices
 from difftrb.contact.strip_plan import LEAST_ROWS
 from difftrb.contact.strip_rows import Rows
@@ -22,6 +23,7 @@ MARGIN = 0.15  # by which rows go on beyond slices, by what is left of the appro
 NEARLY = 0.5 * (1.0 - 1e-9)  # of the roller's length from its middle to its end, where its crown is infinite
 FAR = 10.0  # by the roller's length: where an edge is that does not count
 CLEAR = 100.0  # by the approach, the gap of rows on land that a spall leaves none of
+RIDGE = 1.0  # least length of land between spalls, in the unit of length
 LEAST_CROWN = 1e-3  # crown's scale by approach: below, a roller's end acts as an edge, which the strips do not have
 
 
@@ -38,26 +40,60 @@ class Reach(NamedTuple):
     slices: Slices
 
 
-def edges_and_suitability(inputs: Inputs) -> tuple[Any, Any, Any]:
-    """How many rolling edges of the spall may be in reach of the contact, 0…2, whether strips can be expected to
-    describe it but for the spall's ends, and whether these are within where it matters (`ends_within`)."""
-    contact, spall = inputs.contact, cast(Any, inputs.spall)
-    reach = xp.fixed(reach_of(inputs, 0))
-    fits = suited(inputs, reach, reach.approach)
-    if spall is None:
-        return np.asarray(0), fits, np.asarray(True)
-    certain = gaps.certain_reach(contact.radius, ABOVE * interference(inputs, reach.approach))
-    near, far = 0.5 * spall.width - xp.abs(inputs.offset), 0.5 * spall.width + xp.abs(inputs.offset)
-    edges = xp.where(near < certain, 1, 0) + xp.where(far < certain, 1, 0)
-    return edges, fits, (edges == 0) | ends_within(inputs, reach)
+class Verdict(NamedTuple):
+    """What is beneath a contact (`Beneath`), where the number of edges may be traced; whether strips can be expected to
+    describe it but for the spalls' ends, and whether these are within where it matters (`ends_within`)."""
+
+    hollows: tuple[tuple[int, int], ...]
+    edges: Any
+    fits: Any
+    within: Any
 
 
-def suited(inputs: Inputs, reach: Reach, approach: Any) -> Any:
+def judged(inputs: Inputs) -> Verdict:
+    """Whether strips are for this contact. Several spalls must be numbers."""
+    if isinstance(inputs.spall, tuple):
+        return _judged_several(inputs)
+    without = of_one(inputs, 0)
+    reach = xp.fixed(reach_of(inputs, without))
+    fits = suited(inputs, reach, reach.approach, without)
+    if inputs.spall is None:
+        return Verdict((), np.asarray(0), fits, np.asarray(True))
+    certain = gaps.certain_reach(inputs.contact.radius, ABOVE * interference(inputs, reach.approach))
+    (hollow,) = hollows_of(inputs, without)
+    far = hollow.right - hollow.left - hollow.edge
+    edges = xp.where(hollow.edge < certain, 1, 0) + xp.where(far < certain, 1, 0)
+    return Verdict(without.hollows, edges, fits, (edges == 0) | ends_within(inputs, reach, without))
+
+
+def _judged_several(inputs: Inputs) -> Verdict:
+    """The same of several: as if a contact reached all of them, and then of those that it reaches."""
+
+    def at(reach: Any) -> tuple[Beneath, bool, Reach, Any]:
+        every, clear = arranged(inputs, reach)
+        found = xp.fixed(reach_of(inputs, every._replace(edges=0)))
+        return (
+            every,
+            clear,
+            found,
+            gaps.certain_reach(inputs.contact.radius, ABOVE * interference(inputs, found.approach)),
+        )
+
+    every, clear, reach, _ = at(at(np.inf)[-1])
+    ridges = [after.low - before.high for before, after in itertools.pairwise(hollows_of(inputs, every))]
+    fits = suited(inputs, reach, reach.approach, every) & clear & all(ridge > RIDGE * reach.unit for ridge in ridges)
+    within = (every.edges == 0) | ends_within(inputs, reach, every)
+    return Verdict(every.hollows, every.edges, fits, within)
+
+
+def suited(inputs: Inputs, reach: Reach, approach: Any, beneath: Beneath) -> Any:
     """Whether strips can describe a contact of so large an approach [mm]."""
-    contact, spall = inputs.contact, cast(Any, inputs.spall)
-    fits = crown.scale(contact) > LEAST_CROWN * interference(inputs, approach)
+    deepest = interference(inputs, approach)
+    fits = crown.scale(inputs.contact) > LEAST_CROWN * deepest
     fits = fits & (reach.land > LEAST_LAND * reach.unit)
-    return fits if spall is None else fits & (spall.depth > interference(inputs, approach))
+    for hollow in hollows_of(inputs, beneath):
+        fits = fits & (hollow.depth > deepest)
+    return fits
 
 
 def interference(inputs: Inputs, approach: Any) -> Any:
@@ -65,48 +101,55 @@ def interference(inputs: Inputs, approach: Any) -> Any:
     return approach if inputs.tilt is None else approach - crown.least_rest(inputs.contact, inputs.tilt)
 
 
-def ends_within(inputs: Inputs, reach: Reach) -> Any:
-    """Whether a spall ends within the loaded part of the roller, at both ends: where it goes on to the roller's end,
-    what stands on its rolling edge ends freely, and strips over a spall do not, by up to 5e-3 of the approach."""
-    low, high = ends_along(inputs.contact, inputs.spall)
-    return (high < reach.top - reach.unit) & (low > reach.unit + reach.bottom)
+def ends_within(inputs: Inputs, reach: Reach, beneath: Beneath) -> Any:
+    """Whether every spall ends within the loaded part of the roller, at both ends: where it goes on to the roller's
+    end, what stands on its rolling edge ends freely, and strips over a spall do not, by up to 5e-3 of the approach."""
+    within = np.asarray(True)
+    for hollow in hollows_of(inputs, beneath):
+        within = within & (hollow.high < reach.top - reach.unit) & (hollow.low > reach.unit + reach.bottom)
+    return within
 
 
-def reach_of(inputs: Inputs, edges: int) -> Reach:
+def reach_of(inputs: Inputs, beneath: Beneath) -> Reach:
     """By slices."""
-    return _reach(inputs, edges, slices.pressed(*_on_land(inputs, edges)))
+    return _reach(inputs, beneath, slices.pressed(*_on_land(inputs, beneath)))
 
 
-def reach_near(reach: Reach, inputs: Inputs, edges: int) -> Reach:
+def reach_near(reach: Reach, inputs: Inputs, beneath: Beneath) -> Reach:
     """The same to first order in a change of the inputs it was found for."""
-    return _reach(inputs, edges, slices.near(reach.slices, *_on_land(inputs, edges)))
+    return _reach(inputs, beneath, slices.near(reach.slices, *_on_land(inputs, beneath)))
 
 
-def _reach(inputs: Inputs, edges: int, found: Slices) -> Reach:
+def _reach(inputs: Inputs, beneath: Beneath, found: Slices) -> Reach:
     """Rows go on beyond slices by a part of what is left of the approach there. They go on to land beyond a spall that
     slices do not load, too, for it may touch with its corner."""
     contact = inputs.contact
     unit = gaps.line_half_width(np.pi * contact.modulus * found.mean, contact.radius, contact.modulus)
-    if edges:  # a light load sinks a roller over a long spall through its crown: edges far beyond the half-width count
+    if beneath.edges:  # far beyond the half-width, where a light load sinks a roller over a long spall, they count
         unit = xp.maximum(unit, gaps.certain_reach(contact.radius, found.approach) / REACHED)
     line_load = gaps.line_load_at(unit, contact.radius, contact.modulus)
-    spall = ends_along(contact, inputs.spall)
-    tips = [slices.tip(found, side) for side in (-1.0, 1.0)]
-    bottom, top = (_row_end(inputs, found.approach, *side) for side in zip(tips, spall, (-1.0, 1.0), strict=True))
-    low, high = (xp.clip(end, *tips) for end in spall)
-    return Reach(bottom, top, line_load, unit, found.approach, tips[1] - tips[0] - (high - low), found)
+    hollows = hollows_of(inputs, beneath)
+    ends = (hollows[0].low, hollows[-1].high) if hollows else (0.0, 0.0)
+    tips = [slices.tip(found, side, len(hollows)) for side in (-1.0, 1.0)]
+    bottom, top = (_row_end(inputs, found.approach, *side) for side in zip(tips, ends, (-1.0, 1.0), strict=True))
+    land = tips[1] - tips[0]
+    for hollow in hollows:
+        land = land - (xp.clip(hollow.high, *tips) - xp.clip(hollow.low, *tips))
+    return Reach(bottom, top, line_load, unit, found.approach, land, found)
 
 
-def _on_land(inputs: Inputs, edges: int) -> tuple[Any, ...]:
+def _on_land(inputs: Inputs, beneath: Beneath) -> tuple[Any, ...]:
     """What `slices.pressed` is asked."""
-    contact, load, _, offset, tilt = inputs
-    spall = cast(Any, inputs.spall)
-    edge = 0.5 * spall.width - xp.magnitude(offset) if spall is not None and edges else FAR * contact.length
-    return contact, load / (np.pi * contact.modulus), *ends_along(contact, inputs.spall), edge, tilt
+    contact, load, _, _, tilt = inputs
+    hollows = hollows_of(inputs, beneath)
+    if not beneath.edges:
+        far = FAR * contact.length
+        hollows = tuple(hollow._replace(left=-far, right=far) for hollow in hollows)
+    return contact, load / (np.pi * contact.modulus), hollows, tilt
 
 
 def _row_end(inputs: Inputs, approach: Any, tip: Any, end: Any, side: float) -> Any:
-    """Where rows end on one `side` [mm], where slices do at `tip` and the spall at `end`."""
+    """Where rows end on one `side` [mm], where slices do at `tip` and the last spall at `end`."""
     contact, tilt = inputs.contact, inputs.tilt
     most = NEARLY * contact.length
     reached = side * xp.clip(xp.maximum(side * tip, side * end), -most, most)
@@ -124,9 +167,9 @@ def _row_end(inputs: Inputs, approach: Any, tip: Any, end: Any, side: float) -> 
 
 def missing_land_clearance(groups: tuple[Rows, ...], ends: tuple[Any, ...]) -> Any:
     """By how much, in approaches, rows are clear that stand for land of which a spall leaves none, shape (rows,);
-    `ends` of the spall and of the rows."""
-    low, high, bottom, top = xp.fixed(ends)
-    left = {"high": low - bottom, "low": top - high}  # land below a spall ends with its high end
+    `ends` of the hollows and of the rows."""
+    *borders, bottom, top = xp.fixed(ends)
+    left = {"high": borders[0] - bottom, "low": top - borders[-1]} if borders else {}  # land ends with its high end
     least = 0.5 * LEAST_ROWS * (top - bottom)
 
     def clear(group: Rows) -> Any:

@@ -35,15 +35,16 @@ class StripProblem(NamedTuple):
     Attributes:
       weight: ∫ hat dy of the rows, (rows,). gap: their mean initial gap beside curvature, (rows,). bend: curvature's
         gap by 2x².
-      left, right: the spall's rolling edges. load: Σ weight q. push: takes [mm] to the unit of displacement.
+      left, right: the rolling edges of every hollow; those of one far away where there is none. load: Σ weight q.
+        push: takes [mm] to the unit of displacement.
       shrunk: 1, with how a line contact's half-width changes by the unit.
     """
 
     weight: Any
     gap: Any
     bend: Any
-    left: Any
-    right: Any
+    left: tuple[Any, ...]
+    right: tuple[Any, ...]
     load: Any
     push: Any
     shrunk: Any
@@ -66,9 +67,9 @@ class Settled(NamedTuple):
 
 def bounds(plan: StripPlan, problem: StripProblem) -> Any:
     """How far boundaries may go, (outlines, 2)."""
-    sides = plan.sides
-    low = xp.where(sides == RIGHT, problem.right, xp.where(sides == MIDDLE, problem.left, -FAR))
-    high = xp.where(sides == LEFT, problem.left, xp.where(sides == MIDDLE, problem.right, FAR))
+    sides, (left, right) = plan.sides, (xp.stack(edges)[plan.hollows] for edges in (problem.left, problem.right))
+    low = xp.where(sides == RIGHT, right, xp.where(sides == MIDDLE, left, -FAR))
+    high = xp.where(sides == LEFT, left, xp.where(sides == MIDDLE, right, FAR))
     return xp.stack([low, high], axis=1)
 
 
@@ -151,7 +152,8 @@ def _same(plan: StripPlan, held: Any) -> Any:
     left = np.stack([sides == MIDDLE, sides == LEFT], axis=1)
     right = np.stack([sides == RIGHT, sides == MIDDLE], axis=1)
     shared = [(held & part)[:, None, :] & (held & part)[None] for part in (left, right)]
-    every = own[:, :, None] | shared[0] | shared[1]
+    together = (plan.hollows[:, None] == plan.hollows[None])[:, :, None]
+    every = own[:, :, None] | (together & (shared[0] | shared[1]))
     return every[plan.outline_of][:, plan.outline_of].astype(float)
 
 
@@ -267,7 +269,7 @@ def shifts(
         own = mass[plan.rows][:, plan.rows]
         return xp.einsum("ijk,ijk->", products, pairs) + xp.einsum("ij,eij->", own, tails)
 
-    places = problem.left, problem.right, problem.shrunk
+    places = *problem.left, *problem.right, problem.shrunk
     still = pairs_of(*xp.fixed(places))
 
     def as_rows_move(*ends: Any) -> tuple[list[Any], Any, Any]:
@@ -296,12 +298,13 @@ def _pairs(
     found: Settled,
     loads: Any,
     virtual: list[Any],
-    left: Any,
-    right: Any,
-    shrunk: Any,
+    *places: Any,
 ) -> list[tuple[Any, Any, Any]]:
     """Virtual by found loads at the same frequency, of pairs of rows; at the same end, of pairs of strips; ∫ gap of
-    the virtual ones: with rolling edges `left` and `right`, and what keeps its length `shrunk`."""
+    the virtual ones: with the left and the right rolling edges at `places`, and what keeps its length shrunk by the
+    last of them."""
+    *edges, shrunk = places
+    left, right = tuple(edges[: len(problem.left)]), tuple(edges[len(problem.left) :])
     of_row = np.eye(problem.gap.shape[0])[plan.rows].T
     same = xp.moveaxis(_same(plan, found.held), -1, 0)
     bound = bounds(plan, problem._replace(left=left, right=right))
