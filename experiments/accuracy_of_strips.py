@@ -27,6 +27,7 @@ import difftrb as trb
 from difftrb.contact import strip_model
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.grids import grid_for
+from difftrb.contact.hollows import Beneath
 from difftrb.contact.strip_model import Way
 from difftrb.contact.strip_plan import Fineness
 from difftrb.contact.strip_waves import Frequencies
@@ -63,7 +64,7 @@ def approaches(
     fineness: Fineness, accuracy: float, contact: trb.LineContact, cases: np.ndarray, edges: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Approach of every case [mm], whether it converged, and milliseconds of one, by numpy."""
-    way = Way(True, edges, fineness, strip_model.SETTLED * accuracy, True)
+    way = Way(True, Beneath(((0, 0),), edges), fineness, strip_model.SETTLED * accuracy, True)
     results, times = [], []
     for load, length, width, offset in cases:
         inputs = xp.numbers(Inputs(as_floats(contact), load, trb.Spall(float(length), float(width)), offset))

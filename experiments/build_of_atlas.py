@@ -123,8 +123,10 @@ def solved(contact: LineContact, cases: list[Case], accuracy: float, progress: P
         solution = None
         if case.spall is not None and case.distance != 0.0:  # so many that compiling pays
             inputs, mirrored, _ = given(contact, case.load, case.spall, case.distance, 0.0, "strips")
-            _, edges, fits, within = strip_reach.judged(inputs)
-            solution = solver._by_strips(inputs, mirrored, max(int(edges), 1), accuracy) if fits and within else None
+            beneath, fits, within = strip_reach.judged(inputs)
+            solution = (
+                solver._by_strips(inputs, mirrored, max(int(beneath.edges), 1), accuracy) if fits and within else None
+            )
         if solution is None or not bool(solution.converged):
             solution = solver.solve_contact(contact, case.load, case.spall, case.distance, accuracy)
         if not bool(solution.converged):

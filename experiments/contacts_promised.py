@@ -30,7 +30,6 @@ from rich.table import Table
 import difftrb as trb
 from difftrb.contact import hollows, solver, strip_model, strip_reach
 from difftrb.contact.contact_solution import Inputs, given
-from difftrb.contact.hollows import Beneath
 from difftrb.contact.strip_model import Way
 from difftrb.core import arrays as xp
 from difftrb.core.geometry import LineContact, as_floats
@@ -102,8 +101,8 @@ def truth(case: Contact) -> tuple[float, np.ndarray]:
     inputs, mirrored, _ = given(*case[1:5], case.tilt, "auto")
     inputs = xp.numbers(inputs)
     with np.errstate(all="ignore"):
-        over, edges, *_ = strip_reach.judged(inputs)
-        way = Way(mirrored, Beneath(over, int(edges)), FINEST, SETTLED, True)
+        beneath = strip_reach.judged(inputs).beneath
+        way = Way(mirrored, beneath._replace(edges=int(beneath.edges)), FINEST, SETTLED, True)
         found = strip_model.solve_numbers(inputs, way)
         (by,) = strip_model.gradients(found, inputs, way, 1)
     assert found.still

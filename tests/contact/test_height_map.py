@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -185,9 +186,8 @@ def test_what_does_not_fit_together_is_refused(contact: trb.LineContact) -> None
     m, spall = load_height_map(trb.example_map()), trb.Spall(2.0, 1.0)
     with pytest.raises(ValueError, match="method = 'cells' does not take height maps; use 'lattice'"):
         trb.solve_contact(contact, 100.0, m, method="cells")
-    for case in ({"spall": (spall, spall)}, {"spall": (spall, spall), "tilt": 1e-4}):
-        with pytest.raises(ValueError, match="method = 'strips' takes at most one spall"):
-            trb.solve_contact(contact, 100.0, method="strips", **case)
+    with pytest.raises(ValueError, match="method = 'strips' takes at most one spall inside jit"):
+        jax.jit(lambda load: trb.solve_contact(contact, load, (spall, spall), method="strips"))(100.0)
     with pytest.raises(ValueError, match=r"offset has shape \(3,\) for 2 spalls"):
         trb.solve_contact(contact, 100.0, (spall, spall), (0.0, 0.1, 0.2))
     with pytest.raises(ValueError, match="one spall has one offset"):

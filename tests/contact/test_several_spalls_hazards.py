@@ -55,7 +55,7 @@ def test_a_batch_is_what_its_members_are(contact: trb.LineContact) -> None:
     spalls = trb.Spall(2.0, 1.0, axial_offset=1.0), trb.Spall(3.0, 0.8, axial_offset=-2.0)
 
     def approach(offset: jax.Array) -> jax.Array:
-        return trb.solve_contact(contact, 2000.0, spalls, (offset, -0.3), 1e-2).approach
+        return trb.solve_contact(contact, 2000.0, spalls, (offset, -0.3), 1e-2, "cells").approach
 
     offsets = jnp.array([0.4, 0.55])
     together = jax.jit(jax.vmap(approach))(offsets)

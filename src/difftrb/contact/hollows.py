@@ -12,11 +12,13 @@ from difftrb.core.geometry import Spall
 
 class Beneath(NamedTuple):
     """What is static of the hollows under a roller: for each, the spall that it begins with and the one that it ends
-    with, two where these overlap; and how many rolling edges of each may be in reach, 0…2 (if one, the nearer, which is
-    then looked at as if it were the left one)."""
+    with, two where these overlap; how many rolling edges of each may be in reach, 0…2 (if one, the nearer, which is
+    then looked at as if it were the left one); and whether this describes them: where spalls overlap along the roller,
+    none has a rolling edge in reach."""
 
     hollows: tuple[tuple[int, int], ...]
-    edges: int
+    edges: Any
+    described: bool = True
 
 
 class Hollow(NamedTuple):
@@ -35,8 +37,8 @@ class Hollow(NamedTuple):
         return 0.5 * (self.right - self.left) - xp.magnitude(0.5 * (self.left + self.right))
 
 
-def of_one(inputs: Inputs, edges: int) -> Beneath:
-    """Of at most one spall, with so many rolling edges in reach."""
+def of_one(inputs: Inputs, edges: Any) -> Beneath:
+    """Of at most one spall, with so many rolling edges in reach; where it is traced, a program chooses by it."""
     return Beneath((), 0) if inputs.spall is None else Beneath(((0, 0),), edges)
 
 
@@ -52,24 +54,22 @@ def hollows_of(inputs: Inputs, beneath: Beneath) -> tuple[Hollow, ...]:
     return tuple(one(*pair) for pair in beneath.hollows)
 
 
-def arranged(inputs: Inputs, reach: Any) -> tuple[Beneath, bool]:
-    """Of several spalls, which are numbers: those that a contact meets which reaches so far from the roller's middle
-    [mm], and whether hollows can describe them: where spalls overlap along the roller, none has a rolling edge in
-    reach."""
+def of_several(inputs: Inputs, reach: Any) -> Beneath:
+    """Of spalls that are numbers: those that a contact meets which reaches so far from the roller's middle [mm]."""
     every = xp.fixed(_each(inputs))
     near = [i for i, hollow in enumerate(every) if hollow.edge > -reach]
     out = {i: bool(every[i].edge >= reach) for i in near}
     merged: list[list[int]] = []
-    clear = True
+    described = True
     for i in sorted(near, key=lambda i: float(every[i].low)):
         if merged and every[i].low <= every[merged[-1][1]].high:
-            clear = clear and out[i] and all(out[j] for j in merged[-1])
+            described = described and out[i] and all(out[j] for j in merged[-1])
             if every[i].high > every[merged[-1][1]].high:
                 merged[-1][1] = i
         else:
             merged.append([i, i])
     edges = 0 if all(out.values()) else 2
-    return Beneath(tuple((first, last) for first, last in merged), edges), clear
+    return Beneath(tuple((first, last) for first, last in merged), edges, described)
 
 
 def _each(inputs: Inputs) -> list[Hollow]:

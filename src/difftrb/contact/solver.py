@@ -35,6 +35,10 @@ from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real
 from difftrb.core.jax_config import jit_quickly
 
+UNRESOLVED, FINER = 0.3, 2
+"""By the accuracy, what slivers beyond a rolling edge may leave in the approach that are too thin for strips' waves:
+with more, they are solved again with waves half as long, at most so many times. Numbers only: a program is as it is."""
+
 # ------------------------------------------------------------------------------------------ what is asked
 
 
@@ -169,8 +173,8 @@ def _first_that_does(
     with np.errstate(all="ignore"):  # what comes of bad inputs has a status
         if method in ("cells", "lattice"):
             return by(method, None, accuracy)
-        over, edges, fits, within = strip_reach.judged(inputs)
-        beneath = Beneath(over, int(edges))
+        beneath, fits, within = strip_reach.judged(inputs)
+        beneath = beneath._replace(edges=int(beneath.edges))
         if method == "strips":
             return by("strips", beneath, accuracy)
         suited = fits and (within or not _is_strict(accuracy))
@@ -199,7 +203,7 @@ def _others(accuracy: float) -> list[float]:
 @jit_quickly(static_argnames=("mirrored", "accuracy"))
 def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSolution:
     """By strips and, where they do not do, by cells; chosen as it runs."""
-    edges = strip_reach.judged(inputs).edges
+    edges = strip_reach.judged(inputs).beneath.edges
     counts = range(1 if inputs.spall is None else 3)
     branches = [partial(_by_strips, mirrored=mirrored, edges=count, accuracy=accuracy) for count in counts]
     first = jax.lax.switch(edges, branches, inputs)
@@ -263,6 +267,11 @@ def _strips_of_numbers(
 ) -> tuple[ContactSolution, strip_model.Strips, Way]:
     way = _way(mirrored, beneath, accuracy)
     found = strip_model.solve_numbers(inputs, way)
+    for _ in range(FINER):
+        if not found.settled.unresolved > UNRESOLVED * accuracy:
+            break
+        way = way._replace(fine=way.fine.finer)
+        found = strip_model.solve_numbers(inputs, way)
     return _laid_out(inputs, found, way, accuracy), found, way
 
 

@@ -222,7 +222,8 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     code = xp.where(fits, code, status.UNSUITED)
     width = reach.unit * _width(plan, on, ends)
     passes = np.asarray(way.fine.centred) + xp.fixed(found.passes)
-    return Found(found.approach, force, found.moment, width, settled.error, passes, loads.size, code)
+    left = settled.error + settled.unresolved
+    return Found(found.approach, force, found.moment, width, left, passes, loads.size, code)
 
 
 def _outlined(found: Strips, inputs: Inputs, way: Way) -> tuple[StripPlan, tuple[Rows, ...], Any, Any, Any]:

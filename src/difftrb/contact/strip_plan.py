@@ -43,6 +43,14 @@ class Fineness:
     edge_frequencies: Frequencies
     nodes: int
 
+    @property
+    def finer(self) -> Fineness:
+        """For slivers beyond a rolling edge that are half as wide."""
+        edge = self.edge_frequencies
+        doubled = Frequencies(edge.low, edge.smooth + 1, 2 * edge.waves, 2.0 * edge.highest)
+        hollow = self.hollow + self.hollow // 2
+        return dataclasses.replace(self, hollow=hollow, edge_frequencies=doubled, nodes=self.nodes + 2)
+
     def frequencies_for(self, edges: int) -> Frequencies:
         """With so many rolling edges in reach."""
         return self.edge_frequencies if edges else self.frequencies

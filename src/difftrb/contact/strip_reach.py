@@ -10,7 +10,7 @@ import numpy as np
 from difftrb.contact import crown, slices
 from difftrb.contact import gap as gaps
 from difftrb.contact.contact_solution import Inputs
-from difftrb.contact.hollows import Beneath, arranged, hollows_of, of_one
+from difftrb.contact.hollows import Beneath, hollows_of, of_one, of_several
 from difftrb.contact.slices import Slices
 from difftrb.contact.strip_plan import LEAST_ROWS
 from difftrb.contact.strip_rows import Rows
@@ -41,11 +41,10 @@ class Reach(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What is beneath a contact (`Beneath`), where the number of edges may be traced; whether strips can be expected to
-    describe it but for the spalls' ends, and whether these are within where it matters (`ends_within`)."""
+    """What is beneath a contact; whether strips can be expected to describe it but for the spalls' ends, and whether
+    these are within where it matters (`ends_within`)."""
 
-    hollows: tuple[tuple[int, int], ...]
-    edges: Any
+    beneath: Beneath
     fits: Any
     within: Any
 
@@ -58,32 +57,23 @@ def judged(inputs: Inputs) -> Verdict:
     reach = xp.fixed(reach_of(inputs, without))
     fits = suited(inputs, reach, reach.approach, without)
     if inputs.spall is None:
-        return Verdict((), np.asarray(0), fits, np.asarray(True))
+        return Verdict(without, fits, np.asarray(True))
     certain = gaps.certain_reach(inputs.contact.radius, ABOVE * interference(inputs, reach.approach))
     (hollow,) = hollows_of(inputs, without)
     far = hollow.right - hollow.left - hollow.edge
     edges = xp.where(hollow.edge < certain, 1, 0) + xp.where(far < certain, 1, 0)
-    return Verdict(without.hollows, edges, fits, (edges == 0) | ends_within(inputs, reach, without))
+    return Verdict(of_one(inputs, edges), fits, (edges == 0) | ends_within(inputs, reach, without))
 
 
 def _judged_several(inputs: Inputs) -> Verdict:
     """The same of several: as if a contact reached all of them, and then of those that it reaches."""
-
-    def at(reach: Any) -> tuple[Beneath, bool, Reach, Any]:
-        every, clear = arranged(inputs, reach)
-        found = xp.fixed(reach_of(inputs, every._replace(edges=0)))
-        return (
-            every,
-            clear,
-            found,
-            gaps.certain_reach(inputs.contact.radius, ABOVE * interference(inputs, found.approach)),
-        )
-
-    every, clear, reach, _ = at(at(np.inf)[-1])
-    ridges = [after.low - before.high for before, after in itertools.pairwise(hollows_of(inputs, every))]
-    fits = suited(inputs, reach, reach.approach, every) & clear & all(ridge > RIDGE * reach.unit for ridge in ridges)
-    within = (every.edges == 0) | ends_within(inputs, reach, every)
-    return Verdict(every.hollows, every.edges, fits, within)
+    every = of_several(inputs, np.inf)
+    reach = xp.fixed(reach_of(inputs, every._replace(edges=0)))
+    certain = gaps.certain_reach(inputs.contact.radius, ABOVE * interference(inputs, reach.approach))
+    met = of_several(inputs, certain)
+    reach = xp.fixed(reach_of(inputs, met._replace(edges=0)))
+    within = (met.edges == 0) | ends_within(inputs, reach, met)
+    return Verdict(met, suited(inputs, reach, reach.approach, met), within)
 
 
 def suited(inputs: Inputs, reach: Reach, approach: Any, beneath: Beneath) -> Any:
@@ -91,9 +81,12 @@ def suited(inputs: Inputs, reach: Reach, approach: Any, beneath: Beneath) -> Any
     deepest = interference(inputs, approach)
     fits = crown.scale(inputs.contact) > LEAST_CROWN * deepest
     fits = fits & (reach.land > LEAST_LAND * reach.unit)
-    for hollow in hollows_of(inputs, beneath):
+    hollows = hollows_of(inputs, beneath)
+    for hollow in hollows:
         fits = fits & (hollow.depth > deepest)
-    return fits
+    for before, after in itertools.pairwise(hollows):
+        fits = fits & (after.low - before.high > RIDGE * reach.unit)
+    return fits & beneath.described
 
 
 def interference(inputs: Inputs, approach: Any) -> Any:

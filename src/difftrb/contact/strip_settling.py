@@ -52,8 +52,9 @@ class StripProblem(NamedTuple):
 
 class Settled(NamedTuple):
     """Mode loads of the strips, (strips, modes), and their change by the load; approach and its change by load;
-    boundaries (outlines, 2), which of them are held at an edge, which outlines are loaded, (outlines,); and what their
-    places may leave in the approach, as a share of the deepest overlap."""
+    boundaries (outlines, 2), which of them are held at an edge, which outlines are loaded, (outlines,); what their
+    places may leave in the approach, and what those leave in it that are too thin for the waves to place, both as a
+    share of the deepest overlap."""
 
     loads: Any
     by_load: Any
@@ -63,6 +64,7 @@ class Settled(NamedTuple):
     held: Any
     active: Any
     error: Any
+    unresolved: Any
 
 
 def bounds(plan: StripPlan, problem: StripProblem) -> Any:
@@ -85,12 +87,12 @@ def settle(
     none, zero = np.zeros((plan.rows.size, len(plan.orders))), np.zeros(())
     active = (on > 0.0) & (ends[:, 1] - ends[:, 0] > LEAST)
     ends = _waiting(plan, bound, ends, active)
-    first = Settled(none, none, zero, zero, ends, ends == bound, active, zero)
+    first = Settled(none, none, zero, zero, ends, ends == bound, active, zero, zero)
 
     def solve(last: tuple) -> tuple:
         _, ends, held, active, count, _, before = last
         found, overlap = _pressed(plan, problem, table, mass, ends, held, active)
-        new, held_next, active_next, error, moves = _moved(plan, problem, found, bound, before)
+        new, held_next, active_next, errors, moves = _moved(plan, problem, found, bound, before)
         called = (
             ~active
             & (overlap > OVERLAP * _deepest(problem, found))
@@ -100,8 +102,9 @@ def settle(
         new = _waiting(plan, bound, new, active_next)
         new = xp.where((called & plan.sided)[:, None], _overlapping_ends(plan, problem, bound, overlap), new)
         active_next = active_next | called
-        done = (error < tolerance) & xp.all(active_next == active)
-        return found._replace(error=error), new, held_next, active_next, count + 1, done, moves
+        done = (errors[0] < tolerance) & xp.all(active_next == active)
+        found = found._replace(error=errors[0], unresolved=errors[1])
+        return found, new, held_next, active_next, count + 1, done, moves
 
     at_first = np.zeros((2, *ends.shape)) + np.array([0.0, 1.0])[:, None, None]
     begun = (first, first.ends, first.held, first.active, 0, np.asarray(False), at_first)
@@ -177,7 +180,7 @@ def _pressed(
     overlap = -(plan.member.T @ (residual / weight[:, 0])) / np.sum(plan.member, axis=0)
     return Settled(
         found.loads.reshape(gap.shape), found.by_load.reshape(gap.shape), found.approach, found.compliance, ends, held,
-        active, zero,
+        active, zero, zero,
     ), overlap  # fmt: skip
 
 
@@ -219,16 +222,17 @@ def _deepest(problem: StripProblem, found: Settled) -> Any:
 def _moved(
     plan: StripPlan, problem: StripProblem, found: Settled, bound: Any, before: Any
 ) -> tuple[Any, Any, Any, Any, Any]:
-    """New boundaries, which of them are held and which outlines loaded; about what the move is worth in δ; and by how
-    much every boundary alone would move and which part of that it does, as it was `before`, (2, outlines, 2)."""
+    """New boundaries, which of them are held and which outlines loaded; about what the move is worth in δ, and what it
+    would be worth to move those that are too thin for it, (2,); and by how much every boundary alone would move and
+    which part of that it does, as it was `before`, (2, outlines, 2)."""
     orders, out = np.array(plan.orders), np.array([[-1.0, 1.0]])
     weight = plan.member.T * problem.weight[plan.rows][None]
     load, by_load = weight @ found.loads, weight @ found.by_load
     signs = np.stack([(-1.0) ** orders, np.ones(orders.size)])
     tip, slope = load @ signs.T, (load * orders[None] ** 2) @ signs.T  # P and its outward derivative at the ends
     half = 0.5 * (found.ends[:, 1:] - found.ends[:, :1])
-    move = xp.where(slope < 0.0, -2.0 * tip / xp.where(slope < 0.0, slope, -1.0), 0.3 * xp.sign(tip))
-    alone = half * xp.clip(move, -0.4, 0.5)
+    wanted = xp.where(slope < 0.0, -2.0 * tip / xp.where(slope < 0.0, slope, -1.0), 0.3 * xp.sign(tip))
+    alone = half * xp.clip(wanted, -0.4, 0.5)
     # neighbours move, too: the secant through this move and the one before tells by how much boundaries overshoot
     last, part = before
     less = last - alone
@@ -244,8 +248,12 @@ def _moved(
     high = xp.where(sides == RIGHT, xp.maximum(new[:, 1], new[:, 0] + least), new[:, 1])
     new = xp.stack([low, high], axis=1)
     active = found.active & (load[:, 0] > 0.0) & (new[:, 1] - new[:, 0] > LEAST)
-    worth = 0.5 * tip * (by_load @ signs.T) * (new - found.ends) * out / half
-    return new, held, active, xp.abs(xp.sum(worth)) / _deepest(problem, found), xp.stack([alone, part])
+    gain = 0.5 * tip * (by_load @ signs.T)
+    worth = gain * (new - found.ends) * out / half
+    thin = plan.sided[:, None] & ~stays & (2.0 * half < least * (1.0 + 1e-6))
+    lost = xp.where(thin, xp.abs(gain * wanted), 0.0)  # however far: the approach's errors are about this, as measured
+    errors = xp.stack([xp.abs(xp.sum(worth)), xp.sum(lost)]) / _deepest(problem, found)
+    return new, held, active, errors, xp.stack([alone, part])
 
 
 def shifts(
