@@ -155,7 +155,7 @@ def measure(cases: list[Contact]) -> Table:
 
 
 def main() -> None:
-    Console().print(measure(random_contacts(int(sys.argv[1]) if len(sys.argv) > 1 else 5)))
+    Console(width=120).print(measure(random_contacts(int(sys.argv[1]) if len(sys.argv) > 1 else 5)))
 
 
 if __name__ == "__main__":

@@ -32,9 +32,9 @@ PINNED: dict[str, dict[str, float]] = {
         "by width": -106768.0799431, "load of roller 0": 1584.731804444, "radial stiffness": 3490225.754181,
     },
     "contact": {
-        "approach": 0.008160927186756, "contact width": 0.2093578034158, "load": 2.225930427044e-06,
-        "length": 4.585591306718e-05, "width": 0.0007991230421386, "offset": -0.001598246084277,
-        "radius": -0.000169554610527, "design_load": 1.336530477883e-07,
+        "approach": 0.008160926569886, "contact width": 0.2093580379787, "load": 2.226017129469e-06,
+        "length": 4.584589788365e-05, "width": 0.0007991627089679, "offset": -0.001598325417936,
+        "radius": -0.0001695687953508, "design_load": 1.336049520401e-07,
     },
 }  # fmt: skip
 

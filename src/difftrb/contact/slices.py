@@ -138,6 +138,9 @@ def _counts(hollows: int) -> list[int]:
 
 def _borders(contact: LineContact, hollows: tuple[Hollow, ...]) -> Any:
     half = 0.5 * contact.length
+    if not hollows:  # a light load is on a healthy roller's middle
+        upper = strip_rows.graded(0.0 * half, half, LAND, AT_SPALL, AT_TIP)
+        return xp.concatenate([-upper[:0:-1], upper])
     ends = [-half, *(end for hollow in hollows for end in (hollow.low, hollow.high)), half]
     counts = _counts(len(hollows))
     lines = []

@@ -35,7 +35,7 @@ from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real
 from difftrb.core.jax_config import jit_quickly
 
-UNRESOLVED, FINER = 0.3, 2
+UNRESOLVED, FINER = 1.0, 2
 """By the accuracy, what slivers beyond a rolling edge may leave in the approach that are too thin for strips' waves:
 with more, they are solved again with waves half as long, at most so many times. Numbers only: a program is as it is."""
 
