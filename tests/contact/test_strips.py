@@ -9,9 +9,11 @@ import pytest
 from scipy.special import k0
 
 import difftrb as trb
-from difftrb.contact import strip_kernel, strip_plan
+from difftrb.contact import strip_kernel, strip_model, strip_plan, strip_reach
+from difftrb.contact.contact_solution import given
 from difftrb.contact.grids import GRIDS
 from difftrb.contact.solver import approach_and_gradient
+from difftrb.contact.strip_model import Way
 from difftrb.contact.strip_rows import Rows
 from difftrb.core.taylor import Taylor
 
@@ -249,3 +251,19 @@ def test_derivatives_where_strips_do_not_suit(contact: trb.LineContact) -> None:
     by_cells = trb.approach_slopes(straight, 3000.0, None, 0.0, 1e-2, "cells")["load"]
     assert by_cells is not None
     assert float(jax.jit(jax.grad(approach))(3000.0)) == pytest.approx(float(by_cells), rel=1e-9)
+
+
+def test_slivers_too_thin_for_the_waves_are_solved_again() -> None:
+    """Rows that just touch beyond an edge, 1.5 µm wide: with the waves of 1e-4 the approach was 3e-4 off, and said
+    nothing."""
+    contact = trb.LineContact(1.26407, 12.61986, 113794.5, 7554.02)
+    case = contact, 2809.72, trb.Spall(8.341433, 1.715352), 0.6684583
+    inputs, mirrored, _ = given(*case, 0.0, "strips")
+    beneath = strip_reach.judged(inputs).beneath
+    way = Way(mirrored, beneath._replace(edges=int(beneath.edges)), GRIDS[1e-4].strips, 5e-6, True)
+    once, truth = strip_model.solve_numbers(inputs, way), float(trb.solve_contact(*case, 1e-5).check().approach)
+    assert abs(float(once.approach) / truth - 1.0) > 2e-4
+    assert float(once.settled.unresolved) > 1e-4
+    again = trb.solve_contact(*case, 1e-4).check()
+    assert float(again.approach) == pytest.approx(truth, rel=1e-4)
+    assert float(again.residual) < 1e-4
