@@ -267,3 +267,14 @@ def test_slivers_too_thin_for_the_waves_are_solved_again() -> None:
     again = trb.solve_contact(*case, 1e-4).check()
     assert float(again.approach) == pytest.approx(truth, rel=1e-4)
     assert float(again.residual) < 1e-4
+
+
+def test_a_tilted_roller_whose_middle_stands_off_meets_an_edge() -> None:
+    """Its approach is negative: the unit of length was the root of it, and strips were NaN."""
+    contact, spall = trb.LineContact(8.56879, 12.1677, 113794.5, 1879.13), trb.Spall(0.706, 0.2541, axial_offset=-2.616)
+    strips, cells = (
+        float(trb.solve_contact(contact, 143.783, spall, -0.102881, 1e-3, way, 4.99634e-4).check().approach)
+        for way in ("strips", "cells")
+    )
+    assert strips < 0.0
+    assert strips == pytest.approx(cells, rel=2e-3)

@@ -119,7 +119,7 @@ def _reach(inputs: Inputs, beneath: Beneath, found: Slices) -> Reach:
     contact = inputs.contact
     unit = gaps.line_half_width(np.pi * contact.modulus * found.mean, contact.radius, contact.modulus)
     if beneath.edges:  # far beyond the half-width, where a light load sinks a roller over a long spall, they count
-        unit = xp.maximum(unit, gaps.certain_reach(contact.radius, found.approach) / REACHED)
+        unit = xp.maximum(unit, gaps.certain_reach(contact.radius, interference(inputs, found.approach)) / REACHED)
     line_load = gaps.line_load_at(unit, contact.radius, contact.modulus)
     hollows = hollows_of(inputs, beneath)
     ends = (hollows[0].low, hollows[-1].high) if hollows else (0.0, 0.0)
