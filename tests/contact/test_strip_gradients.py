@@ -116,3 +116,23 @@ def test_slivers_beyond_an_edge_move_with_it() -> None:
     by_offset = (approach(load, offset + d) - approach(load, offset - d)) / (2.0 * d)
     assert float(by.load) == pytest.approx(by_load, rel=5e-3)
     assert float(by.offset) == pytest.approx(by_offset, rel=5e-3)
+
+
+def test_by_the_load_alone_the_mesh_moves_too() -> None:
+    """Differentiated by the load and nothing else, only the load that slices lack has a derivative: rows stood still,
+    and the compliance of a light, strongly tilted roller was as if they did."""
+    contact, load, tilt = LineContact(4.0, 13.0, 113794.5, 6500.0), 150.0, 4e-4
+    _, by = contacts.approach_and_gradient(contact, load, accuracy=1e-2, method="strips", tilt=tilt)
+
+    def approach(load: jax.Array) -> jax.Array:
+        return trb.solve_contact(contact, load, accuracy=1e-2, method="strips", tilt=tilt).approach
+
+    assert float(jax.grad(approach)(load)) == pytest.approx(float(by.load), rel=1e-6)
+
+
+def test_half_a_roller_knows_no_axial_offset() -> None:
+    """A spall in the middle moves to either side alike: the gradient was that of a spall that grows at both ends."""
+    contact, spall = LineContact(4.0, 13.0, 113794.5, 6500.0), Spall(4.0, 1.0)
+    for method in ("strips", "cells"):
+        _, by = contacts.approach_and_gradient(contact, 3000.0, spall, 0.3, 1e-2, method)
+        assert float(by.spall.axial_offset) == 0.0

@@ -25,8 +25,8 @@ BLUNT = 0.5 * np.exp(-0.5)
 """A semi-ellipse's pressure sinks its own middle as a line at this distance does, by the half-width."""
 NARROWEST, MOST = 0.05, 2.0  # line load by the mean: with less or more, slices count as such
 WIDE = 2.0
-"""By how much blunter than their own middle slices are for others. What is missing on themselves is added: short slices
-beside a spall's end would else be as good as one, and the solution ill-conditioned."""
+"""For others a slice counts as so many times as blunt as it is; what is then missing of its own sinking is added there.
+Short slices beside a spall's end would else be as good as one, and the solution ill-conditioned."""
 OPENS = 0.1
 """Of what is left of the gap under the first slice that is not loaded, so much counts as load that it lacks: ends of
 contacts are within 0.004 of half the roller's length from those of 150 slices a land, as measured."""
@@ -86,10 +86,13 @@ def near(found: Slices, contact: LineContact, needed: Any, hollows: tuple[Hollow
     for _ in range(TURNS - 1):
         sunk, own, rest = _terms(contact, hollows, tilt, blunt_by)
         residual = _residual(found._replace(length=length), (sunk, own, rest))
-        if xp.by(residual) is None:
+        by_gap, by_load = xp.by(residual), xp.by(lacking)
+        if by_gap is None and by_load is None:
             break
+        if by_gap is None:  # by the load alone
+            by_gap = np.zeros((len(by_load), len(found.load)))
         matrix = _symmetric(xp.value(sunk)) + xp.diag(xp.value(own))
-        approach, load = _followed(found, matrix, xp.by(residual), xp.by(lacking))
+        approach, load = _followed(found, matrix, by_gap, by_load)
         blunt_by = Taylor(found.blunt_by, load.by)
     found = found._replace(middle=middle, length=length, load=load, approach=approach, blunt_by=blunt_by)
     return found._replace(gap=_gap_left(found, _terms(contact, hollows, tilt, blunt_by)))

@@ -4,11 +4,13 @@ Minimise ½ f·W f + f·gap over cell forces f ≥ 0 with Σf = load. The approa
 displaced gap W f + gap equals δ where cells are loaded and exceeds it elsewhere (Liu et al. 2018, eqs 1, 4).
 
 In this order: what is asked, which way is chosen, each way. What strips can take is `strip_reach`'s to say, before they
-are tried; what they found, `strip_model`'s; several spalls and maps leave no choice (`contact_solution`).
+are tried; what they found, `strip_model`'s; maps, and several spalls in a program, leave no choice
+(`contact_solution`).
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -35,7 +37,7 @@ from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real
 from difftrb.core.jax_config import jit_quickly
 
-UNRESOLVED, FINER = 1.0, 2
+THIN, FINER = 1.0, 2
 """By the accuracy, what slivers beyond a rolling edge may leave in the approach that are too thin for strips' waves:
 with more, they are solved again with waves half as long, at most so many times. Numbers only: a program is as it is."""
 
@@ -63,9 +65,10 @@ def solve_contact(
       accuracy: relative accuracy of the approach, 1e-2…1e-5; a smaller number costs time. Cells end at about 1e-4, and
         where a sliver of contact laps over a rolling edge it is not met: docs/limits.md.
       method: "strips" are fast and smooth and take a crowned roller, tilted or not, over rectangular spalls deeper than
-        the approach: one or, of numbers, several that do not overlap along the roller where their rolling edges are in
-        reach. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion on
-        the others: its error falls with the first power of a cell, so `accuracy` only names its size. "auto" takes
+        the approach: one or, of numbers, several that are half a contact width apart along the roller or, with no
+        rolling edge in reach, overlap. The loaded land is at least two contact widths long, and a spall with an edge in
+        reach ends within the contact. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion
+        on the others: its error falls with the first power of a cell, so `accuracy` only names its size. "auto" takes
         strips; where they do not converge those of the two next finer accuracies (of the finest, of coarser ones);
         cells where they do not either or cannot describe the contact; the lattice for height maps.
       tilt: of the roller about its middle [rad]: the gap grows by `tilt`·y along it. The approach is the middle's.
@@ -156,7 +159,20 @@ def approach_and_gradient(
     that of its `moment` [N mm]. For numbers, not tracers; by strips in numpy's."""
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
-    return _first_that_does(method, inputs, accuracy, partial(_of_numbers, inputs, mirrored, 2 if moment else 1))
+    solution, *by = _first_that_does(
+        method, inputs, accuracy, partial(_of_numbers, inputs, mirrored, 2 if moment else 1)
+    )
+    return solution, *(map(_of_half, by) if solution.cells.mirrored else by)
+
+
+def _of_half(by: Inputs) -> Inputs:
+    """A gradient from half the roller, which would shift both of its halves outwards: it is 0 by axial offsets."""
+
+    def still(spall: Any) -> Any:
+        return dataclasses.replace(spall, axial_offset=0.0 * spall.axial_offset)
+
+    spall = by.spall
+    return by._replace(spall=tuple(map(still, spall)) if isinstance(spall, tuple) else spall and still(spall))
 
 
 # ------------------------------------------------------------------------------------------ which way is chosen
@@ -207,7 +223,7 @@ def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSoluti
     counts = range(1 if inputs.spall is None else 3)
     branches = [partial(_by_strips, mirrored=mirrored, edges=count, accuracy=accuracy) for count in counts]
     first = jax.lax.switch(edges, branches, inputs)
-    cells = grid_for(accuracy).cells  # of several spalls cells are the only way
+    cells = grid_for(accuracy).cells
     return jax.lax.cond(
         first.status_code == status.CONVERGED,
         lambda first, _: first,
@@ -268,7 +284,7 @@ def _strips_of_numbers(
     way = _way(mirrored, beneath, accuracy)
     found = strip_model.solve_numbers(inputs, way)
     for _ in range(FINER):
-        if not found.settled.unresolved > UNRESOLVED * accuracy:
+        if not found.settled.unresolved > THIN * accuracy:
             break
         way = way._replace(fine=way.fine.finer)
         found = strip_model.solve_numbers(inputs, way)

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from difftrb.contact import crown, gap
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_extent import ends_along
-from difftrb.contact.contact_solution import Defect, is_symmetric, listed
+from difftrb.contact.contact_solution import Defect
 from difftrb.contact.height_map import HeightMap
 from difftrb.contact.solver import ContactSolution
 from difftrb.core import arrays as xp
@@ -175,11 +175,7 @@ def _or_zero(slope: Real | None) -> float:
 def _by_inputs(case: Case, by: contacts.Inputs) -> np.ndarray:
     """A gradient as `inputs` are ordered."""
     by_distance = -np.asarray(by.offset) if case.spall is not None else 0.0
-    slopes = np.array(inputs(by.contact, cast(Any, by.spall), by_distance))
-    if is_symmetric(case.spall) and case.tilt == 0.0:  # half the roller was solved
-        sizes = len(OF_SPALL)
-        slopes[AT.spall_axial_offset : len(OF_CONTACT) + sizes * len(listed(case.spall)) : sizes] = 0.0
-    return slopes
+    return np.array(inputs(by.contact, cast(Any, by.spall), by_distance))
 
 
 def last_touch(contact: LineContact, solution: ContactSolution) -> float:
