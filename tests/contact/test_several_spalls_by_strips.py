@@ -100,3 +100,21 @@ def test_gradient_matches_central_differences(
     if tilt:
         both = at(tilt=tilt * (1 - step)), at(tilt=tilt * (1 + step))
         compare([rate.tilt for rate in rates], *both, tilt)
+
+
+def test_a_shallow_spall_between_two_deep_ones_counts(contact: trb.LineContact) -> None:
+    """It joins them to one hollow, and its bottom carries."""
+    places = (-2.5, 1.5, 0.2), (0.0, 4.0, 4e-3), (2.5, 1.5, 0.2)
+    spalls = tuple(trb.Spall(length, WIDE, depth, axial_offset=middle) for middle, length, depth in places)
+    inputs, _, _ = given(contact, LOAD, spalls, 0.0, 0.0, "auto")
+    found = strip_reach.judged(inputs)
+    assert [set(parts) for parts in found.beneath.hollows] == [{0, 1, 2}]
+    assert not found.fits
+
+
+def test_land_beyond_the_contact_carries_nothing(contact: trb.LineContact) -> None:
+    """Under a light load the second spall and the land before it are beyond the contact's end, in the first one."""
+    light, near = 30.0, trb.Spall(3.0, WIDE, axial_offset=3.0)
+    both = near, trb.Spall(1.0, WIDE, axial_offset=5.6)
+    found = [float(trb.solve_contact(contact, light, s, 0.0, 1e-3, "strips").check().approach) for s in (near, both)]
+    assert found[1] == pytest.approx(found[0], rel=1e-5)

@@ -145,12 +145,13 @@ class ContactSolution(status.Judged):
       contact_width: longest extent of the contact in the rolling direction [mm].
       loaded_fraction: share of the roller's length on which some cell is loaded [-].
       residual: by cells, the largest violation of the contact conditions relative to the approach; by strips, what the
-        places of free boundaries may leave in it.
+        places of free boundaries may leave in it, by the deepest overlap, those of slivers too thin for the waves with
+        them: inside jit, where these are not solved again, it may be more than the accuracy of what has converged.
       iterations: applications of the influence matrix, or passes over the strips.
       unknowns: of the solve: cells, or modes of all strips.
       status_code: see `difftrb.status`; `status` is its sentence.
-      accuracy: relative accuracy of the approach of this solve: as asked or, where strips of that did not converge,
-        another.
+      accuracy: relative accuracy of the approach of this solve: as asked or, where strips of that did not converge or
+        only know a spall's end about, another.
     """
 
     approach: Float[Array, ""]

@@ -11,19 +11,19 @@ from difftrb.core.geometry import Spall
 
 
 class Beneath(NamedTuple):
-    """What is static of the hollows under a roller: for each, the spall that it begins with and the one that it ends
-    with, two where these overlap; how many rolling edges of each may be in reach, 0…2 (if one, the nearer, which is
-    then looked at as if it were the left one); and whether this describes them: where spalls overlap along the roller,
-    none has a rolling edge in reach."""
+    """What is static of the hollows under a roller: for each, the spall that it begins with, the one that it ends with,
+    and those that it is made of besides, more than one where spalls overlap; how many rolling edges of each may be in
+    reach, 0…2 (if one, the nearer, which is then looked at as if it were the left one); and whether this describes
+    them: where spalls overlap along the roller, none has a rolling edge in reach."""
 
-    hollows: tuple[tuple[int, int], ...]
+    hollows: tuple[tuple[int, ...], ...]
     edges: Any
     described: bool = True
 
 
 class Hollow(NamedTuple):
     """Where it begins and ends along the roller, not beyond the roller's ends, and where its rolling edges are from the
-    roller's middle, all [mm]; its depth [mm]."""
+    roller's middle, all [mm]; the least depth of what it is made of [mm]."""
 
     low: Any
     high: Any
@@ -38,7 +38,7 @@ class Hollow(NamedTuple):
 
 
 def of_one(inputs: Inputs, edges: Any) -> Beneath:
-    """Of at most one spall, with so many rolling edges in reach; where it is traced, a program chooses by it."""
+    """Of at most one spall, with so many rolling edges in reach; traced, where only their number is wanted."""
     return Beneath((), 0) if inputs.spall is None else Beneath(((0, 0),), edges)
 
 
@@ -46,12 +46,13 @@ def hollows_of(inputs: Inputs, beneath: Beneath) -> tuple[Hollow, ...]:
     """The hollows, in their order along the roller."""
     every = _each(inputs)
 
-    def one(first: int, last: int) -> Hollow:
-        if first == last:
-            return every[first]
-        return every[first]._replace(high=every[last].high, depth=xp.minimum(every[first].depth, every[last].depth))
+    def one(first: int, last: int, *others: int) -> Hollow:
+        depth = every[first].depth
+        for i in (last, *others):
+            depth = depth if i == first else xp.minimum(depth, every[i].depth)
+        return every[first]._replace(high=every[last].high, depth=depth)
 
-    return tuple(one(*pair) for pair in beneath.hollows)
+    return tuple(one(*parts) for parts in beneath.hollows)
 
 
 def of_several(inputs: Inputs, reach: Any) -> Beneath:
@@ -63,13 +64,14 @@ def of_several(inputs: Inputs, reach: Any) -> Beneath:
     described = True
     for i in sorted(near, key=lambda i: float(every[i].low)):
         if merged and every[i].low <= every[merged[-1][1]].high:
-            described = described and out[i] and all(out[j] for j in merged[-1])
-            if every[i].high > every[merged[-1][1]].high:
-                merged[-1][1] = i
+            own = merged[-1]
+            described = described and out[i] and all(out[j] for j in own)
+            farther = every[i].high > every[own[1]].high
+            own[1:2] = [i, own[1]] if farther else [own[1], i]
         else:
             merged.append([i, i])
     edges = 0 if all(out.values()) else 2
-    return Beneath(tuple((first, last) for first, last in merged), edges, described)
+    return Beneath(tuple(map(tuple, merged)), edges, described)
 
 
 def _each(inputs: Inputs) -> list[Hollow]:

@@ -66,7 +66,7 @@ def solve(problem: Quadratic, active: Any, rounds: int) -> tuple[Response, Any, 
         found = on_set(problem, active)
         residual = matrix @ found.loads + gap - found.approach * weight
         # sign of w − M∇E: on the set the gradient vanishes, off it w does
-        chosen = xp.where(active, found.loads > 0.0, residual < -TOUCHING * found.approach * weight)
+        chosen = xp.where(active, found.loads > 0.0, residual < -TOUCHING * xp.magnitude(found.approach) * weight)
         return chosen, found, count + 1, xp.all(chosen == active)
 
     def going(state: tuple) -> Any:

@@ -63,7 +63,8 @@ def chosen(
         density = found.loads.reshape(step.shape) / step
         return k + 1, _recentred(load, shape[..., 0], step, density), active, still
 
-    first = 1.03**2 * xp.clip(1.0 - gap_of_rows / estimate, 0.03, 1.0)
+    deepest = xp.where(estimate > 0.0, estimate, estimate - xp.min(gap_of_rows))  # of a middle that stands off
+    first = 1.03**2 * xp.clip((estimate - gap_of_rows) / deepest, 0.03, 1.0)
     begun = np.tile(np.arange(count) < 2, rows.size)
     state = 0, first, begun, np.asarray(False)
     _, load, active, still = loops.repeated(times, solve, state)

@@ -27,7 +27,7 @@ from difftrb.contact.strip_reach import (
     Reach,
     ends_within,
     interference,
-    missing_land_clearance,
+    on_missing_land,
     reach_near,
     reach_of,
     suited,
@@ -41,6 +41,8 @@ SETTLED = 0.05  # share of the asked-for accuracy that misplaced boundaries may 
 TENSION = 10.0  # share of the load that strips may take as tension, by the accuracy: more, and they are too coarse
 ACROSS = np.sin(0.5 * np.pi * np.linspace(-1.0, 1.0, 81)) * 0.9999
 """Points of a row, by half its width from its middle; denser at its ends."""
+CLEAR = 100.0
+"""By the deepest overlap, the gap of rows on land that a spall leaves none of."""
 ALONG = 4
 """Points between two rows."""
 
@@ -126,7 +128,8 @@ def _problem(inputs: Inputs, way: Way, reach: Reach) -> tuple[StripProblem, Stri
     gap = xp.concatenate([
         strip_rows.integrals(group, lambda y: push * gaps.rest_at(y * reach.unit, contact, tilt)) for group in groups
     ]) / weight  # fmt: skip
-    gap = gap + missing_land_clearance(groups, ends) * xp.fixed(push * reach.approach)
+    clear = CLEAR * xp.fixed(push * interference(inputs, reach.approach))
+    gap = gap + xp.where(on_missing_land(groups, over, ends), clear, 0.0)
     left, right = _rolling_edges(inputs, beneath, reach.unit)
     land = contact.length
     if not beneath.edges:
@@ -205,7 +208,7 @@ def _search(way: Way, inputs: Inputs) -> tuple[Any, Strips]:
 def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: float) -> Found:
     """The pressure spread over `cells`, and how the solve is judged.
 
-    Not suited: a spall whose bottom is in reach of the roller, a roller (nearly) without crown.
+    What is not suited `strip_reach.suited` and `ends_within` say.
     """
     settled, reach = xp.fixed(found.settled), found.reach
     plan, groups, on, loads, ends = _outlined(found, inputs, way)

@@ -17,19 +17,19 @@ from difftrb.contact.strip_rows import Rows
 from difftrb.core import arrays as xp
 
 REACHED = 2.75  # where the raceway may still be touched, in the unit of length: strips end at FARTHEST
-LEAST_LAND = 4.0  # loaded length in Hertz half-widths that was compared with lattices: rows no longer than wide
+LEAST_LAND = 4.0  # loaded length by the unit of length; shorter ones were not compared with lattices
 ABOVE = 1.1  # by its estimate, so large an approach may be
 MARGIN = 0.15  # by which rows go on beyond slices, by what is left of the approach there
 NEARLY = 0.5 * (1.0 - 1e-9)  # of the roller's length from its middle to its end, where its crown is infinite
 FAR = 10.0  # by the roller's length: where an edge is that does not count
-CLEAR = 100.0  # by the approach, the gap of rows on land that a spall leaves none of
 RIDGE = 1.0  # least length of land between spalls, in the unit of length
 LEAST_CROWN = 1e-3  # crown's scale by approach: below, a roller's end acts as an edge, which the strips do not have
 
 
 class Reach(NamedTuple):
-    """Where rows begin and end along the roller [mm]; mean line load [N/mm] and its Hertz half-width [mm], the units;
-    an estimate of the approach, the length of the loaded land [mm], and the slices that tell all this."""
+    """Where rows begin and end along the roller [mm]; the units, which are a line load [N/mm] and its Hertz half-width
+    [mm]: the mean one or, with edges in reach, more if the contact reaches so far; an estimate of the approach, the
+    length of the loaded land [mm], and the slices that tell all this."""
 
     bottom: Any
     top: Any
@@ -95,8 +95,8 @@ def interference(inputs: Inputs, approach: Any) -> Any:
 
 
 def ends_within(inputs: Inputs, reach: Reach, beneath: Beneath) -> Any:
-    """Whether every spall ends within the loaded part of the roller, at both ends: where it goes on to the roller's
-    end, what stands on its rolling edge ends freely, and strips over a spall do not, by up to 5e-3 of the approach."""
+    """Whether every spall ends within the loaded part of the roller, at both ends: one that goes on to the roller's end
+    leaves land beside it whose end is free, which strips do not know; they are off by up to 5e-3 of the approach."""
     within = np.asarray(True)
     for hollow in hollows_of(inputs, beneath):
         within = within & (hollow.high < reach.top - reach.unit) & (hollow.low > reach.unit + reach.bottom)
@@ -158,15 +158,14 @@ def _row_end(inputs: Inputs, approach: Any, tip: Any, end: Any, side: float) -> 
     return xp.where(level < approach, farther, tip)
 
 
-def missing_land_clearance(groups: tuple[Rows, ...], ends: tuple[Any, ...]) -> Any:
-    """By how much, in approaches, rows are clear that stand for land of which a spall leaves none, shape (rows,);
-    `ends` of the hollows and of the rows."""
+def on_missing_land(groups: tuple[Rows, ...], over: tuple[int, ...], ends: tuple[Any, ...]) -> Any:
+    """Which rows stand for land of which a spall leaves none, or which lies beyond the contact, shape (rows,); `over`
+    hollows are these groups; `ends` of the hollows and of the rows."""
     *borders, bottom, top = xp.fixed(ends)
-    left = {"high": borders[0] - bottom, "low": top - borders[-1]} if borders else {}  # land ends with its high end
-    least = 0.5 * LEAST_ROWS * (top - bottom)
-
-    def clear(group: Rows) -> Any:
-        land = group.edge in left and not group.middle
-        return xp.where(left[group.edge] < least, CLEAR, 0.0) if land else 0.0
-
-    return xp.concatenate([clear(group) * np.ones(group.count) for group in groups])
+    least, every = 0.5 * LEAST_ROWS * (top - bottom), [bottom, *borders, top]
+    lands = zip(every[::2], every[1::2], strict=True)
+    missing = [xp.minimum(end, top) - xp.maximum(start, bottom) < least for start, end in lands]
+    missing = missing[len(over) + len(missing) - len(groups) :]  # half a roller has its upper land alone
+    of_land = iter(missing)
+    flags = [np.asarray(False) if i in over else next(of_land) for i in range(len(groups))]
+    return xp.concatenate([flag & np.ones(group.count, bool) for flag, group in zip(flags, groups, strict=True)])
