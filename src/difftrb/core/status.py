@@ -48,8 +48,9 @@ SENTENCES = {
     UNRESOLVED: "a spall, or the ridge between two, is narrower than one cell of the grid: ask for more accuracy (a "
     "smaller number), or make it wider",
     UNSUITED: "this way of solving cannot describe this contact (a roller without crown or loaded far beyond it, one "
-    "that may reach the spall's bottom, too short a loaded land; for an edge's intensity a rolling edge in reach): use "
-    "solve_contact with method 'cells'",
+    "that may reach the spall's bottom, too short a loaded land; spalls that overlap or nearly touch, or go on to the "
+    "roller's end, at a rolling edge; for an edge's intensity a rolling edge in reach): use solve_contact with method "
+    "'cells'",
     OTHER_SCENE: "the roller law was prepared for another scene: prepare this one, by naming its law",
     NARROW: "a spall is so narrow that both its edges may be in reach of a roller at once, and the table was prepared "
     "for wider ones: prepare this scene, by naming its law",
