@@ -213,7 +213,7 @@ def test_kinks_of_contact_solves_are_where_the_table_has_them(bearing) -> None:
     """They were where healthy rings have them: the derivative by length was a fifth off, stiffness 2e-4."""
     axial, spalls = ROUND["two rollers in long ones"]
     of = partial(trb.Scene, bearing, trb.Load(9000.0, axial), spalls, phase="mean")
-    table, direct = (trb.assess(trb.prepare(scene)) for scene in (of(law="table"), of(law="direct", accuracy=1e-4)))
+    table, direct = (trb.assess(trb.prepare(scene)) for scene in (of(law="table"), of(law="direct", accuracy=1e-3)))
     np.testing.assert_allclose(direct.spalled.stiffness[0, 0], table.spalled.stiffness[0, 0], rtol=1.5e-4)
     for own, other in ((direct.by_length, table.by_length), (direct.by_width, table.by_width)):
         np.testing.assert_allclose(own, other, rtol=1e-2)
