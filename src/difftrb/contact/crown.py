@@ -33,12 +33,6 @@ def height(y: Real, contact: LineContact) -> Any:
     return xp.where(inside, scale(contact) * logarithm(xp.where(inside, t, 0.0), 1e-13), np.inf)
 
 
-def slope(y: Real, contact: LineContact) -> Real:
-    """The derivative of `height` by `y`, between the roller's ends."""
-    t = 2.0 * y / contact.length
-    return scale(contact) * 4.0 * t / ((1.0 - t * t) * contact.length)
-
-
 def half_length(steepness: Any, contact: LineContact) -> Any:
     """How far from the roller's middle the crown is `steepness` times its scale high [mm]: the inverse of `height`."""
     return 0.5 * contact.length * xp.sqrt(-xp.expm1(-steepness))

@@ -112,12 +112,6 @@ def depression(cells: Cells, spall: Spall, offset: Real) -> jax.Array:
     return xp.where(along[:, None] & across[None, :], spall.depth, 0.0)  # Liu et al. 2018, eq. (3)
 
 
-def rest_slope(y: Real, contact: LineContact, slope: Real | None) -> Real:
-    """The derivative of `rest_at` by `y`, between the roller's ends."""
-    rise = crown.slope(y, contact)
-    return rise if slope is None else rise + slope
-
-
 # ------------------------------------------------------------------------------------------ closed forms
 
 
