@@ -63,19 +63,17 @@ def pressed(contact: LineContact, needed: Any, hollows: tuple[Hollow, ...], tilt
     these's rolling edges."""
 
     def turn(state: tuple) -> tuple:
-        active, last, _, _ = state
-        sunk, own, rest = _terms(contact, hollows, tilt, last)
+        found = Slices(middle, length, *state)
+        terms = sunk, own, rest = _terms(contact, hollows, tilt, found.load)
         problem = Quadratic(_symmetric(sunk) + xp.diag(own), rest, length, needed)
-        found, active, _ = strip_active_set.solve(problem, active, ROUNDS)
-        return active, found.loads, last, found.approach
+        solved, active, _ = strip_active_set.solve(problem, found.active, ROUNDS)
+        found = found._replace(load=solved.loads, active=active, blunt_by=found.load, approach=solved.approach)
+        return found._replace(gap=_gap_left(found, terms))[2:]
 
     middle, length = _lines(contact, hollows)
     even = needed / contact.length + 0.0 * length
-    active, load, before, approach = loops.repeated(
-        TURNS, turn, (length > 1e-9 * contact.length, even, even, 0.0 * needed)
-    )
-    found = Slices(middle, length, load, active, before, 0.0 * load, approach)
-    return found._replace(gap=_gap_left(found, _terms(contact, hollows, tilt, before)))
+    first = even, length > 1e-9 * contact.length, even, 0.0 * length, 0.0 * needed
+    return Slices(middle, length, *loops.repeated(TURNS, turn, first))
 
 
 def near(found: Slices, contact: LineContact, needed: Any, hollows: tuple[Hollow, ...], tilt: Any | None) -> Slices:
