@@ -142,15 +142,10 @@ def clear_of_spall(contact: LineContact, spall: Spall, offset: Any, approach: An
 
 def extents(contact: LineContact, delta: Any, tilt: Any | None) -> tuple[Any, Any, Any]:
     """The domain of a contact whose approach is estimated as `delta` [mm]: see `domain`."""
-    half, scale = 0.5 * contact.length, crown.scale(contact)
-    if tilt is None:
-        delta = ESTIMATE * delta
-        top = xp.where(scale > 0.0, crown.half_length(delta / xp.where(scale > 0.0, scale, 1.0), contact), half)
-        bottom = -top
-    else:
-        least = crown.least_rest(contact, tilt)
-        delta = ESTIMATE * (delta - least)
-        bottom, top = (crown.crossing(contact, delta + least, tilt, side) for side in (-1.0, 1.0))
+    scale = crown.scale(contact)
+    least = 0.0 if tilt is None else crown.least_rest(contact, tilt)
+    delta = ESTIMATE * (delta - least)
+    bottom, top = (crown.reached(contact, delta + least, tilt, side) for side in (-1.0, 1.0))
     certain = gaps.certain_reach(contact.radius, delta)
     slenderness = xp.maximum(2.0 * xp.log(2.0 * (top - bottom) / certain) + 1.0, 3.0)
     # slices, and a margin for the peaks at spall edges and, where the crown no longer relieves them, at roller ends

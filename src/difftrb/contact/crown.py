@@ -69,6 +69,16 @@ def crossing(contact: LineContact, delta: Any, tilt: Any, side: float) -> Any:
     return half * xp.where(free, found - step, side)  # one step from the solution carries its derivatives
 
 
+def reached(contact: LineContact, level: Any, tilt: Any | None, side: float) -> Any:
+    """Where on one `side` the gap along the roller's line, tilted or not (None), exceeds `level` [mm]; without a crown
+    at its end."""
+    if tilt is not None:
+        return crossing(contact, level, tilt, side)
+    own = scale(contact)
+    crowned = own > 0.0
+    return side * half_length(xp.where(crowned, level / xp.where(crowned, own, 1.0), 100.0), contact)
+
+
 def mean_of_rows(lines: Real, contact: LineContact) -> Any:
     """Mean height between neighbouring `lines` [mm], shape (rows,); finite at the roller's ends, too."""
     t = xp.clip(2.0 * lines / contact.length, -1.0, 1.0)

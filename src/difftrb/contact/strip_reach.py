@@ -71,7 +71,8 @@ def _judged_several(inputs: Inputs) -> Verdict:
     reach = xp.fixed(reach_of(inputs, every._replace(edges=0)))
     certain = gaps.certain_reach(inputs.contact.radius, ABOVE * interference(inputs, reach.approach))
     met = of_several(inputs, certain)
-    reach = xp.fixed(reach_of(inputs, met._replace(edges=0)))
+    if met.hollows != every.hollows:
+        reach = xp.fixed(reach_of(inputs, met._replace(edges=0)))
     within = (met.edges == 0) | ends_within(inputs, reach, met)
     return Verdict(met, suited(inputs, reach, reach.approach, met), within)
 
@@ -147,14 +148,7 @@ def _row_end(inputs: Inputs, approach: Any, tip: Any, end: Any, side: float) -> 
     most = NEARLY * contact.length
     reached = side * xp.clip(xp.maximum(side * tip, side * end), -most, most)
     level = gaps.rest_at(reached, contact, tilt)
-    beyond = level + MARGIN * (approach - level)
-    if tilt is not None:
-        farther = crown.crossing(contact, beyond, tilt, side)
-    else:
-        scale = crown.scale(contact)
-        crowned = scale > 0.0
-        steepness = xp.where(crowned, beyond / xp.where(crowned, scale, 1.0), 100.0)
-        farther = side * crown.half_length(steepness, contact)
+    farther = crown.reached(contact, level + MARGIN * (approach - level), tilt, side)
     return xp.where(level < approach, farther, tip)
 
 
@@ -165,7 +159,6 @@ def on_missing_land(groups: tuple[Rows, ...], over: tuple[int, ...], ends: tuple
     least, every = 0.5 * LEAST_ROWS * (top - bottom), [bottom, *borders, top]
     lands = zip(every[::2], every[1::2], strict=True)
     missing = [xp.minimum(end, top) - xp.maximum(start, bottom) < least for start, end in lands]
-    missing = missing[len(over) + len(missing) - len(groups) :]  # half a roller has its upper land alone
-    of_land = iter(missing)
+    of_land = iter(missing[len(over) - len(groups) :])  # half a roller has its upper land alone
     flags = [np.asarray(False) if i in over else next(of_land) for i in range(len(groups))]
     return xp.concatenate([flag & np.ones(group.count, bool) for flag, group in zip(flags, groups, strict=True)])
