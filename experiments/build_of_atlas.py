@@ -123,7 +123,7 @@ def solved(contact: LineContact, cases: list[Case], accuracy: float, progress: P
         solution = None
         if case.spall is not None and case.distance != 0.0:  # so many that compiling pays
             inputs, mirrored, _ = given(contact, case.load, case.spall, case.distance, 0.0, "strips")
-            beneath, fits, within = strip_reach.judged(inputs)
+            beneath, fits, within = strip_reach.judged(inputs, mirrored)
             solution = (
                 solver._by_strips(inputs, mirrored, max(int(beneath.edges), 1), accuracy) if fits and within else None
             )

@@ -94,7 +94,7 @@ def _random(rng: np.random.Generator, i: int, kind: str) -> Contact:
 
 def _reach(inputs: Inputs) -> strip_reach.Reach:
     """With no rolling edge in reach."""
-    return strip_reach.reach_of(inputs, hollows.of_one(inputs, 0))
+    return strip_reach.reach_of(inputs, hollows.of_one(inputs, 0), False)
 
 
 def truth(case: Contact) -> tuple[float, np.ndarray]:
@@ -102,7 +102,7 @@ def truth(case: Contact) -> tuple[float, np.ndarray]:
     inputs, mirrored, _ = given(*case[1:5], case.tilt, "auto")
     inputs = xp.numbers(inputs)
     with np.errstate(all="ignore"):
-        beneath = strip_reach.judged(inputs).beneath
+        beneath = strip_reach.judged(inputs, mirrored).beneath
         way = Way(mirrored, beneath._replace(edges=int(beneath.edges)), FINEST, SETTLED, True)
         found = strip_model.solve_numbers(inputs, way)
         if found.settled.unresolved > THIN:

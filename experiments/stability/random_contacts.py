@@ -138,5 +138,5 @@ def over_load_and_length(
 
 def _suited(numbers: jax.Array) -> jax.Array:
     load, length = numbers
-    *_, fits, within = strip_reach.judged(Inputs(CONTACT, load, trb.Spall(length, 7.0), jnp.zeros(())))
+    *_, fits, within = strip_reach.judged(Inputs(CONTACT, load, trb.Spall(length, 7.0), jnp.zeros(())), True)
     return (fits & within).astype(float)

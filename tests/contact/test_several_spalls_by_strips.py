@@ -57,8 +57,8 @@ def test_spalls_are_sorted_merged_and_left_out(contact: trb.LineContact) -> None
     ids=["overlap", "ridge", "bottom"],
 )
 def test_what_strips_do_not_know_goes_to_cells(contact: trb.LineContact, spalls: Any, offsets: Any) -> None:
-    inputs, _, _ = given(contact, LOAD, spalls, offsets, 0.0, "auto")
-    assert not strip_reach.judged(inputs).fits
+    inputs, mirrored, _ = given(contact, LOAD, spalls, offsets, 0.0, "auto")
+    assert not strip_reach.judged(inputs, mirrored).fits
     by_strips = trb.solve_contact(contact, LOAD, spalls, offsets, 1e-2, "strips")
     assert int(by_strips.status_code) == status.UNSUITED
     assert bool(trb.solve_contact(contact, LOAD, spalls, offsets, 1e-2).converged)
@@ -106,8 +106,8 @@ def test_a_shallow_spall_between_two_deep_ones_counts(contact: trb.LineContact) 
     """It joins them to one hollow, and its bottom carries."""
     places = (-2.5, 1.5, 0.2), (0.0, 4.0, 4e-3), (2.5, 1.5, 0.2)
     spalls = tuple(trb.Spall(length, WIDE, depth, axial_offset=middle) for middle, length, depth in places)
-    inputs, _, _ = given(contact, LOAD, spalls, 0.0, 0.0, "auto")
-    found = strip_reach.judged(inputs)
+    inputs, mirrored, _ = given(contact, LOAD, spalls, 0.0, 0.0, "auto")
+    found = strip_reach.judged(inputs, mirrored)
     assert [set(parts) for parts in found.beneath.hollows] == [{0, 1, 2}]
     assert not found.fits
 

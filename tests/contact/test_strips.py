@@ -259,7 +259,7 @@ def test_slivers_too_thin_for_the_waves_are_solved_again() -> None:
     contact = trb.LineContact(1.26407, 12.61986, 113794.5, 7554.02)
     case = contact, 2809.72, trb.Spall(8.341433, 1.715352), 0.6684583
     inputs, mirrored, _ = given(*case, 0.0, "strips")
-    beneath = strip_reach.judged(inputs).beneath
+    beneath = strip_reach.judged(inputs, mirrored).beneath
     way = Way(mirrored, beneath._replace(edges=int(beneath.edges)), GRIDS[1e-4].strips, 5e-6, True)
     once, truth = strip_model.solve_numbers(inputs, way), float(trb.solve_contact(*case, 1e-5).check().approach)
     assert abs(float(once.approach) / truth - 1.0) > 2e-4

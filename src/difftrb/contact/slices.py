@@ -58,31 +58,42 @@ class Slices(NamedTuple):
         return xp.total(carried * self.load) / xp.total(carried)
 
 
-def pressed(contact: LineContact, needed: Any, hollows: tuple[Hollow, ...], tilt: Any | None) -> Slices:
-    """The slices under a load of `needed` πE' [mm²]; those over `hollows` stand on land that ends with the nearer of
-    these's rolling edges."""
+class Line(NamedTuple):
+    """A roller along its line: over which `hollows`, how it is tilted [rad] or None, and whether it is `mirrored` about
+    its middle and the slices are those of its upper half."""
+
+    contact: LineContact
+    hollows: tuple[Hollow, ...]
+    tilt: Any | None
+    mirrored: bool
+
+
+def pressed(line: Line, needed: Any) -> Slices:
+    """The slices under a load of `needed` πE' [mm²] on all of them; those over hollows stand on land that ends with the
+    nearer of these's rolling edges."""
 
     def turn(state: tuple) -> tuple:
         found = Slices(middle, length, *state)
-        terms = sunk, own, rest = _terms(contact, hollows, tilt, found.load)
+        terms = sunk, own, rest = _terms(line, found.load)
         problem = Quadratic(_symmetric(sunk) + xp.diag(own), rest, length, needed)
         solved, active, _ = strip_active_set.solve(problem, found.active, ROUNDS)
         found = found._replace(load=solved.loads, active=active, blunt_by=found.load, approach=solved.approach)
         return found._replace(gap=_gap_left(found, terms))[2:]
 
-    middle, length = _lines(contact, hollows)
-    even = needed / contact.length + 0.0 * length
-    first = even, length > 1e-9 * contact.length, even, 0.0 * length, 0.0 * needed
+    borders = _borders(line)
+    middle, length = _sizes(borders)
+    even = needed / (borders[-1] - borders[0]) + 0.0 * length
+    first = even, length > 1e-9 * line.contact.length, even, 0.0 * length, 0.0 * needed
     return Slices(middle, length, *loops.repeated(TURNS, turn, first))
 
 
-def near(found: Slices, contact: LineContact, needed: Any, hollows: tuple[Hollow, ...], tilt: Any | None) -> Slices:
+def near(found: Slices, line: Line, needed: Any) -> Slices:
     """The slices to about first order in a change of what was `pressed`."""
-    middle, length = _lines(contact, hollows)
+    middle, length = _sizes(_borders(line))
     lacking = needed - xp.total(length * found.load)
     blunt_by, approach, load = found.blunt_by, found.approach, found.load
     for _ in range(TURNS - 1):
-        sunk, own, rest = _terms(contact, hollows, tilt, blunt_by)
+        sunk, own, rest = _terms(line, blunt_by)
         residual = _residual(found._replace(length=length), (sunk, own, rest))
         by_gap, by_load = xp.by(residual), xp.by(lacking)
         if by_gap is None and by_load is None:
@@ -93,7 +104,7 @@ def near(found: Slices, contact: LineContact, needed: Any, hollows: tuple[Hollow
         approach, load = _followed(found, matrix, by_gap, by_load)
         blunt_by = Taylor(found.blunt_by, load.by)
     found = found._replace(middle=middle, length=length, load=load, approach=approach, blunt_by=blunt_by)
-    return found._replace(gap=_gap_left(found, _terms(contact, hollows, tilt, blunt_by)))
+    return found._replace(gap=_gap_left(found, _terms(line, blunt_by)))
 
 
 def _residual(found: Slices, terms: tuple[Any, Any, Any]) -> Any:
@@ -124,56 +135,65 @@ def _symmetric(matrix: Any) -> Any:
     return 0.5 * (matrix + matrix.T)
 
 
-def _lines(contact: LineContact, hollows: tuple[Hollow, ...]) -> tuple[Any, Any]:
+def _sizes(borders: Any) -> tuple[Any, Any]:
     """Middles and lengths of the slices [mm]."""
-    lines = _borders(contact, hollows)
-    return 0.5 * (lines[1:] + lines[:-1]), lines[1:] - lines[:-1]
+    return 0.5 * (borders[1:] + borders[:-1]), borders[1:] - borders[:-1]
 
 
 def _counts(hollows: int) -> list[int]:
-    """Slices of every land and hollow, in their order along the roller."""
+    """Slices of every land and hollow, in their order along the roller; even, where they hold its middle."""
     if not hollows:
         return [2 * LAND]
     return [LAND, *[HOLLOW, BETWEEN] * (hollows - 1), HOLLOW, LAND]
 
 
-def _borders(contact: LineContact, hollows: tuple[Hollow, ...]) -> Any:
-    half = 0.5 * contact.length
+def _parts(hollows: int, mirrored: bool) -> np.ndarray:
+    """The number of the land (even) or hollow (odd) of every slice."""
+    counts = _counts(hollows)
+    every = np.repeat(np.arange(len(counts)), counts)
+    return every[len(every) // 2 :] if mirrored else every
+
+
+def _borders(line: Line) -> Any:
+    """Where slices end [mm]."""
+    half, hollows = 0.5 * line.contact.length, line.hollows
     if not hollows:  # a light load is on a healthy roller's middle
         upper = strip_rows.graded(0.0 * half, half, LAND, AT_SPALL, AT_TIP)
-        return xp.concatenate([-upper[:0:-1], upper])
+        return upper if line.mirrored else xp.concatenate([-upper[:0:-1], upper])
     ends = [-half, *(end for hollow in hollows for end in (hollow.low, hollow.high)), half]
     counts = _counts(len(hollows))
     lines = []
     for i, count in enumerate(counts):
         powers = (AT_SPALL if i else AT_TIP, AT_SPALL if i + 1 < len(counts) else AT_TIP)
         lines.append(strip_rows.graded(ends[i], ends[i + 1], count, *powers))
-    return xp.concatenate([lines[0], *(some[1:] for some in lines[1:])])
+    every = xp.concatenate([lines[0], *(some[1:] for some in lines[1:])])
+    return every[sum(counts) // 2 :] if line.mirrored else every
 
 
-def _terms(contact: LineContact, hollows: tuple[Hollow, ...], tilt: Any | None, load: Any) -> tuple[Any, Any, Any]:
+def _terms(line: Line, load: Any) -> tuple[Any, Any, Any]:
     """How deep slices sink by the line load of others and of themselves, and their gap, all times their lengths. How
     blunt they are is from a first `load`."""
-    lines = _borders(contact, hollows)
-    middle, length = _lines(contact, hollows)
+    contact, borders = line.contact, _borders(line)
+    middle, length = _sizes(borders)
     known = xp.fixed(length)
     mean = xp.total(known * load**2) / xp.total(known * load)
     blunt = 2.0 * BLUNT * WIDE * xp.sqrt(contact.radius * mean)
     thick = xp.clip(load, NARROWEST * mean, MOST * mean)
     most = 0.5 * contact.length * (1.0 - 1e-9)  # the crown is infinite at the roller's ends
-    rest = gaps.rest_at(xp.clip(middle, -most, most), contact, tilt)
+    rest = gaps.rest_at(xp.clip(middle, -most, most), contact, line.tilt)
     own = xp.log(WIDE**2 * mean / thick)
-    counts = _counts(len(hollows))
-    part = np.repeat(np.arange(len(counts)), counts)
-    for i, hollow in enumerate(hollows):
+    part = _parts(len(line.hollows), line.mirrored)
+    for i, hollow in enumerate(line.hollows):
         over = (part == 2 * i + 1).astype(float)
         edge = hollow.edge / xp.sqrt(4.0 * contact.radius)  # the gap is 2x², a half-width squared a line load
         rest = rest + over * 2.0 * xp.maximum(edge, 0.0) ** 2
         own = own + over * _cut(thick, edge)
-    away = (middle[:, None] - lines[None]) / blunt
-    from_end = xp.arcsinh(away)
-    sunk = length[:, None] * (from_end[:, :-1] - from_end[:, 1:])
-    return sunk, length * own, length * rest
+    from_end = xp.arcsinh((middle[:, None] - borders[None]) / blunt)
+    sunk = from_end[:, :-1] - from_end[:, 1:]
+    if line.mirrored:
+        from_image = xp.arcsinh((middle[:, None] + borders[None]) / blunt)
+        sunk = sunk + from_image[:, 1:] - from_image[:, :-1]
+    return length[:, None] * sunk, length * own, length * rest
 
 
 def _cut(load: Any, edge: Any) -> Any:
@@ -186,16 +206,16 @@ def _cut(load: Any, edge: Any) -> Any:
     return (farther - 2.0 * xp.maximum(edge, 0.0) ** 2) / load
 
 
-def tip(slices: Slices, side: float, hollows: int) -> Any:
-    """Where contact ends on one `side` [mm], over so many hollows: between the last slice that is loaded and the next,
-    nearer to the one with less load or gap, so that it does not step when the next one is loaded; beyond a spall's end,
-    if that is between the two."""
-    y, load, gap = side * slices.middle, slices.load, slices.gap
-    counts = _counts(hollows)
-    if side < 0.0:
-        y, load, gap, counts = y[::-1], load[::-1], gap[::-1], counts[::-1]
+def tip(slices: Slices, side: float, line: Line) -> Any:
+    """Where contact ends on one `side` [mm]: between the last slice that is loaded and the next, nearer to the one with
+    less load or gap, so that it does not step when the next one is loaded; beyond a spall's end, if that is between the
+    two."""
+    part = _parts(len(line.hollows), line.mirrored)
+    y, load, gap = slices.middle, slices.load, slices.gap
+    if side < 0.0 and not line.mirrored:
+        y, load, gap, part = -y[::-1], load[::-1], gap[::-1], part[::-1]
     last = xp.max(xp.where(xp.value(load) > 0.0, np.arange(len(y)), 0))
     beyond = xp.minimum(last + 1, len(y) - 1)
     share = load[last] / xp.maximum(load[last] + OPENS * gap[beyond], 1e-12 * slices.approach)
-    share = xp.where(xp.any(last == np.cumsum(counts)[:-1] - 1), 1.0, share)
+    share = xp.where(xp.any(last == np.flatnonzero(np.diff(part))), 1.0, share)
     return side * (y[last] + (y[beyond] - y[last]) * share)

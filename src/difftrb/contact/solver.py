@@ -88,7 +88,7 @@ def solve_contact(
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
     if xp.are_numbers(inputs):
-        found = _first_that_does(method, inputs, accuracy, partial(_of_numbers, inputs, mirrored, 0))[0]
+        found = _first_that_does(method, inputs, mirrored, accuracy, partial(_of_numbers, inputs, mirrored, 0))[0]
         return jax.device_put(found)
     if method == "auto":
         return _by_either(inputs, mirrored, accuracy)
@@ -110,7 +110,7 @@ def pressure_patches(
         solution, found, strips = _strips_of_numbers(inputs, mirrored, beneath, own)
         return solution, strip_model.patches(found, inputs, strips)
 
-    return _first_that_does(method, inputs, accuracy, by)  # type: ignore[return-value]
+    return _first_that_does(method, inputs, mirrored, accuracy, by)  # type: ignore[return-value]
 
 
 def on_lattice(
@@ -160,7 +160,7 @@ def approach_and_gradient(
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)
     grid_for(accuracy)
     solution, *by = _first_that_does(
-        method, inputs, accuracy, partial(_of_numbers, inputs, mirrored, 2 if moment else 1)
+        method, inputs, mirrored, accuracy, partial(_of_numbers, inputs, mirrored, 2 if moment else 1)
     )
     return solution, *(map(_of_half, by) if solution.cells.mirrored else by)
 
@@ -179,7 +179,11 @@ def _of_half(by: Inputs) -> Inputs:
 
 
 def _first_that_does(
-    method: Method, inputs: Inputs, accuracy: float, by: Callable[[Method, Beneath | None, float], tuple]
+    method: Method,
+    inputs: Inputs,
+    mirrored: bool,
+    accuracy: float,
+    by: Callable[[Method, Beneath | None, float], tuple],
 ) -> tuple:
     """What the way named by `method` returns or, for "auto", strips if they do, else strips of another fineness, else
     cells. For numbers only.
@@ -189,7 +193,7 @@ def _first_that_does(
     with np.errstate(all="ignore"):  # what comes of bad inputs has a status
         if method in ("cells", "lattice"):
             return by(method, None, accuracy)
-        beneath, fits, within = strip_reach.judged(inputs)
+        beneath, fits, within = strip_reach.judged(inputs, mirrored)
         beneath = beneath._replace(edges=int(beneath.edges))
         if method == "strips":
             return by("strips", beneath, accuracy)
@@ -219,7 +223,7 @@ def _others(accuracy: float) -> list[float]:
 @jit_quickly(static_argnames=("mirrored", "accuracy"))
 def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSolution:
     """By strips and, where they do not do, by cells; chosen as it runs."""
-    edges = strip_reach.judged(inputs).beneath.edges
+    edges = strip_reach.judged(inputs, mirrored).beneath.edges
     counts = range(1 if inputs.spall is None else 3)
     branches = [partial(_by_strips, mirrored=mirrored, edges=count, accuracy=accuracy) for count in counts]
     first = jax.lax.switch(edges, branches, inputs)

@@ -176,7 +176,7 @@ def _shifted(way: Way, found: Strips, settled: Sequence[Settled], inputs: Inputs
 
     Rows and boundaries keep their places in the units, which change: what they are misplaced by does then not enter.
     """
-    reach = reach_near(found.reach, inputs, way.beneath)
+    reach = reach_near(found.reach, inputs, way.beneath, way.mirrored)
     problem, plan, ends = _problem(inputs, way, reach)
     shifts = strip_settling.shifts(plan, problem, partial(_kernel, way), ends, settled)
     moved = [(found.settled.approach + shifts[0]) / problem.push]
@@ -189,7 +189,7 @@ def _shifted(way: Way, found: Strips, settled: Sequence[Settled], inputs: Inputs
 
 
 def _search(way: Way, inputs: Inputs) -> tuple[Any, Strips]:
-    reach = xp.fixed(reach_of(inputs, way.beneath))
+    reach = xp.fixed(reach_of(inputs, way.beneath, way.mirrored))
     problem, plan, ends = _problem(inputs, way, reach)
     kernel, fine = _kernel(way, *ends), way.fine
     estimate = problem.push * reach.approach

@@ -11,7 +11,7 @@ from difftrb.contact import crown, slices
 from difftrb.contact import gap as gaps
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.hollows import Beneath, hollows_of, of_one, of_several
-from difftrb.contact.slices import Slices
+from difftrb.contact.slices import Line, Slices
 from difftrb.contact.strip_plan import LEAST_ROWS
 from difftrb.contact.strip_rows import Rows
 from difftrb.core import arrays as xp
@@ -49,12 +49,12 @@ class Verdict(NamedTuple):
     within: Any
 
 
-def judged(inputs: Inputs) -> Verdict:
+def judged(inputs: Inputs, mirrored: bool) -> Verdict:
     """Whether strips are for this contact. Several spalls must be numbers."""
     if isinstance(inputs.spall, tuple):
-        return _judged_several(inputs)
+        return _judged_several(inputs, mirrored)
     without = of_one(inputs, 0)
-    reach = xp.fixed(reach_of(inputs, without))
+    reach = xp.fixed(reach_of(inputs, without, mirrored))
     fits = suited(inputs, reach, reach.approach, without)
     if inputs.spall is None:
         return Verdict(without, fits, np.asarray(True))
@@ -65,14 +65,14 @@ def judged(inputs: Inputs) -> Verdict:
     return Verdict(of_one(inputs, edges), fits, (edges == 0) | ends_within(inputs, reach, without))
 
 
-def _judged_several(inputs: Inputs) -> Verdict:
+def _judged_several(inputs: Inputs, mirrored: bool) -> Verdict:
     """The same of several: as if a contact reached all of them, and then of those that it reaches."""
     every = of_several(inputs, np.inf)
-    reach = xp.fixed(reach_of(inputs, every._replace(edges=0)))
+    reach = xp.fixed(reach_of(inputs, every._replace(edges=0), mirrored))
     certain = gaps.certain_reach(inputs.contact.radius, ABOVE * interference(inputs, reach.approach))
     met = of_several(inputs, certain)
     if met.hollows != every.hollows:
-        reach = xp.fixed(reach_of(inputs, met._replace(edges=0)))
+        reach = xp.fixed(reach_of(inputs, met._replace(edges=0), mirrored))
     within = (met.edges == 0) | ends_within(inputs, reach, met)
     return Verdict(met, suited(inputs, reach, reach.approach, met), within)
 
@@ -104,17 +104,19 @@ def ends_within(inputs: Inputs, reach: Reach, beneath: Beneath) -> Any:
     return within
 
 
-def reach_of(inputs: Inputs, beneath: Beneath) -> Reach:
-    """By slices."""
-    return _reach(inputs, beneath, slices.pressed(*_on_land(inputs, beneath)))
+def reach_of(inputs: Inputs, beneath: Beneath, mirrored: bool) -> Reach:
+    """By slices; `mirrored` is a roller that is alike on both sides of its middle."""
+    line = _line(inputs, beneath, mirrored)
+    return _reach(inputs, beneath, line, slices.pressed(line, _needed(inputs, mirrored)))
 
 
-def reach_near(reach: Reach, inputs: Inputs, beneath: Beneath) -> Reach:
+def reach_near(reach: Reach, inputs: Inputs, beneath: Beneath, mirrored: bool) -> Reach:
     """The same to first order in a change of the inputs it was found for."""
-    return _reach(inputs, beneath, slices.near(reach.slices, *_on_land(inputs, beneath)))
+    line = _line(inputs, beneath, mirrored)
+    return _reach(inputs, beneath, line, slices.near(reach.slices, line, _needed(inputs, mirrored)))
 
 
-def _reach(inputs: Inputs, beneath: Beneath, found: Slices) -> Reach:
+def _reach(inputs: Inputs, beneath: Beneath, line: Line, found: Slices) -> Reach:
     """Rows go on beyond slices by a part of what is left of the approach there. They go on to land beyond a spall that
     slices do not load, too, for it may touch with its corner."""
     contact = inputs.contact
@@ -124,7 +126,7 @@ def _reach(inputs: Inputs, beneath: Beneath, found: Slices) -> Reach:
     line_load = gaps.line_load_at(unit, contact.radius, contact.modulus)
     hollows = hollows_of(inputs, beneath)
     ends = (hollows[0].low, hollows[-1].high) if hollows else (0.0, 0.0)
-    tips = [slices.tip(found, side, len(hollows)) for side in (-1.0, 1.0)]
+    tips = [slices.tip(found, side, line) for side in (-1.0, 1.0)]
     bottom, top = (_row_end(inputs, found.approach, *side) for side in zip(tips, ends, (-1.0, 1.0), strict=True))
     land = tips[1] - tips[0]
     for hollow in hollows:
@@ -132,14 +134,18 @@ def _reach(inputs: Inputs, beneath: Beneath, found: Slices) -> Reach:
     return Reach(bottom, top, line_load, unit, found.approach, land, found)
 
 
-def _on_land(inputs: Inputs, beneath: Beneath) -> tuple[Any, ...]:
-    """What `slices.pressed` is asked."""
-    contact, load, _, _, tilt = inputs
+def _line(inputs: Inputs, beneath: Beneath, mirrored: bool) -> Line:
+    """What slices are pressed on."""
     hollows = hollows_of(inputs, beneath)
     if not beneath.edges:
-        far = FAR * contact.length
+        far = FAR * inputs.contact.length
         hollows = tuple(hollow._replace(left=-far, right=far) for hollow in hollows)
-    return contact, load / (np.pi * contact.modulus), hollows, tilt
+    return Line(inputs.contact, hollows, inputs.tilt, mirrored)
+
+
+def _needed(inputs: Inputs, mirrored: bool) -> Any:
+    """The load of the slices by πE' [mm²]."""
+    return (0.5 if mirrored else 1.0) * inputs.load / (np.pi * inputs.contact.modulus)
 
 
 def _row_end(inputs: Inputs, approach: Any, tip: Any, end: Any, side: float) -> Any:
