@@ -2,10 +2,15 @@
 
 taskset -c 0 python experiments/speed_of_contact.py [CASES [TRUTHS]]   (default 256, 16)
 taskset -c 0,1 python experiments/speed_of_contact.py --cores [CASES]   (how much faster two threads are; default 64)
+python experiments/speed_of_contact.py --own [ACCURACY]   (in a program of one's own; default 1e-4)
 
 Random geometries of 32008J's outer contact in one batch (`lax.map`): load, spall length, width and offset differ. Those
 with the rolling edges out of reach of the contact, with one and with both in it are timed apart. Medians of three runs.
 Errors are those of the first TRUTHS geometries against cells of 96 columns, themselves good to about 3e-5.
+
+In a program of one's own: seconds to trace and to compile a contact and its gradient, with this package's compiler
+options and without, nothing kept, and lines of StableHLO; and what `vmap` over 64 positions of a spall's edge takes by
+what `lax.map` does.
 """
 
 from __future__ import annotations
@@ -29,7 +34,7 @@ import difftrb as trb
 from difftrb.contact import cell_solve, gap
 from difftrb.contact import solver as contacts
 from difftrb.contact.contact_cells import Resolution
-from difftrb.contact.contact_solution import Inputs
+from difftrb.contact.contact_solution import Inputs, Method
 from difftrb.core import status
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 3e-5, 1e-5)
@@ -136,8 +141,63 @@ def cores(count: int, contact: trb.LineContact, accuracy: float = 1e-3) -> dict[
     return {name: on_two_threads(way, geometries(count, contact, 0)) for name, way in ways.items()}
 
 
+def own_programs(contact: trb.LineContact, accuracy: float) -> Table:
+    """A contact and its gradient by the ways there are: trace, compile, lines."""
+    table = Table(title=f"jax {jax.__version__}, {accuracy:g}")
+    for heading in ("method", "what", "trace [s]", "compile [s]", "as JAX does [s]", "lines"):
+        table.add_column(heading, justify="right")
+    methods: tuple[Method, ...] = ("numpy", "strips", "auto")
+    for method in methods:
+
+        def approach(load, length, width, offset, method: Method = method):
+            return trb.solve_contact(contact, load, trb.Spall(length, width), offset, accuracy, method).approach
+
+        programs = {"value": approach, "with its gradient": jax.value_and_grad(approach, (0, 1, 2, 3))}
+        for what, program in programs.items():
+            seconds = []
+            for options in (trb.compiler_options(), {}):
+                jax.clear_caches()
+                started = time.perf_counter()
+                lowered = jax.jit(program, compiler_options=options).lower(3000.0, 4.0, 7.0, 3.4)
+                traced = time.perf_counter()
+                lowered.compile()
+                seconds.append((traced - started, time.perf_counter() - traced))
+            (trace, quick), (_, plain) = seconds
+            lines = len(lowered.as_text().splitlines())
+            table.add_row(method, what, *(f"{s:.1f}" for s in (trace, quick, plain)), str(lines))
+    return table
+
+
+def of_vmap(contact: trb.LineContact, accuracy: float) -> dict[int, float]:
+    """How much longer `vmap` over 64 positions takes than `lax.map`, by rolling edges in reach; medians of five."""
+    found = {}
+    for edges in (0, 1):
+        load, length, width, offset = geometries(1, contact, edges)[0]
+        offsets = offset + jnp.linspace(-0.05, 0.05, 64)
+
+        def one(offset, load=load, length=length, width=width, edges=edges):
+            return contacts._by_strips(Inputs(contact, load, trb.Spall(length, width), offset), True, edges, accuracy)
+
+        times = []
+        for batch in (jax.vmap(one), lambda x, one=one: jax.lax.map(one, x)):
+            program, each = jax.jit(lambda x, batch=batch: batch(x).approach), []
+            for _ in range(6):
+                started = time.perf_counter()
+                jax.block_until_ready(program(offsets))
+                each.append(time.perf_counter() - started)
+            times.append(np.median(each[1:]))
+        found[edges] = float(times[0] / times[1])
+    return found
+
+
 def main() -> None:
     """Measure everything and print the table."""
+    if sys.argv[1:2] == ["--own"]:
+        contact, accuracy = trb.LineContact.of(trb.bearing("32008J")), float((*sys.argv[2:3], "1e-4")[0])
+        Console(width=110).print(own_programs(contact, accuracy))
+        for edges, ratio in of_vmap(contact, accuracy).items():
+            print(f"vmap over 64 positions, {edges} rolling edges in reach: {ratio:.2f} × lax.map")
+        return
     if sys.argv[1:2] == ["--cores"]:
         count = int(sys.argv[2]) if len(sys.argv) > 2 else 64
         for way, gain in cores(count, trb.LineContact.of(trb.bearing("32008J"))).items():

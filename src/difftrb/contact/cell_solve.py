@@ -121,7 +121,8 @@ def _solution(inputs: Inputs, stage: LaidContact, pressed: PressedCells, accurac
     touched = cut_off(cells, force > 0.0, approach, gap, inputs.contact)
     code = status.worst(code, verdict(approach, pressed.residual, TOLERANCE), touched)
     width = width_of(cells, force)
-    found = Found(approach, force, pressed.moment, width, pressed.residual, pressed.iterations, force.size, code)
+    size = np.asarray(force.size)
+    found = Found(approach, force, pressed.moment, width, pressed.residual, pressed.iterations, size, code)
     return assembled(inputs, cells, gap, accuracy, found)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.core
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 MOST_TILT = 0.1
 """Of a roller against its raceway [rad]: from 0.02 on it presses with a tenth of its length or less."""
-Method = Literal["auto", "strips", "cells", "lattice"]
+Method = Literal["auto", "strips", "cells", "lattice", "numpy"]
 Defect = Spall | HeightMap | tuple[Spall | HeightMap, ...] | None
 """What a roller stands over: nothing, one spall or height map, or several."""
 
@@ -102,7 +102,9 @@ def _method_for(spall: Defect, method: Method, traced: bool) -> Method:
         return "lattice"
     if isinstance(spall, tuple) and traced and method in ("auto", "strips"):
         if method == "strips":
-            raise status.SceneError("method = 'strips' takes at most one spall inside jit, grad or vmap; use 'cells'")
+            raise status.SceneError(
+                "method = 'strips' takes at most one spall inside jit, grad or vmap; use 'numpy' or 'cells'"
+            )
         return "cells"
     return method
 
@@ -198,7 +200,7 @@ class Found(NamedTuple):
     width: Any
     residual: Any
     iterations: Any
-    unknowns: int
+    unknowns: Any
     status_code: Any
 
 
@@ -208,10 +210,10 @@ def assembled(inputs: Inputs, cells: Cells, gap: jax.Array, accuracy: float, fou
     rows = xp.where(xp.any(force > 0.0, axis=1), xp.sum(cells.area, axis=1), 0.0)
     fraction = xp.sum(rows) / (xp.sum(cells.widths) * inputs.contact.length)
     width, fraction, residual = xp.fixed((found.width, fraction, found.residual))
-    passes, unknowns = found.iterations.astype(int), cast(Any, np.asarray(found.unknowns))
+    passes = found.iterations.astype(int)
     return ContactSolution(
         found.approach, force, cells, *inputs[1:], gap, found.moment, width, fraction, residual, passes,
-        unknowns, checked(inputs, found.status_code), accuracy,
+        found.unknowns, checked(inputs, found.status_code), accuracy,
     )  # fmt: skip
 
 

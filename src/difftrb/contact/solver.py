@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from difftrb.contact import cell_solve, contact_cells, hollows, strip_model, strip_reach
+from difftrb.contact import cell_solve, contact_cells, hollows, host_call, strip_model, strip_reach
 from difftrb.contact.contact_solution import (
     ContactSolution,
     Defect,
@@ -70,7 +70,8 @@ def solve_contact(
         reach ends within the contact. "cells" take all spalls. "lattice" takes height maps too, and is a second opinion
         on the others: its error falls with the first power of a cell, so `accuracy` only names its size. "auto" takes
         strips; where they do not converge those of the two next finer accuracies (of the finest, of coarser ones);
-        cells where they do not either or cannot describe the contact; the lattice for height maps.
+        cells where they do not either or cannot describe the contact; the lattice for height maps. "numpy" is
+        "auto" without cells, for programs: see below.
       tilt: of the roller about its middle [rad]: the gap grows by `tilt`·y along it. The approach is the middle's.
         −0.1…0.1; from 0.02 on it presses with a tenth of its length or less. Default 0.
 
@@ -79,7 +80,9 @@ def solve_contact(
     reverse; pressures are by cells, while those of strips count as constant. `jit` and `vmap` as you like (`lax.map` is
     faster for batches on a CPU). Of numbers, strips are solved by numpy and compile nothing, cells compile one small
     program for all contacts of as many cells; inside `jit`, `grad` or `vmap`, "auto" compiles strips of this accuracy
-    and cells and chooses as it runs.
+    and cells, for half a minute, and chooses as it runs. There "numpy" has contacts solved by numpy outside of the
+    program, one after another: it compiles in a second and takes several spalls by strips, too, but a contact takes
+    some ten times as long. It is for programs that solve tens of contacts.
 
     Raises `SceneError` for an accuracy or a tilt out of range, a method that cannot take the case, offsets that are not
     as many as spalls, and what is no contact; SolveError without float64; everything else ends as a status in the
@@ -92,6 +95,8 @@ def solve_contact(
         return jax.device_put(found)
     if method == "auto":
         return _by_either(inputs, mirrored, accuracy)
+    if method == "numpy":
+        return _by_numpy(inputs, mirrored, accuracy)
     return _by(method, inputs, mirrored, 2, accuracy)
 
 
@@ -205,8 +210,22 @@ def _first_that_does(
                 return result
             if code != status.NOT_CONVERGED:  # finer ones say the same
                 break
+        if method == "numpy":
+            return by("strips", beneath, accuracy)
         # beside a sliver of land at the roller's end cells are ten times as far off as elsewhere
         return by("cells", None, _others(accuracy)[0] if fits and not within else accuracy)
+
+
+def _by_numpy(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSolution:
+    """By strips of numbers that a program asks for as it runs."""
+
+    def solve(inputs: Inputs, with_gradient: bool) -> tuple[ContactSolution, Inputs | None]:
+        found = partial(_of_numbers, inputs, mirrored, int(with_gradient))
+        solution, *by = _first_that_does("numpy", inputs, mirrored, accuracy, found)
+        return solution, (by[0] if by else None)
+
+    cells, gap, _ = contact_cells.stage(inputs, grid_for(accuracy).cells_over(inputs.spall), mirrored)
+    return assembled(inputs, cells, gap, accuracy, host_call.found(solve, gap.shape, inputs))
 
 
 def _is_strict(accuracy: float) -> bool:
@@ -223,10 +242,9 @@ def _others(accuracy: float) -> list[float]:
 @jit_quickly(static_argnames=("mirrored", "accuracy"))
 def _by_either(inputs: Inputs, mirrored: bool, accuracy: float) -> ContactSolution:
     """By strips and, where they do not do, by cells; chosen as it runs."""
-    edges = strip_reach.judged(inputs, mirrored).beneath.edges
-    counts = range(1 if inputs.spall is None else 3)
+    counts = (0,) if inputs.spall is None else (0, 2)  # those for one edge compile for as long, and run for two thirds
     branches = [partial(_by_strips, mirrored=mirrored, edges=count, accuracy=accuracy) for count in counts]
-    first = jax.lax.switch(edges, branches, inputs)
+    first = jax.lax.switch(xp.minimum(strip_reach.judged(inputs, mirrored).beneath.edges, 1), branches, inputs)
     cells = grid_for(accuracy).cells
     return jax.lax.cond(
         first.status_code == status.CONVERGED,

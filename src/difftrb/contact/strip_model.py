@@ -226,7 +226,7 @@ def on_cells(found: Strips, inputs: Inputs, way: Way, cells: Cells, accuracy: fl
     width = reach.unit * _width(plan, on, ends)
     passes = np.asarray(way.fine.centred) + xp.fixed(found.passes)
     left = settled.error + settled.unresolved
-    return Found(found.approach, force, found.moment, width, left, passes, loads.size, code)
+    return Found(found.approach, force, found.moment, width, left, passes, np.asarray(loads.size), code)
 
 
 def _outlined(found: Strips, inputs: Inputs, way: Way) -> tuple[StripPlan, tuple[Rows, ...], Any, Any, Any]:

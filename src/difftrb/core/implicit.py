@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
 from difftrb.core import arrays as xp
-from difftrb.core import series, taylor
+from difftrb.core import series, status, taylor
 from difftrb.core.taylor import Taylor
 
 Pytree = Any
@@ -214,7 +214,7 @@ def _pressed_jvp(solver: Callable, respond: Callable, primals: tuple, tangents: 
     force, approach, residual, iterations = pressed(solver, respond, guess, operator, gap, load)
     force = jax.lax.stop_gradient(force)
     loaded = force > 0.0
-    per_load, compliance = respond(operator, loaded, None)
+    per_load, compliance = first_only(respond(operator, loaded, None))
     _, moved = jax.jvp(lambda op: op.displacement(force), (operator,), (operator_change,))
     moved = jnp.where(loaded, moved + gap_change, 0.0)
     approach_change = jnp.vdot(per_load, moved) + compliance * load_change
@@ -247,12 +247,24 @@ def _stationary_jvp(moved: Callable, solver: Callable, primals: tuple, tangents:
     moving, changes, among = _moving(parameters, tangents[0])
     by = rates(lambda some: moved(jax.lax.stop_gradient(found), among(some)), moving)
     if by is not None:
+        by = first_only(by)
         by = jnp.where(jnp.isfinite(by), by, 0.0)  # where there is no solution another may be taken: 0 · NaN is NaN
     change = jnp.zeros_like(value) if by is None else _moved(changes, [by])[0]
     return (value, found), (change, jax.tree.map(_zero_tangent, found))
 
 
 stationary.defjvp(_stationary_jvp, symbolic_zeros=True)
+
+
+@jax.custom_jvp
+def first_only(tree: Pytree) -> Pytree:
+    """The same, of what a first derivative is made: a second one would lack how the solution itself moves."""
+    return tree
+
+
+@first_only.defjvp
+def _first_only_jvp(*_: Any) -> Any:
+    raise status.SceneError("a contact has first derivatives only: take differences of gradients for second ones")
 
 
 def rates(function: Callable[[list], Any], scalars: list) -> Any:
