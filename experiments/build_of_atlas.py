@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial.chebyshev import chebfit, chebvander
 
-from difftrb.contact import crown, solver, strip_reach
+from difftrb.contact import crown, solver, strip_reach, ways
 from difftrb.contact.contact_solution import given
 from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
@@ -125,7 +125,7 @@ def solved(contact: LineContact, cases: list[Case], accuracy: float, progress: P
             inputs, mirrored, _ = given(contact, case.load, case.spall, case.distance, 0.0, "strips")
             beneath, fits, within = strip_reach.judged(inputs, mirrored)
             solution = (
-                solver._by_strips(inputs, mirrored, max(int(beneath.edges), 1), accuracy) if fits and within else None
+                ways.by_strips(inputs, mirrored, max(int(beneath.edges), 1), accuracy) if fits and within else None
             )
         if solution is None or not bool(solution.converged):
             solution = solver.solve_contact(contact, case.load, case.spall, case.distance, accuracy)

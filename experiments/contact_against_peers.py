@@ -40,7 +40,7 @@ from rich.table import Table
 import difftrb as trb
 from difftrb.accuracy.ladder import CONTACT, DEPTH, TRUTHS, WIDTH, Truth
 from difftrb.contact import gap as gaps
-from difftrb.contact import solver as contacts
+from difftrb.contact import ways
 from difftrb.contact.contact_solution import Inputs
 from difftrb.contact.grids import GRIDS
 from difftrb.report import figure_style
@@ -177,7 +177,7 @@ def batch_row(method: Way, group: str, cases: Sequence[Truth], accuracy: float, 
     def one(case: jax.Array) -> tuple[jax.Array, jax.Array]:
         arguments = CONTACT, case[0], trb.Spall(case[1], WIDTH, DEPTH), case[2]
         if method == "strips":
-            s = contacts._by_strips(
+            s = ways.by_strips(
                 Inputs(*arguments), True, int(group == IN), accuracy
             )  # what "auto" chooses for this group
         else:

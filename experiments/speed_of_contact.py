@@ -31,10 +31,10 @@ from rich.progress import track
 from rich.table import Table
 
 import difftrb as trb
-from difftrb.contact import cell_solve, gap
-from difftrb.contact import solver as contacts
+from difftrb.contact import cell_solve, gap, ways
 from difftrb.contact.contact_cells import Resolution
 from difftrb.contact.contact_solution import Inputs, Method
+from difftrb.contact.grids import grid_for
 from difftrb.core import status
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 3e-5, 1e-5)
@@ -84,12 +84,12 @@ def measure(
 
     def value(case: jax.Array) -> tuple[jax.Array, jax.Array]:
         arguments = contact, case[0], trb.Spall(case[1], case[2]), case[3]
-        s = contacts._by_strips(Inputs(*arguments), True, edges, accuracy)
+        s = ways.by_strips(Inputs(*arguments), True, edges, accuracy)
         return s.approach, s.status_code
 
     def slopes(case: jax.Array) -> tuple[jax.Array, tuple]:
         def approach(*a) -> jax.Array:
-            return contacts._by_strips(Inputs(*a), True, edges, accuracy).approach
+            return ways.by_strips(Inputs(*a), True, edges, accuracy).approach
 
         arguments = contact, case[0], trb.Spall(case[1], case[2], 0.2, 0.0, 0.0), case[3]
         return jax.value_and_grad(approach, (0, 1, 2, 3))(*arguments)
@@ -112,14 +112,14 @@ def on_two_threads(function: Callable[[jax.Array], jax.Array], cases: jax.Array)
     """How much faster a batch is as two halves in a thread each than whole in one; medians of nine runs in turns."""
     batch = jax.jit(lambda c: jax.lax.map(function, c))
     halves = jnp.split(cases, 2)
-    ways: list[Callable[[], object]] = [
+    functions: list[Callable[[], object]] = [
         lambda: jax.block_until_ready(batch(cases)),
         lambda: list(pool.map(lambda half: jax.block_until_ready(batch(half)), halves)),
     ]
     seconds: list[list[float]] = [[], []]
     with ThreadPoolExecutor(2) as pool:
         for run in range(10):
-            for way, times in zip(ways, seconds, strict=True):
+            for way, times in zip(functions, seconds, strict=True):
                 started = time.perf_counter()
                 way()
                 if run:  # the first compiles
@@ -129,16 +129,16 @@ def on_two_threads(function: Callable[[jax.Array], jax.Array], cases: jax.Array)
 
 def cores(count: int, contact: trb.LineContact, accuracy: float = 1e-3) -> dict[str, float]:
     """The gain of two threads by the way of solving, rolling edges out of reach."""
-    grid = contacts.grid_for(accuracy).cells
+    grid = grid_for(accuracy).cells
 
     def arguments(case: jax.Array) -> tuple:
         return contact, case[0], trb.Spall(case[1], case[2]), case[3]
 
-    ways = {
-        "strips": lambda case: contacts._by_strips(Inputs(*arguments(case)), True, 0, accuracy).approach,
+    functions = {
+        "strips": lambda case: ways.by_strips(Inputs(*arguments(case)), True, 0, accuracy).approach,
         "cells": lambda case: cell_solve.solve(Inputs(*arguments(case)), grid, True, accuracy).approach,
     }
-    return {name: on_two_threads(way, geometries(count, contact, 0)) for name, way in ways.items()}
+    return {name: on_two_threads(way, geometries(count, contact, 0)) for name, way in functions.items()}
 
 
 def own_programs(contact: trb.LineContact, accuracy: float) -> Table:
@@ -176,7 +176,7 @@ def of_vmap(contact: trb.LineContact, accuracy: float) -> dict[int, float]:
         offsets = offset + jnp.linspace(-0.05, 0.05, 64)
 
         def one(offset, load=load, length=length, width=width, edges=edges):
-            return contacts._by_strips(Inputs(contact, load, trb.Spall(length, width), offset), True, edges, accuracy)
+            return ways.by_strips(Inputs(contact, load, trb.Spall(length, width), offset), True, edges, accuracy)
 
         times = []
         for batch in (jax.vmap(one), lambda x, one=one: jax.lax.map(one, x)):

@@ -19,7 +19,7 @@ from difftrb.core import loops
 from difftrb.core.arrays import Taylor
 from difftrb.core.geometry import LineContact
 
-LAND, HOLLOW, BETWEEN = 28, 10, 16  # slices of land that ends with the roller, of a hollow, of land between two
+OUTER, HOLLOW, BETWEEN = 28, 10, 16  # slices of land up to the roller's end, of a hollow, of land between two
 AT_TIP, AT_SPALL = 3.0, 1.5  # powers with which they grow from there
 BLUNT = 0.5 * np.exp(-0.5)
 """A semi-ellipse's pressure sinks its own middle as a line at this distance does, by the half-width."""
@@ -143,8 +143,8 @@ def _sizes(borders: Any) -> tuple[Any, Any]:
 def _counts(hollows: int) -> list[int]:
     """Slices of every land and hollow, in their order along the roller; even, where they hold its middle."""
     if not hollows:
-        return [2 * LAND]
-    return [LAND, *[HOLLOW, BETWEEN] * (hollows - 1), HOLLOW, LAND]
+        return [2 * OUTER]
+    return [OUTER, *[HOLLOW, BETWEEN] * (hollows - 1), HOLLOW, OUTER]
 
 
 def _parts(hollows: int, mirrored: bool) -> np.ndarray:
@@ -158,7 +158,7 @@ def _borders(line: Line) -> Any:
     """Where slices end [mm]."""
     half, hollows = 0.5 * line.contact.length, line.hollows
     if not hollows:  # a light load is on a healthy roller's middle
-        upper = strip_rows.graded(0.0 * half, half, LAND, AT_SPALL, AT_TIP)
+        upper = strip_rows.graded(0.0 * half, half, OUTER, AT_SPALL, AT_TIP)
         return upper if line.mirrored else xp.concatenate([-upper[:0:-1], upper])
     ends = [-half, *(end for hollow in hollows for end in (hollow.low, hollow.high)), half]
     counts = _counts(len(hollows))

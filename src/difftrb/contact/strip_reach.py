@@ -21,7 +21,7 @@ LEAST_LAND = 4.0  # loaded length by the unit of length; shorter ones were not c
 ABOVE = 1.1  # by its estimate, so large an approach may be
 MARGIN = 0.15  # by which rows go on beyond slices, by what is left of the approach there
 NEARLY = 0.5 * (1.0 - 1e-9)  # of the roller's length from its middle to its end, where its crown is infinite
-FAR = 10.0  # by the roller's length: where an edge is that does not count
+OUT_OF_REACH = 10.0  # by the roller's length: where an edge is that does not count
 RIDGE = 1.0  # least length of land between spalls, in the unit of length
 LEAST_CROWN = 1e-3  # crown's scale by approach: below, a roller's end acts as an edge, which the strips do not have
 
@@ -138,7 +138,7 @@ def _line(inputs: Inputs, beneath: Beneath, mirrored: bool) -> Line:
     """What slices are pressed on."""
     hollows = hollows_of(inputs, beneath)
     if not beneath.edges:
-        far = FAR * inputs.contact.length
+        far = OUT_OF_REACH * inputs.contact.length
         hollows = tuple(hollow._replace(left=-far, right=far) for hollow in hollows)
     return Line(inputs.contact, hollows, inputs.tilt, mirrored)
 

@@ -25,8 +25,12 @@ FARTHEST = 3.0  # an edge farther out stands there; the gap there is larger than
 LEAST = 1e-3  # width of the narrowest interval
 OVERLAP, CALLS = 1e-5, 4  # overlap by the approach at which an outline is loaded again, in the first passes
 NARROW = 2.0  # width of the narrowest interval beyond an edge by 1/κ of the last wave: below, it cannot tell its own
-FAR = 50.0  # stands for no bound
+UNBOUNDED = 50.0  # stands for no bound
 PARTS = 0.3, 1.5  # of the move that a boundary alone would make, at least and at most
+INWARD, OUTWARD = 0.4, 0.5  # most that it moves at once, by half the outline's length
+BLINDLY = 0.3  # by half the length, where the pressure's slope does not tell how far
+BESIDE, WIDEST = 0.3, 0.5  # an outline called beyond an edge: as if this was at least so far out; width it begins with
+OVER = 1.5  # by which that width exceeds where curvature has taken the overlap away
 
 
 class StripProblem(NamedTuple):
@@ -70,8 +74,8 @@ class Settled(NamedTuple):
 def bounds(plan: StripPlan, problem: StripProblem) -> Any:
     """How far boundaries may go, (outlines, 2)."""
     sides, (left, right) = plan.sides, (xp.stack(edges)[plan.hollows] for edges in (problem.left, problem.right))
-    low = xp.where(sides == RIGHT, right, xp.where(sides == MIDDLE, left, -FAR))
-    high = xp.where(sides == LEFT, left, xp.where(sides == MIDDLE, right, FAR))
+    low = xp.where(sides == RIGHT, right, xp.where(sides == MIDDLE, left, -UNBOUNDED))
+    high = xp.where(sides == LEFT, left, xp.where(sides == MIDDLE, right, UNBOUNDED))
     return xp.stack([low, high], axis=1)
 
 
@@ -129,8 +133,8 @@ def _overlapping_ends(plan: StripPlan, problem: StripProblem, bound: Any, overla
     """About where the contact ends of an outline beyond an edge that overlaps the other body there: where curvature has
     taken the overlap away."""
     low, high = bound[:, 0], bound[:, 1]
-    edge = xp.maximum(xp.where(plan.sides == RIGHT, low, -high), 0.3)
-    width = xp.clip(1.5 * overlap / (4.0 * problem.bend * edge), _narrowest(plan), 0.5)
+    edge = xp.maximum(xp.where(plan.sides == RIGHT, low, -high), BESIDE)
+    width = xp.clip(OVER * overlap / (4.0 * problem.bend * edge), _narrowest(plan), WIDEST)
     return xp.stack([
         xp.where(plan.sides == LEFT, high - width, low), xp.where(plan.sides == RIGHT, low + width, high)
     ], axis=1)  # fmt: skip
@@ -231,8 +235,8 @@ def _moved(
     signs = np.stack([(-1.0) ** orders, np.ones(orders.size)])
     tip, slope = load @ signs.T, (load * orders[None] ** 2) @ signs.T  # P and its outward derivative at the ends
     half = 0.5 * (found.ends[:, 1:] - found.ends[:, :1])
-    wanted = xp.where(slope < 0.0, -2.0 * tip / xp.where(slope < 0.0, slope, -1.0), 0.3 * xp.sign(tip))
-    alone = half * xp.clip(wanted, -0.4, 0.5)
+    wanted = xp.where(slope < 0.0, -2.0 * tip / xp.where(slope < 0.0, slope, -1.0), BLINDLY * xp.sign(tip))
+    alone = half * xp.clip(wanted, -INWARD, OUTWARD)
     # neighbours move, too: the secant through this move and the one before tells by how much boundaries overshoot
     last, part = before
     less = last - alone
