@@ -519,10 +519,10 @@ def test_light_loads_that_the_law_does_not_know_are_not_advised(noisy_fit: trb.F
     """Half of the lightest load is below a table's range: it made all advice "nan"."""
     among = [*BLANK, Measurement(90.0, 45.0, "radial_loss", 1.0, 1.0, None, 0.0)]
     table = dataclasses.replace(noisy_fit.problem, scene=by_table(noisy_fit.scene.replace(law="table")))
-    values, slopes = predicted.other_rows_at(table, among, noisy_fit.point[None])
-    assert np.isnan(values[0, -1])
-    assert np.isfinite(values[0, :-1]).all()
-    assert np.isfinite(slopes[0, :-1]).all()
+    values, slopes = predicted.other_rows_and_slopes(table, among, noisy_fit.point)
+    assert np.isnan(values[-1])
+    assert np.isfinite(values[:-1]).all()
+    assert np.isfinite(slopes[:-1]).all()
     light = dataclasses.replace(noisy_fit, problem=table)
     advised = optimal_design.next_measurements(light, among, count=9)
     assert len(advised) == len(BLANK)
@@ -534,7 +534,10 @@ def test_rows_by_numbers_are_those_of_the_program(noisy_fit: trb.Fit) -> None:
     """What may be measured next is told by numpy, with all slopes; means by a rule of more points."""
     single = [row for row in noisy_fit.rows if row.phase != "mean"]
     points, known = np.stack([noisy_fit.point, noisy_fit.point + 0.3]), set(batched_misfit._compiled)
-    values, slopes = predicted.other_rows_at(noisy_fit.problem, noisy_fit.rows, points)
+    read = [predicted.other_rows_and_slopes(noisy_fit.problem, noisy_fit.rows, point) for point in points]
+    values, slopes = map(np.stack, zip(*read, strict=True))
+    plain = predicted.other_rows(noisy_fit.problem, noisy_fit.rows, points)
+    np.testing.assert_allclose(plain, values, rtol=1e-12)
     assert len(optimal_design.next_measurements(noisy_fit)) == 3
     assert batched_misfit._compiled == known
     expected, rates = batched_misfit._plainly(noisy_fit.problem, points)
@@ -728,7 +731,7 @@ def test_what_may_be_wrong_is_tried_and_named(rig: trb.Scene, exact: np.ndarray)
     pressed = [dataclasses.replace(row, axial=row.axial + 1500.0) for row in BLANK]
     problem = fit(rig, measured(exact), model_error=0.0).problem
     there = problem.bounds.coordinates(np.array([[5.0, 9.0]]))
-    preloaded = predicted.other_rows_at(problem, pressed, there)[0][0]
+    (preloaded,) = predicted.other_rows(problem, pressed, there)
     for sentence, values in {
         "row 3 is off": np.where(np.arange(8) == 2, 1.25, 1.0) * exact,
         "an axial load acts that was not measured (preload 1.5e+03 N)": preloaded,

@@ -71,6 +71,11 @@ class Conditions:
     entry: np.ndarray | jax.Array
     loss: np.ndarray | jax.Array
 
+    @property
+    def kinks(self) -> int:
+        """Into how many parts a mean over phases is divided."""
+        return self.blocks[0].of.shape[-1]
+
 
 class Condition(NamedTuple):
     """Loads [N] and phase [rad], None for the mean over phases, at which stiffness of one definition is wanted."""
@@ -81,9 +86,15 @@ class Condition(NamedTuple):
     definition: Definition
 
 
-def conditions(scene: Scene, rows: Sequence[Measurement], points: int = phase_quadrature.POINTS_IN_FITS) -> Conditions:
-    """Those of `rows`; what they leave open is the scene's."""
-    at = _laid_out(scene, rows, points)
+def conditions(
+    scene: Scene,
+    rows: Sequence[Measurement],
+    points: int = phase_quadrature.POINTS_IN_FITS,
+    like: Conditions | None = None,
+) -> Conditions:
+    """Those of `rows`; what they leave open is the scene's. `like`: others of the same scene, if there are some; into
+    how many parts its means are divided takes as long to tell as rings to solve."""
+    at = _laid_out(scene, rows, points, _kinks(scene) if like is None else like.kinks)
     known = (
         blocks._replace(healthy_ring=_healthy_ring(scene, np.asarray(blocks.means), int(blocks.turns)))
         for blocks in at.blocks
@@ -98,12 +109,12 @@ def row_conditions(scene: Scene, rows: Sequence[Measurement]) -> tuple[list[int]
     return [numbers[condition] for condition in every], list(numbers)
 
 
-def _laid_out(scene: Scene, rows: Sequence[Measurement], points: int) -> Conditions:
+def _laid_out(scene: Scene, rows: Sequence[Measurement], points: int, kinks: int) -> Conditions:
     """Not knowing of healthy rings."""
     row_condition, every = row_conditions(scene, rows)
     numbers = {condition: k for k, condition in enumerate(every)}
     definitions: tuple[Definition, ...] = tuple({condition.definition: None for condition in numbers})
-    size, kinks = whole(len(numbers)), _kinks(scene)
+    size = whole(len(numbers))
     own = [{c: k for c, k in numbers.items() if c.definition == definition} for definition in definitions]
     return Conditions(
         definitions=definitions,

@@ -104,7 +104,8 @@ def problem_of(
             f"{measured.table_of(rows)}: {so_many(len(rows), 'measured value')} cannot give "
             f"{so_many(len(names), 'parameter')} and their own error: give sigma, more rows, or fewer parameters"
         )
-    at, rough = (conditions.conditions(scene, rows, points) for points in (POINTS_IN_FITS, ROUGH_POINTS))
+    at = conditions.conditions(scene, rows, POINTS_IN_FITS)
+    rough = conditions.conditions(scene, rows, ROUGH_POINTS, like=at)
     own_error = float(laws_error(scene))
     return Problem(
         parameters=parameters,

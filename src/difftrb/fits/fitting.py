@@ -191,7 +191,7 @@ def _with_loads(problem: Problem, rows: tuple[Measurement, ...], point: np.ndarr
     rows_at = []
     for factor in (1.0 - LOAD_STEP, 1.0 + LOAD_STEP):
         loaded = [dataclasses.replace(row, radial=row.radial * factor, axial=row.axial * factor) for row in rows]
-        rows_at.append(predicted.other_rows_at(problem, loaded, point[None])[0][0])
+        rows_at += predicted.other_rows(problem, loaded, [point])
     slope = (rows_at[1] - rows_at[0]) / (2.0 * LOAD_STEP)  # by the logarithm of the loads
     share = 0.01 * np.array([float(row.load_sigma) for row in rows])
     return dataclasses.replace(problem, sigma=np.hypot(problem.sigma, np.nan_to_num(slope) * share))

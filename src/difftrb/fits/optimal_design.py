@@ -95,7 +95,7 @@ def next_measurements(
         raise MeasuredError(f"next_measurements: parameter = {parameter!r} was not fitted; use one of "
                             f"{', '.join(fit.parameters)}")  # fmt: skip
     measured.check_loads(fit.scene, among, "next_measurements")
-    values, slopes = (each[0] for each in predicted.other_rows_at(fit.problem, among, fit.point[None]))
+    values, slopes = predicted.other_rows_and_slopes(fit.problem, among, fit.point)
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, values, strict=True)])
     rows = slopes / sigma[:, None]
     covariance = np.linalg.inv(fit.normal + np.diag(1.0 / fit.problem.prior**2))
@@ -125,7 +125,7 @@ def telling(fit: Fit, others: np.ndarray) -> list[tuple[Measurement, float]]:
     parameters), and by how many sigma it would differ."""
     among = candidates(fit)
     points = np.concatenate([fit.point[None], fit.problem.bounds.coordinates(others)])
-    here, *there = predicted.other_rows_at(fit.problem, among, points)[0]
+    here, *there = predicted.other_rows(fit.problem, among, points)
     sigma = np.array([_sigma(fit, row, value) for row, value in zip(among, here, strict=True)])
     apart = [np.nan_to_num(np.abs(other - here) / sigma) for other in there]
     return [(among[int(np.argmax(each))], float(np.max(each))) for each in apart]

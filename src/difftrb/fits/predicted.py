@@ -5,7 +5,7 @@ Every condition is solved once, and every row is read from that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import jax
@@ -130,19 +130,23 @@ def weighted_residuals(problem: Problem, values: jax.Array) -> jax.Array:
     return jnp.select([problem.robust == k for k in range(len(ROBUST))], [ways[name] for name in ROBUST], r)
 
 
-def other_rows_at(problem: Problem, rows: Sequence[Measurement], points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the model says of other rows at `points`, shape (cases, rows), and its slopes by coordinates, shape
-    (cases, rows, parameters): by numbers, for they are few."""
-    at = conditions.conditions(problem.scene, rows)
+def other_rows(problem: Problem, rows: Sequence[Measurement], points: Iterable[np.ndarray | Taylor]) -> list[Any]:
+    """What the model says of other rows at each of the `points`, coordinates or their expansions, shape (rows,): by
+    numbers, for they are few."""
+    at = conditions.conditions(problem.scene, rows, like=problem.conditions)
     healthy = None if problem.healthy is None else stiffness_of_rows.healthy_stiffness(problem.scene, at)
-    values, slopes = np.empty((len(points), len(rows))), np.zeros((*points.shape, len(rows)))
-    for k, point in enumerate(points):
-        expanded = problem.bounds.values(Taylor(point, by=np.eye(len(point))))
-        read = _by_numbers(problem.parameters, problem.scene, at, expanded, healthy)
-        values[k] = xp.value(read)
-        if (by := xp.by(read)) is not None:
-            slopes[k] = by
-    return values, np.moveaxis(slopes, 1, 2)
+    of = problem.parameters, problem.scene, at
+    return [_by_numbers(*of, problem.bounds.values(point), healthy) for point in points]
+
+
+def other_rows_and_slopes(
+    problem: Problem, rows: Sequence[Measurement], point: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the model says of other rows at a `point`, shape (rows,), and its slopes by coordinates, shape
+    (rows, parameters)."""
+    (read,) = other_rows(problem, rows, [Taylor(point, by=np.eye(len(point)))])
+    by = xp.by(read)
+    return xp.value(read), np.zeros((len(rows), len(point))) if by is None else np.transpose(by)
 
 
 def rows_of(
