@@ -46,9 +46,12 @@ def problem() -> Problem:
 
 def one(seed: int, blank: Problem) -> dict[str, Any]:
     """A set: its truth, and the rank of each value among draws from the posterior."""
-    rng = np.random.default_rng([seed, 51])
-    point = rng.uniform(0.0, 1.0, len(NAMES))
-    place = at_shares(point)
+    rng, prior = np.random.default_rng([seed, 51]), posteriors.once_round(blank)
+    inside = False
+    while not inside:  # a fit searches more than a turn of angles, a prior is of one
+        place = at_shares(rng.uniform(0.0, 1.0, len(NAMES)))
+        values = np.asarray(blank.bounds.values(place))
+        inside = bool(np.all((prior.low <= values) & (values <= prior.high)))
     exact = rows_at(blank, place[None], many=True)[0]
     sigma = 0.02 * np.abs(exact) + 0.02
     own = dataclasses.replace(blank, measured=exact + sigma * rng.standard_normal(len(exact)), sigma=sigma)

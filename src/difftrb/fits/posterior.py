@@ -144,7 +144,7 @@ def posterior_of(
 ) -> Posterior:  # fmt: skip
     """The posterior of a problem that nothing was fitted to, or of one of whose likelihoods the logarithm is `known`:
     points that all miss it are taken again, more of them. See `Posterior.widened` and `nested_sampling.sampled`."""
-    problem = dataclasses.replace(problem, bounds=_once_round(problem))
+    problem = dataclasses.replace(problem, bounds=once_round(problem))
 
     def log_likelihood(points: np.ndarray) -> np.ndarray:
         rows = batched_misfit.rows_at(problem, at_shares(points), many=True)
@@ -187,7 +187,7 @@ def _within(problem: Problem, ranges: Ranges) -> Bounds:
     return dataclasses.replace(bounds, low=low, high=high)
 
 
-def _once_round(problem: Problem) -> Bounds:
+def once_round(problem: Problem) -> Bounds:
     """The problem's bounds, those of more than a period cut to one."""
     low, high = np.array(problem.bounds.low, float), np.array(problem.bounds.high, float)
     period = np.array([parameter.period or np.inf for parameter in problem.parameters])
