@@ -34,7 +34,7 @@ TURNS, ROUNDS = 3, 12  # half-widths that are tried, and steps of the active set
 
 
 class Slices(NamedTuple):
-    """Of a loaded roller, all along its line from its lower end to its upper one.
+    """Of a loaded roller, all along its line from its lower end, or its middle if it is mirrored, to its upper one.
 
     Attributes:
       middle, length: of the slices [mm], (slices,). load: line load by πE' [mm], and whether it is `active`.
