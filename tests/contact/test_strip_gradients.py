@@ -136,3 +136,16 @@ def test_half_a_roller_knows_no_axial_offset() -> None:
     for method in ("strips", "cells"):
         _, by = contacts.approach_and_gradient(contact, 3000.0, spall, 0.3, 1e-2, method)
         assert float(by.spall.axial_offset) == 0.0
+
+
+def test_a_healthy_roller_by_its_length_in_a_program(contact: trb.LineContact) -> None:
+    """On half the roller the ends of slices are its length by known numbers, which a traced index could not take from:
+    the gradient by a whole contact raised."""
+
+    def approach(of: trb.LineContact):
+        return trb.solve_contact(of, 3000.0, None, 0.0, 1e-2, "strips").approach
+
+    found = jax.jit(jax.grad(approach))(contact)
+    _, by = contacts.approach_and_gradient(contact, 3000.0, None, 0.0, 1e-2, "strips")
+    for name in ("radius", "length", "modulus", "design_load"):
+        assert float(getattr(found, name)) == pytest.approx(float(getattr(by.contact, name)), rel=1e-7), name

@@ -64,7 +64,12 @@ class Taylor:
 
     def __getitem__(self, index: Any) -> Taylor:
         inner = index if isinstance(index, tuple) else (index,)
-        return self.mapped(lambda part: part[index], lambda part: part[(slice(None), *inner)])
+        traced = any(isinstance(each, jax.Array) for each in inner)
+
+        def known(part: Part) -> Part:  # of numpy where it is of known numbers, which a traced index cannot take from
+            return jnp.asarray(part) if traced and isinstance(part, np.ndarray) else part
+
+        return self.mapped(lambda part: known(part)[index], lambda part: known(part)[(slice(None), *inner)])
 
     def mapped(self, plain: Callable[[Any], Any], by: Callable[[Any], Any]) -> Taylor:
         """With a linear function of every part: `plain` of the value, `by` of the others."""
