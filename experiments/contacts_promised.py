@@ -166,7 +166,7 @@ def measure(cases: list[Contact]) -> Table:
 def laws(cases: list[Contact]) -> Table:
     """What any contact does: the worst of all of them, by accuracy."""
     table = Table(
-        "accuracy", "force by load less one", "least pressure by mean", "least step by its derivative",
+        "accuracy", "force by load less one", "least force by load", "least step by its derivative",
         "∂M/∂Q less ∂δ/∂tilt: median", "worst",
     )  # fmt: skip
     for accuracy in ACCURACIES:

@@ -37,7 +37,7 @@ def found(solve: Solve, shape: tuple[int, ...], inputs: Inputs) -> Found:
         (inputs,), (change,) = primals, tangents
         here, by = _call(both, (_like(shape), jax.tree.map(_of_shape, inputs)), implicit.first_only(inputs))
         moved = sum(jnp.vdot(rate, d) for rate, d in zip(jax.tree.leaves(by), jax.tree.leaves(change), strict=True))
-        still = jax.tree.map(_no_change, here)
+        still = jax.tree.map(implicit.zero_tangent, here)
         return here, still._replace(approach=moved)
 
     return called(inputs)
@@ -69,7 +69,3 @@ def _like(shape: tuple[int, ...]) -> Found:
 
 def _of_shape(x: jax.Array) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(jnp.shape(x), float)
-
-
-def _no_change(x: jax.Array) -> Any:
-    return jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating) else np.zeros(x.shape, jax.dtypes.float0)

@@ -93,6 +93,7 @@ def of_numbers(
 def strips_of_numbers(
     inputs: Inputs, mirrored: bool, beneath: Beneath, accuracy: float
 ) -> tuple[ContactSolution, strip_model.Strips, Way]:
+    """The contact by strips, finer ones where slivers are too thin for these; what they found, and by which."""
     way = _way(mirrored, beneath, accuracy)
     found = strip_model.solve_numbers(inputs, way)
     for _ in range(FINER):

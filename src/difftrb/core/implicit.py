@@ -52,7 +52,7 @@ def _root_jvp(
     )  # fmt: skip
     _, by_x = jax.jvp(lambda v: outcome(v, parameters, auxiliary), (x,), (x_change,))
     y_change = jax.tree.map(jnp.add, by_parameters, by_x)
-    return (x, y, auxiliary), (x_change, y_change, jax.tree.map(_zero_tangent, auxiliary))
+    return (x, y, auxiliary), (x_change, y_change, jax.tree.map(zero_tangent, auxiliary))
 
 
 root.defjvp(_root_jvp, symbolic_zeros=True)
@@ -135,7 +135,7 @@ def _expanded_jvp(function: Callable[[Pytree], Pytree], primals: tuple, tangents
     )
     found = [jnp.asarray(taylor.value(leaf)) for leaf in leaves]
     rates = {k: leaf.by for k, leaf in enumerate(leaves) if isinstance(leaf, Taylor) and leaf.by is not None}
-    moved = [_zero_tangent(leaf) for leaf in found]
+    moved = [zero_tangent(leaf) for leaf in found]
     for k, change in zip(rates, _moved(changes, list(rates.values())), strict=True):
         moved[k] = change
     return form.unflatten(found), form.unflatten(moved)
@@ -250,7 +250,7 @@ def _stationary_jvp(moved: Callable, solver: Callable, primals: tuple, tangents:
         by = first_only(by)
         by = jnp.where(jnp.isfinite(by), by, 0.0)  # where there is no solution another may be taken: 0 · NaN is NaN
     change = jnp.zeros_like(value) if by is None else _moved(changes, [by])[0]
-    return (value, found), (change, jax.tree.map(_zero_tangent, found))
+    return (value, found), (change, jax.tree.map(zero_tangent, found))
 
 
 stationary.defjvp(_stationary_jvp, symbolic_zeros=True)
@@ -294,6 +294,7 @@ def _interpolant_jvp(fit: Callable, primals: tuple, tangents: tuple):
     return coefficients, interpolant(fit, places, values_change - rate * places_change)
 
 
-def _zero_tangent(leaf: jax.Array) -> Any:
+def zero_tangent(leaf: jax.Array) -> Any:
+    """Of what carries no derivative."""
     inexact = jnp.issubdtype(leaf.dtype, jnp.inexact)
     return jnp.zeros_like(leaf) if inexact else jnp.zeros(leaf.shape, jax.dtypes.float0)
