@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any
 
 import jax
+import numpy as np
 
 from difftrb.contact import cell_solve, strip_model, ways
 from difftrb.contact.contact_solution import (
@@ -60,7 +61,8 @@ def solve_contact(
         cells where they do not either or cannot describe the contact; the lattice for height maps. "numpy" is
         "auto" without cells, for programs: see below.
       tilt: of the roller about its middle [rad]: the gap grows by `tilt`·y along it. The approach is the middle's.
-        −0.1…0.1; from 0.02 on it presses with a tenth of its length or less. Default 0.
+        −0.1…0.1; from 0.02 on it presses with a tenth of its length or less. Default 0. A traced one out of range has
+        a status, and what is returned beside that means nothing.
 
     A contact of which every `axial_offset` and the tilt are 0, and not being traced, is solved on half the roller.
     The approach is differentiable by every number in `contact`, `spall`, `load`, `offset` and `tilt`, forward and
@@ -144,8 +146,11 @@ def approach_and_gradient(
 ) -> tuple[Any, ...]:  # fmt: skip
     """The solved contact and, from the same solve, the gradient of its approach: `Inputs` by contact, load, spall,
     offset and tilt, each in the form of the input itself (None where that is None, or a tilt of 0); and, if asked for,
-    that of its `moment` [N mm]. For numbers, not tracers; by strips in numpy's."""
+    that of its `moment` [N mm], for which a tilt of 0 is one as well. For numbers, not tracers; by strips in numpy's.
+    """
     inputs, mirrored, method = given(contact, load, spall, offset, tilt, method)
+    if moment:  # what turns a roller is the difference of its halves
+        mirrored, inputs = False, inputs._replace(tilt=np.asarray(tilt, float))
     grid_for(accuracy)
     with_gradients = partial(ways.of_numbers, inputs, mirrored, 2 if moment else 1)
     solution, *by = ways.first_that_does(method, inputs, mirrored, accuracy, with_gradients)
