@@ -296,3 +296,10 @@ def test_one_row_and_several_parameters_are_one_sentence(guess: trb.Scene, names
     assert "-0.00" not in shown
     if "angle" in names:
         assert found.interval_in_words(2) == "any"
+
+
+def test_the_likeliest_answers_have_their_interval() -> None:
+    """Of narrow answers that fit best, and of many wide ones."""
+    assert fitting._among_likeliest(np.array([0.02, 0.9, 0.08])).tolist() == [False, True, True]
+    assert fitting._among_likeliest(np.array([0.96, 0.04])).tolist() == [True, False]
+    assert fitting._among_likeliest(np.array([1.0])).tolist() == [True]

@@ -54,8 +54,8 @@ class Fit(status.Judged):
         belies it, as at a cliff or a kink.
       pieces: of the 95 % interval of each parameter, rising, shape (pieces, 2) each. One is the fitted value's, from
         the profile of its likelihood: where χ² levels off behind an end, that is where 99.7 % end. `alternatives` that
-        fit as well have others. open: where the first and the last of them end with the range that was searched,
-        shape (parameters, 2).
+        fit as well have others, and so have the likeliest ones, which make up 95 %.
+      open: where the first and the last of the pieces end with the range that was searched, shape (parameters, 2).
       correlation: of the parameters, shape (parameters, parameters).
       rows: the measurements. predicted: what the model says of them [% or N/mm], shape (rows,). sigma: that they were
         weighed by, shape (rows,); `sigma_estimated` if none was given. residuals: measured minus predicted in sigma.

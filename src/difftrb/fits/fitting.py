@@ -229,8 +229,8 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     values = every[best]
     converged = np.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
     others = _alternatives(problem, tried, every)
-    pieces = _pieces(problem, tried, others, every)
-    weight = fit_result.weights(problem, found, [best, *others], tried.scale, basin_spacings(problem))[1:]
+    weight = fit_result.weights(problem, found, [best, *others], tried.scale, basin_spacings(problem))
+    pieces = _pieces(problem, tried, others, every, _among_likeliest(weight)[1:])
     return Fit(
         parameters=tuple(parameter.name for parameter in problem.parameters),
         values=values,
@@ -250,7 +250,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
         determined_each=np.zeros(len(u), bool),
         alternatives=tuple(
             Alternative(every[k], 2.0 * float(found.cost[k]), float(share))
-            for k, share in zip(others, weight, strict=True)
+            for k, share in zip(others, weight[1:], strict=True)
         ),
         scene=fit_parameters.put(problem.parameters, problem.scene, values),
         history=History(every, 2.0 * np.asarray(found.cost), np.asarray(found.steps)),
@@ -283,17 +283,28 @@ def _alternatives(problem: Problem, tried: Tried, values: np.ndarray) -> list[in
     return cases
 
 
-def _pieces(problem: Problem, tried: Tried, others: list[int], values: np.ndarray) -> list[np.ndarray]:
+def _among_likeliest(weight: np.ndarray) -> np.ndarray:
+    """Which answers, of weights that sum to 1, are needed to have 95 % of the probability: the likeliest first."""
+    order = np.argsort(-weight, kind="stable")
+    before = np.cumsum(weight[order]) - weight[order]
+    return (before < profile_intervals.CONFIDENCE)[np.argsort(order)]
+
+
+def _pieces(
+    problem: Problem, tried: Tried, others: list[int], values: np.ndarray, likely: np.ndarray
+) -> list[np.ndarray]:
     """Of each parameter the pieces of its interval, rising: low, high, and whether these ends are open, shape (pieces,
     4); `values` of all minima.
 
-    A profile follows one minimum, and `others` may be as good: each of them has a piece, too, as of a normal
-    distribution, no longer than basins lie apart. Those that overlap are one.
+    A profile follows one minimum, and `others` may be as good: each of them whose χ² is within the limit has a piece,
+    too, as of a normal distribution, no longer than basins lie apart. One that is `likely`, shape (others,), has its
+    own 95 % as well: where the least χ² is in a narrow basin, wide ones that rise above the limit may be likelier.
+    Pieces that overlap are one.
     """
     found, bounds, best = tried.found, problem.bounds, tried.best
     ends = [np.column_stack([bounds.values(tried.profiles.ends.T).T, tried.profiles.open])]
-    for k in others:
-        left = tried.limits.end - 2.0 * (found.cost[k] - found.cost[best])
+    for k, counts in zip(others, likely, strict=True):
+        left = tried.limits.end - (0.0 if counts else 2.0 * (found.cost[k] - found.cost[best]))
         if left > 0.0:
             own = np.diag(profile_intervals.covariance(found.normal[k], found.points[k]))
             away = np.minimum(np.sqrt(left * np.maximum(own, 0.0)), basin_spacings(problem))
