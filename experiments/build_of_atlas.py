@@ -2,6 +2,7 @@
 
 What was solved is kept in FOLDER, a file for every λ, so that a build that was broken off goes on. Then the atlas is
 compared with contacts between its nodes, and written to FOLDER/atlas.npz; to ship it, copy that to src/difftrb/law.
+With `narrow` behind FOLDER only what narrow spalls need is built, beside the package's atlas: a quarter of an hour.
 """
 
 from __future__ import annotations
@@ -26,7 +27,17 @@ from difftrb.contact.contact_solution import given
 from difftrb.core import storage
 from difftrb.core.geometry import LineContact, Real, Spall
 from difftrb.core.numeric import chebyshev_nodes, chebyshev_roots, least_squares
-from difftrb.law import atlas, atlas_place, edge_ramp, edge_share, load_curve, ramp_fit, samples
+from difftrb.law import (
+    atlas,
+    atlas_place,
+    edge_ramp,
+    edge_share,
+    load_curve,
+    narrow_shift,
+    narrow_spall,
+    ramp_fit,
+    samples,
+)
 from difftrb.law.atlas import Atlas
 from difftrb.law.base import load_over
 from difftrb.law.samples import Case, Progress
@@ -57,6 +68,11 @@ LIGHTEST = 0.01
 BESIDE = 1.03
 """How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
 WIDE = 1000.0
+NARROW, NARROW_RIDGE, NARROW_ROUNDS = 8000, 1e-2, 4
+"""How many random contacts with two edges tell where the one edge for both stands; the noise of loads by the size of
+the coefficients; rounds of least squares."""
+NARROWEST, WIDTHS = (0.01, 0.3), (0.05, 2.5)
+"""Widths of every fifth of these and of the others, by the ramp's end."""
 
 
 class Size(NamedTuple):
@@ -77,6 +93,7 @@ class Size(NamedTuple):
     places: int = 12
     accuracy: float = 1e-5
     edge_accuracy: float = 3e-5
+    narrow_accuracy: float = 1e-4
 
 
 def contact_at(number: float) -> LineContact:
@@ -154,7 +171,7 @@ def _blank(size: Size) -> Atlas:
         np.asarray(chebyshev_nodes(size.edge_numbers + 2, lowest, highest))[1:-1],  # beyond, shares are as there
         np.asarray(chebyshev_nodes(size.edge_lengths, *EDGE_LENGTHS)),
         np.asarray(chebyshev_nodes(size.edge_asides, 0.0, 1.0)),
-        np.zeros((*edges, size.levels, edge_ramp.TERMS)), np.full(4, nan), np.asarray(nan),
+        np.zeros((*edges, size.levels, edge_ramp.TERMS)), _no_shift(), np.full(4, nan), np.asarray(nan),
     )  # fmt: skip
 
 
@@ -356,7 +373,85 @@ def build(folder: Path, size: Size) -> Atlas:
     for k in sorted(range(size.edge_numbers), key=lambda k: abs(k - middle)):
         solves = kept("edges", partial(edges, size, built), k)
         built.share[k] = shares(size, built, k, solves)
-    return dataclasses.replace(built)  # another one to programs, which hold shares of 0
+    return with_narrow(dataclasses.replace(built), folder, size)  # another one to programs, which hold shares of 0
+
+
+# ------------------------------------------------------------------------------------ both edges of a spall in reach
+
+
+def with_narrow(built: Atlas, folder: Path, size: Size) -> Atlas:
+    """The atlas with its `shift`, from what is kept in `folder` and solves."""
+    built = dataclasses.replace(built, shift=_no_shift())
+    path = folder / "narrow.npz"
+    solves = storage.read(path)
+    if solves is None:
+        with console.bar("narrow") as bar:
+            solves = narrow(built, size, bar)
+        storage.write(path, solves)
+    return dataclasses.replace(built, shift=shifts(built, solves["narrow"]))
+
+
+def narrow(built: Atlas, size: Size, progress: Progress | None = None) -> storage.Arrays:
+    """Random contacts with both edges of a spall inside the roller in reach: λ, spall's length, width and axial offset,
+    its distance [mm], load [N] and approach [mm], shape (contacts, 7)."""
+    rng, found = np.random.default_rng(29), []
+    for done in range(NARROW):
+        number = float(np.exp(rng.uniform(*np.log(NUMBERS))))
+        contact, load = contact_at(number), DESIGN_LOAD * float(np.exp(rng.uniform(*np.log(CHECKED))))
+        spall = spall_at(number, rng.uniform(), float(rng.uniform()) if done % 2 else 0.0, False)
+        _, _, low, high = map(float, _at(law_of(built, contact), spall, jnp.asarray(load)))
+        width = high * float(rng.uniform(*WIDTHS) if done % 5 else np.exp(rng.uniform(*np.log(NARROWEST))))
+        distance = rng.uniform() * (0.5 * width - BESIDE * low)
+        spall = dataclasses.replace(spall, width=width)
+        inputs, mirrored, _ = given(contact, load, spall, distance, 0.0, "strips")
+        _, fits, within = strip_reach.judged(inputs, mirrored)
+        if fits and within:
+            solution = ways.by_strips(jax.tree.map(jnp.asarray, inputs), False, 2, size.narrow_accuracy)
+            if bool(solution.converged):
+                sizes = float(spall.length), width, float(spall.axial_offset)
+                found.append((number, *sizes, distance, load, float(solution.approach)))
+        if progress is not None:
+            progress(done + 1, NARROW)
+    return {"narrow": np.array(found)}
+
+
+def shifts(built: Atlas, solves: np.ndarray) -> np.ndarray:
+    """`Atlas.shift` nearest to what `narrow` solved, every load by a healthy roller's."""
+    found, by, at = _no_shift(), np.zeros(len(solves)), tuple(narrow_shift.EXPONENTS.T)
+    for _ in range(NARROW_ROUNDS):
+        off, slope, terms = map(np.asarray, _off_by_shift(built, jnp.asarray(solves), jnp.asarray(by)))
+        found[at] = least_squares(slope[:, None] * terms, slope * by - off, NARROW_RIDGE)
+        by = terms @ found[at]
+    return found
+
+
+def _no_shift() -> np.ndarray:
+    return np.zeros([narrow_shift.DEGREE + 1] * 3)
+
+
+@partial(jax.jit, static_argnums=0)
+def _off_by_shift(built: Atlas, solves: jax.Array, by: jax.Array) -> tuple[jax.Array, ...]:
+    """By how much of a healthy roller's load the atlas is off where edges are shifted `by`, see `narrow_shift`; how
+    that goes with the shift, both of shape (contacts,); and the terms of the cubic, shape (contacts, terms)."""
+
+    def one(solve: jax.Array, by: jax.Array) -> tuple[jax.Array, ...]:
+        value, length, width, aside, distance, load, approach = solve
+        spall = Spall(length, width, 1e6, axial_offset=aside)
+        law = law_of(built, contact_at(value))
+        ramp, near = law.of_both_edges(law.beside(spall), spall), 0.5 * width - distance
+        healthy, _, low, high = edge_ramp.between(ramp, approach)
+        assert ramp.narrow is not None
+        level, plane = edge_ramp.level(ramp, healthy), ramp.narrow._replace(shift=None)
+        found = narrow_spall.equivalent_edge(near, plane, approach, low, high, level)
+
+        def off(by: jax.Array) -> jax.Array:
+            edge = narrow_shift.moved(near, found, low, high, by)
+            return (edge_ramp.carried(dataclasses.replace(ramp, edge=edge, narrow=None), approach) - load) / healthy
+
+        number, place, _ = law.place_among(spall)
+        return *jax.jvp(off, (by,), (jnp.ones(()),)), narrow_shift.terms(number, place, level)
+
+    return jax.vmap(one)(solves, by)
 
 
 # ------------------------------------------------------------------------------------------------ how far off it is
@@ -410,8 +505,8 @@ def _load(law: TableLaw, approach: jax.Array, spall: Spall | None, distance: Rea
 
 def main(arguments: list[str]) -> int:
     """Build, compare, write."""
-    folder = Path(arguments[0])
-    built = build(folder, Size())
+    folder, alone = Path(arguments[0]), "narrow" in arguments[1:]
+    built = with_narrow(atlas.shipped(), folder, Size()) if alone else build(folder, Size())
     kept = []
     for region in range(5):
         off = np.abs([check.error for check in checks(built, CHECKS, 0, region % 4, region == 4)])

@@ -7,10 +7,10 @@ import pytest
 
 from difftrb.core import arrays as xp
 from difftrb.core.taylor import Taylor
-from difftrb.law import edge_share, narrow_spall
+from difftrb.law import edge_share, narrow_shift, narrow_spall
 from difftrb.law.narrow_spall import ALONG, ROW, WEIGHTS, NarrowSpall, over_one, over_one_slope, sinking
 
-APPROACH, LOW, HIGH = 0.01, -0.15, 0.25
+APPROACH, LOW, HIGH, LEVEL = 0.01, -0.15, 0.25, 0.4
 CROWN = 5e-3 * ALONG**2
 """Of a roller pressed to 0.01 mm, whose contact is 0.3 mm wide."""
 
@@ -99,11 +99,13 @@ def test_slope_of_one_edge() -> None:
         assert float(over_one_slope(*at)) == pytest.approx(float(jax.grad(over_one)(*at)), rel=1e-9, abs=1e-12)
 
 
-def edge_of(edge, width):
+def edge_of(edge, width, shift=None):
     of, shape = xp.module_of(edge, width), np.shape(xp.value(edge))
     crown = of.asarray(CROWN.reshape(-1, *[1] * len(shape)) * np.ones((1, *shape)))
-    rest = (of.full(shape, value) for value in (APPROACH, LOW, HIGH))
-    return narrow_spall.equivalent_edge(edge, NarrowSpall(width, crown), *rest)
+    rest = (of.full(shape, value) for value in (APPROACH, LOW, HIGH, LEVEL))
+    if shift is not None:
+        shift = of.asarray(shift.reshape(*shift.shape, *[1] * len(shape)) * np.ones(shape))
+    return narrow_spall.equivalent_edge(edge, NarrowSpall(width, crown, shift), *rest)
 
 
 def sunk_over_either(edge, near, width):
@@ -142,15 +144,33 @@ def test_it_is_the_near_one_where_the_far_land_is_out_of_reach(near: float, widt
         assert float(always) > HIGH
 
 
+@pytest.mark.exact
+@pytest.mark.parametrize("by", [-20.0, -0.4, 0.7, 20.0])
+def test_what_rows_make_of_each_other_moves_it_between_its_limits(by: float) -> None:
+    """By s (1 − s) c of the ramp before the near edge; not where the spall has no width or the far land is too far."""
+    shift = by * np.eye(1, 4)[0]
+    for near, width in ((0.05, 0.1), (0.1, 0.2), (0.0, 0.12), (0.06, 0.2)):
+        plane, found = (float(edge_of(np.asarray(near), np.asarray(width), own)) for own in (None, shift))
+        s, c = (plane - LOW) / (near - LOW), np.clip(by, -narrow_shift.FARTHEST, narrow_shift.FARTHEST)
+        assert found == pytest.approx(LOW + (near - LOW) * (s + s * (1.0 - s) * c), rel=1e-12)
+        assert LOW < found < near
+    for near, width in ((-0.14, 0.6), (1.0, 2.0), (0.1, 2.0)):
+        assert float(edge_of(np.asarray(near), np.asarray(width), shift)) == near
+    none = np.array([float(edge_of(np.asarray(0.0), np.asarray(1e-9), own)) for own in (None, shift)])
+    np.testing.assert_allclose(none, LOW, rtol=1e-4)
+
+
 @pytest.mark.gradient
+@pytest.mark.parametrize("shift", [None, 0.1 * np.random.default_rng(3).standard_normal(4)], ids=["plane", "space"])
 @pytest.mark.parametrize("width", [0.08, 0.2, 0.6])
-def test_expansions_in_batches_beside_jax_and_differences(width: float) -> None:
+def test_expansions_in_batches_beside_jax_and_differences(width: float, shift: np.ndarray | None) -> None:
     """Some of the rollers reach the far land, others do not; by numbers, by programs, and by JAX's own rules."""
     edges = np.array([-0.1, 0.02, 0.5 * width, 0.24])
     both = np.ones(edges.shape)
 
     def by_expansion(edge, across):
-        own = edge_of(Taylor(edge, xp.stack([both, 0.0 * both])), Taylor(across * both, xp.stack([0.0 * both, both])))
+        moving = Taylor(edge, xp.stack([both, 0.0 * both])), Taylor(across * both, xp.stack([0.0 * both, both]))
+        own = edge_of(*moving, shift)
         return own.value, own.by
 
     numbers = by_expansion(edges, width)
@@ -158,11 +178,11 @@ def test_expansions_in_batches_beside_jax_and_differences(width: float) -> None:
     for ours, theirs in zip(numbers, traced, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12)
     at = jnp.asarray(edges), jnp.asarray(width * both)
-    rates = jax.jit(jax.vmap(jax.grad(edge_of, argnums=(0, 1))))(*at)
+    rates = jax.jit(jax.vmap(jax.grad(lambda *at: edge_of(*at, shift), argnums=(0, 1))))(*at)
     np.testing.assert_allclose(numbers[1], np.array(rates), rtol=1e-8, atol=1e-9)
     h = 1e-6
     for k, rate in enumerate(rates):
-        up, down = (edge_of(edges + s * h * (k == 0), (width + s * h * (k == 1)) * both) for s in (1.0, -1.0))
+        up, down = (edge_of(edges + s * h * (k == 0), (width + s * h * (k == 1)) * both, shift) for s in (1.0, -1.0))
         np.testing.assert_allclose(rate, (up - down) / (2.0 * h), rtol=2e-6, atol=2e-7)
 
 
@@ -181,7 +201,7 @@ def test_rounds_end_at_rounding_for_any_ramp(monkeypatch: pytest.MonkeyPatch) ->
     found = {}
     for rounds in (narrow_spall.ROUNDS, 60):
         monkeypatch.setattr(narrow_spall, "ROUNDS", rounds)
-        found[rounds] = narrow_spall.equivalent_edge(near, NarrowSpall(width, crown), approach, low, high)
+        found[rounds] = narrow_spall.equivalent_edge(near, NarrowSpall(width, crown), approach, low, high, low)
     np.testing.assert_array_less(np.abs(np.subtract(*found.values())), -1e-10 * low)
 
     width = high * spread(narrow_spall.FAR, 100.0)

@@ -66,11 +66,11 @@ class Ramp:
 def carried(ramp: Ramp, approach: Any) -> Any:
     """Q [N] at `approach` δ [mm], in the shape of the ramps."""
     healthy, full, low, high = between(ramp, approach)
-    edge = ramp.edge
+    edge, at_level = ramp.edge, level(ramp, healthy)
     if ramp.narrow is not None:
-        edge = narrow_spall.equivalent_edge(edge, ramp.narrow, approach, low, high)
+        edge = narrow_spall.equivalent_edge(edge, ramp.narrow, approach, low, high, at_level)
     t = edge_share.place(edge, low, high)
-    return full + (healthy - full) * edge_share.left(t, series.polynomial(ramp.share, level(ramp, healthy)[None]))
+    return full + (healthy - full) * edge_share.left(t, series.polynomial(ramp.share, at_level[None]))
 
 
 def between(ramp: Ramp, approach: Any) -> tuple[Any, Any, Any, Any]:

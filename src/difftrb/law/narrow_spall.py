@@ -10,7 +10,7 @@ k = (√(e² + 3) − e)/3 and e in half-widths.
 
 The equivalent edge is the one over which the roller would sink as far, in the mean over rows along the spall, of which
 the crown loads the outer ones less. The contact's width goes with the share of load that is left, that with the edge:
-it is found in rounds.
+it is found in rounds. What rows make of each other comes last (`narrow_shift`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 from difftrb.core import arrays as xp
 from difftrb.core import loops, series
 from difftrb.core.numeric import bisected, chebyshev_roots, gauss_legendre
-from difftrb.law import edge_share
+from difftrb.law import edge_share, narrow_shift
 
 MIDDLE = 1.0 / 8.0
 """Of the width's square, by which the roller sinks over the spall's middle, by R."""
@@ -218,20 +218,22 @@ def _sinking_of_both(edges: np.ndarray, lands: np.ndarray) -> np.ndarray:
 
 class NarrowSpall(NamedTuple):
     """A spall so narrow that both edges may be in reach: its width [mm], shape (…); the roller's crown over it at the
-    places `ALONG` it [mm], shape (places, …)."""
+    places `ALONG` it [mm], shape (places, …); what rows make of each other, `narrow_shift.by_level`, shape (4, …),
+    None: nothing."""
 
     width: jax.Array
     crown: jax.Array
+    shift: Any = None
 
 
-def equivalent_edge(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any) -> Any:
-    """Where it stands [mm], as `Ramp.edge`, at an approach [mm] on a ramp that begins at `low` and ends at `high` [mm],
-    all of one shape. Where no roller of all reaches the far land it is the near one, at once: narrow spalls are rare,
-    and cost ten times as much as all else."""
-    return (_traced if xp.module_of(approach) is jnp else _if_reached)(edge, across, approach, low, high)
+def equivalent_edge(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any, level: Any) -> Any:
+    """Where it stands [mm], as `Ramp.edge`, at an approach [mm] and its `edge_ramp.level` on a ramp from `low` to
+    `high` [mm], all of one shape. Where no roller of all reaches the far land it is the near one, at once: narrow
+    spalls are rare, and cost ten times as much as all else."""
+    return (_traced if xp.module_of(approach) is jnp else _if_reached)(edge, across, approach, low, high, level)
 
 
-def _if_reached(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any) -> Any:
+def _if_reached(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any, level: Any) -> Any:
     near, plain, delta, begin, end = xp.fixed((edge, across, approach, low, high))
     size, _ = _rows(plain, delta, begin)
     off = (plain.width > FAR * end) & (near >= end)  # of all land
@@ -240,7 +242,7 @@ def _if_reached(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: A
 
     def found(edge: Any) -> Any:
         # what does not depend on the loop's state is computed before it, needed or not
-        return _in_rounds(*loops.together((edge, across, approach, low, high)))
+        return _found(*loops.together((edge, across, approach, low, high, level)))
 
     return loops.done_if(xp.module_of(reached).any(reached), found, edge)
 
@@ -252,7 +254,7 @@ def _traced(*arguments: Any) -> Any:
 
 @_traced.defjvp
 def _traced_jvp(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
-    return jax.jvp(_in_rounds, primals, tangents)  # a loop that may end at once has no reverse derivatives
+    return jax.jvp(_found, primals, tangents)  # a loop that may end at once has no reverse derivatives
 
 
 def _rows(across: NarrowSpall, approach: Any, low: Any) -> tuple[Any, Any]:
@@ -266,6 +268,13 @@ def _half_widths(edge: Any, size: Any, width: Any, low: Any, high: Any) -> Any:
     """Of the contact in every row [mm], with the share of load that an edge leaves."""
     share = xp.with_rates(edge_share.root_of_usual, edge_share.place(edge, low, high))
     return xp.maximum(size * share[None], width[None] / WIDEST)
+
+
+def _found(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any, level: Any) -> Any:
+    found = _in_rounds(edge, across, approach, low, high)
+    if across.shift is None:
+        return found
+    return narrow_shift.in_space(edge, found, low, high, level, across.shift)
 
 
 def _in_rounds(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any) -> Any:

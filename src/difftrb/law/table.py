@@ -18,7 +18,16 @@ from difftrb.contact import crown, gap
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
-from difftrb.law import atlas_place, base, edge_ramp, load_curve, narrow_spall, ramp_fit, roller_curves
+from difftrb.law import (
+    atlas_place,
+    base,
+    edge_ramp,
+    load_curve,
+    narrow_shift,
+    narrow_spall,
+    ramp_fit,
+    roller_curves,
+)
 from difftrb.law.atlas import Atlas, interpolated, node_weights, shipped
 from difftrb.law.atlas_place import Place
 from difftrb.law.base import LawKind, Rest, of_one_deep_spall, within_range
@@ -77,7 +86,7 @@ class TableLaw:
         healthy = self.healthy()
         beside = [self._beside(spall, healthy) for spall in spalls]
         if self.narrow:
-            beside = [_narrow(one, self.contact, spall) for one, spall in zip(beside, spalls, strict=True)]
+            beside = [self.of_both_edges(one, spall) for one, spall in zip(beside, spalls, strict=True)]
         ramps = [
             [dataclasses.replace(one, edge=edge_beyond(spall, distances[i], side)) for side in (1.0, -1.0)]
             for i, (spall, one) in enumerate(zip(spalls, beside, strict=True))
@@ -126,6 +135,11 @@ class TableLaw:
         middle, reach = 0.5 * (loads[-1] + loads[0]), 0.5 * (loads[-1] - loads[0])
         return Healthy(own, half_width, xp.stack([middle, reach]), contact.radius)
 
+    def place_among(self, spall: Spall) -> tuple[Any, Any, Any]:
+        """log λ, brought to −1…1; of the spall's place in the atlas its length, and whether it is over the end."""
+        place, (low, high) = _place(self.contact, spall), self.atlas.log_numbers[[0, -1]]
+        return (2.0 * xp.log(number_of(self.contact)) - low - high) / (high - low), place.length, place.over_end
+
     def beside(self, spall: Spall) -> Ramp:
         """The ramp of this spall's edge, which stands under the roller's middle."""
         return self._beside(spall, self.healthy())
@@ -145,6 +159,15 @@ class TableLaw:
         rise = ramp_fit.rise_over(contact, spall)
         return healthy.beside(np.zeros(()), full, _plus(over[loads:-1], by_load), rise, share)
 
+    def of_both_edges(self, beside: Ramp, spall: Spall) -> Ramp:
+        """The ramp of the spall's edge for both of them."""
+        height = crown.height(spall.axial_offset + 0.5 * spall.length * np.asarray(narrow_spall.ALONG), self.contact)
+        number, length, over_end = self.place_among(spall)
+        shift = narrow_shift.by_level(self.atlas.shift, number, length)
+        shift = shift * xp.where(over_end, 0.0, 1.0)  # of spalls over the roller's end none was fitted
+        narrow = NarrowSpall(xp.asarray(spall.width), xp.minimum(height, NO_LAND), shift)
+        return dataclasses.replace(beside, narrow=narrow)
+
 
 def _plus(coefficients: Any, first: Any) -> Any:
     """Of a polynomial and a number."""
@@ -159,13 +182,6 @@ def _place(contact: LineContact, spall: Spall) -> Place:
 def _farthest(contact: LineContact) -> Any:
     """No edge farther than this from a roller's middle touches it [mm], under any load of the atlas."""
     return gap.certain_reach(contact.radius, DEEPEST * crown.scale(contact))
-
-
-def _narrow(beside: Ramp, contact: LineContact, spall: Spall) -> Ramp:
-    """The ramp for both edges of the spall."""
-    height = crown.height(spall.axial_offset + 0.5 * spall.length * np.asarray(narrow_spall.ALONG), contact)
-    width = xp.asarray(spall.width)
-    return dataclasses.replace(beside, narrow=NarrowSpall(width, xp.minimum(height, NO_LAND)))
 
 
 @np.errstate(all="ignore")

@@ -1,0 +1,52 @@
+"""What rows along a narrow spall make of each other: how far from plane strain's the one edge for both its edges is.
+
+`narrow_spall` finds it in plane strain, every row of the contact by itself. In truth rows lean on each other, and on
+what lies beyond the spall's ends. With s the share of the way from the ramp's beginning to the near edge at which plane
+strain has that edge, it stands at s + s (1 − s) c. Where the spall has no width s is 0, where the far land is out of
+reach 1: there nothing changes. c is a cubic of log λ, the spall's length variable and the load's level, fitted to
+contact solves and kept in the atlas; with the width, s and the place aside it would tell little more.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from difftrb.core import arrays as xp
+from difftrb.core import series
+
+DEGREE = 3
+EXPONENTS = np.array([e for e in itertools.product(range(DEGREE + 1), repeat=3) if sum(e) <= DEGREE])
+"""Of the cubic's terms: powers of λ's, the length's and the level's number, shape (20, 3)."""
+FARTHEST = 0.95
+"""Most that c may be: the edge for both goes on between the ramp's beginning and the near edge."""
+
+
+def by_level(shift: np.ndarray, number: Any, length: Any) -> Any:
+    """Coefficients of c in powers of `edge_ramp.level`, shape (4,), where log λ, brought to −1…1, and the length's
+    variable (`atlas_place`) are these; `shift` by powers of all three, shape (4, 4, 4)."""
+    by_length = series.polynomial(shift, xp.asarray(number)[None, None])
+    return series.polynomial(by_length, (2.0 * xp.asarray(length) - 1.0)[None])
+
+
+def terms(number: Any, length: Any, level: Any) -> Any:
+    """Those of the cubic, as in `by_level`, by which least squares find it; shape (20, …), of arrays."""
+    numbers = number, 2.0 * length - 1.0, level
+    powers = (x ** n.reshape(-1, *[1] * np.ndim(x)) for x, n in zip(numbers, EXPONENTS.T, strict=True))
+    first, second, third = powers
+    return first * second * third
+
+
+def moved(near: Any, found: Any, low: Any, high: Any, by: Any) -> Any:
+    """Where the edge for both stands [mm] if c is `by`, of the near edge, the one that plane strain finds, and the
+    ramp's beginning and end [mm]."""
+    way = xp.maximum(xp.minimum(near, high) - low, -1e-9 * low)
+    s = xp.within((found - low) / way, 0.0, 1.0)
+    return found + way * (s * (1.0 - s) * by)
+
+
+def in_space(near: Any, found: Any, low: Any, high: Any, level: Any, shift: Any) -> Any:
+    """The same with c of `by_level`, shape (4, …)."""
+    return moved(near, found, low, high, xp.within(series.polynomial(shift, level), -FARTHEST, FARTHEST))
