@@ -10,7 +10,17 @@ import pytest
 from rich.console import Console
 
 import difftrb as trb
-from difftrb.fits import fit_problem, fit_remarks, fit_report, fit_result, fitting, profile_intervals, search, suspects
+from difftrb.fits import (
+    fit_problem,
+    fit_remarks,
+    fit_report,
+    fit_result,
+    fitting,
+    least_squares,
+    profile_intervals,
+    search,
+    suspects,
+)
 from difftrb.fits.fit_problem import Problem
 from difftrb.fits.least_squares import Least
 from difftrb.fits.measured import MeasuredError, Measurement
@@ -303,3 +313,16 @@ def test_the_likeliest_answers_have_their_interval() -> None:
     assert fitting._among_likeliest(np.array([0.02, 0.9, 0.08])).tolist() == [False, True, True]
     assert fitting._among_likeliest(np.array([0.96, 0.04])).tolist() == [True, False]
     assert fitting._among_likeliest(np.array([1.0])).tolist() == [True]
+
+
+@pytest.mark.exact
+def test_an_answer_at_a_bound_weighs_as_much_as_one_inside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coordinates are crowded there: such answers had hardly any weight, and others were called likelier."""
+    monkeypatch.setattr(fit_result, "basin_spacings", lambda _: np.array([2.0]))
+    points = np.array([[0.0], [-10.0]])
+    share = least_squares.shares_of(points)
+    normal = 1e4 * (share * (1.0 - share))[..., None] ** 2
+    found: Any = SimpleNamespace(points=points, cost=np.array([3.0, 3.0]), normal=normal)
+    none: Any = None
+    np.testing.assert_allclose(fit_result.weights(none, found, [0, 1], 1.0), 0.5, rtol=1e-9)
+    assert float(fit_result.curvature(none, found, 1)[0, 0]) == pytest.approx(1e4 + 4.0, rel=1e-9)

@@ -14,8 +14,8 @@ import scipy.special
 from difftrb.core import status
 from difftrb.core.jax_config import jit_quickly
 from difftrb.fits import predicted, profile_intervals
-from difftrb.fits.fit_problem import Problem
-from difftrb.fits.least_squares import Least
+from difftrb.fits.fit_problem import Problem, basin_spacings
+from difftrb.fits.least_squares import Least, shares_of
 from difftrb.fits.measured import Measurement, so_many
 from difftrb.fits.profile_intervals import KnownCosts, Profiles
 from difftrb.scene.scene import Scene
@@ -54,7 +54,7 @@ class Fit(status.Judged):
         belies it, as at a cliff or a kink.
       pieces: of the 95 % interval of each parameter, rising, shape (pieces, 2) each. One is the fitted value's, from
         the profile of its likelihood: where χ² levels off behind an end, that is where 99.7 % end. `alternatives` that
-        fit as well have others, and so have the likeliest ones, which make up 95 %.
+        fit as well have others, and so have the fewest answers, this one among them, that have 95 % of the probability.
       open: where the first and the last of the pieces end with the range that was searched, shape (parameters, 2).
       correlation: of the parameters, shape (parameters, parameters).
       rows: the measurements. predicted: what the model says of them [% or N/mm], shape (rows,). sigma: that they were
@@ -145,11 +145,11 @@ class Fit(status.Judged):
     def interval_in_words(self, i: int) -> str:
         """The pieces of an interval; an end that the range sets and not the data is left out. Many are shown as one."""
         pieces, (no_low, no_high) = self.pieces[i], self.open[i]
-        if len(pieces) > MOST_SHOWN:
-            pieces = self.intervals[i : i + 1]
         period = self.problem.parameters[i].period or np.inf
         if len(pieces) == 1 and ((no_low and no_high) or np.ptp(pieces) >= period):
             return "any"
+        if len(pieces) > MOST_SHOWN:
+            pieces = self.intervals[i : i + 1]
         ends = [(f"{low:.4g}", f"{high:.4g}") for low, high in pieces]
         words = [low if low == high else f"{low} … {high}" for low, high in ends]
         if no_low:
@@ -241,15 +241,18 @@ def outside(values: np.ndarray, best: np.ndarray, intervals: np.ndarray) -> np.n
     return (values < intervals[:, 0] - near) | (values > intervals[:, 1] + near)
 
 
-def weights(problem: Problem, found: Least, cases: list[int], scale: float, widest: np.ndarray) -> np.ndarray:
-    """Shares of the probability of these minima, shape (cases,), each as a normal distribution of its own (Laplace) no
-    wider than `widest`, in coordinates, shape (parameters,); χ² counts by `scale`."""
-    logs = []
-    for k in cases:
-        _, size = np.linalg.slogdet(found.normal[k] / scale + np.diag(widest**-2.0))
-        logs.append(
-            -found.cost[k] / scale - 0.5 * size + np.sum(np.log(problem.bounds.slope(found.points[k]) + 1e-300))
-        )
+def curvature(problem: Problem, found: Least, k: int, scale: float = 1.0) -> np.ndarray:
+    """Of half χ² at a minimum, divided by `scale`, by shares of the ways between the parameters' bounds, along which a
+    spall is as likely everywhere; shape (parameters, parameters). No answer is wider than basins lie apart."""
+    share = shares_of(found.points[k])
+    rate = share * (1.0 - share)
+    return found.normal[k] / (scale * np.outer(rate, rate)) + np.diag((0.25 * basin_spacings(problem)) ** -2.0)
+
+
+def weights(problem: Problem, found: Least, cases: list[int], scale: float) -> np.ndarray:
+    """Shares of the probability of these minima, shape (cases,), each as a normal distribution of its own (Laplace);
+    χ² counts by `scale`."""
+    logs = [-found.cost[k] / scale - 0.5 * np.linalg.slogdet(curvature(problem, found, k, scale))[1] for k in cases]
     shares = np.exp(np.array(logs) - max(logs))
     return shares / np.sum(shares)
 

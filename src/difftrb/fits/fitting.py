@@ -229,7 +229,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
     values = every[best]
     converged = np.where(found.converged[best], status.CONVERGED, status.NOT_CONVERGED)
     others = _alternatives(problem, tried, every)
-    weight = fit_result.weights(problem, found, [best, *others], tried.scale, basin_spacings(problem))
+    weight = fit_result.weights(problem, found, [best, *others], tried.scale)
     pieces = _pieces(problem, tried, others, every, _among_likeliest(weight)[1:])
     return Fit(
         parameters=tuple(parameter.name for parameter in problem.parameters),
@@ -297,20 +297,21 @@ def _pieces(
     4); `values` of all minima.
 
     A profile follows one minimum, and `others` may be as good: each of them whose χ² is within the limit has a piece,
-    too, as of a normal distribution, no longer than basins lie apart. One that is `likely`, shape (others,), has its
-    own 95 % as well: where the least χ² is in a narrow basin, wide ones that rise above the limit may be likelier.
-    Pieces that overlap are one.
+    too, as of a normal distribution, to either side no longer than basins lie apart. One that is `likely`, shape
+    (others,), has its own 95 % as well: where the least χ² is in a narrow basin, wide ones that rise above the limit
+    may be likelier. Pieces that overlap are one.
     """
     found, bounds, best = tried.found, problem.bounds, tried.best
     ends = [np.column_stack([bounds.values(tried.profiles.ends.T).T, tried.profiles.open])]
     for k, counts in zip(others, likely, strict=True):
         left = tried.limits.end - (0.0 if counts else 2.0 * (found.cost[k] - found.cost[best]))
         if left > 0.0:
-            own = np.diag(profile_intervals.covariance(found.normal[k], found.points[k]))
-            away = np.minimum(np.sqrt(left * np.maximum(own, 0.0)), basin_spacings(problem))
-            both = np.stack([found.points[k] - away, found.points[k] + away])
+            own = np.diag(np.linalg.inv(fit_result.curvature(problem, found, k)))
+            away = np.minimum(np.sqrt(left * own), 0.25 * basin_spacings(problem))
+            both = least_squares.shares_of(found.points[k]) + np.stack([-away, away])
             turn = fit_parameters.wrapped(problem.parameters, values[k], values[best]) - values[k]
-            ends.append(np.column_stack([(bounds.values(both) + turn).T, (np.abs(both) > AT_BOUND).T]))
+            beyond = both[0] < least_squares.shares_of(-AT_BOUND), both[1] > least_squares.shares_of(AT_BOUND)
+            ends.append(np.column_stack([(bounds.values(least_squares.at_shares(both)) + turn).T, *beyond]))
     return [_united(own) for own in np.stack(ends, axis=1)]
 
 

@@ -47,6 +47,11 @@ def at_shares(shares: np.ndarray) -> np.ndarray:
     return np.log(inside / (1.0 - inside))
 
 
+def shares_of(u: Any) -> Any:
+    """What shares of that way are gone at these coordinates, of any shape."""
+    return 1.0 / (1.0 + np.exp(-u))
+
+
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Bounds:
@@ -83,7 +88,7 @@ class Bounds:
     def slope(self, u: np.ndarray) -> np.ndarray:
         """Slope of the values, of sizes their logarithms, by coordinates, shape (n,)."""
         low, high = self.ends()
-        share = 1.0 / (1.0 + np.exp(-u))
+        share = shares_of(u)
         return (high - low) * share * (1.0 - share)
 
     def rate(self, u: np.ndarray) -> np.ndarray:
