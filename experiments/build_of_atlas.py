@@ -62,15 +62,15 @@ CHECKED = 0.05, 2.5
 EDGE_LENGTHS = 0.15, 1.0
 """Variables of spalls' lengths between which ramps are solved; those of shorter ones are as there."""
 CHECKS = 80
-OVER_END = 3
+OVER_END, BOTH_EDGES = 3, 4
 LIGHTEST = 0.01
 """Least load of a solve at an edge, by what the roller carries on a healthy raceway."""
 BESIDE = 1.03
 """How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
 WIDE = 1000.0
-NARROW, NARROW_RIDGE, NARROW_ROUNDS = 8000, 1e-2, 4
-"""How many random contacts with two edges tell where the one edge for both stands; the noise of loads by the size of
-the coefficients; rounds of least squares."""
+NARROW, NARROW_RIDGE, NARROW_ROUNDS = (8000, 800), 1e-2, 4
+"""How many random contacts with two edges tell where the one edge for both stands, inside the roller and over its end;
+the noise of loads by the size of the coefficients; rounds of least squares."""
 NARROWEST, WIDTHS = (0.01, 0.3), (0.05, 2.5)
 """Widths of every fifth of these and of the others, by the ramp's end."""
 
@@ -171,7 +171,8 @@ def _blank(size: Size) -> Atlas:
         np.asarray(chebyshev_nodes(size.edge_numbers + 2, lowest, highest))[1:-1],  # beyond, shares are as there
         np.asarray(chebyshev_nodes(size.edge_lengths, *EDGE_LENGTHS)),
         np.asarray(chebyshev_nodes(size.edge_asides, 0.0, 1.0)),
-        np.zeros((*edges, size.levels, edge_ramp.TERMS)), _no_shift(), np.full(4, nan), np.asarray(nan),
+        np.zeros((*edges, size.levels, edge_ramp.TERMS)), np.array([_no_shift(), _no_shift()]), np.full(4, nan),
+        np.asarray(nan),
     )  # fmt: skip
 
 
@@ -350,30 +351,33 @@ def _aims(law: TableLaw, spall: Spall, levels: int, places: int) -> tuple[jax.Ar
     return jax.vmap(at)(jnp.exp(chebyshev_nodes(levels, top - np.log(edge_ramp.LOAD_SPAN), top)))
 
 
+def kept(folder: Path, name: str, make: Callable[[Progress | None], storage.Arrays]) -> storage.Arrays:
+    """What `make` returns, or returned before: it is kept in `folder`, which is for one build with one set of the
+    numbers in this file."""
+    path = folder / f"{name}.npz"
+    found = storage.read(path)
+    if found is None:
+        with console.bar(name) as bar:
+            found = make(bar)
+        storage.write(path, found)
+    return found
+
+
 def build(folder: Path, size: Size) -> Atlas:
     """The atlas, from what is kept in `folder` and solves."""
     built = _blank(size)
 
-    def kept(name: str, make: Callable[[int, Progress | None], storage.Arrays], k: int) -> storage.Arrays:
-        path = folder / f"{name}-{k}.npz"
-        found = storage.read(path)
-        if found is None:
-            with console.bar(f"{name} {k + 1}") as bar:
-                found = make(k, bar)
-            storage.write(path, found)
-        return found
-
     for k in range(size.numbers):
-        for field, value in kept("levels", partial(levels, size, built), k).items():
+        for field, value in kept(folder, f"levels-{k}", partial(levels, size, built, k)).items():
             getattr(built, field)[k] = value
     # an atlas keeps what it has put together to be read: of all levels at once, and anew with what is found by them
-    lights = [kept("light", partial(light, size, built), k)["light"] for k in range(size.numbers)]
+    lights = [kept(folder, f"light-{k}", partial(light, size, built, k))["light"] for k in range(size.numbers)]
     built = dataclasses.replace(built, light=np.array(lights))
     middle = size.edge_numbers // 2
     for k in sorted(range(size.edge_numbers), key=lambda k: abs(k - middle)):
-        solves = kept("edges", partial(edges, size, built), k)
+        solves = kept(folder, f"edges-{k}", partial(edges, size, built, k))
         built.share[k] = shares(size, built, k, solves)
-    return with_narrow(dataclasses.replace(built), folder, size)  # another one to programs, which hold shares of 0
+    return with_narrow(built, folder, size)
 
 
 # ------------------------------------------------------------------------------------ both edges of a spall in reach
@@ -381,24 +385,23 @@ def build(folder: Path, size: Size) -> Atlas:
 
 def with_narrow(built: Atlas, folder: Path, size: Size) -> Atlas:
     """The atlas with its `shift`, from what is kept in `folder` and solves."""
-    built = dataclasses.replace(built, shift=_no_shift())
-    path = folder / "narrow.npz"
-    solves = storage.read(path)
-    if solves is None:
-        with console.bar("narrow") as bar:
-            solves = narrow(built, size, bar)
-        storage.write(path, solves)
-    return dataclasses.replace(built, shift=shifts(built, solves["narrow"]))
+    built = dataclasses.replace(built, shift=np.array([_no_shift(), _no_shift()]))
+
+    solves = [kept(folder, f"narrow-{int(end)}", partial(narrow, size, built, end)) for end in (False, True)]
+    return dataclasses.replace(built, shift=np.array([shifts(built, own["narrow"]) for own in solves]))
 
 
-def narrow(built: Atlas, size: Size, progress: Progress | None = None) -> storage.Arrays:
-    """Random contacts with both edges of a spall inside the roller in reach: λ, spall's length, width and axial offset,
-    its distance [mm], load [N] and approach [mm], shape (contacts, 7)."""
-    rng, found = np.random.default_rng(29), []
-    for done in range(NARROW):
+def narrow(size: Size, built: Atlas, over_end: bool, progress: Progress | None = None) -> storage.Arrays:
+    """Random contacts with both edges of a spall in reach, inside the roller or over its end: λ, spall's length, width
+    and axial offset, its distance [mm], load [N] and approach [mm], shape (contacts, 7)."""
+    rng, found, count = np.random.default_rng(29), [], NARROW[over_end]
+    for done in range(count):
+        if progress is not None:
+            progress(done, count)
         number = float(np.exp(rng.uniform(*np.log(NUMBERS))))
         contact, load = contact_at(number), DESIGN_LOAD * float(np.exp(rng.uniform(*np.log(CHECKED))))
-        spall = spall_at(number, rng.uniform(), float(rng.uniform()) if done % 2 else 0.0, False)
+        aside = float(rng.uniform()) if done % 2 and not over_end else 0.0
+        spall = spall_at(number, rng.uniform(), aside, over_end)
         _, _, low, high = map(float, _at(law_of(built, contact), spall, jnp.asarray(load)))
         width = high * float(rng.uniform(*WIDTHS) if done % 5 else np.exp(rng.uniform(*np.log(NARROWEST))))
         distance = rng.uniform() * (0.5 * width - BESIDE * low)
@@ -407,11 +410,13 @@ def narrow(built: Atlas, size: Size, progress: Progress | None = None) -> storag
         _, fits, within = strip_reach.judged(inputs, mirrored)
         if fits and within:
             solution = ways.by_strips(jax.tree.map(jnp.asarray, inputs), False, 2, size.narrow_accuracy)
-            if bool(solution.converged):
-                sizes = float(spall.length), width, float(spall.axial_offset)
-                found.append((number, *sizes, distance, load, float(solution.approach)))
-        if progress is not None:
-            progress(done + 1, NARROW)
+        elif over_end:  # strips want land behind an edge, cells do not
+            solution = solver.solve_contact(contact, load, spall, distance, size.narrow_accuracy, "cells")
+        else:
+            continue
+        if bool(solution.converged):
+            sizes = float(spall.length), width, float(spall.axial_offset)
+            found.append((number, *sizes, distance, load, float(solution.approach)))
     return {"narrow": np.array(found)}
 
 
@@ -445,7 +450,7 @@ def _off_by_shift(built: Atlas, solves: jax.Array, by: jax.Array) -> tuple[jax.A
         found = narrow_spall.equivalent_edge(near, plane, approach, low, high, level)
 
         def off(by: jax.Array) -> jax.Array:
-            edge = narrow_shift.moved(near, found, low, high, by)
+            edge = narrow_shift.moved(near, found, width, low, high, by)
             return (edge_ramp.carried(dataclasses.replace(ramp, edge=edge, narrow=None), approach) - load) / healthy
 
         number, place, _ = law.place_among(spall)
@@ -465,11 +470,13 @@ class Check(NamedTuple):
     error: float
 
 
-def checks(built: Atlas, count: int, seed: int, region: int, narrow: bool = False) -> list[Check]:
-    """Random contacts between the nodes, of spalls in one region of `Atlas.errors`; half of them on ramps or, if
-    `narrow`, all near the middle of spalls with both edges in reach."""
-    rng, found = np.random.default_rng(seed), []
+def checks(built: Atlas, count: int, seed: int, region: int) -> list[Check]:
+    """Random contacts between the nodes, of spalls in one region of `Atlas.errors`, half of them on ramps; or, in
+    `BOTH_EDGES`, of narrow spalls in all of these in turn, the roller no farther from the middle than half its contact.
+    """
+    rng, found, narrow, regions = np.random.default_rng(seed), [], region == BOTH_EDGES, OVER_END + 1
     for done in range(count):
+        region = done % regions if narrow else region
         number = float(np.exp(rng.uniform(*np.log(NUMBERS))))
         contact, load = contact_at(number), DESIGN_LOAD * float(np.exp(rng.uniform(*np.log(CHECKED))))
         law = law_of(built, contact)
@@ -507,13 +514,13 @@ def main(arguments: list[str]) -> int:
     """Build, compare, write."""
     folder, alone = Path(arguments[0]), "narrow" in arguments[1:]
     built = with_narrow(atlas.shipped(), folder, Size()) if alone else build(folder, Size())
-    kept = []
+    off_by = []
     for region in range(5):
-        off = np.abs([check.error for check in checks(built, CHECKS, 0, region % 4, region == 4)])
-        kept.append(np.quantile(off, 0.9))
+        off = np.abs([check.error for check in checks(built, CHECKS, 0, region)])
+        off_by.append(np.quantile(off, 0.9))
         name = ("inner third", "middle third", "outer third", "over the end", "narrow")[region]
-        print(f"{name}: median {np.median(off):.1e}, nine in ten {kept[-1]:.1e}, worst {off.max():.1e}")
-    built = dataclasses.replace(built, errors=np.array(kept[:4]), narrow_error=np.asarray(kept[4]))
+        print(f"{name}: median {np.median(off):.1e}, nine in ten {off_by[-1]:.1e}, worst {off.max():.1e}")
+    built = dataclasses.replace(built, errors=np.array(off_by[:4]), narrow_error=np.asarray(off_by[4]))
     storage.write(folder / atlas.FILE, {name: np.asarray(value) for name, value in dataclasses.asdict(built).items()})
     return 0
 

@@ -1,6 +1,7 @@
 """A contact that a program solves by numpy, outside of itself, while it runs: there is next to nothing to compile.
 
-For programs that solve tens of contacts: one takes some ten times as long as compiled, which takes a minute first.
+For programs that solve tens of contacts: one takes some ten times as long as compiled, which takes ten seconds to half
+a minute first.
 """
 
 from __future__ import annotations

@@ -69,9 +69,9 @@ def solve_contact(
     reverse; pressures are by cells, while those of strips count as constant. `jit` and `vmap` as you like (`lax.map` is
     faster for batches on a CPU). Of numbers, strips are solved by numpy and compile nothing, cells compile one small
     program for all contacts of as many cells; inside `jit`, `grad` or `vmap`, "auto" compiles strips of this accuracy
-    and cells, for half a minute, and chooses as it runs. There "numpy" has contacts solved by numpy outside of the
-    program, one after another: it compiles in a second and takes several spalls by strips, too, but a contact takes
-    some ten times as long. It is for programs that solve tens of contacts.
+    and cells, for ten seconds to half a minute, and chooses as it runs. There "numpy" has contacts solved by numpy
+    outside of the program, one after another: it compiles in a second and takes several spalls by strips, too, but a
+    contact takes some ten times as long. It is for programs that solve tens of contacts.
 
     Raises `SceneError` for an accuracy or a tilt out of range, a method that cannot take the case, offsets that are not
     as many as spalls, and what is no contact; SolveError without float64; everything else ends as a status in the

@@ -60,7 +60,7 @@ def first_that_does(
                 break
         if method == "numpy":
             return by("strips", beneath, accuracy)
-        # beside a sliver of land at the roller's end cells are ten times as far off as elsewhere
+        # beside a sliver of land at the roller's end cells are ten times as far off: finer ones, where there are any
         return by("cells", None, _others(accuracy)[0] if fits and not within else accuracy)
 
 

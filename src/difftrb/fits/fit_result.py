@@ -145,11 +145,11 @@ class Fit(status.Judged):
     def interval_in_words(self, i: int) -> str:
         """The pieces of an interval; an end that the range sets and not the data is left out. Many are shown as one."""
         pieces, (no_low, no_high) = self.pieces[i], self.open[i]
+        if len(pieces) > MOST_SHOWN:
+            pieces = self.intervals[i : i + 1]
         period = self.problem.parameters[i].period or np.inf
         if len(pieces) == 1 and ((no_low and no_high) or np.ptp(pieces) >= period):
             return "any"
-        if len(pieces) > MOST_SHOWN:
-            pieces = self.intervals[i : i + 1]
         ends = [(f"{low:.4g}", f"{high:.4g}") for low, high in pieces]
         words = [low if low == high else f"{low} … {high}" for low, high in ends]
         if no_low:

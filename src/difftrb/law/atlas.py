@@ -40,10 +40,11 @@ class Atlas:
         tenth of that, shape (numbers, lengths, asides + 1).
       edge_numbers, edge_lengths, edge_asides: nodes at which ramps are solved.
       share: as `edge_ramp.in_powers` takes it, shape (edge numbers, edge lengths, edge asides + 1, levels, terms).
-      shift: of the edge for both edges of a narrow spall, see `narrow_shift`, by powers of λ's, the length's and the
-        level's number, shape (4, 4, 4).
-      errors: of a load by a healthy roller's, against contact solves between the nodes: what nine in ten keep, of
-        spalls in the inner, the middle and the outer third of the places aside, and over the roller's end, shape (4,).
+      shift: of the edge for both edges of a narrow spall, see `narrow_shift`, inside the roller and over its end, by
+        powers of λ's, the length's and the level's number, shape (2, 4, 4, 4).
+      errors: of a load, as a share of a healthy roller's, against contact solves between the nodes: what nine in ten
+        keep, of spalls in the inner, the middle and the outer third of the places aside, and over the roller's end,
+        shape (4,).
       narrow_error: the same of spalls with both edges in reach.
     """
 

@@ -1,10 +1,11 @@
 """What rows along a narrow spall make of each other: how far from plane strain's the one edge for both its edges is.
 
 `narrow_spall` finds it in plane strain, every row of the contact by itself. In truth rows lean on each other, and on
-what lies beyond the spall's ends. With s the share of the way from the ramp's beginning to the near edge at which plane
-strain has that edge, it stands at s + s (1 − s) c. Where the spall has no width s is 0, where the far land is out of
-reach 1: there nothing changes. c is a cubic of log λ, the spall's length variable and the load's level, fitted to
-contact solves and kept in the atlas; with the width, s and the place aside it would tell little more.
+what lies beyond the spall's ends. Plane strain has the one edge at the shares s₁ and s₂ of the ways from the ramp's
+beginning to the near and to the far edge; in space it has gone (1 − s₁)(1 − s₂) c times as much farther. Where the
+spall has no width it is at the ramp's beginning, where the far land is out of reach s₁ is 1: there nothing changes. To
+both sides of the spall's middle it is the same, and smooth. c is a cubic of log λ, the spall's length variable and the
+load's level, fitted to contact solves and kept in the atlas.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ DEGREE = 3
 EXPONENTS = np.array([e for e in itertools.product(range(DEGREE + 1), repeat=3) if sum(e) <= DEGREE])
 """Of the cubic's terms: powers of λ's, the length's and the level's number, shape (20, 3)."""
 FARTHEST = 0.95
-"""Most that c may be: the edge for both goes on between the ramp's beginning and the near edge."""
+"""Bound of |c|: the edge stays between the ramp's beginning and the near edge."""
 
 
 def by_level(shift: np.ndarray, number: Any, length: Any) -> Any:
@@ -39,14 +40,15 @@ def terms(number: Any, length: Any, level: Any) -> Any:
     return first * second * third
 
 
-def moved(near: Any, found: Any, low: Any, high: Any, by: Any) -> Any:
-    """Where the edge for both stands [mm] if c is `by`, of the near edge, the one that plane strain finds, and the
-    ramp's beginning and end [mm]."""
-    way = xp.maximum(xp.minimum(near, high) - low, -1e-9 * low)
-    s = xp.within((found - low) / way, 0.0, 1.0)
-    return found + way * (s * (1.0 - s) * by)
+def moved(near: Any, found: Any, width: Any, low: Any, high: Any, by: Any) -> Any:
+    """Where the edge for both stands [mm] if c is `by`, of the near edge, the one that plane strain finds, the spall's
+    width, and the ramp's beginning and end [mm]."""
+    least = -1e-9 * low
+    way, far = found - low, xp.maximum(width - near - low, least)
+    beyond = xp.within(1.0 - way / xp.maximum(xp.minimum(near, high) - low, least), 0.0, 1.0)
+    return found + way * beyond * (1.0 - way / far) * by
 
 
-def in_space(near: Any, found: Any, low: Any, high: Any, level: Any, shift: Any) -> Any:
+def in_space(near: Any, found: Any, width: Any, low: Any, high: Any, level: Any, shift: Any) -> Any:
     """The same with c of `by_level`, shape (4, …)."""
-    return moved(near, found, low, high, xp.within(series.polynomial(shift, level), -FARTHEST, FARTHEST))
+    return moved(near, found, width, low, high, xp.within(series.polynomial(shift, level), -FARTHEST, FARTHEST))

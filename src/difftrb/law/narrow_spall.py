@@ -274,7 +274,7 @@ def _found(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any, l
     found = _in_rounds(edge, across, approach, low, high)
     if across.shift is None:
         return found
-    return narrow_shift.in_space(edge, found, low, high, level, across.shift)
+    return narrow_shift.in_space(edge, found, across.width, low, high, level, across.shift)
 
 
 def _in_rounds(edge: Any, across: NarrowSpall, approach: Any, low: Any, high: Any) -> Any:

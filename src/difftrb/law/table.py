@@ -14,7 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from difftrb.contact import crown, gap
+from difftrb.contact import contact_extent, crown, gap
 from difftrb.core import arrays as xp
 from difftrb.core import status
 from difftrb.core.geometry import LineContact, Real, Spall
@@ -37,9 +37,10 @@ from difftrb.law.ramp_fit import Healthy
 from difftrb.law.roller_curves import RollerCurves, edge_beyond
 
 LIGHTEST = 0.03
-"""Least load of the most loaded roller by the design load; the lighter ones then weigh too little for their error."""
+"""Least load of the most loaded roller, as a share of the design load; lighter ones then weigh too little for their
+error."""
 DEEPEST = 140.0
-"""No approach in the atlas is larger, in its unit."""
+"""No roller of a ring comes nearer, in the atlas's unit: a healthy one has come by 43 under its largest load."""
 NO_LAND = 1.0
 """Height of the crown [mm] that stands for what lies beyond the roller's end: no approach is as large."""
 
@@ -161,10 +162,11 @@ class TableLaw:
 
     def of_both_edges(self, beside: Ramp, spall: Spall) -> Ramp:
         """The ramp of the spall's edge for both of them."""
-        height = crown.height(spall.axial_offset + 0.5 * spall.length * np.asarray(narrow_spall.ALONG), self.contact)
+        low, high = contact_extent.ends_along(self.contact, spall)
+        height = crown.height(0.5 * (low + high) + 0.5 * (high - low) * np.asarray(narrow_spall.ALONG), self.contact)
         number, length, over_end = self.place_among(spall)
-        shift = narrow_shift.by_level(self.atlas.shift, number, length)
-        shift = shift * xp.where(over_end, 0.0, 1.0)  # of spalls over the roller's end none was fitted
+        inside, over = self.atlas.shift
+        shift = narrow_shift.by_level(xp.where(over_end, over, inside), number, length)
         narrow = NarrowSpall(xp.asarray(spall.width), xp.minimum(height, NO_LAND), shift)
         return dataclasses.replace(beside, narrow=narrow)
 
@@ -180,7 +182,7 @@ def _place(contact: LineContact, spall: Spall) -> Place:
 
 
 def _farthest(contact: LineContact) -> Any:
-    """No edge farther than this from a roller's middle touches it [mm], under any load of the atlas."""
+    """No edge farther than this from a roller's middle touches it [mm]."""
     return gap.certain_reach(contact.radius, DEEPEST * crown.scale(contact))
 
 

@@ -29,9 +29,9 @@ UNKNOWN = (status.SLIVER, status.OTHER_CONTACT, status.SEVERAL, status.BOTTOM, s
 """What the table does not know, and contact solves may."""
 PREPARED = 1e-3
 """`accuracy` of every scene that "auto" has prepared. It no longer matters; one value is one program for all."""
-NARROW = 5.0
-"""How many times as far off the worst of narrow spalls is as what nine in ten keep, which the table says: 1.3e-2 for
-2.8e-3 (docs/evidence.md); of wide ones few are, and less."""
+NARROW = 7.5
+"""How many times as far off the worst of 400 narrow spalls is as what nine in ten keep, which the table says: 1.8e-2
+for 2.4e-3 (docs/evidence.md); of wide ones few are, and less."""
 TILTED = (
     "effects.tilt: contacts of rollers that tilt are solved for one scene at a time, in numbers: prepare the scene "
     "first, difftrb.prepare(scene), or take contact.law = 'palmgren', slices of ISO/TS 16281"
@@ -51,8 +51,13 @@ def prepared(scene: Scene, progress: Progress | None = None) -> Scene:
         return ready
     unknown = int(solve_prepared(ready).status_code) in UNKNOWN
     every = cast(tuple[TableLaw, ...], raceway_laws(ready))
-    coarse = any(law.error * (NARROW if law.error >= law.atlas.narrow_error else 1.0) > scene.accuracy for law in every)
+    coarse = any(law.error * (NARROW if _of_narrow(law) else 1.0) > scene.accuracy for law in every)
     return refined(scene, progress) if unknown or coarse else ready
+
+
+def _of_narrow(law: TableLaw) -> bool:
+    """Whether its error is that of spalls with both edges in reach; one without width has none."""
+    return law.narrow and bool(law.error >= law.atlas.narrow_error)
 
 
 def by_table(scene: Scene) -> Scene:
