@@ -152,7 +152,7 @@ def test_what_rows_make_of_each_other_moves_it_between_its_limits(by: float) -> 
     for near, width in ((0.05, 0.1), (0.1, 0.2), (0.0, 0.12), (0.06, 0.2)):
         plane, found = (float(edge_of(np.asarray(near), np.asarray(width), own)) for own in (None, shift))
         c = np.clip(by, -narrow_shift.FARTHEST, narrow_shift.FARTHEST)
-        rest = np.prod([1.0 - (plane - LOW) / (edge - LOW) for edge in (near, width - near)])
+        rest = np.prod([1.0 - ((plane - LOW) / (edge - LOW)) ** 6 for edge in (near, width - near)])
         assert found == pytest.approx(plane + (plane - LOW) * rest * c, rel=1e-12)
         assert LOW < found < near
     middle, h = 0.05, 1e-6

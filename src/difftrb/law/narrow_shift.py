@@ -2,10 +2,11 @@
 
 `narrow_spall` finds it in plane strain, every row of the contact by itself. In truth rows lean on each other, and on
 what lies beyond the spall's ends. Plane strain has the one edge at the shares s₁ and s₂ of the ways from the ramp's
-beginning to the near and to the far edge; in space it has gone (1 − s₁)(1 − s₂) c times as much farther. Where the
+beginning to the near and to the far edge; in space it has gone (1 − s₁⁶)(1 − s₂⁶) c times as much farther. Where the
 spall has no width it is at the ramp's beginning, where the far land is out of reach s₁ is 1: there nothing changes. To
-both sides of the spall's middle it is the same, and smooth. c is a cubic of log λ, the spall's length variable and the
-load's level, fitted to contact solves and kept in the atlas.
+both sides of the spall's middle it is the same, and flat, as sinking is: with lower powers loads are no less exact, but
+how they go with the angle is not. c is a cubic of log λ, the spall's length variable and the load's level, fitted to
+contact solves and kept in the atlas.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from difftrb.core import series
 DEGREE = 3
 EXPONENTS = np.array([e for e in itertools.product(range(DEGREE + 1), repeat=3) if sum(e) <= DEGREE])
 """Of the cubic's terms: powers of λ's, the length's and the level's number, shape (20, 3)."""
-FARTHEST = 0.95
+FARTHEST = 1.0 / 6.0
 """Bound of |c|: the edge stays between the ramp's beginning and the near edge."""
 
 
@@ -45,8 +46,14 @@ def moved(near: Any, found: Any, width: Any, low: Any, high: Any, by: Any) -> An
     width, and the ramp's beginning and end [mm]."""
     least = -1e-9 * low
     way, far = found - low, xp.maximum(width - near - low, least)
-    beyond = xp.within(1.0 - way / xp.maximum(xp.minimum(near, high) - low, least), 0.0, 1.0)
-    return found + way * beyond * (1.0 - way / far) * by
+    short = xp.within(way / xp.maximum(xp.minimum(near, high) - low, least), 0.0, 1.0)
+    return found + way * _rest(short) * _rest(way / far) * by
+
+
+def _rest(share: Any) -> Any:
+    """1 − s⁶."""
+    cube = share * share * share
+    return 1.0 - cube * cube
 
 
 def in_space(near: Any, found: Any, width: Any, low: Any, high: Any, level: Any, shift: Any) -> Any:
