@@ -93,9 +93,9 @@ def test_scene_without_a_solution_is_said_to_be_one(auto: trb.Scene, solves: dic
     assert solution.picked.law == "table"
 
 
-@pytest.mark.parametrize(("asked", "law"), [(5e-3, "direct"), (2e-2, "table")])
+@pytest.mark.parametrize(("asked", "law"), [(5e-3, "direct"), (1e-2, "table")])
 def test_of_narrow_spalls_the_worst_counts(bearing: trb.TaperedBearing, solves: dict, asked: float, law: str) -> None:
-    """The table says 2.4e-3 of them, which nine in ten keep; one of 400 contacts was 1.8e-2 off."""
+    """The table says 2.0e-3 of them, which nine in ten keep; one of 400 contacts was 6.1e-3 off."""
     scene = trb.Scene(bearing, trb.Load(9000.0, 4500.0), (trb.Spall(4.0, 0.1, angle=1.0),), accuracy=asked)
     assert trb.prepare(scene).law.name == law
 
@@ -110,7 +110,7 @@ def test_a_spall_without_width_is_none(bearing: trb.TaperedBearing, solves: dict
 
 @pytest.mark.parametrize(("width", "law"), [(0.2, "direct"), (4.0, "table")])
 def test_both_raceways_laws_count(bearing: trb.TaperedBearing, solves: dict, width: float, law: str) -> None:
-    """A narrow spall on the inner raceway, of which the table says 2.4e-3: only the outer one's 2.9e-4 was asked."""
+    """A narrow spall on the inner raceway, of which the table says 2.0e-3: only the outer one's 2.9e-4 was asked."""
     spall = trb.Spall(8.0, width, surface="inner")
     ready = trb.prepare(trb.Scene(bearing, trb.Load(9000.0, 4500.0), (spall,), accuracy=2e-3, phase=0.05))
     assert ready.law.name == law

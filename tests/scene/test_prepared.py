@@ -248,7 +248,7 @@ def test_commands_on_numbers_compile_nothing(command: tuple[str, ...], tmp_path)
 
 @pytest.mark.parametrize(
     ("function", "phase", "most"),
-    [(trb.solve, 0.0, 6150), (jax.grad(stiffness), 0.0, 12600)],
+    [(trb.solve, 0.0, 6200), (jax.grad(stiffness), 0.0, 12750)],
     ids=["value", "gradient"],
 )
 def test_programs_stay_small(function, phase: float | str, most: int) -> None:

@@ -29,9 +29,9 @@ UNKNOWN = (status.SLIVER, status.OTHER_CONTACT, status.SEVERAL, status.BOTTOM, s
 """What the table does not know, and contact solves may."""
 PREPARED = 1e-3
 """`accuracy` of every scene that "auto" has prepared. It no longer matters; one value is one program for all."""
-NARROW = 7.5
-"""How many times as far off the worst of 400 narrow spalls is as what nine in ten keep, which the table says: 1.8e-2
-for 2.4e-3 (docs/evidence.md); of wide ones few are, and less."""
+NARROW = 3.5
+"""How many times as far off the worst of 400 narrow spalls is as what nine in ten keep, which the table says: 6.1e-3
+for 2.0e-3 (docs/evidence.md); of wide ones few are, and less."""
 TILTED = (
     "effects.tilt: contacts of rollers that tilt are solved for one scene at a time, in numbers: prepare the scene "
     "first, difftrb.prepare(scene), or take contact.law = 'palmgren', slices of ISO/TS 16281"
