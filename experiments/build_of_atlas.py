@@ -68,16 +68,17 @@ LIGHTEST = 0.01
 BESIDE = 1.03
 """How far beyond its ends the ramp is solved to find the levels it joins, both on one and the same grid."""
 WIDE = 1000.0
-NARROW, NARROW_RIDGE, NARROW_ROUNDS = (8000, 800), 1e-2, 4
-"""How many random contacts with two edges tell where the one edge for both stands, inside the roller and over its end;
-the noise of loads by the size of the coefficients; rounds of least squares."""
+NARROW_RIDGE, NARROW_ROUNDS = 1e-2, 4
+"""Of the least squares that tell where the one edge for both stands: noise of loads by the size of the coefficients,
+and rounds."""
 NARROWEST, WIDTHS = (0.01, 0.3), (0.05, 2.5)
 """Widths of every fifth of these and of the others, by the ramp's end."""
 
 
 class Size(NamedTuple):
-    """How many nodes the atlas has; at how many loads, lengths and levels more contacts are solved than it keeps; and
-    how exact they are without and with a rolling edge in reach."""
+    """How many nodes the atlas has; at how many loads, lengths and levels more contacts are solved than it keeps; how
+    many random ones with two edges, inside the roller and over its end; and how exact they are without, with one and
+    with two rolling edges in reach."""
 
     numbers: int = 8
     loads: int = 12
@@ -91,6 +92,7 @@ class Size(NamedTuple):
     levels: int = 7
     solved_levels: int = 8
     places: int = 12
+    narrow: tuple[int, int] = 8000, 800
     accuracy: float = 1e-5
     edge_accuracy: float = 3e-5
     narrow_accuracy: float = 1e-4
@@ -394,7 +396,7 @@ def with_narrow(built: Atlas, folder: Path, size: Size) -> Atlas:
 def narrow(size: Size, built: Atlas, over_end: bool, progress: Progress | None = None) -> storage.Arrays:
     """Random contacts with both edges of a spall in reach, inside the roller or over its end: λ, spall's length, width
     and axial offset, its distance [mm], load [N] and approach [mm], shape (contacts, 7)."""
-    rng, found, count = np.random.default_rng(29), [], NARROW[over_end]
+    rng, found, count = np.random.default_rng(29), [], size.narrow[over_end]
     for done in range(count):
         if progress is not None:
             progress(done, count)

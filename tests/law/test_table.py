@@ -114,10 +114,11 @@ def test_an_atlas_is_read_as_it_was_built(tmp_path) -> None:
     """The smallest one: what one step put together to be read was kept for the next ones, before all was there."""
     size = build_of_atlas.Size(
         numbers=2, loads=4, solved_loads=6, lengths=3, asides=2, edge_numbers=2, edge_lengths=2, solved_lengths=2,
-        edge_asides=2, levels=2, solved_levels=2, places=2, accuracy=1e-2, edge_accuracy=1e-2,
+        edge_asides=2, levels=2, solved_levels=2, places=2, narrow=(20, 10), accuracy=1e-2, edge_accuracy=1e-2,
+        narrow_accuracy=1e-2,
     )  # fmt: skip
     built = build_of_atlas.build(tmp_path, size)
-    for name in ("healthy", "half_width", "full", "sunk", "light", "share"):
+    for name in ("healthy", "half_width", "full", "sunk", "light", "share", "shift"):
         assert np.isfinite(getattr(built, name)).all(), name
     np.testing.assert_array_equal(
         built.over_middle, np.concatenate([built.full, built.sunk, built.light[..., None]], -1)
