@@ -15,7 +15,6 @@ from difftrb.fits import (
     suspects,
     undetermined,
 )
-from difftrb.fits import parameters as fit_parameters
 from difftrb.fits.fit_result import Fit
 from difftrb.fits.least_squares import AT_BOUND
 from difftrb.fits.measured import so_many
@@ -77,8 +76,7 @@ def judged(fit: Fit, scan: Scan) -> dict[str, Any]:
     whole = np.array([len(own) == 1 for own in fit.pieces])
     clear = whole & ~unclear & fit.explained & (not wrong) & (not healthy) & (not beyond)
     for other in fit.alternatives:
-        near = fit_parameters.wrapped(fit.problem.parameters, other.values, fit.values)
-        clear &= ~fit_result.outside(near, fit.values, fit.own_intervals)
+        clear &= ~fit_result.outside(fit.problem.parameters, other.values, fit.values, fit.own_intervals)
     return {"remarks": tuple(remarks), "doubts": doubts, "determined_each": clear}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -13,10 +14,12 @@ import scipy.special
 
 from difftrb.core import status
 from difftrb.core.jax_config import jit_quickly
+from difftrb.fits import parameters as fit_parameters
 from difftrb.fits import predicted, profile_intervals
 from difftrb.fits.fit_problem import Problem, basin_spacings
 from difftrb.fits.least_squares import Least, shares_of
 from difftrb.fits.measured import Measurement, so_many
+from difftrb.fits.parameters import Parameter
 from difftrb.fits.profile_intervals import KnownCosts, Profiles
 from difftrb.scene.scene import Scene
 
@@ -201,7 +204,7 @@ class Fit(status.Judged):
     def along(self, i: int, coordinates: np.ndarray) -> np.ndarray:
         """Values of the i-th parameter at its coordinates, any one shape."""
         low, high = (end[i] for end in self.problem.bounds.ends())
-        raw = low + (high - low) / (1.0 + np.exp(-coordinates))
+        raw = low + (high - low) * shares_of(coordinates)
         return np.exp(raw) if self.problem.bounds.logarithmic[i] else raw
 
     def ridge(self, box: np.ndarray, points: int = 21) -> np.ndarray:
@@ -235,8 +238,10 @@ def _by_data(problem: Problem, u: jax.Array | np.ndarray) -> jax.Array:
     return jax.jacfwd(problem.bounds.values)(u) @ moved
 
 
-def outside(values: np.ndarray, best: np.ndarray, intervals: np.ndarray) -> np.ndarray:
-    """Which values, shape (…, parameters), lie outside of the intervals of the `best` ones, by more than rounding."""
+def outside(parameters: Sequence[Parameter], values: np.ndarray, best: np.ndarray, intervals: np.ndarray) -> np.ndarray:
+    """Which values, shape (…, parameters), lie outside of the intervals of the `best` ones, by more than rounding; of
+    what has a period they are taken next to the best."""
+    values = fit_parameters.wrapped(parameters, values, best)
     near = 1e-3 * np.abs(best) + 1e-6
     return (values < intervals[:, 0] - near) | (values > intervals[:, 1] + near)
 

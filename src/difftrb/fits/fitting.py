@@ -268,8 +268,7 @@ def _result(rows: tuple[Measurement, ...], problem: Problem, tried: Tried, estim
 def _alternatives(problem: Problem, tried: Tried, values: np.ndarray) -> list[int]:
     """Minima that it is not sure to be without, and that the best one's intervals do not hold; `values` of all."""
     found, best, intervals = tried.found, tried.best, problem.bounds.values(tried.profiles.ends.T).T
-    near = fit_parameters.wrapped(problem.parameters, values, values[best])
-    outside = np.any(fit_result.outside(near, values[best], intervals), axis=1)
+    outside = np.any(fit_result.outside(problem.parameters, values, values[best], intervals), axis=1)
     within = 2.0 * (found.cost - found.cost[best]) < tried.limits.sure
     cases: list[int] = []
     for k in search.distinct(problem, found):

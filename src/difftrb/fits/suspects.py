@@ -109,8 +109,8 @@ def _suspect(
     values = problem.bounds.values(found.points[k])
     answer = [p.in_words(v) for p, v in zip(problem.parameters, values, strict=True)]
     chi2 = 2.0 * float(found.cost[k])
-    near = fit_parameters.wrapped(fit.problem.parameters, values[: len(fit.parameters)], fit.values)
-    other = bool(fit_result.outside(near, fit.values, fit.own_intervals).any())
+    own = values[: len(fit.parameters)]
+    other = bool(fit_result.outside(fit.problem.parameters, own, fit.values, fit.own_intervals).any())
     return Suspect(
         what,
         ", ".join(answer[: len(fit.parameters)]),
