@@ -71,6 +71,7 @@ WIDE = 1000.0
 NARROW_RIDGE, NARROW_ROUNDS = 1e-2, 4
 """Of the least squares that tell where the one edge for both stands: noise of loads by the size of the coefficients,
 and rounds."""
+CUBIC = (narrow_shift.DEGREE + 1,) * 3
 NARROWEST, WIDTHS = (0.01, 0.3), (0.05, 2.5)
 """Widths of every fifth of these and of the others, by the ramp's end."""
 
@@ -173,8 +174,7 @@ def _blank(size: Size) -> Atlas:
         np.asarray(chebyshev_nodes(size.edge_numbers + 2, lowest, highest))[1:-1],  # beyond, shares are as there
         np.asarray(chebyshev_nodes(size.edge_lengths, *EDGE_LENGTHS)),
         np.asarray(chebyshev_nodes(size.edge_asides, 0.0, 1.0)),
-        np.zeros((*edges, size.levels, edge_ramp.TERMS)), np.array([_no_shift(), _no_shift()]), np.full(4, nan),
-        np.asarray(nan),
+        np.zeros((*edges, size.levels, edge_ramp.TERMS)), np.zeros((2, *CUBIC)), np.full(4, nan), np.asarray(nan),
     )  # fmt: skip
 
 
@@ -387,8 +387,7 @@ def build(folder: Path, size: Size) -> Atlas:
 
 def with_narrow(built: Atlas, folder: Path, size: Size) -> Atlas:
     """The atlas with its `shift`, from what is kept in `folder` and solves."""
-    built = dataclasses.replace(built, shift=np.array([_no_shift(), _no_shift()]))
-
+    built = dataclasses.replace(built)  # another one to programs, which hold what it was before
     solves = [kept(folder, f"narrow-{int(end)}", partial(narrow, size, built, end)) for end in (False, True)]
     return dataclasses.replace(built, shift=np.array([shifts(built, own["narrow"]) for own in solves]))
 
@@ -424,16 +423,12 @@ def narrow(size: Size, built: Atlas, over_end: bool, progress: Progress | None =
 
 def shifts(built: Atlas, solves: np.ndarray) -> np.ndarray:
     """`Atlas.shift` nearest to what `narrow` solved, every load by a healthy roller's."""
-    found, by, at = _no_shift(), np.zeros(len(solves)), tuple(narrow_shift.EXPONENTS.T)
+    found, by, at = np.zeros(CUBIC), np.zeros(len(solves)), tuple(narrow_shift.EXPONENTS.T)
     for _ in range(NARROW_ROUNDS):
         off, slope, terms = map(np.asarray, _off_by_shift(built, jnp.asarray(solves), jnp.asarray(by)))
         found[at] = least_squares(slope[:, None] * terms, slope * by - off, NARROW_RIDGE)
         by = terms @ found[at]
     return found
-
-
-def _no_shift() -> np.ndarray:
-    return np.zeros([narrow_shift.DEGREE + 1] * 3)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -517,7 +512,7 @@ def main(arguments: list[str]) -> int:
     folder, alone = Path(arguments[0]), "narrow" in arguments[1:]
     built = with_narrow(atlas.shipped(), folder, Size()) if alone else build(folder, Size())
     off_by = []
-    for region in range(5):
+    for region in range(BOTH_EDGES + 1):
         off = np.abs([check.error for check in checks(built, CHECKS, 0, region)])
         off_by.append(np.quantile(off, 0.9))
         name = ("inner third", "middle third", "outer third", "over the end", "narrow")[region]

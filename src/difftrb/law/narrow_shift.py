@@ -12,6 +12,7 @@ contact solves and kept in the atlas.
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -27,18 +28,16 @@ FARTHEST = 1.0 / 6.0
 
 
 def by_level(shift: np.ndarray, number: Any, length: Any) -> Any:
-    """Coefficients of c in powers of `edge_ramp.level`, shape (4,), where log λ, brought to −1…1, and the length's
-    variable (`atlas_place`) are these; `shift` by powers of all three, shape (4, 4, 4)."""
+    """Coefficients of c in powers of `edge_ramp.level`, shape (4,), where log λ and the length's variable
+    (`atlas_place`), both brought to −1…1, are these; `shift` by powers of all three, shape (4, 4, 4)."""
     by_length = series.polynomial(shift, xp.asarray(number)[None, None])
-    return series.polynomial(by_length, (2.0 * xp.asarray(length) - 1.0)[None])
+    return series.polynomial(by_length, xp.asarray(length)[None])
 
 
 def terms(number: Any, length: Any, level: Any) -> Any:
     """Those of the cubic, as in `by_level`, by which least squares find it; shape (20, …), of arrays."""
-    numbers = number, 2.0 * length - 1.0, level
-    powers = (x ** n.reshape(-1, *[1] * np.ndim(x)) for x, n in zip(numbers, EXPONENTS.T, strict=True))
-    first, second, third = powers
-    return first * second * third
+    powers = [x ** n.reshape(-1, *[1] * np.ndim(x)) for x, n in zip((number, length, level), EXPONENTS.T, strict=True)]
+    return math.prod(powers)
 
 
 def moved(near: Any, found: Any, width: Any, low: Any, high: Any, by: Any) -> Any:

@@ -137,9 +137,10 @@ class TableLaw:
         return Healthy(own, half_width, xp.stack([middle, reach]), contact.radius)
 
     def place_among(self, spall: Spall) -> tuple[Any, Any, Any]:
-        """log λ, brought to −1…1; of the spall's place in the atlas its length, and whether it is over the end."""
+        """log λ and the length of the spall's place in the atlas, both brought to −1…1; whether it is over the end."""
         place, (low, high) = _place(self.contact, spall), self.atlas.log_numbers[[0, -1]]
-        return (2.0 * xp.log(number_of(self.contact)) - low - high) / (high - low), place.length, place.over_end
+        number = (2.0 * xp.log(number_of(self.contact)) - low - high) / (high - low)
+        return number, 2.0 * place.length - 1.0, place.over_end
 
     def beside(self, spall: Spall) -> Ramp:
         """The ramp of this spall's edge, which stands under the roller's middle."""
